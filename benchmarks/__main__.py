@@ -63,7 +63,17 @@ SUBJECTS: dict[str, dict[str, str]] = {
     },
     "observe": {
         name: f"observe.{name}:rows"
-        for name in ("seeing", "laser", "bath", "frames", "mends", "prints", "steps", "faults")
+        for name in (
+            "seeing",
+            "scenes",
+            "laser",
+            "bath",
+            "frames",
+            "mends",
+            "prints",
+            "steps",
+            "faults",
+        )
     },
     "firmware": {
         name: f"firmware.rows:{name}"

@@ -25,11 +25,10 @@ from firmware_profiles.bead import BeadSection
 from printctl.machine.job.marks import Marks
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Limits
 from printctl.observe.deciding.evidence import Evidence
-from printctl.observe.expected import ExpectedInk
-from printctl.observe.held_look import HeldLook, unseen_paths
+from printctl.observe.expected import ExpectedInk, LayerInk
+from printctl.observe.held_look import HeldLook, unseen_stretches
 from printctl.observe.judging import evidence_of
 from printctl.observe.mending import WrittenPath
-from printctl.observe.mends_again import LayerInk
 from registration.errors import PictureError
 from registration.inspection import ExpectedLines, Gap, LayerFindings, SeeingOptions, see_layer
 
@@ -126,11 +125,11 @@ def look(case: Case) -> tuple[Decision, Evidence]:
     """Decide as an observer that mends unasked; a second picture is taken as it would."""
     lines, ink = expected(case)
     before, limits = case.picture(0), Limits(mend="mend")
-    options = SeeingOptions(gap_mm=limits.gap.least_mm, shift_mm=0.5, unseen_mm=limits.unseen_mm)
+    options = SeeingOptions(gap_mm=limits.gap.least_mm, shift_mm=0.5)
     see = partial(see_layer, frame=case.canvas.frame, lines=lines, before=before, options=options)
     held = HeldLook(
         cast(Any, None), cast(Any, None), 1.0, ink, LayerInk(lines, np.arange(len(lines))), (),
-        np.zeros(len(lines), dtype=np.bool_), Marks([]),
+        Marks([]),
     )  # fmt: skip
 
     def judged(each: list[LayerFindings]) -> Evidence:
@@ -138,7 +137,7 @@ def look(case: Case) -> tuple[Decision, Evidence]:
             held.layer, ink, each[0], each[1] if len(each) > 1 else None,
             section=BeadSection(), least_gap_mm=limits.gap.least_mm, left_ul=None,
         )  # fmt: skip
-        return replace(evidence, unseen=unseen_paths(held, each, limits.unseen_mm))
+        return replace(evidence, unseen=unseen_stretches(held, each, limits.unseen_mm))
 
     each = [see(case.picture(1))]
     evidence = judged(each)

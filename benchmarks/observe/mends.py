@@ -27,7 +27,16 @@ from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.machine.job.job import Job, load_job
 from printctl.machine.job.marks import MarkKind
-from printctl.observe.mending import HeldPrint, Mend, Voids, gap_between, plan_mend, written_paths
+from printctl.observe.mending import (
+    Gap,
+    HeldPrint,
+    Mend,
+    Style,
+    Voids,
+    WrittenPath,
+    plan_mend,
+    written_paths,
+)
 
 COVERED = 0.95
 """Share of a gap's missing voxels from which it counts as mended."""
@@ -118,13 +127,14 @@ def _one(
     printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
     ink, needle = load(Ink, planned.ink), load(Needle, planned.needle)
     job = load_job(folder / "part.gcode", printer)
-    held = HeldPrint(job.lines, _mark(planned, job, rng), printer, syringe, ink, needle)
+    style: Style = "embedded" if planned.layer_mm is None else "layered"
+    held = HeldPrint(job.lines, _mark(planned, job, rng), printer, syringe, ink, needle, style)
     lines = [line.decode() for line in job.lines[: held.done]]
     moves = read_moves("\n".join(lines), held.start_mm)
     stroke, low, high = _gap(planned, moves, rng)
     began = time.process_time()
     places = [place_on(stroke, moves, at) for at in np.linspace(low, high, 5)]
-    gap = gap_between(written_paths(held), places)
+    gap = _gap_at(written_paths(held), np.array(places))
     mend = plan_mend(held, [gap], _voids(planned, folder))
     spent = time.process_time() - began
     if not mend.lines:
@@ -133,6 +143,15 @@ def _one(
     sizes = (planned.layer_mm, needle.outer_mm, planned.edge_mm)
     case = Case(lines, insert, held.start_mm, ul_per_e, *sizes)
     return judge(case, stroke, (low, high), _lumens(planned, folder)), mend, spent
+
+
+def _gap_at(paths: Sequence[WrittenPath], places: np.ndarray) -> Gap:
+    """Gap that begins, passes and ends at places (k, 3), mm, of the nearest path."""
+    off = [max(one.nearest_mm(place)[1] for place in places) for one in reversed(paths)]
+    path = paths[len(paths) - 1 - int(np.argmin(off))]
+    low, middle, high = (path.nearest_mm(places[k])[0] for k in (0, len(places) // 2, -1))
+    # A closed path begins where it ends.
+    return Gap(path.number, low if low < middle else 0.0, high if high > middle else path.length_mm)
 
 
 def _mark(planned: Planned, job: Job, rng: np.random.Generator) -> int:

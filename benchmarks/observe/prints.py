@@ -29,12 +29,12 @@ from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.devices import DeviceSettings
-from printctl.observe.look_values import Look
+from printctl.observe.held_look import Look
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import answer_look, look_folder, read_looks
-from printctl.observe.view_before import EMPTY
+from printctl.observe.views import EMPTY
 from printctl.pipeline.observing import look_care
 from printctl.recipe.observe import ObservePart
 from sim.devices.camera.paint import load_camera, paint
@@ -188,7 +188,7 @@ class World:
             if again:
                 self.watch.insert_end = self.done + len(lines)
 
-    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
+    def decide(self, look: int, decision: str, why: str, again: bool = False) -> None:
         """Note the decision; the operator clears a clogged needle and approves what is asked."""
         self.decisions.append(f"{decision}: {why}")
         self.decided = look

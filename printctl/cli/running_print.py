@@ -35,7 +35,7 @@ from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe import records
 from printctl.observe.continue_print import continue_print
-from printctl.observe.look_words import proposal_words, seen_words, total_words
+from printctl.observe.records import proposal_words, seen_words, total_words
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 from printctl.settings import arg, opt
 

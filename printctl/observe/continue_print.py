@@ -164,50 +164,24 @@ def restart(folder: Path, port: str | None = None, unobserved: bool = False) -> 
 def new_syringe_of(
     client: PrintClient, syringe: str | None, plunger_mm: float | None
 ) -> NewSyringe:
-    """Return what was put in, for the syringe that a paused print waits for."""
-    care, head = Care.from_dict(client.record.care), changed_head(client.status)
-    return new_syringe(care, client.record.profile, syringe, plunger_mm or 0.0, head)
-
-
-def changed_head(status: Status) -> int | None:
-    """Of several heads, whose syringe the print waits for."""
-    what, _, number = status.waits_for.partition(" ")
-    return int(number) if what == "syringe" and number else None
-
-
-def new_syringe(
-    care: Care, printer: str, name: str | None, plunger_mm: float, head: int | None = None
-) -> NewSyringe:
-    """What was put in; the job's plunger travel holds for one bore only.
-
-    Parameters
-    ----------
-    care : Care
-        Names the syringe in use so far.
-    printer : str
-        Profile: how far its drive goes.
-    name : str or None
-        Profile of the new one; None for one like the last.
-    plunger_mm : float, mm
-    head : int, optional
-        Of several, whose.
+    """Return what was put in, for the syringe that a paused print waits for.
 
     Raises
     ------
     UsageError
-        When its bore isn't the last one's.
+        When its bore isn't the last one's: the job's plunger travel holds for one bore only.
     """
-    if name is None:
-        return NewSyringe(plunger_mm)
-    new = load(Syringe, name)
-    before, _ = care.of_head(head)
-    if before:
-        old = load(Syringe, before)
-        if new.inner_mm != old.inner_mm:
-            raise UsageError(
-                f"{new.name} ({name}) has a bore of {new.inner_mm:g} mm, {old.name} ({before}) of "
-                f"{old.inner_mm:g} mm: the job's plunger travel would give another volume; put in "
-                "one of the same bore"
-            )
-    machine = load(Printer, printer)
-    return NewSyringe(plunger_mm, name, usable_mm(new, machine.of_head(head or 0)))
+    what, _, number = client.status.waits_for.partition(" ")
+    head = int(number) if what == "syringe" and number else None  # of several
+    if syringe is None:  # one like the last
+        return NewSyringe(plunger_mm or 0.0)
+    new = load(Syringe, syringe)
+    before, _ = Care.from_dict(client.record.care).of_head(head)
+    if before and (old := load(Syringe, before)).inner_mm != new.inner_mm:
+        raise UsageError(
+            f"{new.name} ({syringe}) has a bore of {new.inner_mm:g} mm, {old.name} ({before}) of "
+            f"{old.inner_mm:g} mm: the job's plunger travel would give another volume; put in "
+            "one of the same bore"
+        )
+    machine = load(Printer, client.record.profile)
+    return NewSyringe(plunger_mm or 0.0, syringe, usable_mm(new, machine.of_head(head or 0)))

@@ -1,19 +1,28 @@
-"""Compute the ink that a held print should have laid so far, from its job's G-code lines.
+"""Compute the ink that a held print should have laid so far, and what of it a look judges.
 
 On a real machine nothing else is known, and the link proves that these lines were executed. Lines
-put into the job (mends) are lines of the job like all others.
+put into the job (mends) are lines of the job like all others; they lie on the job's own paths.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.machine.job.job import Job
-from printctl.observe.mending import HeldPrint, WrittenPath, written_paths
-from printctl.observe.mending.held_print import Style
+from printctl.observe.mending import Gap as MendGap
+from printctl.observe.mending import HeldPrint, Style, WrittenPath, written_paths
+from registration.inspection import ExpectedLines, Gap, Stations
+
+_BELOW: Final = 3
+"""Levels below the judged one that may show through."""
+_LEVEL_MM: Final = 1e-3
+_SAME_MM: Final = 0.05
+"""Of two stretches, by which they must overlap to be of one gap."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +67,14 @@ class ExpectedInk:
     style: Style
     inserted: BoolArray
 
-    def __len__(self) -> int:
-        return len(self.command)
+    @property
+    def layered(self) -> bool:
+        """Whether lines are laid in layers."""
+        return self.style == "layered"
 
     def between(self, first: int, last: int) -> BoolArray:
-        """Which pieces the commands ``first`` up to, not including, ``last`` write, (n,)."""
-        return (self.command >= first) & (self.command < last)
+        """Which pieces the job's own commands ``first`` up to, not including, ``last`` write."""
+        return (self.command >= first) & (self.command < last) & ~self.inserted
 
 
 def expected_ink(held: HeldPrint, job: Job) -> ExpectedInk:
@@ -75,66 +86,139 @@ def expected_ink(held: HeldPrint, job: Job) -> ExpectedInk:
     job : Job
         The same job with its inserts, which tell where the flow was corrected.
     """
-    paths = written_paths(held)
-    if not paths:
-        none = np.zeros(0)
-        return _of_pieces((), none, none, none, none, held, none.astype(np.bool_))
-    command = np.concatenate([one.command for one in paths])
-    factor, inserted = flow_factors(job)[command], _inserted(job)[command]
-    area = np.concatenate([one.e_per_mm for one in paths]) * held.ul_per_e / factor
-    feed = np.concatenate([one.feed_mm_s for one in paths])
-    height = np.concatenate([one.height_mm for one in paths])
-    return _of_pieces(paths, area, feed, height, factor, held, inserted)
+    paths, none = written_paths(held), np.zeros(0)
 
+    def joined(name: str) -> FloatArray:
+        return np.concatenate([none, *(getattr(one, name) for one in paths)])
 
-def _inserted(job: Job) -> BoolArray:
-    """Which lines of a grown job were put in, (n,)."""
-    inserted = np.zeros(len(job), dtype=np.bool_)
+    command = joined("command").astype(np.int64)
+    inserted, flow = np.zeros(len(job), dtype=np.bool_), np.ones(len(job))
+    for one in job.inserts:
+        flow[one.after + len(one.lines) :] = one.flow
     for after, count in job.positions:
-        inserted[after : after + count] = True
-    return inserted
-
-
-def _of_pieces(
-    paths: tuple[WrittenPath, ...],
-    area: FloatArray,
-    feed: FloatArray,
-    height: FloatArray,
-    factor: FloatArray,
-    held: HeldPrint,
-    inserted: BoolArray,
-) -> ExpectedInk:
-    none = np.zeros((0, 3))
-    start = np.vstack([none, *(one.points[:-1] for one in paths)])
-    end = np.vstack([none, *(one.points[1:] for one in paths)])
-    command = np.concatenate([np.zeros(0, np.int64), *(one.command for one in paths)])
-    count = [len(one.command) for one in paths]
-    seconds = np.linalg.norm(end - start, axis=1) / np.maximum(feed, 1e-9)
-    if held.style == "layered":
+        inserted[after : after + count], flow[after : after + count] = True, 1.0
+    factor = flow[command]
+    area, height = joined("e_per_mm") * held.ul_per_e / factor, joined("height_mm")
+    if held.layered:
         width = held.ink.bead_section.width(area, height) if len(area) else area
     else:
         width = height = np.sqrt(4 / np.pi * area) * (held.ink.swell_factor or 1.0)
+    start = np.vstack([np.zeros((0, 3)), *(one.points[:-1] for one in paths)])
+    end = np.vstack([np.zeros((0, 3)), *(one.points[1:] for one in paths)])
+    seconds = np.linalg.norm(end - start, axis=1) / np.maximum(joined("feed_mm_s"), 1e-9)
+    stroke = np.repeat(np.arange(len(paths)), [len(one.command) for one in paths])
+    time_s = np.cumsum(seconds) - seconds / 2
     return ExpectedInk(
-        paths,
-        start,
-        end,
-        width,
-        height,
-        area,
-        command,
-        np.repeat(np.arange(len(paths)), count),
-        np.cumsum(seconds) - seconds / 2,
-        factor,
-        held.style,
-        inserted,
+        paths, start, end, width, height, area, command, stroke.astype(np.int64), time_s, factor,
+        held.style, inserted[command],
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LayerInk:
+    """Ink that a look is about.
+
+    Attributes
+    ----------
+    lines : ExpectedLines
+        The judged ones and those below.
+    row : (n,) int64
+        Of the expected ink, of each.
+    """
+
+    lines: ExpectedLines
+    row: IntArray
+
+    @property
+    def fresh_row(self) -> IntArray:
+        """Of the expected ink, of each judged line."""
+        return self.row[self.lines.fresh]
+
+
+def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
+    """Return the ink that a look after commands ``first`` to ``last`` is about.
+
+    In layers: the topmost level written since, and what shows through from below. Embedded: all
+    that was written since; older filaments lie around it.
+    """
+    written, fresh = ink.between(0, last), ink.between(first, last)
+    if ink.layered and fresh.any():
+        top = ink.end[fresh, 2].max()
+        fresh &= ink.end[:, 2] > top - _LEVEL_MM
+        depth = _BELOW * float(ink.height_mm[fresh].max())
+        written &= ink.end[:, 2] > top - depth
+    row = np.flatnonzero(written)
+    start, end, width = ink.start[row], ink.end[row], ink.width_mm[row]
+    return LayerInk(
+        ExpectedLines(start, end, width, ink.command[row], ink.stroke[row], fresh[row]), row
     )
 
 
-def flow_factors(job: Job) -> FloatArray:
-    """Ink that each line of a grown job pushes over what the file says, (n,); 1 in inserts."""
-    factor = np.ones(len(job))
-    for one in job.inserts:
-        factor[one.after + len(one.lines) :] = one.flow
-    for after, count in job.positions:
-        factor[after : after + count] = 1.0
-    return factor
+def slab_of(ink: ExpectedInk, layer: LayerInk) -> tuple[float, float]:
+    """Middle and thickness of the layer that is looked at, mm; of all filaments in a bath."""
+    rows = layer.fresh_row
+    if not len(rows):
+        return 0.0, 1.0
+    top = float(ink.end[rows, 2].max())
+    if ink.layered:
+        thick = float(np.median(ink.height_mm[rows]))
+        return top - thick / 2, thick
+    z, half = np.stack([ink.start[rows, 2], ink.end[rows, 2]]), ink.height_mm[rows] / 2
+    low, high = float((z - half).min()), float((z + half).max())
+    return (low + high) / 2, high - low
+
+
+@dataclass(frozen=True)
+class Mended:
+    """Stretch of a path, mm along it, that was written again, and how often."""
+
+    path: int
+    from_mm: float
+    to_mm: float
+    tries: int = 1
+
+    def overlap_mm(self, path: int, from_mm: float, to_mm: float) -> float:
+        """How much of it a stretch of a path covers, mm; 0 or less for nothing."""
+        if path != self.path:
+            return 0.0
+        return min(self.to_mm, to_mm) - max(self.from_mm, from_mm)
+
+
+def tries_of(gap: MendGap, mended: Sequence[Mended]) -> int:
+    """How often a gap, or a part of it, was mended before."""
+    each = (
+        one.tries for one in mended if one.overlap_mm(gap.path, gap.from_mm, gap.to_mm) > _SAME_MM
+    )
+    return max(each, default=0)
+
+
+def is_mended(gap: Gap, mended: Sequence[Mended]) -> bool:
+    """Whether a gap lies in what was written again: half of one is in the other."""
+    for one in mended:
+        overlap = one.overlap_mm(gap.stroke, gap.from_mm, gap.to_mm)
+        least = min(gap.length_mm, one.to_mm - one.from_mm)
+        if overlap > _SAME_MM and 2 * overlap >= least:
+            return True
+    return False
+
+
+def unseen_words(stations: Stations, mended: Sequence[Mended]) -> str:
+    """Say how much of what was mended isn't seen, where that is half of it or more; else empty."""
+    unseen_mm, whole_mm = 0.0, sum(one.to_mm - one.from_mm for one in mended)
+    for one in mended:
+        along = stations.along_mm
+        own = (stations.stroke == one.path) & (along > one.from_mm) & (along < one.to_mm)
+        unseen_mm += float(stations.length_mm[own & ~stations.seen].sum())
+    if not mended or 2 * unseen_mm < whole_mm:
+        return ""
+    unseen_mm = min(unseen_mm, whole_mm)  # stations at an end reach a little over it
+    return f"{unseen_mm:.2f} of {whole_mm:.2f} mm that were mended can't be seen: look yourself"
+
+
+def last_mends(found: dict[str, Any] | None) -> tuple[tuple[Mended, ...], int]:
+    """Return what the last look that was judged had written again, and since when it judged.
+
+    By the figures of its record; None where there was no such look.
+    """
+    found = found or {}
+    return tuple(Mended(**one) for one in found.get("mended", ())), int(found.get("about_from", 0))

@@ -1,24 +1,102 @@
-"""A print as it is held at a look: its ink, what a look is about, and gaps on its paths."""
+"""A look at a held print: the values it hands on, its ink, and stretches that no picture shows."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray
-from printctl.machine.job.marks import MarkKind, Marks
-from printctl.observe.deciding.evidence import MapCheck, Thin, UnseenPath
-from printctl.observe.expected import ExpectedInk
-from printctl.observe.look_values import Look
+from printctl.machine.job.marks import Mark, MarkKind, Marks
+from printctl.observe.deciding import Evidence
+from printctl.observe.deciding.evidence import MapCheck, UnseenPath
+from printctl.observe.expected import ExpectedInk, LayerInk, Mended, is_mended
+from printctl.observe.height_maps import ScanSize
 from printctl.observe.mending import HeldPrint
-from printctl.observe.mending.gap import Gap as MendGap
-from printctl.observe.mends_again import LayerInk, mended_of
-from printctl.observe.scan_place import ScanSize
-from registration.inspection import Appearance, Gap, LayerFindings, Lumen, Stations, Unseen
+from registration.inspection import Gap, LayerFindings, Lumen, Unseen
+
+_BARE: Final = 0.5
+"""Share of ink below which a place counts as bare."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """A look that the link waits for.
+
+    Attributes
+    ----------
+    number : int
+    done : int
+        Command lines of the growing job that were taken.
+    job_line : int
+        Command lines of the job's file among them.
+    before : int
+        ``done`` of the look before.
+    mark : str
+    until_s : float, s of the monotonic clock
+        By when its pictures are wanted, so that it is decided within the link's limit.
+    """
+
+    number: int
+    done: int
+    job_line: int
+    before: int
+    mark: str
+    until_s: float = math.inf
+
+    @property
+    def within_vessel(self) -> bool:
+        """Whether more of the vessel follows."""
+        return self.mark.startswith(str(Mark(0, MarkKind.PART)))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What the pictures of a look have told.
+
+    Attributes
+    ----------
+    evidence : Evidence
+    found : dict
+        Figures for the record.
+    flow : float
+        Factor in force, as the job's inserts have it.
+    learned : dict
+        Of ink and scanner, for the records.
+    """
+
+    evidence: Evidence
+    found: dict[str, Any]
+    flow: float = 1.0
+    learned: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class MendLines:
+    """What mends the gaps and thin lines of a look.
+
+    Attributes
+    ----------
+    lines : tuple of str
+        None where nothing can be mended.
+    left : str
+        What isn't mended by them, and why; empty for nothing.
+    left_mm : float, mm
+    mended : tuple of dict
+        Gaps that they write again (`Mended`), which are looked at once more.
+    given_up : bool
+        Whether a gap was written so often in vain that the operator alone has it written again.
+    """
+
+    lines: tuple[str, ...] = ()
+    left: str = ""
+    left_mm: float = 0.0
+    mended: tuple[dict[str, Any], ...] = ()
+    given_up: bool = False
 
 
 @dataclass
@@ -28,6 +106,7 @@ class HeldLook:
     Attributes
     ----------
     look : Look
+        With ``before`` where the ink begins that is judged.
     held : HeldPrint
     flow : float
         Factor in force.
@@ -35,15 +114,15 @@ class HeldLook:
     layer : LayerInk
         Ink that the look is about.
     lumens : tuple of Lumen
-    since : (n,) bool
-        Lines of the layer written since that look, older ones mended in between included.
     marks : Marks
         Of the grown job.
+    slab_mm : (float, float), mm
+        Middle and thickness of the layer; of all filaments in a bath.
+    mended : tuple of Mended
+        Gaps that the last look had written again, if nothing else was written since: they alone are
+        judged, among the ink that it was about.
     found : dict
         Findings of the pictures judged so far.
-    mends_alone : bool
-        Whether nothing but mends was written since the last look: they alone are judged, among the
-        ink that it was about.
     turned : str or None
         How the last picture would fit the layer clearly better.
     map : MapCheck
@@ -58,158 +137,52 @@ class HeldLook:
     ink: ExpectedInk
     layer: LayerInk
     lumens: tuple[Lumen, ...]
-    since: NDArray[np.bool_]
     marks: Marks
+    slab_mm: tuple[float, float] = (0.0, 1.0)
+    mended: tuple[Mended, ...] = ()
     found: dict[Path, LayerFindings] = field(default_factory=dict)
-    mends_alone: bool = False
     turned: str | None = None
     map: MapCheck = field(default_factory=MapCheck)
     size: ScanSize | None = None
 
-
-def slab(at: HeldLook) -> tuple[float, float]:
-    """Middle and thickness of the layer that is looked at, mm; of all filaments in a bath."""
-    ink, rows = at.ink, at.layer.row[at.layer.lines.fresh]
-    if not len(rows):
-        return 0.0, 1.0
-    top = float(ink.end[rows, 2].max())
-    if ink.style == "layered":
-        thick = float(np.median(ink.height_mm[rows]))
-        return top - thick / 2, thick
-    z, half = np.stack([ink.start[rows, 2], ink.end[rows, 2]]), ink.height_mm[rows] / 2
-    low, high = float((z - half).min()), float((z + half).max())
-    return (low + high) / 2, high - low
+    @property
+    def since(self) -> BoolArray:
+        """Lines of the layer written since the look before, (n,)."""
+        return np.asarray(self.ink.command[self.layer.row] >= self.look.before)
 
 
-def gaps_to_mend(
-    gaps: tuple[Gap, ...], thin: tuple[Thin, ...], at: HeldLook, flow: float
-) -> list[MendGap]:
-    """Gaps on their paths, with what the flow was corrected by since they were to be written."""
-    mend_gaps = list[MendGap]()
-    each: list[Gap | Thin] = [*gaps, *thin]
-    for one in each:
-        before = float(at.ink.factor[at.ink.stroke == one.stroke][0])
-        end = min(one.to_mm, at.ink.paths[one.stroke].length_mm)
-        missing = one.missing if isinstance(one, Thin) else 1.0
-        mend_gaps.append(
-            MendGap(one.stroke, max(one.from_mm, 0.0), end, missing, flow=flow / before)
-        )
-    return mend_gaps
-
-
-def unseen_paths(
-    at: HeldLook, each: Sequence[LayerFindings], longest_mm: float
-) -> tuple[UnseenPath, ...]:
-    """Return what a look's pictures don't tell of the vessels in a bath, by their names.
-
-    What one of two pictures doesn't tell counts unless the other sees half of it at least, down to
-    tolerated gaps: two pictures of faint ink know hardly more than one. Where one picture tells
-    nothing and the other shows a gap, by half of it or ``longest_mm``, nothing is sure either; nor
-    where it doesn't see half of a gap longer than half of ``longest_mm``. Of mends only those count
-    of which nothing is seen: the operator was asked about the faint ones.
-    """
-    bare = set.intersection(*(set(one.bare) for one in each))
-    first, second = each[0], each[-1]
-    unseen = [one for one in first.unseen if second is first or not _tells(second, one)]
-    if second is not first:
-        unseen += [
-            one for one in second.unseen if not (_tells(first, one) or _overlaps(one, unseen))
-        ]
-        for this, other in ((second, first), (first, second)):
-            parts = _shared(this.gaps, other.unseen, longest_mm) + [
-                gap
-                for gap in this.gaps
-                if 2 * gap.length_mm > longest_mm
-                and not (other.stations.tell(gap) or _shared([gap], other.gaps, gap.length_mm))
-            ]
-            for part in parts:
-                unseen += [part] * (not _overlaps(part, unseen))
-    out = [_named(at, stroke, None) for stroke in bare]
-    unseen = [one for one in unseen if mended_of(one.stroke, at.layer.mended) is None]
-    out += [_named(at, one.stroke, one) for one in unseen if one.stroke not in bare]
-    return tuple(sorted(out, key=lambda one: (one.gap.stroke, one.gap.from_mm)))
-
-
-def hidden_stretches(
+def unseen_stretches(
     at: HeldLook, each: Sequence[LayerFindings], least_mm: float
 ) -> tuple[UnseenPath, ...]:
-    """Return the stretches over a bath, so long at least, that no picture sees half of.
+    """Return the stretches, so long at least, of which no picture sees half.
 
-    Of what lies over older ink those that a gap runs into.
+    Or of which one picture says that nothing lies there, and another one doesn't see it. Of a look
+    at mends alone those in the mends; of the rest the last look has told.
     """
-    stations, gaps = each[0].stations, [gap for one in each for gap in one.gaps]
-    older = stations.why == Unseen.OLD_INK
-    found = _stretches(stations, ~stations.seen & ~older)
-    found += [
-        one for one in _stretches(stations, ~stations.seen & older)
-        if any(one.meets(gap, least_mm) for gap in gaps)
-    ]  # fmt: skip
-    unseen = [
-        one
-        for one in found
-        if one.length_mm >= least_mm and not any(other.stations.tell(one) for other in each[1:])
-    ]
-    return tuple(_named(at, one.stroke, one) for one in unseen)
-
-
-def _stretches(stations: Stations, use: BoolArray) -> list[Gap]:
-    """Unbroken stretches of stations."""
-    found = list[Gap]()
-    for stroke in np.unique(stations.stroke[use]):
+    stations, unseen = each[0].stations, list[UnseenPath]()
+    use = ~stations.seen & (stations.why != Unseen.COVERED)
+    for other in each[1:]:
+        use |= ~other.stations.seen & (stations.present < _BARE)
+    for stroke in np.unique(stations.stroke[use]).tolist():
         rows = np.flatnonzero(use & (stations.stroke == stroke))
         for own in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             middle, half = stations.along_mm[own], 0.5 * stations.length_mm[own]
             low, high = float(middle[0] - half[0]), float(middle[-1] + half[-1])
             begin, end = ((float(x), float(y)) for x, y in stations.at_mm[own[[0, -1]]])
-            found.append(Gap(int(stroke), low, high, begin, end, 0.0, 1.0))
-    return found
+            gap = Gap(stroke, low, high, begin, end, 0.0, 1.0)
+            seen = any(
+                other.stations.tell(gap) and np.nanmean(other.stations.present[own]) >= _BARE
+                for other in each[1:]
+            )
+            about = not at.mended or is_mended(gap, at.mended)
+            if gap.length_mm >= least_mm and about and not seen:
+                unseen.append(_named(at, gap))
+    return tuple(unseen)
 
 
-def _tells(findings: LayerFindings, one: Gap) -> bool:
-    """Whether a picture sees half of a stretch at least, and doesn't doubt half of it."""
-    doubted = _shared([one], findings.unseen, one.length_mm)
-    return findings.stations.tell(one) and not doubted
-
-
-def _overlaps(one: Gap, others: Sequence[Gap]) -> bool:
-    return any(one.meets(other) for other in others)
-
-
-def _shared(gaps: Sequence[Gap], others: Sequence[Gap], longest_mm: float) -> list[Gap]:
-    """What gaps have in common with other stretches, where that is long or half of the gap."""
-    parts = list[Gap]()
-    for one in gaps:
-        for other in others:
-            begin = max(one, other, key=lambda gap: gap.from_mm)
-            end = min(one, other, key=lambda gap: gap.to_mm)
-            least = min(longest_mm, 0.5 * one.length_mm)
-            if other.stroke == one.stroke and end.to_mm - begin.from_mm >= least:
-                part = replace(one, from_mm=begin.from_mm, start_mm=begin.start_mm)
-                parts.append(replace(part, to_mm=end.to_mm, end_mm=end.end_mm))
-    return parts
-
-
-def _named(at: HeldLook, stroke: int, part: Gap | None) -> UnseenPath:
-    """Return a path, a part of one or a mend in it, with the name of the vessel that it writes."""
-    mended = mended_of(stroke, at.layer.mended)
-    number = mended.path if mended else stroke
-    path = at.ink.paths[number]
+def _named(at: HeldLook, part: Gap) -> UnseenPath:
+    """A part of a path with the name of the vessel that it writes."""
+    path = at.ink.paths[part.stroke]
     mark = at.marks.next(MarkKind.VESSEL, int(path.command[-1]))
-    name = f"vessel {mark.number}" if mark and mark.number >= 0 else f"path {number}"
-    low, high = (mended.from_mm, mended.to_mm) if mended else (0.0, path.length_mm)
-    name = f"the mend in {name}" if mended else name
-    begin, end = ((float(x), float(y)) for x, y, _ in path.at(np.array([low, high])))
-    whole = Gap(number, low, high, begin, end, 0.0, 1.0)
-    return UnseenPath(name, part or whole, path.length_mm, bare=part is None)
-
-
-def learned_appearance(
-    known: Appearance | None, findings: LayerFindings, least_seen: float
-) -> Appearance | None:
-    """Return what ink looks like; a look that saw less than ``least_seen`` tells it only at first.
-
-    Where hardly any ink lies, what was learned is how older ink and bath differ.
-    """
-    if known is not None and findings.seen_share < least_seen:
-        return known
-    return findings.appearance or known
+    name = f"vessel {mark.number}" if mark and mark.number >= 0 else f"path {part.stroke}"
+    return UnseenPath("the mend in " * bool(at.mended) + name, part, path.length_mm)

@@ -12,104 +12,55 @@ import numpy as np
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.deciding import Evidence, FlowBlocks, InkSupply, SupplyState, judge_supply
-from printctl.observe.deciding.evidence import Narrowed, Thin, seen_twice
-from printctl.observe.expected import ExpectedInk
-from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends
-from registration.inspection import (
-    ExpectedLines,
-    Gap,
-    LayerFindings,
-    Lumen,
-    LumenSeen,
-    Stations,
-    Stretch,
-    Unseen,
-)
-from registration.inspection.findings import ToldOfInk
-
-# Find the extent and the missing ink share of too-thin stretches, from measured line widths.
+from printctl.observe.deciding.evidence import Narrowed, Thin, UnseenPath, seen_twice
+from printctl.observe.expected import ExpectedInk, LayerInk
+from registration.inspection import LayerFindings, Stations, Stretch
 
 _WINDOW: Final = 5
 """Stations whose mean tells whether a place still belongs to a thin stretch."""
 _NEAR_END: Final = 1.5
 """Widths from a line's end within which no width is told."""
-_LOW_MM: Final = 2.0
-"""Shortest way of low ink that is told: scatter and droops of sound layers are shorter."""
 
 
 def thin_lines(
-    stretches: tuple[Stretch, ...], stations: Stations, told: BoolArray, area_ratio: FloatArray
-) -> tuple[Thin, ...]:
-    """Return thin stretches as far as they go.
+    stretches: Sequence[Stretch],
+    stations: Stations,
+    told: BoolArray,
+    area_ratio: FloatArray,
+    below: float,
+) -> tuple[tuple[Thin, ...], tuple[Thin, ...]]:
+    """Return thin stretches as far as they go: sure ones, and those that seem so.
 
     A stretch is where a line is *surely* beyond the tolerance; around it, the line is as thin in
-    truth where the mean of some stations lies nearer to the stretch's ratio than to 1.
+    truth where the mean of some stations lies nearer to the stretch's ratio than to 1. It seems
+    thin where that mean lies below a level, for lines of a flow that is known to be too small.
 
     Parameters
     ----------
-    stretches : tuple of Stretch
+    stretches : sequence of Stretch
     stations : Stations
     told : (m,) bool
         Stations whose width counts: not beside places without ink.
     area_ratio : (m,) float64
         Cross-section seen over the one asked for, where told.
+    below : float
     """
-    thin = list[Thin]()
-    for stroke in sorted({one.stroke for one in stretches if one.kind == "thin"}):
-        rows = np.flatnonzero(told & (stations.stroke == stroke))
-        own = [one for one in stretches if one.kind == "thin" and one.stroke == stroke]
-        if len(rows) >= _WINDOW:
-            thin += _of_stroke(own, stations, rows, area_ratio[rows])
-    return tuple(thin)
-
-
-def runs_below(
-    stations: Stations, told: BoolArray, area_ratio: FloatArray, below: float
-) -> tuple[Thin, ...]:
-    """Return where the mean of some stations' ratio lies below a level, as far as it does.
-
-    Nothing is said of how sure that is: for lines of a flow that is known to be too small.
-    """
-    thin = list[Thin]()
+    thin, seem = list[Thin](), list[Thin]()
     for stroke in np.unique(stations.stroke[told]).tolist():
         rows = np.flatnonzero(told & (stations.stroke == stroke))
-        if len(rows) >= _WINDOW:
-            low = _mean(area_ratio[rows]) < below
-            thin += _runs(low, low, stations, rows, area_ratio[rows])
-    return tuple(thin)
-
-
-def low_stretches(stations: Stations, tolerated: float) -> tuple[Gap, ...]:
-    """Return where ink on older ink stands lower than elsewhere by more than a share of a layer.
-
-    Heights tell no widths there, and lower ink is thin, or lies in a hollow.
-    """
-    by_height = stations.seen & np.isnan(stations.width_mm)
-    runs = runs_below(stations, by_height, stations.present, 1.0 - tolerated)
-    return tuple(_placed(one, stations) for one in runs if one.to_mm - one.from_mm >= _LOW_MM)
-
-
-def _placed(run: Thin, stations: Stations) -> Gap:
-    own = stations.stroke == run.stroke
-    along, at = stations.along_mm[own], stations.at_mm[own]
-    begin, end = (
-        (float(np.interp(one, along, at[:, 0])), float(np.interp(one, along, at[:, 1])))
-        for one in (run.from_mm, run.to_mm)
-    )
-    return Gap(run.stroke, run.from_mm, run.to_mm, begin, end, 0.0, 1.0)
-
-
-def _of_stroke(
-    stretches: list[Stretch], stations: Stations, rows: IntArray, ratio: FloatArray
-) -> list[Thin]:
-    along, mean = stations.along_mm[rows], _mean(ratio)
-    thin, sure = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
-    for one in stretches:
-        within = (along >= one.from_mm) & (along <= one.to_mm)
-        if within.any():
-            sure |= within
-            thin |= within | (mean < (1.0 + float(ratio[within].mean())) / 2)
-    return _runs(thin, sure, stations, rows, ratio)
+        if len(rows) < _WINDOW:
+            continue
+        along, ratio = stations.along_mm[rows], area_ratio[rows]
+        mean = _mean(ratio)
+        is_thin, sure = np.zeros((2, len(rows)), dtype=np.bool_)
+        for one in stretches:
+            within = (along >= one.from_mm) & (along <= one.to_mm)
+            if one.kind == "thin" and one.stroke == stroke and within.any():
+                sure |= within
+                is_thin |= within | (mean < (1.0 + float(ratio[within].mean())) / 2)
+        thin += _runs(is_thin, sure, stations, rows, ratio)
+        seem += _runs(mean < below, mean < below, stations, rows, ratio)
+    return tuple(thin), tuple(seem)
 
 
 def _mean(ratio: FloatArray) -> FloatArray:
@@ -152,36 +103,8 @@ _SHARED: Final = 0.1
 _BATH_LOOK: Final = 0.12
 """Relative standard uncertainty of filament sections in a look into a bath, beyond what their
 picture says: of a simulated camera that shares no code with printctl widths scattered by 6 %."""
-_BELOW: Final = 3
-"""Levels below the judged one that may show through."""
-_LEVEL_MM: Final = 1e-3
 _ABSENT: Final = 0.5
 _TAPER: Final = 2
-
-
-def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
-    """Return the ink that a look after commands ``first`` to ``last`` is about.
-
-    In layers: the topmost level written since, and what shows through from below. Embedded: all
-    that was written since; older filaments lie around it.
-    """
-    written = ink.between(0, last)
-    fresh = ink.between(first, last) & ~ink.inserted  # a mend has no width of its own to judge
-    if ink.style == "layered" and fresh.any():
-        top = ink.end[fresh, 2].max()
-        fresh &= ink.end[:, 2] > top - _LEVEL_MM
-        depth = _BELOW * float(ink.height_mm[fresh].max())
-        written &= ink.end[:, 2] > top - depth
-    row = np.flatnonzero(written)
-    lines = ExpectedLines(
-        ink.start[row],
-        ink.end[row],
-        ink.width_mm[row],
-        ink.command[row],
-        ink.stroke[row],
-        fresh[row],
-    )
-    return LayerInk(lines, row)
 
 
 def evidence_of(
@@ -193,6 +116,7 @@ def evidence_of(
     section: BeadSection,
     least_gap_mm: float,
     left_ul: float | None,
+    unseen: tuple[UnseenPath, ...] = (),
     tolerated: float = 0.15,
 ) -> Evidence:
     """Return the evidence of one look.
@@ -208,97 +132,54 @@ def evidence_of(
     least_gap_mm : float, mm
     left_ul : float or None, µL
         What the plunger still had.
+    unseen : tuple of UnseenPath
+        What no picture shows.
     tolerated : float
         Share of its ink that a line may lack.
     """
-    stations = without_mends(findings.stations)
+    stations = findings.stations
     row = layer.row[stations.piece]
-    supply = _supply(stations, ink, row, least_gap_mm, left_ul)
-    thin = _thin(findings, ink, layer, section)
+    volume = ink.area_mm2[row] * stations.length_mm
+    per_mm = float(np.median(ink.area_mm2[row])) if len(row) else 0.0
+    supply = judge_supply(
+        volume, stations.present, stations.seen, stations.stroke,
+        least_ul=per_mm * least_gap_mm, left_ul=left_ul,
+    )  # fmt: skip
+    thin, seem_thin = _thin(findings, ink, layer, section, 1.0 - tolerated)
     if again is not None:
-        thin = seen_twice(thin, _thin(again, ink, layer, section))
-    shift, u = shift_of(telling(findings, again))
+        thin = seen_twice(thin, _thin(again, ink, layer, section, 1.0)[0])
+    shift, u = _shift_of(findings if again is None or findings.seen_share > 0 else again)
+    each = [one for one in (findings, again) if one is not None]
+    layered = ink.layered and len(layer.fresh_row) > 0
     return Evidence(
         places=findings.places,
-        gaps=gaps_of_job(findings.gaps, layer.mended),
-        second=None if again is None else gaps_of_job(again.gaps, layer.mended),
+        gaps=findings.gaps,
+        second=None if again is None else again.gaps,
         supply=supply,
-        flow=_flow(stations, ink, row, findings.u_width_ratio, section),
-        seen_share=findings.seen_share,
-        shift_mm=shift,
-        u_shift_mm=u,
-        aside=findings.aside,
-        narrowed=tuple(open_width(one) for one in findings.lumens if one.seen),
-        stretches=len(findings.stretches),
-        thin=thin,
-        blobs=tuple(one for one in findings.blobs if math.isfinite(one.height_mm)),
-        seem_thin=_below(findings, ink, layer, section, tolerated),
-        over_old_share=_over_old(stations),
+        flow=_flow(stations, ink, row, findings.u_width_ratio, section, findings.u_width_change),
+        seen_share=max(one.seen_share for one in each),
         way_mm=float(findings.stations.length_mm.sum()),  # mends can fail, too
         coverage=findings.coverage,
-        level_mm=_level(layer, ink),
-        faint_share=findings.faint_share,
-        unplaced=gaps_of_job(findings.unplaced, layer.mended),
-        half_seen=gaps_of_job(_half_seen(findings, again, ink), layer.mended),
-        beside_mm=findings.beside_mm,
-        least_gap_mm=findings.least_gap_mm,
-        by_height_share=findings.by_height_share,
-        waver=findings.waver,
-        low=low_stretches(stations, tolerated) if findings.by_height_share > 0.0 else (),
-        older_mm=findings.older_mm,
-        older_step=findings.older_step,
-        older_limit=findings.older_limit,
-        told=_told(findings, layer, ink.style),
-        untold_seams=findings.untold_seams,
+        unseen=unseen,
+        shift_mm=shift,
+        u_shift_mm=u,
+        narrowed=tuple(
+            Narrowed(one.name, one.width_mm / one.expected_mm, one.u_width_mm / one.expected_mm)
+            for one in findings.lumens
+            if one.seen
+        ),
+        stretches=len(findings.stretches),
+        thin=thin,
+        seem_thin=seem_thin,
+        level_mm=round(float(ink.end[layer.fresh_row, 2].max()), 3) if layered else None,
+        blobs=tuple(one for one in findings.blobs if math.isfinite(one.height_mm)),
     )
-
-
-def telling(findings: LayerFindings, again: LayerFindings | None) -> LayerFindings:
-    """Return the picture that tells where the layer lies: the second where the first sees none."""
-    return findings if again is None or findings.seen_share > 0 else again
-
-
-def _half_seen(
-    findings: LayerFindings, again: LayerFindings | None, ink: ExpectedInk
-) -> tuple[Gap, ...]:
-    """Gaps of a layer of which a second picture sees less than half; a bath's are `Unseen`."""
-    if again is None or ink.style == "embedded":
-        return ()
-    return tuple(gap for gap in findings.gaps if not again.stations.tell(gap))
-
-
-def _told(findings: LayerFindings, layer: LayerInk, style: str) -> ToldOfInk:
-    """Whether ink came, on the job's own paths; in a bath nothing can be written over a filament.
-
-    Mends have no width of their own to judge.
-    """
-    told, mended = findings.told, layer.mended
-    each = (told.still, told.untold, told.tail, told.unseen, told.doubted)
-    still, untold, tail, unseen, doubted = (gaps_of_job(one, mended) for one in each)
-    thin = () if style == "embedded" or mended else told.thin
-    return replace(
-        told, still=still, untold=untold, tail=tail, unseen=unseen, doubted=doubted, thin=thin
-    )
-
-
-def open_width(lumen: LumenSeen) -> Narrowed:
-    """Return how much of a lumen's width is open."""
-    expected = lumen.expected_mm
-    return Narrowed(lumen.name, lumen.width_mm / expected, lumen.u_width_mm / expected)
-
-
-def narrowed_lumens(
-    lumens: Sequence[Lumen], seen: Sequence[LumenSeen], least_open: float
-) -> list[Lumen]:
-    """Return the lumens of which less is open than a share, beyond doubt."""
-    each = zip(lumens, seen, strict=True)
-    return [one for one, at in each if at.seen and open_width(at).surely_below(least_open)]
 
 
 def nothing_seen() -> Evidence:
     """Return the evidence of a look whose picture can't be judged."""
     none = np.zeros(0)
-    supply = InkSupply(SupplyState.UNKNOWN, 0.0, None, 0)
+    supply = InkSupply(SupplyState.UNKNOWN)
     return Evidence(1, (), None, supply, FlowBlocks(none, none, none, none), 0.0)
 
 
@@ -340,72 +221,26 @@ def _number(value: float) -> float | None:
 
 
 def _thin(
-    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection
-) -> tuple[Thin, ...]:
-    """Thin lines of a layer, sure ones; in a bath nothing can be written over a filament."""
-    if ink.style == "embedded" or not findings.stretches:
-        return ()
-    return thin_lines(findings.stretches, *_ratios(findings, ink, layer, section))
+    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection, below: float
+) -> tuple[tuple[Thin, ...], tuple[Thin, ...]]:
+    """Thin lines of a layer: sure ones, and those that seem to have less than a share of their ink.
 
-
-def _below(
-    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection, share: float
-) -> tuple[Thin, ...]:
-    """Lines of a layer that seem to lack more than a share of their ink."""
-    if ink.style == "embedded":
-        return ()
-    return runs_below(*_ratios(findings, ink, layer, section), 1.0 - share)
-
-
-def _ratios(
-    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection
-) -> tuple[Stations, BoolArray, FloatArray]:
-    """Places of what was written for the first time, which tell a width, and their area ratio."""
-    stations = without_mends(findings.stations)  # of mends there are no widths
+    None in a bath, where nothing can be written over a filament.
+    """
+    if not ink.layered:
+        return (), ()
+    stations = findings.stations
     row, told = layer.row[stations.piece], _tells_width(stations)
     ratio = np.full(len(row), np.nan)
     ratio[told] = _area_ratio(stations.width_mm[told], ink, row[told], section)
     if stations.seam_share is not None:
         by_seams = ~told & np.isfinite(stations.seam_share) & ~_near_absence(stations)
         told, ratio = told | by_seams, np.where(by_seams, stations.seam_share, ratio)
-    return stations, told, ratio
+    return thin_lines(findings.stretches, stations, told, ratio, below)
 
 
-def _level(layer: LayerInk, ink: ExpectedInk) -> float | None:
-    """Height of the layer that is looked at, mm; None in a bath."""
-    fresh = layer.row[layer.lines.fresh]
-    if ink.style == "embedded" or not len(fresh):
-        return None
-    return round(float(ink.end[fresh, 2].max()), 3)
-
-
-def _over_old(stations: Stations) -> float:
-    """Share of the way that isn't seen because it lies over older ink."""
-    whole = float(stations.length_mm.sum())
-    own = float(stations.length_mm[stations.why == Unseen.OLD_INK].sum())
-    return own / whole if whole > 0 else 0.0
-
-
-def _supply(
-    stations: Stations, ink: ExpectedInk, row: IntArray, least_gap_mm: float, left_ul: float | None
-) -> InkSupply:
-    volume = ink.area_mm2[row] * stations.length_mm
-    per_mm = float(np.median(ink.area_mm2[row])) if len(row) else 0.0
-    return judge_supply(
-        volume,
-        stations.present,
-        stations.seen,
-        stations.stroke,
-        least_ul=per_mm * least_gap_mm,
-        left_ul=left_ul,
-    )
-
-
-def shift_of(findings: LayerFindings) -> tuple[float, float]:
-    """Return the length of the shift and its standard uncertainty along itself, mm.
-
-    The uncertainty is infinite where no shift was found.
-    """
+def _shift_of(findings: LayerFindings) -> tuple[float, float]:
+    """Length of the shift and its standard uncertainty along itself, mm; inf without any."""
     way = np.array([findings.shift.dx_mm, findings.shift.dy_mm])
     length = float(np.linalg.norm(way))
     if not math.isfinite(length):
@@ -420,6 +255,7 @@ def _flow(
     row: IntArray,
     u_common: float,
     section: BeadSection,
+    u_change: float = math.inf,
 ) -> FlowBlocks:
     """Cross-section seen over expected, a second of writing at a time."""
     told = _tells_width(stations)
@@ -439,13 +275,14 @@ def _flow(
     scatter = np.sqrt(np.bincount(block, slope**2)) / count
     # Lines of one look differ where the flow changes: that is no doubt that all of them share.
     u_common = min(u_common, float(np.quantile(u / stations.expected_mm[told], _SHARED)))
-    common = u_common * np.abs(slope / np.maximum(u, 1e-12) * stations.expected_mm[told]) / ratio
-    known = float(np.nan_to_num(common.mean(), nan=0.0, posinf=0.0))
+    relative = np.abs(slope / np.maximum(u, 1e-12) * stations.expected_mm[told]) / ratio
+    known = float(np.nan_to_num((u_common * relative).mean(), nan=0.0, posinf=0.0))
+    u_change *= float(relative.mean())
     means = mean(ratio)
     u_block = np.hypot(scatter, known * means)
     if ink.style == "embedded":
         u_block, known = np.hypot(u_block, _BATH_LOOK * math.sqrt(len(means)) * means), 0.0
-    return FlowBlocks(mean(time), means, u_block, mean(ink.factor[row]), known)
+    return FlowBlocks(mean(time), means, u_block, mean(ink.factor[row]), known, u_change)
 
 
 def _blocks(time_s: FloatArray, length_mm: FloatArray) -> IntArray:
@@ -476,7 +313,7 @@ def _near_absence(stations: Stations) -> BoolArray:
 def _area_ratio(
     width: FloatArray, ink: ExpectedInk, row: IntArray, section: BeadSection
 ) -> FloatArray:
-    if ink.style == "embedded":
+    if not ink.layered:
         return np.asarray((width / ink.width_mm[row]) ** 2)
     height = ink.height_mm[row]
     wanted = section.area(ink.width_mm[row], height)

@@ -10,14 +10,14 @@ import numpy as np
 
 from kernels.arrays import BoolArray
 from printctl.observe.deciding.evidence import MapCheck
-from printctl.observe.held_look import HeldLook, slab
-from printctl.observe.scan_place import ScanSize
+from printctl.observe.height_maps import ScanSize
+from printctl.observe.held_look import HeldLook
 from printctl.observe.views import View
 from registration.inspection import ExpectedLines, HeightFrame
-from registration.inspection.heights.lost_rows import LEAST_MM, gone_mm2, lost_rows
-from registration.inspection.heights.moved_part import is_in_place
-from registration.inspection.heights.sunk import lifted
-from registration.inspection.pictures.working import drawn_lines
+from registration.inspection.pictures.heights.lost_rows import LEAST_MM, gone_mm2, lost_rows
+from registration.inspection.pictures.heights.moved_part import is_in_place
+from registration.inspection.pictures.heights.sunk import lifted
+from registration.inspection.pictures.picture import drawn_lines
 from registration.inspection.values import FloatImage
 
 _WIDER = 2.0
@@ -50,7 +50,7 @@ class LastMap:
         if at.look.number != self._look:
             self._look = at.look.number
             self._keep()
-        middle, thick = slab(at)
+        middle, thick = at.slab_mm
         now = _Map(view.taken, view.size, middle + thick / 2)
         found = self._checked(now, at, view)
         if not found.lacks:  # else the last whole one stays what the next look's is compared with
@@ -89,13 +89,13 @@ class LastMap:
 
     def _checked(self, now: _Map, at: HeldLook, view: View) -> MapCheck:
         last = self._earlier[-1] if self._earlier else None
-        last = last if last is not None and _of_one_place(now.size, last.size) else None
+        last = last if last is not None and _of_one_place(now, last) else None
         if last is None and now.size.whole is None:
-            return MapCheck(unsized=not now.size.placed and not _in_place(at, view))
+            in_place = now.size.placed or is_in_place(view.image, view.frame, at.layer.lines)
+            return MapCheck(unsized=not in_place)
         if last is None:
             assert now.size.whole is not None
-            fewer = _fewer(now, now.size.whole)
-            words = _count_words(fewer, now.size.whole, now.size)
+            words = _count_words(_fewer(now, now.size.whole), now.size.whole, now.size)
             return MapCheck(f"lacks {words} that observe.frame names" if words else "")
         still = ~_changed(last, at.layer.lines, at.since)
         y, x = now.size.voxel_mm
@@ -113,10 +113,6 @@ class LastMap:
         return MapCheck()
 
 
-def _in_place(at: HeldLook, view: View) -> bool:
-    return is_in_place(view.image, view.frame, at.layer.lines)
-
-
 def _fewer(now: _Map, whole: tuple[int, int]) -> tuple[int, int]:
     """Rows and columns that a map has less than a whole one; 0 for hardly any."""
     each = zip(whole, now.heights.shape, now.size.voxel_mm, strict=True)
@@ -132,18 +128,14 @@ def _count_words(lost: tuple[int, int], whole: tuple[int, ...], size: ScanSize) 
 
 
 def _has_same_cells(now: _Map, last: _Map) -> bool:
-    one, other = now.size, last.size
-    same = np.allclose(one.voxel_mm, other.voxel_mm, rtol=1e-6)
-    return bool(same and np.allclose(one.to_scan, other.to_scan))
+    same = np.allclose(now.size.voxel_mm, last.size.voxel_mm, rtol=1e-6)
+    return bool(same and np.allclose(now.size.to_scan, last.size.to_scan))
 
 
-def _of_one_place(now: ScanSize, last: ScanSize) -> bool:
+def _of_one_place(now: _Map, last: _Map) -> bool:
     """Whether two maps begin at one place and have the same cells."""
-    return (
-        np.allclose(now.voxel_mm, last.voxel_mm, rtol=1e-6)
-        and np.allclose(now.to_scan, last.to_scan)
-        and bool(np.all(np.abs(now.low_mm - last.low_mm) < 0.5 * min(now.voxel_mm)))
-    )
+    off = np.abs(now.size.low_mm - last.size.low_mm)
+    return _has_same_cells(now, last) and bool(np.all(off < 0.5 * min(now.size.voxel_mm)))
 
 
 def _laid_over(last: _Map, now: _Map) -> FloatImage:

@@ -11,9 +11,7 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from shapely import MultiPoint, Polygon, unary_union
-from shapely.geometry.base import BaseGeometry
 
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
@@ -23,47 +21,31 @@ from kernels.arrays import FloatArray
 from printctl.machine.job.job import Job, load_job
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal
-from printctl.observe.deciding.evidence import Thin, UnseenPath
+from printctl.observe.deciding.evidence import Thin
 from printctl.observe.devices import DeviceError, Place, Region
-from printctl.observe.expected import ExpectedInk, expected_ink
-from printctl.observe.held_look import (
-    HeldLook,
-    gaps_to_mend,
-    hidden_stretches,
-    learned_appearance,
-    slab,
-    unseen_paths,
-)
-from printctl.observe.judging import (
-    evidence_of,
-    figures,
-    ink_to_judge,
-    narrowed_lumens,
-    nothing_seen,
-    without_rest,
-)
-from printctl.observe.last_map import LastMap
-from printctl.observe.learned import Learned
-from printctl.observe.look_values import Judged, Look, MendLines
-from printctl.observe.mending import HeldPrint, Voids, checked_mend
-from printctl.observe.mends_again import (
-    MOST_TRIES,
+from printctl.observe.expected import (
+    ExpectedInk,
     Mended,
+    expected_ink,
+    ink_to_judge,
+    is_mended,
     last_mends,
-    left_in_vain,
-    of_mends,
+    slab_of,
     tries_of,
     unseen_words,
-    with_mends,
-    writes_since,
 )
+from printctl.observe.height_maps import ScanSize, refuse_other_height
+from printctl.observe.held_look import HeldLook, Judged, Look, MendLines, unseen_stretches
+from printctl.observe.judging import evidence_of, figures, nothing_seen, without_rest
+from printctl.observe.last_map import LastMap
+from printctl.observe.mending import Gap as MendGap
+from printctl.observe.mending import HeldPrint, Style, Voids, checked_mend
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import DRAWN, read_looks
-from printctl.observe.shown_place import seen_where_ink_shows
-from printctl.observe.view_before import image_before
-from printctl.observe.views import frame_holds, open_view, refuse_other_height
+from printctl.observe.records import DRAWN, LEARNED, read_looks
+from printctl.observe.views import Image, frame_holds, image_before, open_view
 from registration.errors import PictureError
 from registration.inspection import (
+    Appearance,
     Gap,
     LayerFindings,
     Lumen,
@@ -72,9 +54,15 @@ from registration.inspection import (
     better_turned,
     see_layer,
 )
+from registration.inspection.values import LineShapes
 
-# Sections of a network's lumens at the height of a layer: areas where no ink may be.
-
+log = logging.getLogger(__name__)
+MOST_TRIES: Final = 2
+_ASIDE_MM: Final = 1.5
+"""Blobs are looked for within 1.2 mm of a line."""
+_ABOVE_MM: Final = 0.3
+_BELOW: Final = 8.0
+"""Layers below the middle of the one looked at: what shines through a gap is one layer lower."""
 _STEP: Final = 0.25
 """Distance of the spheres that a tube is made of, in radii."""
 _ROUND: Final = 24
@@ -92,63 +80,88 @@ def lumens_at(network: VesselNetwork, z_mm: float, least_mm: float) -> tuple[Lum
         Middle of the layer.
     least_mm : float, mm
     """
-    lumens = []
+    angle, lumens = np.linspace(0.0, 2 * np.pi, _ROUND, endpoint=False), list[Lumen]()
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
     for vessel, (points, radius) in enumerate(network.polylines()):
-        near = np.abs(points[:, 2] - z_mm) - radius
-        if near.min() > np.ptp(points[:, 2]):
+        if (np.abs(points[:, 2] - z_mm) - radius).min() > np.ptp(points[:, 2]):
             continue
-        middle, half = _discs(points, radius, z_mm)
-        for area, width in _areas(middle, half):
-            if width >= least_mm:
-                outline = np.asarray(area.exterior.coords)[:-1]
-                level = np.full((len(outline), 1), z_mm)
-                lumens.append(Lumen(str(vessel), np.hstack([outline, level]), width))
+        way = arc_lengths(points)
+        count = max(int(np.ceil(way[-1] / (_STEP * float(radius.min())))) + 1, 2)
+        at = np.linspace(0.0, way[-1], count)
+        middle, wide = places_along(points, way, at), np.interp(at, way, radius)
+        half = np.sqrt(np.maximum(wide**2 - (middle[:, 2] - z_mm) ** 2, 0.0))
+        rims = middle[:, None, :2] + half[:, None, None] * circle
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], half > 0, [0]])))
+        for first, last in edges.reshape(-1, 2).tolist():
+            pairs = [rims[k : min(k + 2, last)] for k in range(first, max(last - 1, first + 1))]
+            area = unary_union([MultiPoint(one.reshape(-1, 2)).convex_hull for one in pairs])
+            width = 2.0 * float(np.median(half[first:last]))
+            for part in getattr(area, "geoms", [area]):
+                if isinstance(part, Polygon) and not part.is_empty and width >= least_mm:
+                    outline = np.asarray(part.exterior.coords)[:-1]
+                    outline = np.column_stack([outline, np.full(len(outline), z_mm)])
+                    lumens.append(Lumen(str(vessel), outline, width))
     return tuple(lumens)
 
 
-def _discs(points: FloatArray, radius: FloatArray, z_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Centres (k, 2) and radii of the spheres' sections along a polyline; 0 where they miss."""
-    way = arc_lengths(points)
-    count = max(int(np.ceil(way[-1] / (_STEP * float(radius.min())))) + 1, 2)
-    at = np.linspace(0.0, way[-1], count)
-    place = places_along(points, way, at)
-    wide = np.interp(at, way, radius)
-    half = np.sqrt(np.maximum(wide**2 - (place[:, 2] - z_mm) ** 2, 0.0))
-    return place[:, :2], half
+@dataclass(frozen=True)
+class Learned:
+    """What the next look goes on from; each look's record keeps it.
 
+    Attributes
+    ----------
+    appearance : Appearance or None
+        Of the ink.
+    voxel_mm : tuple of float, mm
+        Of the last scan in which lines were seen; empty for none.
+    size : str
+        How large that was and where it lay, in words.
+    """
 
-def _areas(middle: FloatArray, half: FloatArray) -> list[tuple[Polygon, float]]:
-    """Connected areas of the discs that there are, each with its typical width."""
-    inside = half > 0
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    areas = []
-    for first, last in edges.reshape(-1, 2).tolist():
-        area = _swept(middle[first:last], half[first:last])
-        width = 2.0 * float(np.median(half[first:last]))
-        areas += [(part, width) for part in _polygons(area)]
-    return areas
+    appearance: Appearance | None = None
+    voxel_mm: tuple[float, ...] = ()
+    size: str = ""
 
+    def state(self) -> dict[str, Any]:
+        """Return it ready for JSON."""
+        look = self.appearance
+        shapes = None if look is None or look.shapes is None else vars(look.shapes)
+        return {
+            "appearance": None if look is None else look.profile.tolist(),
+            "shapes": shapes and {key: np.asarray(one).tolist() for key, one in shapes.items()},
+            "voxel_mm": list(self.voxel_mm),
+            "size": self.size,
+        }
 
-def _swept(middle: FloatArray, half: FloatArray) -> BaseGeometry:
-    angle = np.linspace(0.0, 2 * np.pi, _ROUND, endpoint=False)
-    round_unit = np.column_stack([np.cos(angle), np.sin(angle)])
-    rims = middle[:, None, :] + half[:, None, None] * round_unit
-    pairs = [rims[:1]] if len(rims) == 1 else list(np.stack([rims[:-1], rims[1:]], axis=1))
-    return unary_union([MultiPoint(one.reshape(-1, 2)).convex_hull for one in pairs])
+    @staticmethod
+    def of_state(state: dict[str, Any] | None) -> Learned:
+        """Return it from `state`; what knows nothing from None."""
+        if state is None:
+            return Learned()
+        profile, shapes, look = state["appearance"], state.get("shapes"), None
+        if isinstance(profile, list):  # an older state has none
+            known = shapes and LineShapes(
+                np.array(shapes["misfits"]), np.array(shapes["log_ratio"]), int(shapes["looks"])
+            )
+            look = Appearance(np.array(profile), known or None)
+        return Learned(look, tuple(state["voxel_mm"]), state["size"])
 
+    def size_words(self, size: ScanSize) -> str:
+        """Where a scan that tells little lies.
 
-def _polygons(area: BaseGeometry) -> list[Polygon]:
-    parts = getattr(area, "geoms", [area])
-    return [part for part in parts if isinstance(part, Polygon) and not part.is_empty]
-
-
-log = logging.getLogger(__name__)
-Image = NDArray[Any]
-_ASIDE_MM: Final = 1.5
-"""Blobs are looked for within 1.2 mm of a line."""
-_ABOVE_MM: Final = 0.3
-_BELOW: Final = 8.0
-"""Layers below the middle of the one looked at: what shines through a gap is one layer lower."""
+        Raises
+        ------
+        DeviceError
+            Where the last one had another spacing.
+        """
+        if self.size and self.voxel_mm != size.voxel_mm:
+            raise DeviceError(
+                f"nothing fits the lines in this scan: it has {size.words}; the last one that did "
+                f"had {self.size}; set the scanner as before, or correct the voxel size (in the "
+                "file or beside it), then resume"
+            )
+        wrong = "where that isn't so, correct the voxel size or observe.frame"
+        return f"the scan has {size.words}: {wrong}"
 
 
 @dataclass
@@ -206,24 +219,23 @@ class ObservedJob:
         if self._last is None or self._last.look.number != look.number:
             inserts = read_journal(self.folder / JOURNAL).inserts
             job = self._job.grown_by([one for one in inserts if one.after < look.done])
-            held = HeldPrint(
-                job.lines,
-                look.done,
-                self._printer,
-                *self._poured,
-                "embedded" if self.order.embedded else "layered",
-            )
+            style: Style = "embedded" if self.order.embedded else "layered"
+            held = HeldPrint(job.lines, look.done, self._printer, *self._poured, style)
             ink = expected_ink(held, job)
-            mended, before = last_mends(read_looks(self.folder, self.begun), look)
-            alone = bool(mended) and not writes_since(ink, look)
-            judged = replace(look, before=before) if alone else look
-            layer = ink_to_judge(ink, judged.before, look.done)
-            layer = with_mends(layer, ink, mended, look.before)
-            since = ink.command[layer.row] >= judged.before
-            lumens = self._lumens(ink, judged)
+            judged = [
+                one
+                for one in read_looks(self.folder, self.begun)
+                if one.judged and one.done < look.done
+            ]
+            mended, before = last_mends(judged[-1].found if judged else None)
+            if mended and not ink.between(look.before, look.done).any():
+                look = replace(look, before=before)
+            else:
+                mended = ()
+            layer = ink_to_judge(ink, look.before, look.done)
             self._last = HeldLook(
-                judged, held, job.flow, ink, layer, lumens, since, job.marks,
-                mends_alone=alone and bool(layer.mended),
+                look, held, job.flow, ink, layer, self._lumens(ink, look), job.marks,
+                slab_of(ink, layer), mended,
             )  # fmt: skip
         return self._last
 
@@ -234,21 +246,21 @@ class ObservedJob:
         lowest filament), and as far aside as ink is looked for beside lines.
         """
         at = self._held(look)
-        lines, (middle, thick) = at.layer.lines, slab(at)
+        lines, (middle, thick) = at.layer.lines, at.slab_mm
         ends = np.concatenate([lines.start, lines.end])
         if not len(ends):
             ends = at.ink.end
-        below = _BELOW * thick if at.ink.style == "layered" else thick / 2 + _ABOVE_MM
+        below = _BELOW * thick if at.ink.layered else thick / 2 + _ABOVE_MM
         low = np.append(ends[:, :2].min(axis=0) - _ASIDE_MM, middle - below)
         top = max(float(at.ink.end[:, 2].max()), middle + thick / 2)
         high = np.append(ends[:, :2].max(axis=0) + _ASIDE_MM, top + _ABOVE_MM)
         return _place(low), _place(high)
 
+    # --- judging ---------------------------------------------------------------------------------
+
     @property
     def _known(self) -> Learned:
         return self._learned or Learned()
-
-    # --- judging ---------------------------------------------------------------------------------
 
     def judge(self, look: Look, picture: Path, again: Path | None) -> Judged:
         """Judge one or two pictures.
@@ -260,11 +272,9 @@ class ObservedJob:
         """
         at = self._held(look)
         if self._learned is None:
-            self._learned = Learned.before(read_looks(self.folder, self.begun), look.number)
-        judged = self._judged(at, picture, again)
-        return replace(judged, learned=self._learned.state())
-
-    def _judged(self, at: HeldLook, picture: Path, again: Path | None) -> Judged:
+            each = read_looks(self.folder, self.begun)
+            states = [one.control.get(LEARNED) for one in each if one.number < look.number]
+            self._learned = Learned.of_state(next(filter(None, reversed(states)), None))
         if again is None:  # a first picture, or one that was taken anew
             at.found.clear()
         try:
@@ -272,100 +282,96 @@ class ObservedJob:
         except PictureError as exc:
             nothing = replace(nothing_seen(), turned=at.turned)
             none = {"seen_share": 0.0, "not_seen": str(exc), "about_from": at.look.before}
-            return Judged(nothing, none, at.flow)
-        second = None if again is None else self._findings(at, again)
-        if at.mends_alone:
-            first, second = of_mends(first), None if second is None else of_mends(second)
+            return Judged(nothing, none, at.flow, self._known.state())
+        judged = self._judged(at, first, None if again is None else self._findings(at, again))
+        return replace(judged, learned=self._known.state())
+
+    def _judged(self, at: HeldLook, first: LayerFindings, second: LayerFindings | None) -> Judged:
         limits = self.order.limits
-        evidence = evidence_of(
-            at.layer,
-            at.ink,
-            first,
-            second,
-            section=at.held.ink.bead_section,
-            least_gap_mm=limits.gap.least_mm,
-            left_ul=self._left_ul(at.ink),
-            tolerated=limits.width_percent / 100,
-        )
+        least = limits.gap.least_mm
         each = [one for one in (first, second) if one is not None]
-        unseen = self._unseen(at, each)
-        evidence = replace(evidence, turned=at.turned, map=at.map, unseen=unseen)
-        if at.ink.style == "embedded":
-            hidden = hidden_stretches(at, each, limits.gap.least_mm)
-            evidence = replace(evidence, hidden=hidden)
-        if at.mends_alone:  # of the rest the last look has told
+        unseen = unseen_stretches(at, each, least)
+        if at.mended:
+            each = [_of_mends(one, at.mended) for one in each]
+        evidence = evidence_of(
+            at.layer, at.ink, each[0], each[1] if second is not None else None,
+            section=at.held.ink.bead_section, least_gap_mm=least, left_ul=self._left_ul(at.ink),
+            unseen=unseen, tolerated=limits.width_percent / 100,
+        )  # fmt: skip
+        evidence = replace(evidence, turned=at.turned, map=at.map)
+        if at.mended:  # of the rest the last look has told
             evidence = without_rest(evidence)
-        found = {**figures(first, evidence), "about_from": at.look.before}
-        if at.size and first.seen_share < self.order.limits.least_seen:
+        found = {**figures(each[0], evidence), "about_from": at.look.before}
+        if at.size and first.seen_share < limits.least_seen:
             found["not_seen"] = self._known.size_words(at.size)
-            # A scanner tells heights: what it doesn't see isn't hidden by older ink.
-            evidence = replace(evidence, over_old_share=0.0)
         elif at.size:
-            self._learned = self._known.with_size(at.size)
-        if words := unseen_words(first, at.layer.mended):
+            self._learned = replace(self._known, voxel_mm=at.size.voxel_mm, size=at.size.words)
+        if words := unseen_words(first.stations, at.mended):
             found["not_seen"] = words
         return Judged(evidence, found, at.flow)
 
-    def _unseen(self, at: HeldLook, each: list[LayerFindings]) -> tuple[UnseenPath, ...]:
-        """Vessels in a bath of which no picture shows more than is tolerated."""
-        if at.ink.style != "embedded":
-            return ()
-        return unseen_paths(at, each, self.order.limits.unseen_mm)
-
     def _findings(self, at: HeldLook, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""
-        if path not in at.found:
-            slab_mm = slab(at)
-            view = open_view(path, self.order, *slab_mm, at.layer.lines)
-            image, frame, at.size = view.image, view.frame, view.size
-            before = self._before(at, path, image)
-            self._check_new(view.taken, before)
-            layered = at.ink.style == "layered"
-            is_height = self.order.tells_heights and layered
-            at.map = at.map.worse(self._map.check(at, view))
-            if self.order.tells_heights:  # a camera's marks hold its frame themselves
-                laser = view.hidden is not None
-                at.turned = better_turned(image, frame, at.layer.lines, view.scan, in_parts=laser)
-            if is_height and not at.map.lacks:
-                image = self._map.judged(at, view)
-            image = image if view.filaments is None else view.filaments
-            shown = view.shown_lines(at.layer.lines)
-            see = partial(
-                see_layer,
-                image,
-                frame,
-                shown.lines,
-                lumens=at.lumens,
-                before=before,
-                stood_still=partial(frame_holds, before, frame),
-                since=at.since[shown.row],
-                hidden=() if view.hidden is None else view.hidden,
-                # In a bath ink is as dark as it is thick and near: each look learns its own.
-                known=self._known.appearance if layered else None,
-                thickness_mm=slab_mm[1] if is_height else None,
-            )
-            findings = seen_where_ink_shows(
-                lambda options: see(options=options), self._options(), self.order.limits.shift_mm,
-                lone=layered and bool(at.layer.lines.fresh.all()),
-            )  # fmt: skip
-            findings = shown.as_given(findings)
-            refuse_other_height(at.size, findings.seen_share, findings.coverage)
-            if not at.found:
-                known, least = self._known, self.order.limits.least_seen
-                look = learned_appearance(known.appearance, findings, least)
-                self._learned = replace(known, appearance=look)
-                least = self.order.limits.least_open
-                narrowed = narrowed_lumens(at.lumens, findings.lumens, least)
-                drawn = annotated(view.drawn_into, frame, findings, narrowed)
-                cv2.imwrite(str(path.with_name(DRAWN)), drawn)
-            at.found[path] = findings
-        return at.found[path]
+        if path in at.found:
+            return at.found[path]
+        view = open_view(path, self.order, *at.slab_mm, at.layer.lines)
+        image, frame, at.size = view.image, view.frame, view.size
+        heights = self.order.tells_heights
+        before = None  # a camera's of the same view
+        if not heights:
+            before = image_before(self.folder, self.begun, at.look, path, image)
+        self._check_new(view.taken, before)
+        at.map = at.map.worse(self._map.check(at, view))
+        if heights:  # a camera's marks hold its frame themselves
+            laser = view.hidden is not None
+            at.turned = better_turned(image, frame, at.layer.lines, view.scan, in_parts=laser)
+        is_height = heights and at.ink.layered
+        if is_height and not at.map.lacks:
+            image = self._map.judged(at, view)
+        shown = view.shown_lines(at.layer.lines)
+        findings = see_layer(
+            image if view.filaments is None else view.filaments,
+            frame,
+            shown.lines,
+            lumens=at.lumens,
+            before=before,
+            stood_still=partial(frame_holds, before, frame),
+            since=at.since[shown.row],
+            hidden=() if view.hidden is None else view.hidden,
+            # In a bath ink is as dark as it is thick and near: each look learns its own.
+            known=self._known.appearance if at.ink.layered else None,
+            thickness_mm=at.slab_mm[1] if is_height else None,
+            options=self._options(),
+        )
+        findings = shown.as_given(findings)
+        refuse_other_height(at.size, findings.seen_share, findings.coverage)
+        if not at.found:
+            self._learn(findings)
+            self._draw(at, view.image if view.shown is None else view.shown, frame, findings, path)
+        at.found[path] = findings
+        return findings
 
-    def _before(self, at: HeldLook, path: Path, image: Image) -> Image | None:
-        """Picture of the look before, where it is a camera's of the same view."""
-        if self.order.tells_heights:
-            return None
-        return image_before(self.folder, self.begun, at.look, path, image)
+    def _learn(self, findings: LayerFindings) -> None:
+        """Learn what ink looks like; a look that saw little of the way tells it only at first.
+
+        Where hardly any ink lies, what would be learned is how older ink and bath differ.
+        """
+        known, least = self._known, self.order.limits.least_seen
+        if known.appearance is None or findings.seen_share >= least:
+            self._learned = replace(known, appearance=findings.appearance or known.appearance)
+
+    def _draw(
+        self, at: HeldLook, image: Image, frame: Any, findings: LayerFindings, path: Path
+    ) -> None:
+        """Leave a drawing of what was found, narrowed lumens among it, beside a picture."""
+        least = self.order.limits.least_open
+        narrowed = [
+            lumen
+            for lumen, seen in zip(at.lumens, findings.lumens, strict=True)
+            if seen.seen and seen.width_mm < least * seen.expected_mm
+        ]
+        drawn = annotated(image, frame, findings, narrowed)
+        cv2.imwrite(str(path.with_name(DRAWN)), drawn)
 
     def _check_new(self, taken: Image, before: Image | None) -> None:
         """Raise `DeviceError` for the very picture or volume taken last, or the one before."""
@@ -384,16 +390,14 @@ class ObservedJob:
         return SeeingOptions(
             gap_mm=limits.gap.least_mm,
             width_percent=limits.width_percent,
-            lumen_percent=limits.lumen_percent,
             shift_mm=max(0.5, 2 * limits.shift_mm),
-            unseen_mm=limits.unseen_mm,
             round_lines=self.order.embedded and not self.order.oct,
         )
 
     def _lumens(self, ink: ExpectedInk, look: Look) -> tuple[Lumen, ...]:
         """Lumens in the topmost layer; an embedded print writes its vessels."""
         fresh = ink.between(look.before, look.done)
-        if self.network is None or ink.style == "embedded" or not fresh.any():
+        if self.network is None or not ink.layered or not fresh.any():
             return ()
         top = int(np.flatnonzero(fresh)[ink.end[fresh, 2].argmax()])
         middle = float(ink.end[top, 2] - ink.height_mm[top] / 2)
@@ -429,31 +433,48 @@ class ObservedJob:
             By the operator: what was written in vain before is written once more, too.
         """
         at = self._held(look)
-        voids = None
-        if self.network is not None:
-            voids = Voids.of_network(self.network, np.zeros(3))
-        wanted = gaps_to_mend(gaps, thin, at, flow)
-        in_vain = [one for one in wanted if tries_of(one, at.layer.mended) >= MOST_TRIES]
+        voids = None if self.network is None else Voids.of_network(self.network, np.zeros(3))
+        wanted = [_as_mend(one, at.ink, flow) for one in gaps]
+        wanted += [_as_mend(one, at.ink, flow) for one in thin]
+        in_vain = [one for one in wanted if tries_of(one, at.mended) >= MOST_TRIES]
         given_up = [] if approved else in_vain
-        wanted = [one for one in wanted if one not in given_up]
-        mend, _ = checked_mend(at.held, wanted, voids)
-        mend = replace(mend, left=(*mend.left, *(left_in_vain(one) for one in given_up)))
-        mended = tuple(
-            Mended(
-                one.gap.path,
-                float(one.gap.from_mm),
-                float(one.gap.to_mm),
-                tries_of(one.gap, at.layer.mended) + 1,
-            )
-            for one in mend.patches
-            if one.gap.whole
-        )
+        mend, check = checked_mend(at.held, [one for one in wanted if one not in given_up], voids)
+        mend = replace(mend, left=(*mend.left, *(one.left(_IN_VAIN) for one in given_up)))
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
-        lines = tuple(line.decode("ascii") for line in mend.lines)
-        left_mm = sum(one.length_mm for one in mend.left)
-        again = tuple(map(asdict, mended))
-        return MendLines(lines, mend.left_words(), left_mm, again, given_up=bool(given_up))
+        if check is not None:
+            log.info("look %d: the insert takes %.0f s", look.number, check.duration_s)
+        again = [
+            Mended(one.path, float(one.from_mm), float(one.to_mm), tries_of(one, at.mended) + 1)
+            for one in (patch.gap for patch in mend.patches)
+            if one.whole
+        ]
+        return MendLines(
+            lines=tuple(line.decode("ascii") for line in mend.lines),
+            left=mend.left_words(),
+            left_mm=sum(one.length_mm for one in mend.left),
+            mended=tuple(map(asdict, again)),
+            given_up=bool(given_up),
+        )
+
+
+_IN_VAIN: Final = (
+    f"written {MOST_TRIES} times more, and no ink lies there; see to needle and bath, then "
+    "approve to have it written once more"
+)
+
+
+def _of_mends(findings: LayerFindings, mended: tuple[Mended, ...]) -> LayerFindings:
+    """Findings with gaps in mends alone."""
+    return replace(findings, gaps=tuple(one for one in findings.gaps if is_mended(one, mended)))
+
+
+def _as_mend(one: Gap | Thin, ink: ExpectedInk, flow: float) -> MendGap:
+    """A gap on its path, with what the flow was corrected by since it was to be written."""
+    before = float(ink.factor[ink.stroke == one.stroke][0])
+    end = min(one.to_mm, ink.paths[one.stroke].length_mm)
+    missing = one.missing if isinstance(one, Thin) else 1.0
+    return MendGap(one.stroke, max(one.from_mm, 0.0), end, missing, flow / before)
 
 
 def _place(at: FloatArray) -> Place:

@@ -8,22 +8,25 @@ control knew is in the record of each look, so a new observer goes on from there
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
+from pydantic import TypeAdapter
+
+from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import LinkError, Refused
-from printctl.observe.deciding import Decider, Decision, DecisionKind, LayersSeen
+from printctl.observe.deciding import Decider, Decision, DecisionKind
 from printctl.observe.deciding.evidence import Thin
-from printctl.observe.deciding.flow_control import Answers, Reading, SeenFlow, SeenLevel
 from printctl.observe.devices import DeviceError, picture_of
-from printctl.observe.learned import STATE
-from printctl.observe.look_values import Judged, Look, MendLines
+from printctl.observe.held_look import Judged, Look, MendLines
 from printctl.observe.records import (
+    LEARNED,
     POSTPONED,
     Answer,
     LookRecord,
@@ -36,72 +39,6 @@ from printctl.observe.records import (
 )
 from registration.inspection.values import Gap
 
-# State of a decider: what it has learned so far, as each look's record keeps it.
-
-
-def state_of(decider: Decider) -> dict[str, Any]:
-    """Return what `restore` needs, ready for JSON."""
-    control = decider.control
-    return {
-        "log_flow": control.log_flow,
-        "variance": control.variance,
-        "time_s": control.time_s,
-        "common": control.common,
-        "answers": asdict(control.answers),
-        "seen_flow": asdict(control.seen),
-        "beyond_said": control.beyond_said,
-        "layers": asdict(decider.layers),
-        "last_shift_mm": decider.last_shift_mm,
-    }
-
-
-def restore(decider: Decider, state: dict[str, Any]) -> None:
-    """Set a decider to a state of `state_of`; what an older release's lacks isn't known."""
-    control = decider.control
-    control.log_flow = state["log_flow"]
-    control.variance, control.time_s = state["variance"], state["time_s"]
-    control.common = state.get("common", 0.0)
-    control.beyond_said = state.get("beyond_said", False)
-    answers = dict(state.get("answers", {}))
-    last = answers.pop("last", None)
-    control.answers = Answers(**answers, last=None if last is None else Reading(**last))
-    seen = dict(state.get("seen_flow", {}))
-    for name in ("first", "last", "asked"):
-        if seen.get(name) is not None:
-            seen[name] = SeenLevel(**seen[name])
-    control.seen = SeenFlow(**seen)
-    layers = dict(state["layers"])
-    for name in ("blank", "tail", "before_tail"):
-        layers[name] = [Gap(**one) for one in layers.get(name, ())]
-    decider.layers, decider.last_shift_mm = LayersSeen(**layers), state["last_shift_mm"]
-
-
-class PrintLink(Protocol):
-    """What the observer asks of a print's link."""
-
-    def insert(
-        self,
-        look: int,
-        lines: Sequence[str],
-        why: str,
-        flow: float | None = None,
-        again: bool = False,
-    ) -> object:
-        """Put lines into the job where it is held, and correct the flow of its rest.
-
-        With ``again`` another look is made once they are written.
-        """
-
-    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
-        """End a look: ``go_on``, ``pause`` or ``stop``; ``again`` where it failed."""
-
-    def resume(self) -> None:
-        """Go on after a pause."""
-
-    def stop(self) -> None:
-        """Stop the print."""
-
-
 log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2
 _HARDLY: Final = 0.1
@@ -109,6 +46,45 @@ _HARDLY: Final = 0.1
 _MOST: Final = 0.5
 """Of a line's ink, which is missing along `_THIN_MM`: a clog in part, that isn't left untold."""
 _THIN_MM: Final = 2.0
+
+
+def state_of(decider: Decider) -> dict[str, Any]:
+    """Return what a decider has learned so far, ready for JSON, as each look's record keeps it."""
+    state: dict[str, Any] = json.loads(json.dumps(asdict(decider)))
+    del state["limits"], state["control"]["limits"]  # the order's
+    return state
+
+
+def restore(decider: Decider, state: dict[str, Any]) -> None:
+    """Set a decider to a state of `state_of`, but for its limits; not to an older release's."""
+    if "last_shift_mm" not in state or "control" not in state:
+        return
+    known = TypeAdapter(Decider).validate_python(state)
+    known.control.limits = decider.control.limits
+    for one in fields(Decider):
+        if one.name != "limits":
+            setattr(decider, one.name, getattr(known, one.name))
+
+
+class PrintLink(Protocol):
+    """What the observer asks of a print's link, as `PrintClient` does it."""
+
+    def insert(
+        self, look: int, lines: Sequence[str], why: str, flow: float | None, again: bool
+    ) -> object:
+        """Put lines into the job where it is held, and correct the flow of its rest.
+
+        With ``again`` another look is made once they are written.
+        """
+
+    def decide(self, look: int, decision: LookDecision, why: str, again: bool = False) -> object:
+        """End a look; with ``again`` it failed, and is made again when the print goes on."""
+
+    def resume(self) -> None:
+        """Go on after a pause."""
+
+    def stop(self) -> None:
+        """Stop the print."""
 
 
 @dataclass
@@ -148,9 +124,18 @@ class Observer:
     def __post_init__(self) -> None:
         self._new = state_of(self.decider)
 
+    @property
+    def looks(self) -> list[LookRecord]:
+        """Records of this print's looks."""
+        return read_looks(self.folder, self.begun)
+
+    def record_of(self, number: int) -> LookRecord | None:
+        """Return a look's record; None where there is none."""
+        return next((one for one in self.looks if one.number == number), None)
+
     def remember(self, number: int) -> None:
         """Know what the looks before one told: those of an observer that died, too, none twice."""
-        looks = [one for one in read_looks(self.folder, self.begun) if one.number < number]
+        looks = [one for one in self.looks if one.number < number]
         restore(self.decider, looks[-1].control if looks else self._new)
 
     def look(self, look: Look) -> LookRecord:
@@ -163,29 +148,28 @@ class Observer:
         OSError
             When the record can't be written: the look then stays undecided, and the link pauses.
         """
-        place = emptied_look_folder(self.folder, look.number)
-        begun = self.clock()
+        place, begun = emptied_look_folder(self.folder, look.number), self.clock()
         try:
             judged = self._judged(look, place)
         except DeviceError as exc:
             record = self._record(look, DecisionKind.PAUSE, f"nothing seen: {exc}", {}, begun)
             save_look(self.folder, record)
-            self.link.look_done(look.number, "pause", record.why, again=True)
+            self._end(look, "pause", record.why, again=True)
             return record
-        if self._over(look.number):
-            return self._went_on(look, begun)
+        if self._over(look.number):  # its pictures may show what was written since
+            record = self._record(look, DecisionKind.GO_ON, _NOT_JUDGED, {}, begun)
+            save_look(self.folder, record)
+            return record
         decision = self._decided(judged)
         found = _with_left(judged.found, math.fsum(gap.length_mm for gap in decision.gaps))
-        record = replace(
-            self._record(look, decision.kind, decision.why, found, begun),
-            asked=decision.ask.value if decision.ask else "",
-            factor=decision.factor,
-        )
+        record = self._record(look, decision.kind, decision.why, found, begun)
         if judged.learned:
-            record = replace(record, control={**record.control, STATE: judged.learned})
+            record.control[LEARNED] = judged.learned
+        asked = decision.ask.value if decision.ask else ""
+        record = replace(record, asked=asked, factor=decision.factor)
         save_look(self.folder, record)
         self._act(look, decision)
-        return self._kept(look.number) or record
+        return self.record_of(look.number) or record
 
     def _over(self, number: int) -> bool:
         """Whether somebody else has ended a look; a link that is silent hasn't."""
@@ -193,18 +177,6 @@ class Observer:
             return self.ended(number)
         except LinkError:
             return False
-
-    def _went_on(self, look: Look, begun: float) -> LookRecord:
-        """Keep a record of a look that somebody ended before it was judged.
-
-        Its pictures may show what was written since, so what they tell isn't kept.
-        """
-        why = (
-            "not judged: by somebody's word the print went on, or ended, before; nothing was mended"
-        )
-        record = self._record(look, DecisionKind.GO_ON, why, {}, begun)
-        save_look(self.folder, record)
-        return record
 
     def note_failure(self, look: Look, why: str) -> None:
         """Keep a record of a look that failed: what is written there wasn't looked at.
@@ -214,7 +186,7 @@ class Observer:
         OSError
             When it can't be written.
         """
-        kept = self._kept(look.number)
+        kept = self.record_of(look.number)
         if kept is not None:
             amend_look(self.folder, replace(kept, why=f"{kept.why}; {why}", asked=""))
             return
@@ -239,24 +211,24 @@ class Observer:
         Where no other comes (a program that takes one at each look), the first alone tells.
         """
         picture = self.acquire(look, place / "picture")
-        judged = self.judge(look, picture, None)
+        judged, limits = self.judge(look, picture, None), self.decider.limits
         if judged.evidence.seen_share < _HARDLY and not look.within_vessel:
             try:
                 picture = self.acquire(look, place / "picture")
             except DeviceError as exc:
                 return _by_one(judged, exc)
             judged = self.judge(look, picture, None)
-        limits, evidence = self.decider.limits, judged.evidence
+        evidence = judged.evidence
         gaps = any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps)
         if look.within_vessel and not gaps and evidence.seen_share < limits.least_seen:
             return replace(judged, found={**judged.found, POSTPONED: True})
-        if gaps or evidence.thin or evidence.unseen:
-            try:
-                again = self.acquire(look, place / "again")
-            except DeviceError as exc:
-                return _by_one(judged, exc)
-            judged = self.judge(look, picture, again)
-        return judged
+        if not (gaps or evidence.thin or evidence.unseen):
+            return judged
+        try:
+            again = self.acquire(look, place / "again")
+        except DeviceError as exc:
+            return _by_one(judged, exc)
+        return self.judge(look, picture, again)
 
     def _record(
         self, look: Look, kind: DecisionKind, why: str, found: dict[str, Any], begun: float
@@ -276,20 +248,23 @@ class Observer:
 
     # --- acting ----------------------------------------------------------------------------------
 
+    def _end(self, look: Look, decision: str, why: str, again: bool = False) -> None:
+        self.link.decide(look.number, LookDecision(decision), why, again)
+
     def _act(self, look: Look, decision: Decision) -> None:
+        kind = decision.kind
         if decision.ask is not None:
             self._ask(look, decision, decision.why)
-        elif decision.kind in (DecisionKind.MEND, DecisionKind.FLOW):
+        elif kind in (DecisionKind.MEND, DecisionKind.FLOW):
             self._insert(look, decision)
-        elif decision.kind is DecisionKind.PAUSE and decision.factor is not None:
-            put = self._put_in(look, decision)
-            self.link.look_done(look.number, decision.kind.value, f"{decision.why}{put.left}")
+        elif kind is DecisionKind.PAUSE and decision.factor is not None:
+            self._end(look, kind, f"{decision.why}{self._put_in(look, decision).left}")
         else:
-            self.link.look_done(look.number, decision.kind.value, decision.why)
+            self._end(look, kind, decision.why)
 
     def _ask(self, look: Look, decision: Decision, why: str) -> None:
         """Pause, and wait for the operator's word; the needle stays out of the bath."""
-        self.link.look_done(look.number, "pause", why)
+        self._end(look, "pause", why)
         self._do_as_told(look, decision)
 
     def ask_again(self, look: Look) -> None:
@@ -321,21 +296,17 @@ class Observer:
         try:
             self.link.resume()
         except Refused as exc:
-            record, said = self._kept(number), f"; not gone on yet: {exc}"
+            record, said = self.record_of(number), f"; not gone on yet: {exc}"
             log.warning("look %d%s", number, said)
             if record is not None and said not in record.why:
                 amend_look(self.folder, replace(record, why=record.why + said))
 
     def _amend(self, look: Look, why: str, left_mm: float | None = None, **changes: Any) -> None:
         """Say on a look's record what came of its decision, and what it left where that is new."""
-        record = self._kept(look.number)
+        record = self.record_of(look.number)
         if record is not None:
             found = record.found if left_mm is None else _with_left(record.found, left_mm)
             amend_look(self.folder, replace(record, why=why, found=found, **changes))
-
-    def _kept(self, number: int) -> LookRecord | None:
-        own = [one for one in read_looks(self.folder, self.begun) if one.number == number]
-        return own[0] if own else None
 
     def _await_answer(self, number: int) -> Answer | None:
         """Return the operator's word; None where the print went on or ended without it."""
@@ -350,17 +321,14 @@ class Observer:
         why = f"{decision.why}{put.left}"
         if put.done:
             self._amend(look, why, put.left_mm)
-            self.link.look_done(look.number, "go_on", why)
-            return
-        pause = DecisionKind.PAUSE.value
-        if put.given_up:
-            mend = DecisionKind.MEND.value
-            self._amend(look, why, decision=pause, asked=mend)  # nothing is mended: all stays left
+            self._end(look, "go_on", why)
+        elif put.given_up:  # nothing is mended: all stays left
+            self._amend(look, why, decision="pause", asked=DecisionKind.MEND.value)
             self._ask(look, decision, why)
-            return
-        why = f"{why}; it can't be mended from here"
-        self._amend(look, why, decision=pause)
-        self.link.look_done(look.number, "pause", why)
+        else:
+            why = f"{why}; it can't be mended from here"
+            self._amend(look, why, decision="pause")
+            self._end(look, "pause", why)
 
     def _put_in(self, look: Look, decision: Decision, approved: bool = False) -> _Put:
         """Put mend and flow into the job, and say what is left as it is.
@@ -369,15 +337,21 @@ class Observer:
         """
         flow = decision.factor or self.decider.control.factor
         gaps, thin = decision.gaps, decision.thin
-        none = MendLines()
-        mend = self.mend_lines(look, gaps, thin, flow, approved) if gaps or thin else none
+        mend = MendLines()
+        if gaps or thin:
+            mend = self.mend_lines(look, gaps, thin, flow, approved)
         left = f"; not mended: {mend.left}" if mend.left else ""
         if mend.given_up:
             return _Put(False, left, given_up=True)
         if not mend.lines and decision.factor is None:
-            return _Put(not gaps and not _hardly_any_ink(thin), left, mend.left_mm)
+            # The operator is to know where much lacks most of its ink; other thin lines stay.
+            clog_mm = math.fsum(one.length_mm for one in thin if one.missing > _MOST)
+            return _Put(not gaps and clog_mm < _THIN_MM, left, mend.left_mm)
         try:
-            self._note_mended(look, mend)
+            record = self.record_of(look.number)
+            if record is not None and mend.mended:  # another observer looks there
+                found = {**record.found, "mended": list(mend.mended)}
+                amend_look(self.folder, replace(record, found=found))
             again = bool(mend.mended)
             self.link.insert(look.number, mend.lines, decision.why, decision.factor, again)
         except Refused as exc:
@@ -385,18 +359,10 @@ class Observer:
             return _Put(False, f"; the link refused the mend: {exc}")
         return _Put(True, left, mend.left_mm)
 
-    def _note_mended(self, look: Look, mend: MendLines) -> None:
-        """Keep with a look's record what its mend writes again: another observer looks there."""
-        record = self._kept(look.number)
-        if record is not None and mend.mended:
-            found = {**record.found, "mended": list(mend.mended)}
-            amend_look(self.folder, replace(record, found=found))
 
-
-def _hardly_any_ink(thin: Sequence[Thin]) -> bool:
-    """Whether so much lacks most of its ink that the operator is to know; other thin lines stay."""
-    way_mm = math.fsum(one.length_mm for one in thin if one.missing > _MOST)
-    return way_mm >= _THIN_MM
+_NOT_JUDGED: Final = (
+    "not judged: by somebody's word the print went on, or ended, before; nothing was mended"
+)
 
 
 @dataclass(frozen=True)
@@ -410,7 +376,7 @@ class _Put:
 
 
 def _by_one(judged: Judged, why: DeviceError) -> Judged:
-    """Return what one picture tells where no other came; thin lines want two."""
+    """What one picture tells where no other came; thin lines want two."""
     return replace(judged, evidence=replace(judged.evidence, thin=(), alone=str(why)))
 
 

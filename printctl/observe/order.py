@@ -7,8 +7,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from design.files import write_text
-from printctl.observe.deciding import FlowLimits, GapTest, Limits
+from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.records import ORDER
 
@@ -78,12 +80,8 @@ class ObserverOrder:
         OSError, ValueError
             When there is none that can be read.
         """
-        data = json.loads((folder / ORDER).read_text(encoding="utf-8"))
+        text = (folder / ORDER).read_text(encoding="utf-8")
         try:
-            limits = data["limits"]
-            limits["gap"], limits["flow"] = GapTest(**limits["gap"]), FlowLimits(**limits["flow"])
-            device = DeviceSettings.from_json(json.dumps(data["device"]))
-            changed = {"place_mm": tuple(data["place_mm"]), "device": device}
-            return ObserverOrder(**{**data, **changed, "limits": Limits(**limits)})
-        except (KeyError, TypeError) as exc:
+            return TypeAdapter(ObserverOrder).validate_json(text)
+        except ValidationError as exc:
             raise ValueError(f"{folder / ORDER} isn't an observer's order: {exc}") from exc

@@ -7,12 +7,12 @@ import os
 import shlex
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from design.files import write_text
 from printctl.machine.control.look_book import LookDecision
@@ -25,7 +25,8 @@ from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import PICTURES, DeviceError, DeviceSettings, acquire
-from printctl.observe.look_values import Look
+from printctl.observe.height_maps import read_matrix, try_laser_frame
+from printctl.observe.held_look import Look
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
@@ -34,15 +35,18 @@ from printctl.observe.records import (
     READY,
     answer_of,
     emptied_look_folder,
-    read_looks,
 )
-from printctl.observe.view_before import EMPTY
-from printctl.observe.views import camera_frame, open_view, read_oct_frame, try_laser_frame
+from printctl.observe.views import EMPTY, camera_frame, open_view
 from printctl.system_errors import explain
 from sim.devices.camera.laser_line import load_profiler
 from sim.devices.scanner.oct import load_oct
 
-# Test a print's camera or scanner before the print; keep a camera's picture of the empty dish.
+_BEGIN_LIMIT_S: Final = 120.0
+"""A print for which its observer was started begins at once, or not at all."""
+_POLL_S: Final = 0.1
+_LEAST_S: Final = 1.0
+"""Time of another picture of a look that has hardly any left."""
+log = logging.getLogger(__name__)
 
 
 def try_device(order: ObserverOrder, folder: Path) -> None:
@@ -90,63 +94,13 @@ def _try_frame(order: ObserverOrder) -> None:
         camera_frame(order)
     elif order.frame:
         if order.oct:
-            read_oct_frame(Path(order.frame))
+            read_matrix(Path(order.frame), "an OCT")
         else:
             try_laser_frame(Path(order.frame))
     elif order.oct:
         load_oct(Path(order.device.extra["oct"]))
     else:
         load_profiler(Path(order.device.extra["laser_line"]))
-
-
-_BEGIN_LIMIT_S: Final = 120.0
-"""A print for which its observer was started begins at once, or not at all."""
-_POLL_S: Final = 0.1
-_LEAST_S: Final = 1.0
-"""Time of another picture of a look that has hardly any left."""
-log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class LinkWords:
-    """What the observer says to the link, on a connection of its own.
-
-    Attributes
-    ----------
-    client : PrintClient
-    """
-
-    client: PrintClient
-
-    def insert(
-        self,
-        look: int,
-        lines: Sequence[str],
-        why: str,
-        flow: float | None = None,
-        again: bool = False,
-    ) -> object:
-        """Put lines into the job, and correct the flow of its rest; ``again``: look behind them."""
-        return self.client.insert(look, lines, why, flow, again)
-
-    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
-        """End a look; one that failed is made ``again`` when the print goes on."""
-        self.client.decide(look, LookDecision(decision), why, again)
-
-    def resume(self) -> None:
-        """Go on after a pause."""
-        self.client.resume()
-
-    def stop(self) -> None:
-        """Stop the print."""
-        self.client.stop()
-
-
-class StatusEvents(Protocol):
-    """What tells a print's status as it changes."""
-
-    def events(self) -> Iterator[Status]:
-        """Yield statuses until the print is over."""
 
 
 def observe(folder: Path) -> None:
@@ -169,7 +123,7 @@ def observe(folder: Path) -> None:
         write_text(folder / READY, f"{os.getpid()}\n")
         _await_print(folder)
         with attach(folder) as words, attach(folder) as events:
-            follow(events, _assembled(job, words), lambda: words.status)
+            follow(events.events(), _assembled(job, words), lambda: words.status)
 
 
 def _await_print(folder: Path) -> None:
@@ -189,34 +143,24 @@ def _await_print(folder: Path) -> None:
     raise NoLink(f"no print began in {folder} within {_BEGIN_LIMIT_S:g} s")
 
 
-def follow(events: StatusEvents, observer: Observer, now: Callable[[], Status]) -> None:
+def follow(events: Iterable[Status], observer: Observer, now: Callable[[], Status]) -> None:
     """Look at each look once, from when the needle is held, until the print is over.
 
     What was said while a look was made is heard behind it, when the motors may move again: so
     ``now``, the print's status as it is, has the last word.
     """
     made: set[int] = set()
-    for heard in events.events():
-        if not _is_new(held_look(heard), made):
+    for heard in events:
+        look = held_look(heard)
+        if look is None or look["number"] in made:
             continue
-        look = held_look(_current(heard, now))
-        if look is None or not _is_new(look, made):
+        with suppress(LinkError):  # a link that is too busy to answer is believed as heard
+            look = held_look(now())
+        if look is None or look["number"] in made:
             continue
         observer.remember(look["number"])
         if _look(observer, look):
             made.add(look["number"])
-
-
-def _current(heard: Status, now: Callable[[], Status]) -> Status:
-    """Status as it is; as it was ``heard`` of a link that is too busy to answer."""
-    try:
-        return now()
-    except LinkError:
-        return heard
-
-
-def _is_new(look: dict[str, Any] | None, made: set[int]) -> bool:
-    return look is not None and look["number"] not in made
 
 
 def held_look(status: Status) -> dict[str, Any] | None:
@@ -236,7 +180,7 @@ def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
     begun = job.begun = read_journal_if_any(folder / JOURNAL).started
     return Observer(
         folder=folder,
-        link=LinkWords(words),
+        link=words,
         acquire=partial(_acquired, job),
         judge=job.judge,
         mend_lines=job.mend_lines,
@@ -261,55 +205,50 @@ def _look(observer: Observer, told: dict[str, Any]) -> bool:
     for the same look. What an operator approved isn't tried again once the link has refused it: the
     print would go on at a moment that nobody chose.
     """
+    number = int(told["number"])
     try:
         if told["decision"]:
-            if told["decision"] == "pause" and _asked(observer, told["number"]):
+            kept = observer.record_of(number)
+            if told["decision"] == "pause" and kept is not None and kept.asked:
                 if told["insert_sha256"]:  # it was approved, and is in the job already
-                    observer.go_on(told["number"])
+                    observer.go_on(number)
                 else:
                     observer.ask_again(look_of(told, observer))
         elif told["insert_sha256"]:  # put in at the look before, or by an observer that died
-            observer.link.look_done(told["number"], "go_on", "mended here already")
+            observer.link.decide(number, LookDecision.GO_ON, "mended here already")
         elif _told_to_go_on(observer, told):  # while the syringe was changed
             why = "the operator's word at the look before (go_on)"
-            observer.link.look_done(told["number"], "go_on", why)
+            observer.link.decide(number, LookDecision.GO_ON, why)
         else:
             record = observer.look(look_of(told, observer))
             log.info("look %d: %s: %s", record.number, record.decision, record.why)
     except LinkError as exc:
-        log.warning("look %d couldn't be decided: %s", told["number"], exc)
+        log.warning("look %d couldn't be decided: %s", number, exc)
         return bool(told["decision"]) and isinstance(exc, Refused)
     except Exception as exc:  # a fault of ours must not leave the needle waiting for nobody
-        log.exception("look %d failed", told["number"])
+        log.exception("look %d failed", number)
         reason = explain(exc).message if isinstance(exc, OSError | MemoryError) else exc
         why = f"the observer failed: {reason}"
         with suppress(OSError):  # of a full disk
             observer.note_failure(look_of(told, observer), why)
         with suppress(LinkError):  # it was decided already
-            observer.link.look_done(told["number"], "pause", why, again=True)
+            observer.link.decide(number, LookDecision.PAUSE, why, again=True)
     return True
-
-
-def _asked(observer: Observer, number: int) -> bool:
-    """Whether a look's record asks the operator for something."""
-    looks = read_looks(observer.folder, observer.begun)
-    return any(one.number == number and one.asked for one in looks)
 
 
 def _told_to_go_on(observer: Observer, told: dict[str, Any]) -> bool:
     """Whether the look before, at the same place, was answered so, and is made again."""
-    before = int(told["number"]) - 1
-    looks = read_looks(observer.folder, observer.begun)
-    asked = any(one.number == before and one.done == told["done"] and one.asked for one in looks)
-    return asked and answer_of(observer.folder, before) == "go_on"
+    before = observer.record_of(int(told["number"]) - 1)
+    if before is None or before.done != told["done"] or not before.asked:
+        return False
+    return answer_of(observer.folder, before.number) == "go_on"
 
 
 def look_of(told: dict[str, Any], observer: Observer) -> Look:
     """Return a look as the status tells it, with where the last one that was judged was."""
     positions = read_journal(observer.folder / JOURNAL).positions
     done = int(told["done"])
-    looks = read_looks(observer.folder, observer.begun)
-    earlier = [one.done for one in looks if one.judged and one.done < done]
+    earlier = [one.done for one in observer.looks if one.judged and one.done < done]
     return Look(
         number=int(told["number"]),
         done=done,

@@ -16,7 +16,7 @@ from printctl.machine.job.look_places import Written, look_places
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.process.simulated import EXECUTED
-from printctl.observe.deciding import FlowLimits, GapTest, Limits
+from printctl.observe.deciding import Costs, FlowLimits, GapTest, Limits
 from printctl.observe.devices import PICTURES, DeviceSettings
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER
@@ -135,6 +135,7 @@ def _limits(part: ObservePart) -> Limits:
         shift_mm=said.shift_mm,
         unseen_mm=said.unseen_mm,
         mend=part.mend,
+        costs=Costs(**part.costs.model_dump()),
     )
 
 

@@ -101,6 +101,23 @@ class ObserveTolerances(Part):
     )
 
 
+class ObserveCosts(Part):
+    """What goes wrong costs, in minutes of an operator; the action that costs least is taken."""
+
+    operator: Annotated[float, Field(ge=0, le=1e4)] = Field(
+        default=10.0, description="To be asked."
+    )
+    false_ink_mm: Annotated[float, Field(ge=0, le=1e6)] = Field(
+        default=20.0, description="A millimetre of ink that is written onto sound ink."
+    )
+    missed_ink_mm: Annotated[float, Field(ge=0, le=1e6)] = Field(
+        default=5.0, description="A millimetre of missing ink that is left so."
+    )
+    scrapped: Annotated[float, Field(ge=0, le=1e6)] = Field(
+        default=600.0, description="A print that is lost."
+    )
+
+
 class ObservePart(Part):
     """How the print is looked at while it is made."""
 
@@ -128,6 +145,7 @@ class ObservePart(Part):
         )
     )
     tolerance: ObserveTolerances = ObserveTolerances()
+    costs: ObserveCosts = ObserveCosts()
     mend: Literal["tell", "ask", "mend"] = Field(
         default="ask",
         description="Only say what is found; wait for the operator's word; or act unasked.",

@@ -4,9 +4,8 @@ Names are loaded when first asked for.
 
 Goes in: a picture, its frame, expected lines. Comes out: widths along every line, gaps, blobs,
 lumens, the layer's shift, or "not seen". Begin with `see.py`, which calls the rooms in this order:
-`heights` (a picture made from a volume or a height map), `pictures` (cropped, evenly lit), `place`
-(the layer's shift), `ink` and `ridges` (how much ink lies along each line), `over_ink` (the same on
-older ink), `gaps`, `widths`, and `unseen` (what the picture can't tell).
+`pictures` (cropped, evenly lit; made from a volume or a height map), `ink` (the layer's shift, and
+how much ink lies along each line, on older ink too), `found` (gaps, widths, blobs, lumens).
 """
 
 from typing import TYPE_CHECKING
@@ -16,12 +15,12 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.inspection.annotate import annotated
     from registration.inspection.findings import LayerFindings
-    from registration.inspection.heights.below import ShownLines
-    from registration.inspection.heights.height import HeightFrame, height_map
-    from registration.inspection.heights.orientation import better_turned
-    from registration.inspection.heights.own_depth import filament_map
-    from registration.inspection.heights.surface import Surface, surface_of
     from registration.inspection.options import SeeingOptions
+    from registration.inspection.pictures.heights.below import ShownLines
+    from registration.inspection.pictures.heights.height import HeightFrame, height_map
+    from registration.inspection.pictures.heights.orientation import better_turned
+    from registration.inspection.pictures.heights.own_depth import filament_map
+    from registration.inspection.pictures.heights.surface import Surface, surface_of
     from registration.inspection.see import see_layer
     from registration.inspection.values import (
         Appearance,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
-from registration.inspection.findings import ASKED_MM, LayerFindings
+from registration.inspection.findings import LayerFindings
 from registration.inspection.values import Frame, Image, Lumen, Stations, Unseen
 
 _SHIFT: Final = 4
@@ -29,9 +29,9 @@ _LEAST_MARGIN_PX: Final = 40.0
 _LEGEND: Final = (
     ("expected", _EXPECTED),
     ("seen", _SEEN),
-    ("gap, may be bare, lumen narrowed", _GAP),
+    ("gap, lumen narrowed", _GAP),
     ("not seen", _UNSEEN),
-    ("thin or thick, may be thin", _THIN),
+    ("thin or thick", _THIN),
     ("ink where none should be", _BLOB),
 )
 
@@ -43,9 +43,9 @@ def annotated(
 
     Of a view more than twice as large as the lines and half of their extent around them only that
     is shown: a part of 8 mm in a view of 90 is a spot, in which nobody can judge a gap.
-    Outlines of the expected lines; edges as seen; gaps, stretches that may be bare and the outlines
-    of ``narrowed`` lumens red; hatched what wasn't seen; thin and thick stretches, and such that
-    may be thin, orange; blobs magenta. Small pictures are enlarged; one of two channels is drawn
+    Outlines of the expected lines; edges as seen; gaps and the outlines of ``narrowed`` lumens red;
+    hatched what wasn't seen; thin and thick stretches orange; blobs magenta. Small pictures are
+    enlarged; one of two channels is drawn
     by its first.
     """
     picture, frame = _around_lines(picture, frame, findings.stations)
@@ -61,12 +61,6 @@ def annotated(
     for stretch in findings.stretches:
         rows = _along(stations, stretch.stroke, stretch.from_mm, stretch.to_mm)
         pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], _THIN, 2)
-    told = findings.told
-    bare = [one for one in (*told.still, *told.doubted) if one.length_mm >= ASKED_MM]
-    for asked, colour in ((bare, _GAP), (told.thin, _THIN)):
-        for one in asked:
-            rows = _along(stations, one.stroke, one.from_mm, one.to_mm)
-            pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], colour, 3)
     for gap in findings.gaps:
         rows = _along(stations, gap.stroke, gap.from_mm, gap.to_mm)
         inner = stations.at_mm[rows[1:-1]] if len(rows) > 2 else np.empty((0, 2))

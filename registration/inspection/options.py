@@ -17,21 +17,17 @@ class SeeingOptions:
     ----------
     gap_mm : float, mm
         Gaps from this length on are looked for.
-    width_percent, lumen_percent : float, %
+    width_percent : float, %
     shift_mm : float, mm
         Farthest that the layer is looked for beside its place.
     false_rate : float
         False findings of each kind per sound layer, at most.
-    unseen_mm : float, mm
-        Longest stretch of a stroke that may go untold.
     round_lines : bool
         Whether lines are as high as wide: seen aslant they are wider than flat ones.
     """
 
     gap_mm: float = 0.2
     width_percent: float = 15.0
-    lumen_percent: float = 10.0
     shift_mm: float = 0.5
     false_rate: float = 2e-4
-    unseen_mm: float = 1.5
     round_lines: bool = False

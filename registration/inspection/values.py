@@ -179,8 +179,6 @@ class Gap:
     p_value : float
         Chance of so little ink or less, here, by the picture's noise, where the line is as
         expected. Many places are tested: `LayerFindings.places`.
-    shaded : bool
-        Whether its level alone says so, and the picture changed there as a line's shade may.
     """
 
     stroke: int
@@ -191,7 +189,6 @@ class Gap:
     u_tip_mm: float
     p_value: float
     u_shift_mm: float = 0.0
-    shaded: bool = False
 
     @property
     def u_mm(self) -> float:
@@ -319,22 +316,34 @@ class Shift:
 
 
 @dataclass(frozen=True)
+class LineShapes:
+    """What looks in the same light told of the shapes that a line's profile may have.
+
+    Attributes
+    ----------
+    misfits : (k,) float64
+        How badly each of `line_width`'s shapes fitted, the mean of all looks.
+    log_ratio : (k,) float64
+        Logarithm of the width over the expected one that the last look told by each.
+    looks : int
+    """
+
+    misfits: FloatArray
+    log_ratio: FloatArray
+    looks: int
+
+
+@dataclass(frozen=True)
 class Appearance:
     """How ink looked: hands a layer's look on to the next one's.
 
     Attributes
     ----------
-    mix : (c,) float64
-        Weights of the picture's channels.
-    terms : (3, u) float64
-        Across a line, over ±1.5 widths, bath 0, by direction (`ink_image.Template`).
-    filled : bool
-        Whether ink is told by its level, and not by its edges alone.
-    ink : (c,) float64
-        Its level over the bath in each channel.
+    profile : (3, 5, 16, c) float64
+        Of `ink_model.InkModel`, in the picture's own channels: logarithms, or values.
+    shapes : LineShapes or None
+        None where no look told a width.
     """
 
-    mix: FloatArray
-    terms: FloatArray
-    filled: bool
-    ink: FloatArray
+    profile: FloatArray
+    shapes: LineShapes | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import cv2
@@ -15,18 +15,11 @@ from registration.inspection.values import ExpectedLines, FloatImage, Frame, Ima
 
 _STEEP = 0.3
 """A piece whose way as seen from above is a smaller part of its length can't be judged."""
-_NEAR_TURN = 0.9
-_STRAIGHT = 0.9
-"""Cosine of the turn, above which a way goes on straight."""
 _OVER = 0.85
 """Of the mean width: lines whose middles are nearer lie over each other."""
-DETOUR = 1.25
+_DETOUR = 1.25
 """Way along a line over the distance of two of its places, from which on it has turned back."""
 _ROUNDED_MM = 1e-6
-_PARALLEL = 0.98
-"""Cosine of the angle between lines, from which on they go along each other."""
-_NEAREST, _APART = 0.6, 1.03
-"""Of the mean width of two lines: nearer, they lie over each other; farther, a slot is left."""
 _ALONG_RAY = 0.2
 """Sine of a line's angle to the ray that shows it, below which it is seen end on."""
 _DEEPER = 0.5
@@ -69,17 +62,6 @@ class Ways:
     def __len__(self) -> int:
         return len(self.piece)
 
-    def corners(self, within: float = _NEAR_TURN) -> BoolArray:
-        """Places nearer than about so many widths to a turn of the way, (n,)."""
-        turned = np.zeros(len(self), dtype=np.bool_)
-        count = np.maximum(1, np.rint(within * self.width / self.step)).astype(np.int64)
-        index = np.arange(len(self))
-        back, ahead = np.maximum(index - count, 0), np.minimum(index + count, len(self) - 1)
-        back = np.where(self.run[back] == self.run, back, index)
-        ahead = np.where(self.run[ahead] == self.run, ahead, index)
-        turned |= (self.normal[back] * self.normal[ahead]).sum(axis=1) < _STRAIGHT
-        return turned
-
     @cached_property
     def varied(self) -> bool:
         """Whether lines differ in depth or width: then each has a level and hue of its own.
@@ -89,45 +71,22 @@ class Ways:
         deep = float(np.ptp(self.point[:, 2])) > _DEEPER * float(np.median(self.width))
         return deep or float(self.width.max()) > _WIDER * float(self.width.min())
 
-    @cached_property
-    def crossed(self) -> BoolArray:
-        """Places over which another line lies, or the line's own way back, (n,).
+    def crossed_in(self, seen: Seen) -> BoolArray:
+        """Places over which a view shows another line, or the line's own way back, (n,).
 
         The density of translucent ink adds there: crossings, overlaps, sharp corners.
         """
         out = np.zeros(len(self), dtype=np.bool_)
-        at = self.point[:, :2]
+        at = seen.at / seen.px_per_mm
+        shown = np.flatnonzero(np.isfinite(at).all(axis=1))
         reach = _OVER * float(self.width.max())
-        one, other = cKDTree(at).query_pairs(reach, output_type="ndarray").T
+        one, other = shown[cKDTree(at[shown]).query_pairs(reach, output_type="ndarray").T]
         apart = np.linalg.norm(at[one] - at[other], axis=1)
         along = np.abs(self._from_above[one] - self._from_above[other])
-        same = (self.run[one] == self.run[other]) & (along <= DETOUR * apart + _ROUNDED_MM)
+        same = (self.run[one] == self.run[other]) & (along <= _DETOUR * apart + _ROUNDED_MM)
         over = (apart < _OVER * 0.5 * (self.width[one] + self.width[other])) & ~same
         out[one[over]] = out[other[over]] = True
         return out
-
-    @cached_property
-    def seams(self) -> FloatArray:
-        """How far from its middle each place meets lines that run along it, (2, n), widths.
-
-        On the left and on the right; NaN where no line touches it there, by design.
-        """
-        at, width = self.point[:, :2], self.width
-        reach = 1.1 * _APART * float(width.max())
-        pairs = cKDTree(at).query_pairs(reach, output_type="ndarray").reshape(-1, 2)
-        one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
-        off, normal = at[other] - at[one], self.normal[one]
-        across = (off * normal).sum(axis=1)
-        along = off[:, 1] * normal[:, 0] - off[:, 0] * normal[:, 1]
-        both = width[one] + width[other]
-        share = 2.0 * np.abs(across) / both
-        meets = np.abs((normal * self.normal[other]).sum(axis=1)) > _PARALLEL
-        meets &= (np.abs(along) < 0.6 * self.step[one]) & (share > _NEAREST) & (share < _APART)
-        seams: FloatArray = np.full((2, len(self)), np.inf)
-        for side, way in zip(seams, (1.0, -1.0), strict=True):
-            own = meets & (way * across > 0)
-            np.minimum.at(side, one[own], np.minimum(np.abs(across[own]) / both[own], 0.5))
-        return np.where(np.isfinite(seams), seams, np.nan)
 
     @cached_property
     def _from_above(self) -> FloatArray:
@@ -135,9 +94,16 @@ class Ways:
         steps = np.linalg.norm(np.diff(self.point[:, :2], axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
+    def only(self, rows: IntArray) -> Ways:
+        """Return some of the places."""
+        return Ways(**{name: value[rows] for name, value in vars(self).items() if name in _FIELDS})
+
     def moved(self, by_mm: FloatArray) -> Ways:
         """Return the same, moved by (2,) mm."""
         return replace(self, point=self.point + np.append(by_mm, 0.0))
+
+
+_FIELDS = tuple(field.name for field in fields(Ways))
 
 
 def _to_the_rim(ways: Ways, frame: Frame, left: FloatArray) -> FloatArray:
@@ -296,15 +262,14 @@ class Seen:
         area = np.abs(self.across[:, 0] * self.along[:, 1] - self.across[:, 1] * self.along[:, 0])
         return float(np.sqrt(np.nanmedian(area)))
 
-    def profiles(self, image: Image, across_mm: FloatArray, nearest: bool = False) -> FloatImage:
+    def profiles(self, image: Image, across_mm: FloatArray) -> FloatImage:
         """Sample an image (h, w) across at (n, u) or (u,) mm, (n, u); borders repeat."""
         u = np.broadcast_to(across_mm, (len(self.at), across_mm.shape[-1]))
         x = (self.at[:, :1] + u * self.across[:, :1]).astype(np.float32)
         y = (self.at[:, 1:] + u * self.across[:, 1:]).astype(np.float32)
-        how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
         parts = [
-            cv2.remap(image, x[k : k + _CHUNK], y[k : k + _CHUNK], how, None, cv2.BORDER_REPLICATE)
-            for k in range(0, len(x), _CHUNK)
+            cv2.remap(image, x[k], y[k], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
+            for k in (slice(first, first + _CHUNK) for first in range(0, len(x), _CHUNK))
         ]
         return np.concatenate(parts)
 

@@ -1,23 +1,29 @@
 """Decide after a print's inspection: go on, correct the flow, mend, pause or stop.
 
-Goes in: gaps with p-values, widths in the order of writing. Comes out: a decision with its reason.
-Begin with `decide.py`.
+Goes in: gaps with p-values, widths in the order of writing. Comes out: the action of least expected
+cost, with its reason. Begin with `decide.py`.
 """
 
 from printctl.observe.deciding.decide import Decider
 from printctl.observe.deciding.decision import (
+    Costs,
     Decision,
     DecisionKind,
     GapTest,
     Limits,
     confirmed_gaps,
 )
-from printctl.observe.deciding.evidence import Evidence, Narrowed
+from printctl.observe.deciding.evidence import (
+    Evidence,
+    InkSupply,
+    Narrowed,
+    SupplyState,
+    judge_supply,
+)
 from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
-from printctl.observe.deciding.ink_supply import InkSupply, SupplyState, judge_supply
-from printctl.observe.deciding.layers_seen import LayersSeen
 
 __all__ = [
+    "Costs",
     "Decider",
     "Decision",
     "DecisionKind",
@@ -27,7 +33,6 @@ __all__ = [
     "FlowLimits",
     "GapTest",
     "InkSupply",
-    "LayersSeen",
     "Limits",
     "Narrowed",
     "SupplyState",

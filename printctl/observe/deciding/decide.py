@@ -1,138 +1,102 @@
-"""Rules from an inspection's evidence to a decision: go on, correct, mend, pause, stop."""
+"""Decide after a look by expected cost: go on, correct the flow, mend, ask, or stop.
+
+What a look tells is a list of concerns: missing ink, a layer beside its place, a narrowed lumen,
+way that wasn't seen. Of each it is known what it costs on average to go on, to act unasked, and to
+ask (`Costs`, minutes of an operator). A print is held where asking is the cheapest for any of them,
+and then all are told; else what is cheapest mended is mended.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from printctl.observe.deciding.decision import Decision, DecisionKind, Limits, confirmed_gaps
-from printctl.observe.deciding.evidence import SURE, Evidence, Thin
-from printctl.observe.deciding.flow_control import FlowControl
-from printctl.observe.deciding.ink_supply import SupplyState
-from printctl.observe.deciding.layers_seen import LayersSeen, where
-from printctl.observe.deciding.questions import (
-    asked_with_beside,
+from printctl.observe.deciding.decision import (
+    Costs,
+    Decision,
+    DecisionKind,
+    Limits,
+    confirmed_gaps,
+)
+from printctl.observe.deciding.evidence import Evidence, Thin
+from printctl.observe.deciding.flow_control import FlowControl, normal_part
+from printctl.observe.deciding.words import (
+    blind_words,
+    blob_words,
     cause_of_turn,
-    doubted,
-    doubts,
-    low_words,
-    of_whole_map,
+    corrected_words,
+    map_words,
     places_of,
-    thin_words,
-    unchanged,
-    unconfirmed_words,
-    with_untold,
+    seen_words,
+    unseen_words,
 )
 from registration.inspection.values import Gap
 
-# Decision about the flow, and what is said of it.
-
-
-def flow_decision(
-    control: FlowControl,
-    tolerance: float,
-    seem_thin: tuple[Thin, ...] = (),
-    told: bool = True,
-) -> Decision | None:
-    """Return what a flow calls for; None where it is as it should be.
-
-    Parameters
-    ----------
-    control : FlowControl
-    tolerance : float
-        Share by which it may be off.
-    seem_thin : tuple of Thin
-        Lines that seem to have too little ink.
-    told : bool
-        Whether the look has told any width: without, a flow beyond all bounds is told once more.
-    """
-    if control.answers.failed:
-        return _unanswered(control)
-    flows = f"the ink flows at {control.flow:.0%} ± {2 * control.u_flow:.0%} of what is asked for"
-    if control.out_of_bounds:
-        low, high = control.limits.low, control.limits.high
-        why = f"{flows}: beyond a correction by {low:g} to {high:g}"
-        said, control.beyond_said = control.beyond_said, not told
-        if told or not said:
-            why += "; this look tells no width, so whether it still is isn't known" * (not told)
-            return Decision(DecisionKind.PAUSE, why)
-        return None
-    factor = control.proposal()
-    if factor is None:
-        return _likely_off(control, tolerance, seem_thin)
-    return Decision(DecisionKind.FLOW, f"{flows}: factor {factor:.2f}", factor=factor)
-
-
-def _likely_off(
-    control: FlowControl, tolerance: float, seem_thin: tuple[Thin, ...]
-) -> Decision | None:
-    """Ask about a flow that is likely off, though not surely."""
-    seen, factor = control.seen, control.by_last_picture()
-    if seen.last is None or factor is None or factor == control.factor:
-        return None
-    if not seen.likely_off(control.factor, tolerance):
-        return None
-    seen.asked = seen.last
-    share = control.factor * math.exp(seen.last.level)
-    thin = seem_thin if factor > control.factor else ()
-    way_mm = math.fsum(one.length_mm for one in thin)
-    then = f"corrects the flow to {factor:.2f}" + f" and fills {way_mm:.1f} mm up" * bool(thin)
-    return Decision(
-        DecisionKind.PAUSE,
-        f"lines seem to have {share:.0%} ± {2 * share * seen.last.u:.0%} of the ink asked for: "
-        "the flow is off, or light makes their edges look so; look at a line or weigh the ink; "
-        f"approve {then}, go on leaves it",
-        factor=factor, ask=DecisionKind.FLOW, thin=thin,
-    )  # fmt: skip
-
-
-def _unanswered(control: FlowControl) -> Decision | None:
-    """Take corrections back that weren't answered, and say so, once."""
-    if control.answers.told:
-        return None
-    control.answers.told = True
-    factor = control.proposal()
-    back = "" if factor is None else f"; the factor is {factor:.2f} again"
-    return Decision(
-        DecisionKind.PAUSE,
-        f"the flow was corrected to {control.factor:.2f}, and the width of lines hardly changed: "
-        "widths are misread (a halo, blur, light or rims beside the lines), or the flow changed "
-        f"again meanwhile{back}, and is corrected no more in this print: look at the lines, then "
-        "resume or stop",
-        factor=factor,
-    )
-
-
-def corrected_words(control: FlowControl, factor: float | None) -> str:
-    """Which correction goes with a mend, in words; empty for none."""
-    if factor is None:
-        return ""
-    if control.answers.failed:
-        return f"; widths didn't answer corrections of the flow: factor {factor:.2f} again"
-    return f"; flow {control.flow:.0%}: factor {factor:.2f}"
-
-
-def uncorrected_words(control: FlowControl) -> str:
-    """Say that the flow isn't corrected; empty where it is."""
-    return "; the flow isn't corrected: widths didn't answer it" * control.answers.failed
-
-
-_STOPPING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY)
-_MOST_MISSING: Final = 1 / 3
-"""Of the way, that is mended unasked: where more is missing, the picture is doubted as well."""
-_LEAST_INK: Final = 1 / 3
-"""Of the way that was seen, on which ink lies in any print that goes on: 0.69 and more in 117 looks
-at sound ones."""
-_TELLING_MM: Final = 1.0
-"""Way that must have been seen for that."""
-_ANY: Final = 0.005
-"""Of the way, less than which is nothing."""
+_LOST_STEPS: Final = 1e-3
+"""Chance that a layer lies beside its place, before a look."""
+_SOUND_MM: Final = 0.03
+"""By which a sound layer lies beside it, one standard deviation."""
+_FARTHEST_MM: Final = 2.0
+"""Lost steps by so much or less are equally likely."""
+_CLOSED: Final = 5e-3
+"""Chance that a lumen is closed in part, before a look."""
+_OPEN: Final = 0.05
+"""By which a sound lumen's width scatters, of itself."""
+_ANOTHER_PLACE: Final = 1e-3
+"""Chance that a picture shows another place than it should."""
+_MISSING: Final = 0.1
+"""Of the way: prints that lack more are rarer by e for each as much."""
+_ONE_PICTURE: Final = 0.02
+"""Chance that what one picture shows as missing is a passing shade or glint."""
+_CUT_MAP: Final = 0.5
+_UNSIZED_MAP: Final = 0.05
+"""Chance that what a height map shows as missing lies elsewhere: it lacks rows, or may."""
+_FALSE_THIN: Final = 0.01
+_CLOGS_PER_MM: Final = 1 / 5000
+_CLOGS_AGAIN: Final = 10.0
+"""How often ink stops for good; times as often where it has failed in this print."""
 _CLOG_MM: Final = 2.0
-"""Of one gap, from which on ink had stopped coming; short lines lack a plunger's step."""
-_HALF: Final = 0.5
-"""Of its ink, that is written again where a line changed the picture near its middle alone: it has
-a quarter to a half of it."""
+"""Of one gap, from which on ink had failed."""
+_SEEN_MM: Final = 1.0
+"""Way with ink that is seen, from which on it is known to flow."""
+_STEP_MM: Final = 0.2
+"""Stretches that aren't told and join a gap within so much are written with it, when approved."""
+
+
+@dataclass(frozen=True)
+class _Concern:
+    """Something that may be wrong.
+
+    Attributes
+    ----------
+    why : str
+    go, act : float
+        Expected cost of going on, and of acting unasked; minutes.
+    gaps : tuple of Gap
+    thin : tuple of Thin
+    then : str
+        What approving does, in words.
+    stops : bool
+        Whether the print is lost unless it ends now.
+    """
+
+    why: str
+    go: float
+    act: float = math.inf
+    gaps: tuple[Gap, ...] = ()
+    thin: tuple[Thin, ...] = ()
+    then: str = ""
+    stops: bool = False
+
+    def is_asked(self, costs: Costs) -> bool:
+        """Whether asking is the cheapest."""
+        return costs.operator < min(self.go, self.act)
+
+    def is_acted_upon(self, costs: Costs) -> bool:
+        """Whether acting unasked is the cheapest."""
+        return self.act < min(self.go, costs.operator)
 
 
 @dataclass
@@ -143,318 +107,314 @@ class Decider:
     ----------
     limits : Limits
     control : FlowControl
-    layers : LayersSeen
     last_shift_mm : float, mm
+    unseen_mm : float, mm
+        Way written since ink was last seen to flow.
+    unseen : list of Gap
+        Stretches of it.
+    failed : bool
+        Whether ink has failed in this print.
+    blind_said : bool
+        Whether the operator knows that nothing is seen, since anything was.
     """
 
     limits: Limits = field(default_factory=Limits)
     control: FlowControl = field(default_factory=FlowControl)
-    layers: LayersSeen = field(default_factory=LayersSeen)
     last_shift_mm: float = 0.0
+    unseen_mm: float = 0.0
+    unseen: list[Gap] = field(default_factory=list)
+    failed: bool = False
+    blind_said: bool = False
 
     def decide(self, evidence: Evidence) -> Decision:
         """Return what the look calls for, as the mode allows."""
-        self.layers.add(evidence, self.limits.least_seen)
-        stopping = evidence.supply.state in _STOPPING  # thin because it is about to stop: no drift
+        stopping = evidence.supply.stopped  # thin because it is about to stop: no drift
         if not stopping and evidence.turned is None and not evidence.map.lacks:
             self.control.learn(evidence.flow)
-        longest = max((gap.length_mm for gap in self._believed(evidence)), default=0.0)
-        self.layers.failed |= stopping or bool(longest > _CLOG_MM)  # a NumPy one can't be saved
-        decision = self._as_allowed(self._wanted(evidence), evidence)
-        if not evidence.alone:
-            return decision
-        return replace(decision, why=f"{decision.why} (by one picture: {evidence.alone})")
+        gaps = self._believed(evidence)
+        self._remember(evidence)
+        concerns = self._concerns(evidence, gaps)
+        longest = max((gap.length_mm for gap in gaps), default=0.0)
+        self.failed |= stopping or bool(longest > _CLOG_MM)
+        wanted = self._cheapest(evidence, concerns)
+        if evidence.alone:
+            wanted = replace(wanted, why=f"{wanted.why} (by one picture: {evidence.alone})")
+        return self._as_allowed(wanted, evidence)
 
-    def _wanted(self, evidence: Evidence) -> Decision:
-        rules = (
-            self._turned,
-            self._shifted,
-            self._stopped,
-            self._narrowed,
-            self._unseen,
-            self._still,
-            self._doubted,
-            self._gaps,
-            self._bare,
-            self._none_yet,
-            self._none_any_more,
-            self._looks_bare,
-            self._thin,
-            self._flow,
-            self._untold,
-            self._hidden,
-            self._blind,
-        )
-        for rule in rules:
-            decision = rule(evidence)
-            if decision is not None:
-                also = "" if rule == self._thin else thin_words(evidence)
-                return of_whole_map(replace(decision, why=decision.why + also), evidence)
-        any_seen = evidence.seen_share >= _ANY
-        seen = "as expected, within tolerance" if any_seen else "nothing was seen"
-        if not any_seen and evidence.faint_share >= _ANY:
-            seen = (
-                f"ink shows on {evidence.faint_share:.0%}, too grainy or faint for gaps of "
-                f"{self.limits.gap.least_mm:g} mm: longer ones alone are told"
-            )
-        if hardly := any_seen and self._hardly_seen(evidence):
-            seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
-        if many := evidence.stretches:
-            seen = f"{many} stretches beyond {self.limits.width_percent:g} % of width, told alone"
-        seen += self._rest(evidence) if any_seen and not hardly else evidence.bare_words
-        told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
-        seen += told * (evidence.over_old_share >= 0.01) + evidence.came_words
-        seen += unconfirmed_words(evidence, self.limits.gap)
-        return Decision(DecisionKind.GO_ON, seen + uncorrected_words(self.control))
+    def _remember(self, evidence: Evidence) -> None:
+        """Count the way since ink was last seen."""
+        if evidence.level_mm is None or evidence.mends:
+            return
+        seen_mm = evidence.seen_share * evidence.way_mm * max(evidence.coverage, 0.0)
+        if seen_mm > _SEEN_MM:
+            self.unseen_mm, self.unseen = 0.0, []
+        if evidence.seen_share >= self.limits.least_seen:
+            self.blind_said = False
+        self.unseen_mm += evidence.unseen_mm
+        self.unseen += [one.gap for one in evidence.unseen]
 
-    def _rest(self, evidence: Evidence) -> str:
-        """How much wasn't seen, in words, where that is more than a tolerated gap."""
-        unseen_mm = evidence.way_mm * (1.0 - evidence.seen_share - evidence.over_old_share)
-        told = f"; {unseen_mm:.1f} of {evidence.way_mm:.1f} mm weren't seen{evidence.hidden_words}"
-        least_mm = self.limits.gap.least_mm
-        return (
-            told * (unseen_mm >= least_mm)
-            + evidence.unjudged_words(least_mm, self.limits.width_percent)
-            + low_words(evidence, self.limits.width_percent)
+    def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:
+        if evidence.turned is not None:
+            return ()
+        return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
+
+    def _concerns(self, evidence: Evidence, gaps: tuple[Gap, ...]) -> list[_Concern]:
+        """All that may be wrong, what costs most first."""
+        each = (
+            self._turned(evidence),
+            self._shifted(evidence),
+            self._stopped(evidence, gaps),
+            self._narrowed(evidence),
+            self._missing(evidence, gaps),
+            self._thin(evidence),
+            self._unseen_in_bath(evidence),
+            self._unseen_way(evidence),
+            self._flow_beyond(evidence),
         )
+        return sorted((one for one in each if one is not None), key=lambda one: -one.go)
+
+    def _cheapest(self, evidence: Evidence, concerns: Sequence[_Concern]) -> Decision:
+        costs = self.limits.costs
+        factor = None if self.control.out_of_bounds else self.control.proposal()
+        asked = [one for one in concerns if one.is_asked(costs)]
+        acted = [one for one in concerns if one.is_acted_upon(costs)]
+        told = [one for one in concerns if one not in asked and one not in acted]
+        why = "; ".join(one.why for one in [*asked, *acted])
+        rest = "".join(f"; {one.why}: gone on" for one in told if one.go > 0.1 * costs.operator)
+        rest += blind_words(evidence, self.control) if factor is None else ""
+        rest += map_words(evidence.map) + blob_words(evidence.blobs)
+        written = concerns if asked else acted  # a person who is there anyway sees to all of it
+        gaps = tuple(gap for one in written for gap in one.gaps)
+        thin = tuple(gap for one in written for gap in one.thin)
+        if any(one.stops for one in asked):
+            return Decision(DecisionKind.STOP, why)
+        if asked:
+            then = "".join(f"; {one.then}" for one in asked if one.then)
+            ask = DecisionKind.MEND if gaps or thin else None
+            gaps, back = _joined(gaps, evidence), factor if self.control.answers.failed else None
+            return Decision(DecisionKind.PAUSE, f"{why}{then}{rest}", gaps, back, ask, thin)
+        if acted:
+            why += corrected_words(self.control, factor) + unseen_words(evidence)
+            return Decision(DecisionKind.MEND, f"{why}{rest}", gaps, factor, thin=thin)
+        if factor is not None:
+            flows = _flow_words(self.control)
+            return Decision(DecisionKind.FLOW, f"{flows}: factor {factor:.2f}", factor=factor)
+        go_on = Decision(DecisionKind.GO_ON, seen_words(evidence, self.limits, gaps) + rest)
+        return self._likely_off(evidence) or go_on
 
     def _as_allowed(self, wanted: Decision, evidence: Evidence) -> Decision:
         mode = self.limits.mend
-        if mode == "mend" and wanted.kind is DecisionKind.MEND and (doubt := self._doubt(evidence)):
-            why = f"{wanted.why}; {doubt}: look at the picture before you approve"
-            return asked_with_beside(replace(wanted, why=why), evidence)
         if wanted.kind is DecisionKind.GO_ON or mode == "mend":
             return wanted
         if mode == "tell":
             why = f"{wanted.why} (only told: observe.mend is tell)"
             return Decision(DecisionKind.GO_ON, why, wanted.gaps)
         if wanted.kind in (DecisionKind.MEND, DecisionKind.FLOW):
-            return asked_with_beside(wanted, evidence)
-        if wanted.factor is not None:
-            return replace(wanted, ask=DecisionKind.FLOW)
+            gaps = _joined(wanted.gaps, evidence)
+            return replace(wanted, kind=DecisionKind.PAUSE, ask=wanted.kind, gaps=gaps)
         return wanted
 
-    def _doubt(self, evidence: Evidence) -> str:
-        """Why a picture isn't to be mended by unasked; empty where nothing speaks against it."""
-        if evidence.alone:
-            return "no second picture shows it"
-        missing = math.fsum(gap.length_mm for gap in self._believed(evidence)) / evidence.way_mm
-        if missing > _MOST_MISSING:
-            return f"{missing:.0%} of what was written would be missing"
-        if shaded := [gap for gap in self._believed(evidence) if gap.shaded]:
-            way_mm = math.fsum(gap.length_mm for gap in shaded)
-            return (
-                f"along {way_mm:.2f} mm of it the picture changed since the one before: by the "
-                "shade of lines that touch, or by ink that is level with what it lies on"
-            )
-        return f"only {evidence.seen_share:.0%} was seen" if self._hardly_seen(evidence) else ""
+    # --- concerns --------------------------------------------------------------------------------
 
-    def _hardly_seen(self, evidence: Evidence) -> bool:
-        return evidence.seen_share < self.limits.least_seen * (1.0 - evidence.over_old_share)
-
-    # --- rules -----------------------------------------------------------------------------------
-
-    def _turned(self, evidence: Evidence) -> Decision | None:
+    def _turned(self, evidence: Evidence) -> _Concern | None:
         if evidence.turned is None:
             return None
-        fits = f"the picture fits the layer better {evidence.turned}"
-        cause = cause_of_turn(evidence.turned)
-        return Decision(DecisionKind.PAUSE, f"{fits}: {cause}; nothing is mended by it")
-
-    def _shifted(self, evidence: Evidence) -> Decision | None:
-        shift, u = evidence.shift_mm, evidence.u_shift_mm
-        before, self.last_shift_mm = self.last_shift_mm, shift
-        if not evidence.aside and shift - SURE * u <= self.limits.shift_mm:
-            return None
         why = (
-            f"the layer lies {shift:.2f} mm beside its place (tolerance {self.limits.shift_mm:g} "
-            "mm): motors have lost steps, or the dish has moved"
+            f"the picture fits the layer better {evidence.turned}: {cause_of_turn(evidence.turned)}"
         )
-        if before > self.limits.shift_mm and shift - before > SURE * u:
-            return Decision(DecisionKind.STOP, f"{why}; it grows from look to look")
-        return Decision(DecisionKind.PAUSE, f"{why}; look before you go on")
+        return _Concern(f"{why}; nothing is mended by it", self.limits.costs.scrapped)
 
-    def _stopped(self, evidence: Evidence) -> Decision | None:
+    def _shifted(self, evidence: Evidence) -> _Concern | None:
+        shift, u, limit = evidence.shift_mm, evidence.u_shift_mm, self.limits.shift_mm
+        before, self.last_shift_mm = self.last_shift_mm, shift
+        if not math.isfinite(u) or shift <= limit:
+            return None
+        sound = math.hypot(_SOUND_MM, u)
+        likely = _LOST_STEPS / _FARTHEST_MM / _normal(shift, sound)
+        chance = likely / (1.0 + likely) * _normal_tail(shift - limit, u)
+        why = (
+            f"the layer lies {shift:.2f} mm beside its place (tolerance {limit:g} mm): motors have "
+            "lost steps, or the dish has moved"
+        )
+        grows = before > limit and chance * _normal_tail(shift - before, u) > 0.99
+        if grows:
+            why = f"{why}; it grows from look to look"
+        return _Concern(why, chance * self.limits.costs.scrapped, stops=grows)
+
+    def _stopped(self, evidence: Evidence, gaps: tuple[Gap, ...]) -> _Concern | None:
         supply = evidence.supply
-        if not supply.stopped:
+        if not supply.stopped or evidence.turned is not None:
             return None
-        empty = supply.state is SupplyState.EMPTY
-        cause = "the syringe is empty" if empty else "the needle is clogged"
-        gaps, untold = self._believed(evidence), self.layers.untold()
-        then = (
-            "what is missing is mended after the cause"
-            if gaps
-            else "which stretches are missing isn't sure yet, and nothing is mended by this look"
-        )
-        if gaps and untold:
-            then += f", with what the look before left untold{where(untold)}"
-        if gaps:
-            gaps = (*untold, *with_untold(gaps, evidence))
-        why = f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; {then}"
-        return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
+        cause = "the syringe is empty" if supply.state == "empty" else "the needle is clogged"
+        why = f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}"
+        then = "see to the cause; approve then writes what is missing"
+        untold = [one.gap for one in evidence.unseen]
+        more = tuple(one for one in self.unseen if one not in untold) if gaps else ()
+        return _Concern(why, self.limits.costs.scrapped, gaps=more, then=then * bool(gaps))
 
-    def _narrowed(self, evidence: Evidence) -> Decision | None:
+    def _narrowed(self, evidence: Evidence) -> _Concern | None:
         least = self.limits.least_open
-        bad = [one for one in evidence.narrowed if one.surely_below(least)]
-        if not bad:
+        chance, bad = 0.0, []
+        for one in evidence.narrowed:
+            if one.open_share >= least:
+                continue
+            likely = _CLOSED / _normal(1.0 - one.open_share, math.hypot(_OPEN, one.u))
+            own = likely / (1.0 + likely)
+            chance = 1.0 - (1.0 - chance) * (1.0 - own)
+            bad += [one] * (own > 0.5)
+        if not chance:
             return None
-        worst = min(bad, key=lambda one: one.open_share)
+        worst = min(evidence.narrowed, key=lambda one: one.open_share)
         told = "closed" if worst.open_share <= 0 else f"{worst.open_share:.0%} of its width open"
         more = f", and {len(bad) - 1} more" if len(bad) > 1 else ""
         why = f"lumen {worst.name} is {told}{more}; ink can't be taken away"
-        if not (gaps := self._believed(evidence)):
-            return Decision(DecisionKind.PAUSE, why)
-        why += f"; approve mends gaps of {math.fsum(one.length_mm for one in gaps):.2f} mm"
-        return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND)
+        return _Concern(why, chance * self.limits.costs.scrapped)
 
-    def _unseen(self, evidence: Evidence) -> Decision | None:
-        if not evidence.unseen:
+    def _missing(self, evidence: Evidence, gaps: tuple[Gap, ...]) -> _Concern | None:
+        if not gaps:
             return None
-        bare = ", ".join(one.words for one in evidence.unseen if one.bare)
-        rest = ", ".join(one.words for one in evidence.unseen if not one.bare)
-        gaps, reasons = self._believed(evidence), list[str]()
-        if bare:
-            reasons.append(
-                f"nothing is seen of {bare}: it is missing, or too faint or deep to be told from "
-                "the bath"
-            )
-        if rest:
-            reasons.append(
-                f"not seen: {rest}; too faint, deep or hidden to tell whether ink is missing there"
-            )
-        why = (
-            f"{'; '.join(reasons)}; look whether it is there: approve writes it (again), go on "
-            "leaves it"
-        )
-        if gaps:
-            way = math.fsum(gap.length_mm for gap in gaps)
-            why += f"; approve also mends gaps of {way:.2f} mm elsewhere"
-        whole = tuple(one.gap for one in evidence.unseen)
-        return Decision(DecisionKind.PAUSE, why, (*gaps, *whole), ask=DecisionKind.MEND)
-
-    def _doubted(self, evidence: Evidence) -> Decision | None:
-        gaps = self._believed(evidence)
-        reasons, once = doubts(evidence, gaps, self.limits.gap)
-        wanted, why = (*gaps, *once), f"{'; '.join(reasons)}: look before it is mended"
-        ask = DecisionKind.MEND if wanted else None
-        return Decision(DecisionKind.PAUSE, why, wanted, ask=ask) if reasons else None
-
-    def _gaps(self, evidence: Evidence) -> Decision | None:
-        gaps, thin = self._believed(evidence), evidence.thin
-        state, control = evidence.supply.state, self.control
-        factor = None if control.out_of_bounds else control.proposal()
-        if control.answers.failed:
-            thin = ()  # widths tell nothing
-        elif factor is not None and factor > control.factor:
-            thin = evidence.seem_thin or thin
-        if not gaps and not thin:
-            return None
-        way = math.fsum(gap.length_mm for gap in gaps)
-        cause = "" if state in (SupplyState.FLOWING, SupplyState.UNKNOWN) else f" ({state})"
+        costs, way = self.limits.costs, math.fsum(gap.length_mm for gap in gaps)
+        false = math.fsum(min(gap.p_value * evidence.places, 1.0) * gap.length_mm for gap in gaps)
+        elsewhere = _elsewhere(way / max(evidence.way_mm, way), evidence)
         many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-        reasons = [f"{many}, {way:.2f} mm in all{cause}"] if gaps else []
-        if thin:
-            reasons.append(f"{math.fsum(one.length_mm for one in thin):.2f} mm of thin lines")
-        reasons[-1] += f"{corrected_words(control, factor)}{self._rest(evidence)}"
-        return Decision(DecisionKind.MEND, ", ".join(reasons), gaps, factor, thin=thin)
-
-    def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:
-        return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
-
-    def _none_yet(self, _: Evidence) -> Decision | None:
-        """Ask once about what was written so far, of which no ink is seen."""
-        why, stretches = self.layers.none_yet()
-        return self._asked(why, stretches) if why else None
-
-    def _none_any_more(self, _: Evidence) -> Decision | None:
-        """Ask once about what didn't change though ink should lie there."""
-        why, gaps = self.layers.none_any_more()
-        return self._asked(why, gaps) if why else None
-
-    def _still(self, evidence: Evidence) -> Decision | None:
-        """Ask about stretches that didn't change though others of the look did."""
-        still = unchanged(evidence)
-        if not still:
-            return None
-        gaps, untold = self._believed(evidence), self.layers.untold()
-        way = math.fsum(one.length_mm for one in still)
-        before = f", and the look before told nothing of{where(untold)}" if untold else ""
-        more = math.fsum(one.length_mm for one in gaps)
-        before += f"; {more:.2f} mm are surely missing" * bool(gaps)
-        return self._asked(
-            f"nothing has changed along {way:.1f} mm{places_of(still)}, though it did along the "
-            f"rest{before}: a clog, or ink that didn't stick",
-            (*untold, *gaps, *still),
-        )
-
-    def _looks_bare(self, evidence: Evidence) -> Decision | None:
-        """Ask about stretches that look bare, though the picture changed there."""
-        if not (bare := doubted(evidence)):
-            return None
-        way_mm = math.fsum(one.length_mm for one in bare)
-        return self._asked(
-            f"{way_mm:.1f} mm{places_of(bare)} look bare, though the picture changed there: a "
-            "gap in the shade of lines beside it, or a glint on ink; look at the picture",
-            bare,
-        )
-
-    def _thin(self, evidence: Evidence) -> Decision | None:
-        """Ask whether lines whose ink may be thin are to be filled up."""
-        if evidence.told is None or not evidence.told.thin:
-            return None
-        thin = tuple(Thin(one.stroke, one.from_mm, one.to_mm, _HALF) for one in evidence.told.thin)
-        why = f"{thin_words(evidence).removeprefix('; ')}: a clog in part, or a hollow below"
-        then = "approve writes half of its ink again, go on leaves it"
-        return Decision(
-            DecisionKind.PAUSE, f"{why}; look at the picture; {then}",
-            thin=thin, ask=DecisionKind.MEND,
+        why = f"{many}, {way:.2f} mm in all{places_of(gaps)}"
+        state = evidence.supply.state
+        why += f" ({state})" * (state not in ("flowing", "unknown"))
+        if elsewhere * way * costs.false_ink_mm > costs.operator:
+            why += f"; {way / evidence.way_mm:.0%} of what was written would be missing"
+        return _Concern(
+            why, costs.missed_ink_mm * way, costs.false_ink_mm * (false + elsewhere * way), gaps,
+            then="approve writes it again, go on leaves it",
         )  # fmt: skip
 
-    def _asked(self, why: str, gaps: tuple[Gap, ...]) -> Decision:
-        """Ask whether stretches are to be written again."""
-        if not gaps:
-            return Decision(DecisionKind.PAUSE, f"{why}; nothing is mended by this look")
-        then = "approve writes them again once its cause is seen to, go on leaves them"
-        return Decision(DecisionKind.PAUSE, f"{why}; {then}", gaps, ask=DecisionKind.MEND)
-
-    def _flow(self, evidence: Evidence) -> Decision | None:
-        tolerance = self.limits.width_percent / 100.0
-        return flow_decision(self.control, tolerance, evidence.seem_thin, len(evidence.flow) > 0)
-
-    def _bare(self, evidence: Evidence) -> Decision | None:
-        if not (
-            evidence.coverage < _LEAST_INK and evidence.seen_share * evidence.way_mm > _TELLING_MM
-        ):
+    def _thin(self, evidence: Evidence) -> _Concern | None:
+        thin, control = evidence.thin, self.control
+        factor = None if control.out_of_bounds else control.proposal()
+        if control.answers.failed or evidence.turned is not None:
+            return None  # widths tell nothing
+        if factor is not None and factor > control.factor:
+            thin = evidence.seem_thin or thin
+        if not thin:
             return None
-        return Decision(
-            DecisionKind.PAUSE,
-            f"ink lies on {evidence.coverage:.0%} of what was seen ({evidence.seen_share:.0%}), "
-            "though no gap is sure: the needle is clogged, or the picture is of another place",
+        lacking = math.fsum(one.length_mm * one.missing for one in thin)
+        way, costs = math.fsum(one.length_mm for one in thin), self.limits.costs
+        return _Concern(
+            f"{way:.2f} mm of thin lines", costs.missed_ink_mm * lacking,
+            costs.false_ink_mm * _FALSE_THIN * lacking, thin=thin,
+            then="approve fills them up, go on leaves them",
+        )  # fmt: skip
+
+    def _unseen_in_bath(self, evidence: Evidence) -> _Concern | None:
+        """Vessels of which more isn't seen than is tolerated."""
+        if evidence.level_mm is not None or not evidence.unseen:
+            return None
+        cost = self.limits.costs.operator / self.limits.unseen_mm
+        long = [
+            one for one in evidence.unseen
+            if one.gap.length_mm >= min(self.limits.unseen_mm, 0.5 * one.path_mm)
+        ]  # fmt: skip
+        way = math.fsum(one.gap.length_mm for one in long)
+        if not long:
+            return None
+        words = ", ".join(one.words for one in long)
+        why = f"nothing is told of {words}: missing, or too faint, deep or hidden to be seen"
+        return _Concern(
+            why, 1.01 * cost * max(way, self.limits.unseen_mm),
+            gaps=tuple(one.gap for one in long),
+            then="look whether it is there: approve writes it (again), go on leaves it",
+        )  # fmt: skip
+
+    def _unseen_way(self, evidence: Evidence) -> _Concern | None:
+        """Way since ink was last seen: the longer, the more is lost by a clog."""
+        if evidence.level_mm is None or self.blind_said or evidence.turned is not None:
+            return None
+        rate = _CLOGS_PER_MM * (_CLOGS_AGAIN if self.failed else 1.0)
+        lost_mm = 0.5 * rate * self.unseen_mm**2
+        gaps, way = tuple(self.unseen), self.unseen_mm
+        concern = _Concern(
+            f"nothing tells whether ink lies on the last {way:.0f} mm{places_of(gaps)}: light, "
+            "older ink of its own look or too little contrast hides it",
+            self.limits.costs.missed_ink_mm * lost_mm,
+            then="look whether it is there (this is said once; a laser line or an OCT sees it)",
+        )
+        if concern.is_asked(self.limits.costs):
+            self.blind_said, self.unseen_mm, self.unseen = True, 0.0, []
+        return concern
+
+    def _flow_beyond(self, evidence: Evidence) -> _Concern | None:
+        """A flow that no allowed factor corrects, or that corrections didn't change."""
+        control = self.control
+        if control.answers.failed and not control.answers.told:
+            control.answers.told = True
+            return _Concern(
+                f"the flow was corrected to {control.factor:.2f}, and the width of lines hardly "
+                "changed: widths are misread (a halo, blur, light or rims), or the flow changed "
+                "again meanwhile; it is corrected no more in this print: look at the lines",
+                self.limits.costs.scrapped,
+            )
+        if not control.out_of_bounds:
+            return None
+        told, said = len(evidence.flow) > 0, control.beyond_said
+        control.beyond_said = not told
+        if not told and said:
+            return None
+        low, high = control.limits.low, control.limits.high
+        why = f"{_flow_words(control)}: beyond a correction by {low:g} to {high:g}"
+        return _Concern(
+            why + "; this look tells no width, so whether it still is isn't known" * (not told),
+            self.limits.costs.scrapped,
         )
 
-    def _hidden(self, evidence: Evidence) -> Decision | None:
-        """Say once, where ink has failed before, that from here on nothing tells of it."""
-        if evidence.level_mm is None or not (self.layers.failed and self.layers.untellable):
+    def _likely_off(self, evidence: Evidence) -> Decision | None:
+        """Ask about a flow that costs more than the question, though it isn't surely off."""
+        control = self.control
+        seen, factor = control.last, control.by_last_picture()
+        if seen is None or factor is None or factor == control.factor or control.answers.failed:
             return None
-        self.layers.failed = False
+        if control.looks_worth() <= 1.0:
+            return None
+        control.asked = True
+        share = control.factor * math.exp(seen.level)
+        thin = evidence.seem_thin if factor > control.factor else ()
+        way_mm = math.fsum(one.length_mm for one in thin)
+        then = f"corrects the flow to {factor:.2f}" + f" and fills {way_mm:.1f} mm up" * bool(thin)
         return Decision(
             DecisionKind.PAUSE,
-            f"ink has failed in this print, and {evidence.over_old_share:.0%} of this layer lies "
-            "over older ink and can't be told from it: another clog would go unseen; watch the "
-            "needle from here on (or use an OCT); resume goes on",
-        )
+            f"lines seem to have {share:.0%} ± {2 * share * seen.u:.0%} of the ink asked for: "
+            "the flow is off, or light makes their edges look so; look at a line or weigh the ink; "
+            f"approve {then}, go on leaves it",
+            factor=factor, ask=DecisionKind.FLOW, thin=thin,
+        )  # fmt: skip
 
-    def _untold(self, evidence: Evidence) -> Decision | None:
-        """Say once that nothing tells of what was written for long."""
-        why, stretches = self.layers.blind() if evidence.level_mm is not None else ("", ())
-        return self._asked(why, stretches) if why else None
 
-    def _blind(self, evidence: Evidence) -> Decision | None:
-        if not self.layers.view_lost(self.limits.unseen_looks):
-            return None
-        many = f"{self.layers.unseen} {'looks' if evidence.level_mm is None else 'layers'} in a row"
-        return Decision(
-            DecisionKind.PAUSE,
-            f"{many} showed less than {self.limits.least_seen:.0%} of what was written (the last "
-            f"{evidence.seen_share:.0%}): clean the view, or set observe off",
-        )
+def _flow_words(control: FlowControl) -> str:
+    return f"the ink flows at {control.flow:.0%} ± {2 * control.u_flow:.0%} of what is asked for"
+
+
+def _elsewhere(missing: float, evidence: Evidence) -> float:
+    """Chance that what seems to be missing, a share of the way, isn't so for a common reason."""
+    if evidence.map.lacks:
+        return _CUT_MAP
+    usual = math.exp(-missing / _MISSING)
+    place = _ANOTHER_PLACE / (_ANOTHER_PLACE + usual)
+    more = _ONE_PICTURE * bool(evidence.alone) + _UNSIZED_MAP * evidence.map.unsized
+    return min(1.0, place + more)
+
+
+def _joined(gaps: tuple[Gap, ...], evidence: Evidence) -> tuple[Gap, ...]:
+    """Gaps, with stretches that aren't told and join them."""
+    out = list(gaps)
+    for one in evidence.unseen:
+        joins = any(one.gap.meets(gap, _STEP_MM) for gap in gaps)
+        if joins and not any(one.gap.meets(other) for other in out):
+            out.append(one.gap)
+    return tuple(out)
+
+
+def _normal(x: float, sigma: float) -> float:
+    """Density of a normal law, never 0."""
+    return max(math.exp(-0.5 * (x / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi)), 1e-300)
+
+
+def _normal_tail(x: float, sigma: float) -> float:
+    return normal_part(x / max(sigma, 1e-6))

@@ -109,6 +109,28 @@ class DecisionKind(StrEnum):
 
 
 @dataclass(frozen=True)
+class Costs:
+    """What goes wrong costs, in minutes of an operator: the action that costs least is taken.
+
+    Attributes
+    ----------
+    operator : float
+        To be asked.
+    false_ink_mm : float
+        A millimetre of ink on sound ink.
+    missed_ink_mm : float
+        A millimetre of missing ink that is left so.
+    scrapped : float
+        A print that is lost.
+    """
+
+    operator: float = 10.0
+    false_ink_mm: float = 20.0
+    missed_ink_mm: float = 5.0
+    scrapped: float = 600.0
+
+
+@dataclass(frozen=True)
 class Limits:
     """Tolerances, and what may be done unasked.
 
@@ -123,12 +145,12 @@ class Limits:
     shift_mm : float, mm
         By which a layer may lie beside its place.
     unseen_mm : float, mm
-        Stretch of a vessel in a bath that needn't be seen.
+        Stretch of a vessel in a bath that needn't be seen: a longer one is worth an operator's
+        look.
     least_seen : float
         Share of the way that must be seen for a look to count.
-    unseen_looks : int
-        Layers in a row (in a bath looks) that didn't count, after which the print is paused.
     mend : "tell", "ask" or "mend"
+    costs : Costs
     """
 
     gap: GapTest = field(default_factory=GapTest)
@@ -138,8 +160,8 @@ class Limits:
     shift_mm: float = 0.1
     unseen_mm: float = 1.5
     least_seen: float = 0.5
-    unseen_looks: int = 3
     mend: Mode = "ask"
+    costs: Costs = field(default_factory=Costs)
 
     @property
     def least_open(self) -> float:

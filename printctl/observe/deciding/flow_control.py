@@ -1,4 +1,10 @@
-"""Estimate ink flow from seen line widths (Kalman filter); propose a bounded correction."""
+"""Estimate ink flow from seen line widths (Kalman filter); propose a bounded correction.
+
+Two things are estimated together: the flow, which drifts slowly and may step, and what pictures
+misread of all lines alike (halo, blur, level of an edge), which hardly changes in the same light.
+A look tells their sum. So a change is known well, a level only as well as a picture's shapes tell
+it, and an operator who looked at the lines tells the level for all looks behind.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +15,13 @@ from typing import Final
 
 import numpy as np
 
-from kernels.arrays import BoolArray, FloatArray
+from kernels.arrays import FloatArray
 
 # Test whether the amount of ink that is seen answers corrections of the flow.
 #
 # After a correction by a factor the logarithm of the amount seen moves by the factor's. What a
-# picture misreads of all lines alike (halo, blur, level of an edge) hardly changes from look to
-# look, so in that difference random uncertainty counts alone. Seen amounts that stay where they
-# were are no flow's: what was corrected was how ink looks.
+# picture misreads of all lines alike cancels there. Seen amounts that stay where they were are no
+# flow's: what was corrected was how ink looks.
 #
 # A flow that itself goes on changing mustn't pass for that. So the last blocks before a correction
 # are held against the first behind it, each side by the reading that speaks more for an answer.
@@ -132,101 +137,32 @@ def _of_mean(variance: FloatArray) -> float:
     return float(variance.mean()) / len(variance)
 
 
-# Flow by the widths of the last picture alone, and whether it is likely to be off.
-#
-# What surely is off is corrected (`flow_control`). Widths that light, rims or dim flanks make
-# unsure tell less: a flow that is likely off is asked about. Likely is what exceeds the tolerance
-# and either the picture's own uncertainty or, since pictures misread alike, that of the change
-# since the print's first picture. Once it was asked about, only such a change since then is asked
-# about again.
-
-_LIKELY: Final = 2.0
-"""Standard uncertainties of a level: one print in twenty that is known no better is asked about (of
-a stranger's 26 sound ones 3, by 1.5 it were 5)."""
-_KNOWN: Final = 0.075
-"""Uncertainty of a level, below which a flow that is 30 % off is corrected without being asked."""
-_CHANGED: Final = 3.0
-"""The same of a change."""
-_OWN: Final = 0.1
-"""Of what a picture misreads of all lines alike, as a variance: the next one doesn't."""
-
-
-@dataclass(frozen=True)
-class SeenLevel:
-    """Logarithm of delivered over asked flow, without correction.
-
-    Attributes
-    ----------
-    level : float
-    variance : float
-        Of it, without what all readings of a picture share.
-    common : float
-        What they share, relative.
-    """
-
-    level: float
-    variance: float
-    common: float
-
-    @property
-    def u(self) -> float:
-        """Standard uncertainty."""
-        return math.hypot(math.sqrt(self.variance), self.common)
-
-    def u_change(self, other: SeenLevel) -> float:
-        """Standard uncertainty of the difference to another picture's."""
-        own = _OWN * (self.common**2 + other.common**2) + (self.common - other.common) ** 2
-        return math.sqrt(self.variance + other.variance + own + 2 * _PICTURE**2)
-
-
-@dataclass
-class SeenFlow:
-    """What pictures alone say of the flow.
-
-    Attributes
-    ----------
-    first, last : SeenLevel or None
-        Of the print's first and last picture that told any width.
-    asked : SeenLevel or None
-        Of the picture that the operator was asked about last.
-    """
-
-    first: SeenLevel | None = None
-    last: SeenLevel | None = None
-    asked: SeenLevel | None = None
-
-    def learn(self, readings: FloatArray, variance: FloatArray, common: float) -> None:
-        """Take in a picture's readings, (n,), in their order: the later half tells what flows."""
-        if not len(readings):
-            return
-        late = slice(len(readings) // 2, None)
-        count = len(readings[late])
-        level, random = float(readings[late].mean()), float(variance[late].mean()) / count
-        self.last = SeenLevel(level, random, common)
-        self.first = self.first or self.last
-
-    def likely_off(self, factor: float, tolerance: float) -> bool:
-        """Whether the flow by a factor in force is likely off by more than a share."""
-        if self.first is None or self.last is None or self.last.u < _KNOWN:
-            return False
-        least, left = math.log1p(tolerance), abs(self.last.level + math.log(factor))
-        before = self.asked or self.first
-        changed = abs(self.last.level - before.level)
-        surely = changed > max(least, _CHANGED * self.last.u_change(before))
-        likely = self.asked is None and left > _LIKELY * self.last.u
-        return left > least and (likely or surely)
-
-
 _STEP_SIGMAS: Final = 3.5
-"""Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
-_CORRECTION_SIGMAS: Final = 3.29
-"""Standard uncertainties beyond the deadband: one in 2,000 by chance, one-sided."""
+"""Deviation of a reading that may be an outlier, and of several in a row that are a step."""
+_CLIPPED: Final = 3.0
+"""Standard uncertainties, as which the deviation of one reading counts at most there."""
+_FADES: Final = 0.7
+"""By which earlier deviations count less from reading to reading."""
+_FALSE: Final = 60.0
+"""What a first correction costs that the flow doesn't need, in looks of an operator."""
 _WORTH: Final = 0.25
 """Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
-_ALIKE: Final = 0.7
+_AGAIN: Final = 0.9
 """Of what a picture misreads of all lines alike, as a variance: the next one does so, too."""
 _LEAST_U: Final = 0.005
 """No reading of a ratio is better than 0.5 %: the expected width itself is rounded and modelled."""
+_USUAL: Final = 0.1
+"""Standard deviation of a flow's logarithm before anything is seen of it."""
+_STEPS: Final = 0.02 * 0.25**2
+"""Variance of its change from look to look: in one of fifty it steps, by a quarter."""
+_OPERATOR: Final = 0.05
+"""Relative: how well an operator who looked at the lines knows their ink."""
+_COSTLY: Final = 0.115
+"""Logarithm of a flow that is worth an operator's look; cost grows with its square."""
+_SHOWN: Final = 0.6
+"""Of a flow's logarithm, that widths show at least: lines grow higher, too."""
+_ONE_SIDE: Final = 1.64
+"""Standard uncertainties, of one in twenty on one side."""
 
 
 @dataclass(frozen=True)
@@ -245,6 +181,8 @@ class FlowBlocks:
         Flow factor in force when the block was written.
     u_common : float
         Relative standard uncertainty that all of them share (where an edge lies in a picture).
+    u_change : float
+        Of it, what differs from the last picture's; infinite where that isn't known.
     """
 
     time_s: FloatArray
@@ -252,6 +190,7 @@ class FlowBlocks:
     u: FloatArray
     factor: FloatArray
     u_common: float = 0.0
+    u_change: float = math.inf
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -276,8 +215,22 @@ class FlowLimits:
     low: float = 0.6
     high: float = 1.7
     deadband: float = 0.02
-    drift_per_root_s: float = 0.003
+    drift_per_root_s: float = 0.005
     steps_per_unit: float = 100.0
+
+
+@dataclass(frozen=True)
+class SeenLevel:
+    """Logarithm of delivered over asked flow, without correction, by one picture alone.
+
+    Attributes
+    ----------
+    level, u : float
+        With its standard uncertainty.
+    """
+
+    level: float
+    u: float
 
 
 @dataclass
@@ -289,16 +242,20 @@ class FlowControl:
     limits : FlowLimits
     factor : float
         In force.
-    log_flow, variance : float
-        Estimate of the logarithm of delivered over asked flow, uncorrected, and its variance.
+    log_flow, misread : float
+        Logarithm of delivered over asked flow, uncorrected, and what pictures add to it.
+    variance : (float, float, float)
+        Of the flow's, of both together, and of what is misread.
     time_s : float or None, s
         Of the last reading.
     common : float
-        Part of its uncertainty that readings of a picture share.
+        What the last picture may misread of all lines alike.
     answers : Answers
         Whether the amount seen answers corrections.
-    seen : SeenFlow
-        What pictures alone say of the flow.
+    last : SeenLevel or None
+        What the last look told; None where that told no width.
+    asked : bool
+        Whether the operator was asked about the flow behind the last reading.
     beyond_said : bool
         Whether a look that told no width has paused for a flow beyond all bounds.
     """
@@ -306,59 +263,79 @@ class FlowControl:
     limits: FlowLimits = field(default_factory=FlowLimits)
     factor: float = 1.0
     log_flow: float = 0.0
-    variance: float = 0.01
+    misread: float = 0.0
+    variance: tuple[float, float, float] = (_USUAL**2, 0.0, 0.0)
     time_s: float | None = None
     common: float = 0.0
     answers: Answers = field(default_factory=Answers)
-    seen: SeenFlow = field(default_factory=SeenFlow)
+    last: SeenLevel | None = None
+    asked: bool = False
     beyond_said: bool = False
-    _far: float = 0.0
-    _known: float = 0.01
+    _run: float = 0.0
 
     def learn(self, blocks: FlowBlocks) -> None:
-        """Take in readings; those without a positive finite ratio are left out."""
+        """Take in a picture's readings; those without a positive finite ratio are left out."""
         sound = np.isfinite(blocks.area_ratio) & (blocks.area_ratio > 0) & np.isfinite(blocks.u)
-        log_ratio, variance, factor = _random(blocks, sound)
-        self.answers.learn(log_ratio, variance, factor, self.log_flow)
-        self.seen.learn(log_ratio - np.log(factor), variance, blocks.u_common)
-        self._known = self.variance
-        for k in np.flatnonzero(sound).tolist():
-            ratio = float(blocks.area_ratio[k])
-            u = max(float(blocks.u[k]) / ratio, _LEAST_U)
-            reading = math.log(ratio) - math.log(float(blocks.factor[k]))
-            self._update(float(blocks.time_s[k]), reading, u, blocks.u_common, int(sound.sum()))
-        if sound.any():  # more readings of one picture don't tell what they share
-            self.variance = max(self.variance, min(self._known, blocks.u_common**2))
-            self.common = min(math.sqrt(self.variance), blocks.u_common)
+        self.last = None
+        if not sound.any():
+            return
+        if self.asked:  # whatever was approved: by the factor in force the flow is right
+            self._take(-math.log(self.factor), _OPERATOR**2, 0.0)
+            self.asked = False
+        ratio, factor, common = blocks.area_ratio[sound], blocks.factor[sound], blocks.u_common
+        random = np.maximum((blocks.u[sound] / ratio) ** 2 - common**2, _LEAST_U**2)
+        readings = np.log(ratio) - np.log(factor)
+        self.answers.learn(np.log(ratio), random, factor, self.log_flow)
+        late = slice(len(ratio) // 2, None)  # what flows now
+        self.last = SeenLevel(
+            float(readings[late].mean()), math.hypot(math.sqrt(_of_mean(random[late])), common)
+        )
+        self._another_picture(common, blocks.u_change)
+        for when, reading, own in zip(blocks.time_s[sound], readings, random, strict=True):
+            self._update(float(when), float(reading), float(own))
 
-    def _update(self, time_s: float, reading: float, u: float, common: float, count: int) -> None:
-        """Take in one of so many readings of a picture, which share a part of their uncertainty."""
+    def _another_picture(self, common: float, change: float) -> None:
+        """Go on to a picture that misreads all lines by so much: mostly as the last did."""
+        flow, both, misread = self.variance
+        flow = max(flow, min(flow + _STEPS, _USUAL**2))
+        times = math.sqrt(_AGAIN) * min(1.0, common / self.common) if self.common > 0 else 0.0
+        new = times**2 * (misread - self.common**2) + common**2
+        if self.common > 0 and misread + change**2 < new:
+            times, new = 1.0, misread + change**2
+        new = min(new, max(common, self.common) ** 2) + _PICTURE**2
+        self.misread *= times
+        self.variance, self.common = (flow, both * times, new), common
+
+    def _update(self, time_s: float, reading: float, variance: float) -> None:
+        """Take in one reading, unless it is an outlier; several on one side are a step."""
+        flow, both, misread = self.variance
         passed = max(time_s - self.time_s, 0.0) if self.time_s is not None else 0.0
         self.time_s = time_s
-        self.variance += self.limits.drift_per_root_s**2 * passed
-        off = reading - self.log_flow
-        sigmas = off / math.sqrt(self._variance_of_change(u, common))
-        own = u * u + (count - 1) * min(common, u) ** 2  # so that all together know no better
-        step = abs(sigmas) > _STEP_SIGMAS
-        if step and self._far * sigmas > 0:  # the second in a row on this side
-            self.variance = self._known = max(self.variance, off * off)
-        elif step:  # an outlier until the next reading says the same
-            self._far = sigmas
-            return
-        self._far = sigmas if step else 0.0
-        alike = _ALIKE * self._shared(u, common)  # Kalman gain for errors that are correlated
-        gain = (self.variance - alike) / (self.variance + own - 2.0 * alike)
-        self.log_flow += gain * off
-        self.variance -= gain * (self.variance - alike)
+        flow = max(flow, min(flow + self.limits.drift_per_root_s**2 * passed, _USUAL**2))
+        off = reading - self.log_flow - self.misread
+        sigmas = off / math.sqrt(flow + 2.0 * both + misread + variance)
+        self._run = _FADES * self._run + min(max(sigmas, -_CLIPPED), _CLIPPED)
+        step = abs(self._run) * math.sqrt(1.0 - _FADES**2) > _STEP_SIGMAS
+        if step:
+            self._run = 0.0
+            flow += off * off
+        self.variance = flow, both, misread
+        if step or abs(sigmas) < _STEP_SIGMAS:
+            self._take(reading, variance, 1.0)
 
-    def _variance_of_change(self, u: float, common: float) -> float:
-        """Variance of a reading less the estimate: what both share cancels, but for pictures."""
-        both = self.variance + u * u - 2.0 * self._shared(u, common)
-        return max(both, 2.0 * _PICTURE**2)
-
-    def _shared(self, u: float, common: float) -> float:
-        """Variance that a reading and the estimate share."""
-        return min(self.common**2, self.variance, common**2, u * u)
+    def _take(self, reading: float, variance: float, misreads: float) -> None:
+        """Kalman's update by a reading of the flow and so much of what pictures misread."""
+        flow, both, misread = self.variance
+        with_flow, with_misread = flow + misreads * both, both + misreads * misread
+        total = with_flow + misreads * with_misread + variance
+        off = reading - self.log_flow - misreads * self.misread
+        self.log_flow += with_flow / total * off
+        self.misread += with_misread / total * off
+        self.variance = (
+            flow - with_flow**2 / total,
+            both - with_flow * with_misread / total,
+            misread - with_misread**2 / total,
+        )
 
     @property
     def flow(self) -> float:
@@ -368,37 +345,53 @@ class FlowControl:
     @property
     def u_flow(self) -> float:
         """Standard uncertainty of `flow`."""
-        return self.flow * math.sqrt(self.variance)
+        return self.flow * math.sqrt(self.variance[0])
+
+    @property
+    def left(self) -> float:
+        """Logarithm of delivered over asked flow by the factor in force."""
+        return self.log_flow + math.log(self.factor)
 
     @property
     def out_of_bounds(self) -> bool:
         """Whether no allowed factor corrects the flow, beyond doubt and the deadband."""
         if self.answers.failed:
             return False  # nothing is known of it
-        wanted, sure = -self.log_flow, 2.0 * math.sqrt(self.variance) + self.limits.deadband
+        wanted, sure = -self.log_flow, 2.0 * math.sqrt(self.variance[0]) + self.limits.deadband
         return not (math.log(self.limits.low) - sure <= wanted <= math.log(self.limits.high) + sure)
 
     def proposal(self) -> float | None:
         """Return the factor that is due; None where the one in force is as good as known.
 
-        Corrected is what exceeds the deadband: of a flow that isn't corrected yet, beyond doubt, of
-        another by a quarter of its uncertainty. Where corrections weren't answered it is the last
-        one that was.
+        A first correction is due where the chance that it isn't needed costs less than to go on,
+        and less than to ask; another where it exceeds the deadband by a quarter of its uncertainty.
+        Where corrections weren't answered it is the last one that was.
         """
         if self.answers.failed:
             answered = round(self.answers.answered, 4)
             return None if abs(self.factor - answered) < _SAME else answered
-        left = self.log_flow + math.log(self.factor)
-        sigmas = _CORRECTION_SIGMAS if self.factor == 1.0 else _WORTH
-        doubt = sigmas * math.hypot(math.sqrt(self.variance), _PICTURE)
-        if abs(left) <= self.limits.deadband + doubt:
+        u, beyond = math.sqrt(self.variance[0]), abs(self.left) - self.limits.deadband
+        if self.factor != 1.0 and beyond <= _WORTH * u:
+            return None
+        if self.factor == 1.0 and _FALSE * normal_part(-beyond / u) > min(1.0, self.looks_worth()):
             return None
         rounded = self._allowed(self.log_flow)
         return None if rounded == self.factor else rounded
 
+    def looks_worth(self) -> float:
+        """Return what it costs to leave the flow as it is, in looks of an operator."""
+        return (self.left**2 + self.variance[0]) / _COSTLY**2
+
+    def may_be_off(self, share: float) -> bool:
+        """Whether the last look leaves it open that the flow is off by more than a share."""
+        if self.last is None:
+            return True
+        off = abs(self.last.level + math.log(self.factor)) + _ONE_SIDE * self.last.u
+        return off > _SHOWN * math.log1p(share)
+
     def by_last_picture(self) -> float | None:
         """Return the factor that the last picture alone asks for; None where it tells no width."""
-        return None if self.seen.last is None else self._allowed(self.seen.last.level)
+        return None if self.last is None else self._allowed(self.last.level)
 
     def _allowed(self, log_flow: float) -> float:
         """Factor that corrects a flow, within bounds, in steps of the firmware."""
@@ -416,8 +409,6 @@ class FlowControl:
         self.factor = factor
 
 
-def _random(blocks: FlowBlocks, sound: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Logarithm of the ratio seen, its variance without what all share, and the factor."""
-    ratio = blocks.area_ratio[sound]
-    variance = np.maximum((blocks.u[sound] / ratio) ** 2 - blocks.u_common**2, _LEAST_U**2)
-    return np.log(ratio), variance, blocks.factor[sound]
+def normal_part(sigmas: float) -> float:
+    """Return the part of a normal law below so many standard deviations (SciPy loads slowly)."""
+    return 0.5 * math.erfc(-sigmas / math.sqrt(2.0))

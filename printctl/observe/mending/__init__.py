@@ -5,11 +5,16 @@ to insert, what they lay, and what stays unmended. Begin with `plan.py`.
 """
 
 from printctl.observe.mending.check import MendCheck, check_mend
-from printctl.observe.mending.gap import Gap, NotMended, gap_between
-from printctl.observe.mending.held_print import HeldPrint, MendError, WrittenPath, written_paths
-from printctl.observe.mending.mend import Mend, MendOptions, Patch
-from printctl.observe.mending.plan import checked_mend, plan_mend
-from printctl.observe.mending.voids import Voids
+from printctl.observe.mending.held_print import (
+    HeldPrint,
+    MendError,
+    Style,
+    WrittenPath,
+    written_paths,
+)
+from printctl.observe.mending.laid_ink import Gap, NotMended
+from printctl.observe.mending.obstacles import Voids
+from printctl.observe.mending.plan import Mend, checked_mend, plan_mend
 
 __all__ = [
     "Gap",
@@ -17,14 +22,12 @@ __all__ = [
     "Mend",
     "MendCheck",
     "MendError",
-    "MendOptions",
     "NotMended",
-    "Patch",
+    "Style",
     "Voids",
     "WrittenPath",
     "check_mend",
     "checked_mend",
-    "gap_between",
     "plan_mend",
     "written_paths",
 ]

@@ -6,37 +6,37 @@ What the lines do is taken from the dry run, not from the plan.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
-from kernels.arrays import FloatArray
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.gate import refused_lines
 from printctl.machine.job.coordinates import modal_state
-from printctl.observe.mending.gap import Gap
-from printctl.observe.mending.held_print import HeldPrint, WrittenPath, written_paths
-from printctl.observe.mending.insert import InsertRun, needle_rows, run_insert, sections
-from printctl.observe.mending.laid_ink import (
-    LaidInk,
-    laid_ink,
-    nearest_pieces,
-    section_mm2,
-    width_with_more,
+from printctl.observe.mending.held_print import WAY_MM, HeldPrint, WrittenPath, written_paths
+from printctl.observe.mending.laid_ink import Gap, LaidInk, laid_ink, section_mm2, width_with_more
+from printctl.observe.mending.obstacles import (
+    NeedleRows,
+    Voids,
+    ink_in_voids_mm,
+    open_voids,
+    shaft_contacts,
+    under_higher_ink,
 )
-from printctl.observe.mending.mend import MendOptions
-from printctl.observe.mending.needle_way import shaft_contacts, under_higher_ink
-from printctl.observe.mending.voids import Voids, ink_in_voids_mm, open_voids
+from printctl.observe.mending.patches import VOID_TOLERANCE_MM
 from sim.gcode.dry_run.run import DryRun, dry_run
+from sim.gcode.program.gcode import Program
+from sim.gcode.program.modal import MOVE
 from sim.gcode.reading.file import other_lines
 
-_SAME_MM = 1e-4
+_SAME_MM: Final = 1e-4
 """Places that the text gives alike."""
-_ON_MM = 0.015
+_ON_MM: Final = 0.015
 """Beside an axis, rounding of text and motor steps included, that counts as on it."""
-_STATION_MM = 0.05
+_STATION_MM: Final = 0.05
 """Between places of a block at which its ink is held against voids."""
-_SHARES = 5
+_SHARES: Final = 5
 """Places of a block that are looked at."""
 
 
@@ -64,8 +64,6 @@ class MendCheck:
         What the dry run finds in the grown job, and not in the job.
     same_modes : bool
         Whether feed and plunger's count are those before it.
-    volume_ul : float, µL
-        Written along ways.
     duration_s : float, s
     """
 
@@ -78,35 +76,75 @@ class MendCheck:
     refused: tuple[str, ...]
     beyond_limits: tuple[str, ...]
     same_modes: bool
-    volume_ul: float
     duration_s: float
 
     @property
     def passed(self) -> bool:
         """Whether the insert may be sent."""
-        clean = not (self.lumens_entered or self.ink_crossed or self.refused or self.beyond_limits)
-        return clean and self.returns
+        return not self.failures
 
     @property
-    def returns(self) -> bool:
-        """Whether place, plunger's count and feed at its end are those of its begin."""
-        return self.off_mm < _SAME_MM and self.same_modes
+    def failures(self) -> str:
+        """What the insert fails by, in words; empty for nothing."""
+        returns = self.off_mm < _SAME_MM and self.same_modes
+        said = [
+            f"{self.lumens_entered} pieces of ink in lumens" if self.lumens_entered else "",
+            f"{self.ink_crossed} moves through written ink" if self.ink_crossed else "",
+            "" if returns else f"it ends {self.off_mm:.4f} mm off, or at another feed",
+            *self.refused,
+            *self.beyond_limits,
+        ]
+        return "; ".join(one for one in said if one)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return it JSON-ready, ``passed`` included."""
-        facts = {**asdict(self), "passed": self.passed}
-        return {
-            key: None if isinstance(value, float) and not np.isfinite(value) else value
-            for key, value in facts.items()
-        }
+
+@dataclass(frozen=True, eq=False)
+class _InsertRun:
+    """Executed blocks of the inserted lines.
+
+    Attributes
+    ----------
+    run : DryRun
+        Of the whole grown job.
+    block : (k,) int64
+        Of the executed motion.
+    area_mm2 : (k,) float64, mm²
+        Cross-section of what each block lays; 0 for travels.
+    start, end : (k, 3) float64, mm
+    """
+
+    run: DryRun
+    block: IntArray
+    area_mm2: FloatArray
+    start: FloatArray
+    end: FloatArray
+
+    @staticmethod
+    def of(held: HeldPrint, lines: Sequence[bytes]) -> _InsertRun:
+        """Run the job that lines are inserted into dry."""
+        text = b"\n".join([*held.lines[: held.done], *lines, *held.lines[held.done :]]) + b"\n"
+        run = dry_run(text, held.printer, held.start_mm, cold_extrusion=True)
+        executed, program, done = run.executed, run.program, held.done
+        block = np.flatnonzero((executed.line >= done) & (executed.line < done + len(lines)))
+        way = np.linalg.norm(program.target[:, :3] - program.before[:, :3], axis=1)
+        writes = (program.kind == MOVE) & (program.pushed > 0) & (way > WAY_MM)
+        area = np.where(writes, program.pushed * held.ul_per_e / np.maximum(way, WAY_MM), 0.0)
+        row = np.searchsorted(program.command, executed.line[block])
+        return _InsertRun(run, block, area[row], executed.start[block], executed.end[block])
+
+    def written(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Begin and end (m, 3), mm, and cross-section (m,), mm², of each block that lays ink."""
+        rows = self.area_mm2 > 0
+        return self.start[rows], self.end[rows], self.area_mm2[rows]
+
+    def duration_s(self, done: int) -> float:
+        """From the last block before the insert to its own last one, s."""
+        executed = self.run.executed
+        before = executed.time_end[executed.line < done].max(initial=0.0)
+        return float(executed.time_end[self.block].max(initial=before) - before)
 
 
 def check_mend(
-    held: HeldPrint,
-    lines: Sequence[bytes],
-    gaps: Sequence[Gap] = (),
-    voids: Voids | None = None,
-    options: MendOptions | None = None,
+    held: HeldPrint, lines: Sequence[bytes], gaps: Sequence[Gap] = (), voids: Voids | None = None
 ) -> MendCheck:
     """Run the grown job dry and judge what its inserted lines do.
 
@@ -119,27 +157,26 @@ def check_mend(
     gaps : sequence of Gap
         Where no ink lies; all that was written lies there elsewhere.
     voids : Voids, optional
-    options : MendOptions, optional
-        Tolerance and clearance.
     """
-    options, voids = options or MendOptions(), voids or Voids.none()
-    paths = written_paths(held)
-    inserted, sound = run_insert(held, lines), laid_ink(paths)
-    depth = _depths(inserted, voids, sound, held, _sound(paths, gaps))
-    feed = modal_state([*held.lines[: held.done], *lines], held.done + len(lines)).f
-    start, end = inserted.written()
+    paths, behind = written_paths(held), held.done + len(lines)
+    inserted, sound = _InsertRun.of(held, lines), laid_ink(paths)
+    depth = _depths(inserted, voids or Voids.none(), sound, held, _sound(paths, gaps))
+    start, end, _ = inserted.written()
+    program = inserted.run.program
+    reached = program.target[int(np.searchsorted(program.command, behind)) - 1]
+    read = other_lines(b"\n".join(lines) + b"\n", held.printer)
+    refused = refused_lines(read, held.printer)
     return MendCheck(
-        int((depth > options.void_tolerance_mm).sum()),
-        float(depth.max(initial=-np.inf)),
-        _crossed(inserted, held, paths, gaps),
-        float(np.abs(inserted.reached() - np.append(held.at_mm, held.e_mm)).max()),
-        float(nearest_pieces((start + end) / 2, sound)[1].max(initial=0.0)),
-        _covered(inserted, gaps, paths),
-        _refused(lines, held),
-        _beyond(inserted.run, held),
-        feed == held.place.f,
-        inserted.volume_ul,
-        inserted.duration_s,
+        lumens_entered=int((depth > VOID_TOLERANCE_MM).sum()),
+        deepest_mm=float(depth.max(initial=-np.inf)),
+        ink_crossed=_crossed(inserted, held, len(lines), paths, gaps),
+        off_mm=float(np.abs(reached - np.append(held.at_mm, held.e_mm)).max()),
+        outside_mm=float(sound.nearest((start + end) / 2)[1].max(initial=0.0)),
+        covered=_covered(start, end, gaps, paths),
+        refused=tuple(f"line {number}: {why}" for number, _, why in refused),
+        beyond_limits=_beyond(inserted.run, held),
+        same_modes=modal_state([*held.lines[: held.done], *lines], behind).f == held.place.f,
+        duration_s=inserted.duration_s(held.done),
     )
 
 
@@ -157,79 +194,98 @@ def _sound(paths: Sequence[WrittenPath], gaps: Sequence[Gap]) -> LaidInk:
 
 
 def _depths(
-    inserted: InsertRun, voids: Voids, planned: LaidInk, held: HeldPrint, sound: LaidInk
+    inserted: _InsertRun, voids: Voids, planned: LaidInk, held: HeldPrint, sound: LaidInk
 ) -> FloatArray:
     """How deep each written block reaches into a void, (k,), mm.
 
     With the sound ink of its own path that it lies on; what other paths lay, the job, too, writes
     onto.
     """
-    start, end = inserted.written()
+    start, end, area = inserted.written()
+    depths = np.full(len(start), -np.inf)
     if not len(start) or not len(voids):
-        return np.full(len(start), -np.inf)
+        return depths
     wide = float(planned.width_mm.max(initial=0.0))
     voids = open_voids(voids, held, np.concatenate([start, end]), wide)
-    height = np.ones(len(inserted.block))
-    nearest = nearest_pieces((start + end) / 2, planned)[0]
-    height[inserted.writes] = planned.height_mm[nearest]
-    width, high = (each[inserted.writes] for each in sections(inserted, held, height))
-    layered, depths = held.style == "layered", np.full(len(start), -np.inf)
-    area = inserted.area_mm2[inserted.writes]
+    nearest = planned.nearest((start + end) / 2)[0]
+    high = planned.height_mm[nearest]
+    if held.layered:
+        width = held.ink.bead_section.width(area, high)
+    else:
+        width = high = np.sqrt(4 / np.pi * area) * (held.ink.swell_factor or 1.0)
     for k, (a, b) in enumerate(zip(start, end, strict=True)):
         count = max(2, int(np.ceil(np.linalg.norm(b - a) / _STATION_MM)) + 1)
         places = np.linspace(a, b, count)
         alone, tall = np.full(count, width[k]), np.full(count, high[k])
         own = sound.where(sound.path == planned.path[nearest[k]])
-        piece, away = nearest_pieces(places, own)
+        piece, away = own.nearest(places)
         times = np.ones(count)
         on = away < _ON_MM
         times[on] += section_mm2(own.width_mm, own.height_mm, held)[piece[on]] / area[k]
         both = width_with_more(alone, tall, times, held)
-        depths[k] = ink_in_voids_mm(voids, places, both, tall, layered=layered).max()
+        depths[k] = ink_in_voids_mm(voids, places, both, tall, layered=held.layered).max()
     return depths
 
 
 def _crossed(
-    inserted: InsertRun, held: HeldPrint, paths: Sequence[WrittenPath], gaps: Sequence[Gap]
+    inserted: _InsertRun,
+    held: HeldPrint,
+    count: int,
+    paths: Sequence[WrittenPath],
+    gaps: Sequence[Gap],
 ) -> int:
     """Moves of the needle through ink that was written, or that the insert has written before."""
     ink = laid_ink(paths, gaps)
-    if held.style == "embedded":
-        rows = needle_rows(inserted, held, paths)
+    if not held.layered:
+        rows = needle_rows(inserted.run.program, held, count, paths)
         return len(shaft_contacts(rows, ink, paths, held.needle, 0.0, held.at_mm))
-    start, end = inserted.tips()
-    ink, crossed = _but_held(ink, held), np.zeros(len(start), dtype=bool)
+    if under_higher_ink(held.at_mm[None], ink, held.needle, 0.0)[0]:
+        # The job itself has the needle stand in that ink.
+        away = np.linalg.norm((ink.start + ink.end)[:, :2] / 2 - held.at_mm[:2], axis=1)
+        ink = ink.where(away > ink.length_mm / 2 + ink.width_mm + held.needle.outer_mm)
+    crossed = np.zeros(len(inserted.block), dtype=bool)
     for share in np.linspace(0.0, 1.0, _SHARES):
-        crossed |= under_higher_ink(start + share * (end - start), ink, held.needle, 0.0)
+        place = inserted.start + share * (inserted.end - inserted.start)
+        crossed |= under_higher_ink(place, ink, held.needle, 0.0)
     return int(crossed.sum())
 
 
-def _but_held(ink: LaidInk, held: HeldPrint) -> LaidInk:
-    """Ink without what the job itself has the needle stand in, where it is held."""
-    stands = under_higher_ink(held.at_mm[None], ink, held.needle, 0.0)[0]
-    if not stands:
-        return ink
-    away = np.linalg.norm((ink.start + ink.end)[:, :2] / 2 - held.at_mm[:2], axis=1)
-    return ink.where(away > ink.length_mm / 2 + ink.width_mm + held.needle.outer_mm)
+def needle_rows(
+    program: Program, held: HeldPrint, count: int, paths: Sequence[WrittenPath]
+) -> NeedleRows:
+    """Return so many lines of an insert as moves, each written one on the nearest path.
+
+    Parameters
+    ----------
+    program : Program
+        Of the job with the insert, or up to its end.
+    held : HeldPrint
+    count : int
+    paths : sequence of WrittenPath
+    """
+    done = held.done
+    rows = np.flatnonzero((program.command >= done) & (program.command < done + count))
+    tips = np.vstack([held.at_mm, program.target[rows, :3]])
+    way = np.linalg.norm(np.diff(tips, axis=0), axis=1)
+    volume = np.where(way > WAY_MM, np.maximum(program.pushed[rows], 0.0) * held.ul_per_e, 0.0)
+    path = np.full(len(rows), -1, dtype=np.int64)
+    writes, sound = np.flatnonzero(volume > 0), laid_ink(paths)
+    path[writes] = sound.path[sound.nearest(((tips[1:] + tips[:-1]) / 2)[writes])[0]]
+    return NeedleRows(tips, volume, path)
 
 
-def _covered(inserted: InsertRun, gaps: Sequence[Gap], paths: Sequence[WrittenPath]) -> float:
-    """Share of the gaps' length over which a written block goes."""
-    start, end = inserted.written()
+def _covered(
+    start: FloatArray, end: FloatArray, gaps: Sequence[Gap], paths: Sequence[WrittenPath]
+) -> float:
+    """Share of the gaps' length over which a written block, (m, 3) mm, goes."""
     none = np.zeros(len(start))
     laid = LaidInk(start, end, none, none, none.astype(np.int64))
     covered = [np.ones(1, dtype=bool)] if not gaps else []
     for gap in gaps:
         path = paths[gap.path]
         along = np.linspace(gap.from_mm, gap.to_mm, max(5, int(gap.length_mm / 0.05)))
-        covered.append(nearest_pieces(path.at(along), laid)[1] < path.width_mm.min() / 2)
+        covered.append(laid.nearest(path.at(along))[1] < path.width_mm.min() / 2)
     return float(np.concatenate(covered).mean())
-
-
-def _refused(lines: Sequence[bytes], held: HeldPrint) -> tuple[str, ...]:
-    """What the gate refuses of the insert, each with its line."""
-    read = other_lines(b"\n".join(lines) + b"\n", held.printer)
-    return tuple(f"line {number}: {why}" for number, _, why in refused_lines(read, held.printer))
 
 
 def _beyond(run: DryRun, held: HeldPrint) -> tuple[str, ...]:

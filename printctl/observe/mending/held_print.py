@@ -22,13 +22,6 @@ from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written
 from sim.gcode.reading.comments import declared_start
 
-# Exception class for a print for which no mend can be planned.
-#
-# ::
-#
-# PrintctlError
-# └── MendError   no mend can be planned for this print at all
-
 
 class MendError(PrintctlError):
     """No mend can be planned; the message says why, and what to do."""
@@ -37,7 +30,6 @@ class MendError(PrintctlError):
 Style = Literal["layered", "embedded"]
 WAY_MM: Final = 1e-6
 """A shorter way is none."""
-_LEVEL_MM: Final = 1e-3
 _TRAVEL_MM_S: Final = 10.0
 """Of travels, and below it of lifts, where the job has none to follow."""
 
@@ -56,8 +48,8 @@ class HeldPrint:
     syringe : Syringe
     ink : Ink
     needle : Needle
-    style_given : "layered", "embedded" or None
-        None decides by the job's moves, as `sim.gcode.deposit.lay` does.
+    style : "layered" or "embedded"
+        Lines of layers, or filaments in a bath.
 
     Raises
     ------
@@ -72,7 +64,7 @@ class HeldPrint:
     syringe: Syringe
     ink: Ink
     needle: Needle
-    style_given: Style | None = None
+    style: Style
 
     def __post_init__(self) -> None:
         if self.printer.pneumatic or self.printer.heads:
@@ -85,8 +77,7 @@ class HeldPrint:
         at = self.place
         if at.x is None or at.y is None or at.z is None or at.e is None:
             raise MendError("the job hasn't said yet where needle and plunger stand; go on first")
-        row = self._last_row
-        native = self.program.target[row]
+        native = self.program.target[int(np.searchsorted(self.program.command, self.done)) - 1]
         off = np.abs(native - np.array([at.x, at.y, at.z, at.e])).max()
         if off > WAY_MM:
             raise MendError(
@@ -124,10 +115,6 @@ class HeldPrint:
         """Plunger as the job counts it there, mm."""
         return float(self.place.e or 0.0)
 
-    @property
-    def _last_row(self) -> int:
-        return int(np.searchsorted(self.program.command, self.done)) - 1
-
     @cached_property
     def way(self) -> FloatArray:
         """Length of each row's move, (n,), mm."""
@@ -140,17 +127,10 @@ class HeldPrint:
         program = self.program
         return (program.kind == MOVE) & (program.pushed > 0) & (self.way > WAY_MM)
 
-    @cached_property
-    def style(self) -> Style:
-        """Whether lines are laid in layers or filaments into a bath."""
-        if self.style_given is not None:
-            return self.style_given
-        program, rows = self.program, self.writes
-        if not rows.any():
-            return "embedded"
-        ends = program.target[rows, 2]
-        level = np.abs(ends - program.before[rows, 2]).max() < _LEVEL_MM
-        return "layered" if level and len(written_levels(ends)) > 1 else "embedded"
+    @property
+    def layered(self) -> bool:
+        """Whether lines are laid in layers."""
+        return self.style == "layered"
 
     @property
     def ul_per_e(self) -> float:
@@ -201,13 +181,6 @@ class HeldPrint:
         feeds, counts = np.unique(program.feed[chosen], return_counts=True)
         return float(feeds[counts.argmax()])
 
-    @cached_property
-    def top_mm(self) -> float:
-        """Highest that the job itself takes the tip, mm: above dish and part."""
-        return float(self.program.target[self.program.kind == MOVE, 2].max())
-
-
-# Data class of an unbroken written path (points, E, feed, width); list a held print's paths.
 
 LEAST_MM: Final = 0.1
 """Shorter moves at a patch's ends aren't made: firmware adds them to the next one."""
@@ -361,20 +334,3 @@ def layer_heights(held: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> Floa
     height = level_heights(levels, level_areas(levels, from_z, area_mm2), single_mm=round_mm)
     at = np.searchsorted(levels, from_z + 1e-6, side="right") - 1
     return height[np.clip(at, 0, None)]
-
-
-def path_between(
-    paths: Sequence[WrittenPath], places: FloatArray, command: int | None = None
-) -> WrittenPath:
-    """Return the path nearest to all of several places (k, 3), mm; of equal ones the last.
-
-    Parameters
-    ----------
-    paths : sequence of WrittenPath
-    places : (k, 3) float64, mm
-    command : int or None
-        Of the job, from 0: only paths that it wrote, if there are any.
-    """
-    own = [one for one in paths if command is None or command in one.command] or list(paths)
-    off = [max(one.nearest_mm(place)[1] for place in places) for one in reversed(own)]
-    return own[len(own) - 1 - int(np.argmin(off))]

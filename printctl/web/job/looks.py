@@ -13,7 +13,6 @@ from fastapi import Query, Response
 from PIL import Image
 from pydantic import Field
 
-from printctl.observe.look_words import outcome_words, proposal_words, seen_words
 from printctl.observe.records import (
     ANSWERS,
     Answer,
@@ -22,8 +21,11 @@ from printctl.observe.records import (
     answer_of,
     held_for,
     look_picture,
+    outcome_words,
+    proposal_words,
     read_looks,
     refuse_unheard,
+    seen_words,
 )
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from firmware_profiles import Needle
 from kernels.arrays import FloatArray
@@ -68,8 +69,6 @@ _OFF_WIDTH: Final = 0.06
 """Of the diameter by the profile: another needle, ink on it, or a burr."""
 _WORST: Final = 4.0
 """Root mean square deviation of the pictures, of their standard uncertainties."""
-_ROUNDS: Final = 20
-_STEP_MM: Final = 1e-3
 _SURE_MM: Final = 0.02
 _T95: Final = 1.96
 
@@ -212,10 +211,11 @@ def locate_tip(
     if not views:
         raise PictureError("no picture shows the tip; give one or more")
     first = np.full(3, 5.0) if u_first_mm is None else np.asarray(u_first_mm, dtype=np.float64)
-    offset, normal, levers = _settled(views, first)
+    offset, levers = _settled(views, first)
     misfit = _misfit(views, offset)
     _refuse_contradiction(views, first, misfit)
-    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    flat = levers.reshape(-1, 3)
+    covariance = np.asarray(np.linalg.inv(flat.T @ flat + np.diag(first**-2.0)))
     if misfit > 1:  # not where there is none
         covariance = covariance * misfit**2
     whole: FloatArray = covariance + _by_frames(views, offset, covariance, levers)
@@ -223,31 +223,19 @@ def locate_tip(
     sure = np.array([v.seen.u_width_mm for v in views]) ** -2.0
     width = float((wide * sure).sum() / sure.sum())
     u_width = float(np.hypot(sure.sum() ** -0.5, 0.01 * width))  # edges of round steel
-    return Tip(
-        offset, whole, width, u_width, _worn(views, width, u_width, outer_mm), misfit,
-        len(views),
-    )  # fmt: skip
+    worn = _worn(views, width, u_width, outer_mm)
+    return Tip(offset, whole, width, u_width, worn, misfit, len(views))
 
 
-def _settled(
-    views: Sequence[TipView], first: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Offset, normal matrix and whitened slopes (n, 2, 3), by Gauss' and Newton's method."""
-    offset = np.zeros(3)
-    for _ in range(_ROUNDS):
-        left = np.array([_whitened(v, v.frame.under(None).view, offset) for v in views])
-        slopes = np.empty((len(views), 2, 3))
-        for axis in range(3):
-            step = _STEP_MM * np.eye(3)[axis]
-            then = [_whitened(v, v.frame.under(None).view, offset + step) for v in views]
-            slopes[:, :, axis] = (np.array(then) - left) / _STEP_MM
-        flat = slopes.reshape(-1, 3)
-        normal = flat.T @ flat + np.diag(first**-2.0)
-        move = -np.linalg.solve(normal, flat.T @ left.ravel() + offset / first**2)
-        offset = offset + move
-        if np.abs(move).max() < 1e-7:
-            break
-    return offset, normal, slopes
+def _settled(views: Sequence[TipView], first: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Offset by least squares, and slopes of the whitened pixels (n, 2, 3)."""
+
+    def left(offset: FloatArray) -> FloatArray:
+        each = [_whitened(v, v.frame.under(None).view, offset) for v in views]
+        return np.concatenate([*each, offset / first])
+
+    found = least_squares(left, np.zeros(3))
+    return found.x, found.jac[: 2 * len(views)].reshape(-1, 2, 3)
 
 
 def _whitened(view: TipView, camera: View, offset: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Appearance of ink over one background, and its presence along each line.
+"""Share of ink at each place along the lines, learned from the look itself.
 
-Begin with `presence.py`.
+Begin with `learn.py`.
 """

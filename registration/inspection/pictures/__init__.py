@@ -1,4 +1,4 @@
-"""A layer's picture made ready: cropped, evenly lit, aligned with an earlier one.
+"""Pictures of a layer as they are judged: cropped, in one light, heights as shares of the layer.
 
-Begin with `working.py`.
+Begin with `picture.py`; `heights` makes pictures of volumes and height maps.
 """

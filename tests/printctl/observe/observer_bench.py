@@ -18,7 +18,7 @@ from printctl.observe.deciding import (
     SupplyState,
 )
 from printctl.observe.devices import DeviceError
-from printctl.observe.look_values import Judged, Look, MendLines
+from printctl.observe.held_look import Judged, Look, MendLines
 from printctl.observe.observer import Observer
 from printctl.observe.records import answer_look
 from registration.inspection.values import Gap
@@ -39,7 +39,7 @@ class FakeLink:
             raise Refused("the gate says no")
         self.said.append(("insert", look, tuple(lines), flow, *["again"] * again))
 
-    def look_done(self, look, decision, why, again=False):
+    def decide(self, look, decision, why, again=False):
         self.said.append((decision, look, *["again"] * again))
 
     def resume(self):
@@ -49,7 +49,7 @@ class FakeLink:
         self.said.append(("stop",))
 
 
-FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)
+FLOWING = InkSupply(SupplyState.FLOWING)
 
 
 def flow(ratio, count=30):
@@ -93,7 +93,7 @@ class Bench:
     def __post_init__(self):
         self.link = FakeLink(self.refuses)
         if self.answer:
-            self.link.look_done = answering(self, self.answer)
+            self.link.decide = answering(self, self.answer)
         self.observer = self.another()
 
     def another(self) -> Observer:
@@ -133,8 +133,8 @@ class Bench:
 
 
 def answering(bench, word):
-    def look_done(look, decision, why, again=False):
+    def decide(look, decision, why, again=False):
         bench.link.said.append((decision, look))
         answer_look(bench.folder, look, word)
 
-    return look_done
+    return decide

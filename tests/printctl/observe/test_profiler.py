@@ -16,16 +16,16 @@ from benchmarks.observe.laser import expected
 from printctl.errors import UsageError
 from printctl.observe.deciding.evidence import MapCheck
 from printctl.observe.devices import DeviceError
-from printctl.observe.last_map import LastMap
-from printctl.observe.learned import Learned
-from printctl.observe.scan_place import ScanSize, refuse_elsewhere
-from printctl.observe.views import (
-    View,
-    open_view,
+from printctl.observe.height_maps import (
+    ScanSize,
     read_profiler_frame,
+    refuse_elsewhere,
     refuse_other_height,
     try_laser_frame,
 )
+from printctl.observe.last_map import LastMap
+from printctl.observe.looking_at import Learned
+from printctl.observe.views import View, open_view
 from registration.devices.lens.lens import write_model as write_frame_laser_sweep
 from registration.devices.lens.lens import write_model as write_laser
 from registration.errors import PictureError
@@ -176,7 +176,7 @@ def _look(
     at = SimpleNamespace(
         look=SimpleNamespace(number=number),
         layer=SimpleNamespace(lines=lines, row=np.zeros(1, np.int64)),
-        ink=SimpleNamespace(end=end, height_mm=np.full(1, 0.1), style="layered"),
+        slab_mm=(top - 0.05, 0.1),
         since=np.ones(1, bool),
     )
     picture = np.stack([np.clip((heights - top + 0.05) / 0.1, -0.5, 1.5), heights - top + 0.05], 2)
@@ -272,7 +272,7 @@ def test_a_scan_that_tells_nothing_of_another_spacing_than_the_last_is_refused()
     assert (
         Learned().size_words(sizes[1]).startswith("the scan has 200 × 200 × 100 voxels of 30 × 60")
     )
-    known = Learned().with_size(sizes[0])
+    known = Learned(None, sizes[0].voxel_mm, sizes[0].words)
     assert known.size_words(sizes[0]).startswith("the scan has")
     with pytest.raises(DeviceError, match=r"30 × 60 × 20 .* the last one that did had .* 30 × 30"):
         known.size_words(sizes[1])

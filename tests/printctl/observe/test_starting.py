@@ -25,11 +25,12 @@ from printctl.observe import starting, views
 from printctl.observe import views as camera_holds
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceError, DeviceSettings, acquire, files_in, picture_of
-from printctl.observe.look_values import Look
+from printctl.observe.height_maps import read_matrix
+from printctl.observe.held_look import Look
 from printctl.observe.order import ObserverOrder
 from printctl.observe.process import try_device
 from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, LookRecord, look_folder, save_look
-from printctl.observe.view_before import EMPTY, image_before, picture_before
+from printctl.observe.views import EMPTY, image_before, picture_before
 from registration.devices.camera_frame.frame import CameraFrame
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.waiting import wait_for
@@ -291,7 +292,7 @@ def test_an_octs_frame_is_four_by_four(tmp_path, text):
     path = tmp_path / "frame.yaml"
     path.write_text(text)
     with pytest.raises(UsageError, match="printer_to_scan"):
-        views.read_oct_frame(path)
+        read_matrix(path, "an OCT")
 
 
 # --- the picture that counts as the one before a look's layer

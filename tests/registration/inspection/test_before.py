@@ -80,15 +80,19 @@ def test_a_sound_translucent_layer_has_no_gap() -> None:
 
 
 @pytest.mark.parametrize("kind", first_of(["opaque", "matte"]))
-def test_ink_that_adds_no_density_is_not_seen_over_itself(kind: str) -> None:
-    findings = look(stack(SEEN, kind, gaps=2))
-    assert findings.seen_share == 0.0
+def test_missing_ink_that_adds_no_density_over_itself_never_passes_as_seen(kind: str) -> None:
+    there = stack(SEEN, kind, gaps=2)
+    findings = look(there)
     assert not findings.gaps
+    at, base = findings.stations, 1000 * min(_SHOWN, len(there.older))
+    for number, begin, end in there.gaps:
+        inside = (at.stroke == base + number) & (at.along_mm > begin) & (at.along_mm < end)
+        assert not at.seen[inside].any()
 
 
 @pytest.mark.parametrize("kind", first_of(["opaque", "translucent"]))
-def test_ink_that_came_is_told_by_the_change_though_its_gaps_are_not(kind: str) -> None:
-    """Ten looks at a dark print said the same of ink that came and of a clog: nothing was seen."""
+def test_nothing_is_seen_where_nothing_came_over_older_ink(kind: str) -> None:
+    """Profiles fitted to noise gave each place a full share of it."""
     there = stack(SEEN, kind)
     noise = np.random.default_rng(5).normal(0.0, 1.0, there.before.shape)
     again = np.clip(np.rint(there.before + noise), 0, 255).astype(np.uint8)
@@ -96,27 +100,26 @@ def test_ink_that_came_is_told_by_the_change_though_its_gaps_are_not(kind: str) 
         see_layer(one, there, expected(there), before=there.before)
         for one in (there.picture, again)
     )
-    way = float(came.stations.length_mm.sum())
-    assert came.told.ink_mm > 0.8 * way
-    assert came.older_step > 3.0 * came.older_limit
-    assert none.told.ink_mm == 0.0
-    assert none.older_step < 0.05 * came.older_step
-    assert sum(one.length_mm for one in none.told.tail) > 0.9 * way
+    # Opaque ink over its own kind changes no more than shade does.
+    assert kind == "opaque" or came.seen_share > 0.7
+    assert not came.gaps
+    assert none.seen_share == 0.0
+    assert not none.gaps
 
 
-def test_a_camera_that_moved_by_pixels_is_told_unless_its_marks_stand_still(painted: Stack) -> None:
+def test_a_camera_that_moved_by_pixels_is_found_unless_its_marks_stand_still(
+    painted: Stack,
+) -> None:
     """A part's shadow that grew on black glass "moved" it by 12 px, and a clog in part passed."""
-    shaded = np.roll(painted.before, (4, -3), axis=(0, 1))
+    moved = np.roll(painted.before, (8, -7), axis=(0, 1))
     findings = see_layer(
-        painted.picture, painted, expected(painted), before=shaded, stood_still=lambda: True
+        painted.picture, painted, expected(painted), before=moved, stood_still=lambda: True
     )
     assert findings.moved_px == 0.0
-    assert np.isfinite(findings.older_step)  # by the picture before
-    moved = np.roll(painted.before, (4, -3), axis=(0, 1))
     findings = see_layer(painted.picture, painted, expected(painted), before=moved)
-    assert findings.moved_px > 3.0
-    assert findings.seen_share == 0.0
-    assert not findings.gaps
+    assert findings.moved_px > 8.0
+    assert not findings.gaps  # over older ink one picture alone tells nothing
+    assert findings.seen_share < 0.1
 
 
 # Sound and broken layers in the simulated camera's pictures.
@@ -243,3 +246,12 @@ def test_missing_lines_of_a_lattices_last_layer_are_gaps(look: str, missed: str)
     for k in missing:
         told = sum(gap.length_mm for gap in found.gaps if gap.stroke == strokes[k])
         assert told > 0.9 * SIZE
+
+
+def test_a_layer_that_is_missing_is_not_seen_by_a_look_that_knows_no_ink() -> None:
+    _, before = _seen_before("coloured")
+    ink, lines = _lattice(4, MISSING["all"])
+    picture = paint(ink, CAMERA, _scene("coloured"), 2)
+    found = see_layer(picture, _View(), lines, before=before, options=SeeingOptions(shift_mm=0.1))
+    assert found.seen_share == 0.0
+    assert not found.gaps

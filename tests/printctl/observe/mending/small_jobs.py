@@ -10,6 +10,7 @@ import numpy as np
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.machine.job.job import parse_job
+from printctl.machine.job.marks import MarkKind
 from printctl.observe.mending import HeldPrint
 
 PRINTER = load(Printer, "generic_marlin")
@@ -56,6 +57,7 @@ class JobText:
         job = parse_job("\n".join([*self.lines, "M400"]).encode(), "small", PRINTER)
         mark = job.marks.all[-1 if after is None else after]
         parts: dict[str, object] = {"syringe": SYRINGE, "ink": INK, "needle": NEEDLE} | changes
+        parts["style"] = "layered" if mark.kind is MarkKind.LAYER else "embedded"
         return HeldPrint(job.lines, mark.index, PRINTER, **parts)  # type: ignore[arg-type]
 
 

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.network_files.csv_format import read_network_csv
-from design.toolpath.priming import Purge
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from firmware_profiles.materials import MeasuredLag
 from printctl.machine.job.insert_check import InsertPlace, JobReach, judged_lines
@@ -21,7 +20,6 @@ from printctl.observe.mending import (
     Gap,
     HeldPrint,
     MendError,
-    MendOptions,
     Voids,
     check_mend,
     checked_mend,
@@ -68,7 +66,6 @@ def test_a_gap_is_written_again_as_the_job_wrote_it_and_ends_where_the_print_is_
     assert checked.passed
     assert checked.covered == 1.0
     assert checked.outside_mm < 0.01
-    assert checked.duration_s == pytest.approx(mend.duration_s)
     length = patch.to_mm - patch.from_mm
     assert mend.volume_ul == pytest.approx(length * path.e_per_mm[0] * held.ul_per_e, rel=0.2)
 
@@ -105,7 +102,7 @@ def test_a_lumen_is_never_entered_and_the_rest_of_the_gap_is_mended(held):
     assert "reach into a lumen" in left.reason
     checked = check_mend(held, mend.lines, [gap], voids)
     assert checked.passed
-    assert checked.deepest_mm <= MendOptions().void_tolerance_mm
+    assert checked.deepest_mm <= 0.05
     assert left.length_mm == pytest.approx(2 * (0.4 + WIDTH_MM / 2 - 0.05), abs=0.3)
 
 
@@ -174,16 +171,12 @@ def test_a_print_held_within_a_stroke_goes_on_with_its_plunger_as_it_was():
     assert check_mend(held, mend.lines, [gap]).passed
 
 
-@pytest.mark.parametrize("wipe_mm", [np.array([93.0, 90.0, 28.0]), None])
-def test_a_purge_before_a_mend_is_taken_by_the_link(wipe_mm):
-    job = layered_job()
-    job.lines[5:5] = ["G0 X90 Y90 F2400", "G0 Z28 F300", "G0 X93 Y90 F600", "G0 Z31 F300"]
-    held = job.held()
-    purge = Purge(np.array([90.0, 90.0, 28.0]), 1.0, wipe_mm)
-    mend = plan_mend(held, [Gap(last(held), 1.0, 2.0)], options=MendOptions(purge=purge))
-    assert check_mend(held, mend.lines, [Gap(last(held), 1.0, 2.0)]).passed
+def test_a_mend_is_taken_by_the_link(held):
+    mend = plan_mend(held, [Gap(last(held), 1.0, 2.0)])
     place = InsertPlace(held.place, JobReach.of(held.lines, held.start_mm), held.printer)
-    assert judged_lines([line.decode() for line in mend.lines], place, "insert") == mend.lines
+    assert list(judged_lines([line.decode() for line in mend.lines], place, "insert")) == list(
+        mend.lines
+    )
 
 
 @pytest.mark.parametrize("gap", [Gap(99, 0, 1), Gap(0, 1, 1), Gap(0, 0, 1e3), Gap(0, 0, 1, -1.0)])
@@ -281,7 +274,8 @@ def planned(folder, name):
 
 def held_at(job, mark, ink, needle):
     parts = load(Syringe, "hamilton_1ml"), load(Ink, ink), load(Needle, needle)
-    return HeldPrint(job.lines, mark.index, load(Printer, "generic_marlin"), *parts)
+    style = "layered" if mark.kind is MarkKind.LAYER else "embedded"
+    return HeldPrint(job.lines, mark.index, load(Printer, "generic_marlin"), *parts, style)
 
 
 @pytest.mark.slow
@@ -435,7 +429,7 @@ def test_any_gaps_of_a_print_held_anywhere_pass_their_check(seed):
         length = min(path.length_mm, rng.uniform(0.05, 3))
         low = rng.uniform(0, path.length_mm - length)
         thin = rng.random() < 0.2
-        gaps.append(Gap(path.number, low, low + length, 0.4 if thin else 1.0, 0.1))
+        gaps.append(Gap(path.number, low, low + length, 0.4 if thin else 1.0))
     mend, check = checked_mend(held, gaps)
     assert bool(mend.lines) == (check is not None)
     if check is not None:

@@ -1,0 +1,121 @@
+"""Text of what a look saw, and of its decision."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from printctl.observe.deciding.decision import Limits
+from printctl.observe.deciding.evidence import Evidence, MapCheck
+from printctl.observe.deciding.flow_control import FlowControl
+from registration.inspection.options import IN_PART
+from registration.inspection.values import Blob, Gap
+
+_LISTED: Final = 3
+"""Stretches, and blobs, that are told by their places."""
+_ANY: Final = 0.005
+"""Of the way, less than which is nothing."""
+_FLOW_OFF: Final = 0.1
+"""Relative: a flow that is farther off never passes in silence."""
+
+
+def seen_words(evidence: Evidence, limits: Limits, gaps: Sequence[Gap]) -> str:
+    """What a look that calls for nothing has told."""
+    if evidence.seen_share < _ANY:
+        return f"nothing was seen{unseen_words(evidence)}"
+    if evidence.stretches:
+        told = (
+            f"{evidence.stretches} stretches beyond {limits.width_percent:g} % of width, told alone"
+        )
+    else:
+        told = "as expected, within tolerance"
+    unseen = unseen_words(evidence)
+    if unseen:
+        told = f"of the {evidence.seen_share:.0%} that was seen: {told}"
+    significant = [one for one in evidence.gaps if limits.gap.significant(one, evidence.places)]
+    if significant and not gaps:
+        way = math.fsum(one.length_mm for one in significant)
+        told += f"; {way:.2f} mm seem to be missing in one of two pictures alone: not believed"
+    return told + unseen
+
+
+def blind_words(evidence: Evidence, control: FlowControl) -> str:
+    """How little is known of the flow, where it may be off; empty where it is known, or no matter.
+
+    Of a look in which nothing was seen that goes without saying.
+    """
+    if evidence.mends or evidence.seen_share < _ANY or not control.may_be_off(_FLOW_OFF):
+        return ""
+    if control.last is None:
+        return "; no line tells its width, so the flow may be off unseen"
+    share = control.factor * math.exp(control.last.level)
+    return (
+        f"; lines seem to have {share:.0%} ± {2 * share * control.last.u:.0%} of the ink asked "
+        "for: a flow that is off by less isn't told"
+    )
+
+
+def unseen_words(evidence: Evidence) -> str:
+    """How much wasn't seen and where, where that is more than a tolerated gap; else empty."""
+    longest = sorted(evidence.unseen, key=lambda one: -one.gap.length_mm)
+    if not longest and evidence.seen_share > 0.5:
+        return ""
+    words = [one.words for one in longest[:_LISTED]]
+    more = f" and {len(longest) - _LISTED} shorter" if len(longest) > _LISTED else ""
+    places = f": {', '.join(words)}{more}" if words else ""
+    return f"; {evidence.unseen_mm:.1f} of {evidence.way_mm:.1f} mm weren't seen{places}"
+
+
+def places_of(stretches: Sequence[Gap]) -> str:
+    """Name the first stretches by their places, in words; empty for none."""
+    each = []
+    for one in stretches[:_LISTED]:
+        begin, end = (f"X {x:.1f} Y {y:.1f}" for x, y in (one.start_mm, one.end_mm))
+        each.append(f"{begin} to {end}, {one.length_mm:.2f} mm")
+    more = f"; and {len(stretches) - _LISTED} more" * (len(stretches) > _LISTED)
+    return f" ({'; '.join(each)}{more})" if each else ""
+
+
+def map_words(check: MapCheck) -> str:
+    """What a height map lacks, and that it shows sunken ground; empty for neither."""
+    lacks = f"; the map {check.lacks}: what lies behind lost ones shows aside" * bool(check.lacks)
+    if not check.sunk_mm > 0.0:
+        return lacks
+    return (
+        f"{lacks}; what the layer lies on has sunk by up to {1e3 * check.sunk_mm:.0f} µm, and its "
+        "ink is judged by its rise over that"
+    )
+
+
+def blob_words(blobs: Sequence[Blob]) -> str:
+    """Blobs on the layer, the largest first."""
+    largest = sorted(blobs, key=lambda one: -one.area_mm2)
+    if not largest:
+        return ""
+    each = [
+        f"X {one.at_mm[0]:.1f} Y {one.at_mm[1]:.1f}, {one.width_mm:.2f} mm wide, "
+        f"{1e3 * one.height_mm:.0f} µm over the ink"
+        for one in largest[:_LISTED]
+    ]
+    more = f" and {len(largest) - _LISTED} smaller" if len(largest) > _LISTED else ""
+    many = "1 blob stands" if len(largest) == 1 else f"{len(largest)} blobs stand"
+    return f"; {many} on the layer ({'; '.join(each)}{more})"
+
+
+def cause_of_turn(turned: str) -> str:
+    """What to check where a picture fits its layer better turned or moved, as that says."""
+    if turned.endswith(IN_PART):
+        return "the map lacks rows or columns, or motors lost steps within the layer: look anew"
+    if turned.startswith("moved"):
+        return "motors have lost steps, or dish or device have moved: check both, then the frame"
+    return "check the device's axes and observe.frame"
+
+
+def corrected_words(control: FlowControl, factor: float | None) -> str:
+    """Which correction goes with a mend, in words; empty for none."""
+    if factor is None:
+        return ""
+    if control.answers.failed:
+        return f"; widths didn't answer corrections of the flow: factor {factor:.2f} again"
+    return f"; flow {control.flow:.0%}: factor {factor:.2f}"

@@ -1,0 +1,157 @@
+"""Measure lumens in a layer picture: narrowest free width, and share of area without ink."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.special import ndtr
+
+from kernels.arrays import BoolArray, FloatArray
+from registration.inspection.pictures.picture import Mask
+from registration.inspection.values import FloatImage, Frame, Lumen, LumenSeen
+
+_LONG = 1.5
+"""Length over width of an outline from which on it is looked at slice by slice."""
+_MOST_UNSEEN = 0.15
+_MOST_OLD = 0.3
+_MOST_CELLS = 600
+_EDGE_PX = 0.35
+"""Of a working pixel: what either edge may be off by."""
+_SHARP = 0.03
+"""Relative: what the level at which an edge is taken may put the width off by."""
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """Samples of a lumen, its long axis downwards: whether inside the outline, ink, seen, old."""
+
+    inside: BoolArray
+    ink: FloatImage
+    unseen: BoolArray
+    old: BoolArray
+    step_mm: float
+
+
+def see_lumens(
+    lumens: Sequence[Lumen],
+    image: FloatImage | None,
+    unseen: BoolArray,
+    old: Mask,
+    frame: Frame,
+    shift_mm: FloatArray,
+    px_mm: float,
+    noise: float,
+) -> tuple[LumenSeen, ...]:
+    """Measure each; not seen where there is no image of ink, older ink below, or glare.
+
+    Parameters
+    ----------
+    lumens : sequence of Lumen
+    image : (h, w) float32 or None
+        Bath 0, ink 1.
+    unseen : (h, w) bool
+    old : (h, w) uint8
+    frame : Frame
+        Counting working pixels.
+    shift_mm : (2,) float64, mm
+        Of the layer.
+    px_mm : float, mm
+    noise : float
+        Scatter of the bath's single values.
+    """
+    found = []
+    for lumen in lumens:
+        patch = None
+        if image is not None:
+            patch = _patch(lumen, image, unseen, old, frame, shift_mm, px_mm)
+        found.append(_measured(lumen, patch, px_mm, noise))
+    return tuple(found)
+
+
+def _patch(
+    lumen: Lumen,
+    image: FloatImage,
+    unseen: BoolArray,
+    old: Mask,
+    frame: Frame,
+    shift_mm: FloatArray,
+    px_mm: float,
+) -> _Patch | None:
+    outline = np.asarray(lumen.outline, dtype=np.float64)
+    flat = outline[:, :2] + shift_mm
+    middle, sides, turn = cv2.minAreaRect(flat.astype(np.float32))
+    angle = np.deg2rad(turn if sides[0] >= sides[1] else turn + 90)
+    axis = np.array([np.cos(angle), np.sin(angle)])
+    across = np.array([-axis[1], axis[0]])
+    place = (flat - middle) @ np.column_stack([across, axis])
+    low, high = place.min(axis=0), place.max(axis=0)
+    step = max(0.5 * px_mm, float((high - low).max()) / _MOST_CELLS)
+    count = np.ceil((high - low) / step).astype(int) + 1
+    corners = np.rint((place - low) / step * 16).astype(np.int32)
+    inside = np.zeros((count[1], count[0]), dtype=np.uint8)
+    cv2.fillPoly(inside, [corners], 1, cv2.LINE_8, 4)
+    v, s = np.meshgrid(np.arange(count[0]) * step + low[0], np.arange(count[1]) * step + low[1])
+    points = np.empty((v.size, 3))
+    points[:, :2] = v.reshape(-1, 1) * across + s.reshape(-1, 1) * axis + middle
+    points[:, 2] = outline[:, 2].mean()
+    seen = frame.to_pixels(points)
+    if (
+        not np.isfinite(seen).all()
+        or (seen < 0).any()
+        or (seen > (image.shape[1] - 1, image.shape[0] - 1)).any()
+    ):
+        return None
+    x, y = (seen[:, k].reshape(v.shape).astype(np.float32) for k in range(2))
+    soft = cv2.GaussianBlur(image, (0, 0), 0.7)
+    return _Patch(
+        inside > 0,
+        cv2.remap(soft, x, y, cv2.INTER_LINEAR),
+        cv2.remap(unseen.astype(np.uint8), x, y, cv2.INTER_NEAREST) > 0,
+        cv2.remap(old, x, y, cv2.INTER_NEAREST) > 0,
+        step,
+    )
+
+
+def _measured(lumen: Lumen, patch: _Patch | None, px_mm: float, noise: float) -> LumenSeen:
+    nothing = LumenSeen(lumen.name, lumen.width_mm, np.nan, np.nan, np.nan, False, 1.0)
+    if patch is None or not patch.inside.any():
+        return nothing
+    inside = patch.inside
+    if patch.unseen[inside].mean() > _MOST_UNSEEN or patch.old[inside].mean() > _MOST_OLD:
+        return nothing
+    clear = cv2.medianBlur((inside & (patch.ink < 0.5)).astype(np.uint8), 5) > 0
+    share = float((clear & inside).sum() / inside.sum())
+    ratio, scatter = _narrowest(clear & inside, inside, lumen.width_mm / patch.step_mm)
+    edge = np.sqrt(2.0) * _EDGE_PX * px_mm / lumen.width_mm
+    u = float(np.sqrt(edge**2 + _SHARP**2 + scatter**2 + (0.1 * min(noise, 1.0)) ** 2))
+    p_value = float(ndtr((ratio - 1.0) / u))
+    return LumenSeen(
+        lumen.name, lumen.width_mm, ratio * lumen.width_mm, u * lumen.width_mm, share, True, p_value
+    )
+
+
+def _narrowest(clear: BoolArray, inside: BoolArray, width_cells: float) -> tuple[float, float]:
+    """Narrowest free width over the expected one, and how much that scatters."""
+    if inside.shape[0] > _LONG * inside.shape[1]:
+        wide = inside.sum(axis=1)
+        rows = wide > 0.9 * wide.max()
+        share = clear[rows].sum(axis=1) / wide[rows]
+        size = max(1, round(0.25 * width_cells))
+        mean = uniform_filter1d(share, size, mode="nearest")
+        usual = np.abs(np.diff(mean[::size])) if len(mean) > 4 * size else np.zeros(1)
+        return float(mean.min()), 1.4826 * float(np.median(usual)) / np.sqrt(2)
+    radius = [
+        float(
+            cv2.distanceTransform(
+                cv2.copyMakeBorder(each.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0),
+                cv2.DIST_L2,
+                cv2.DIST_MASK_PRECISE,
+            ).max()
+        )
+        for each in (clear, inside)
+    ]
+    return radius[0] / max(radius[1], 1e-9), 0.0

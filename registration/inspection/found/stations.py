@@ -1,0 +1,96 @@
+"""Group places along lines into stations, 0.6 of a line's width long."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.found.line_width import Widths
+from registration.inspection.values import Stations, Unseen
+from registration.inspection.ways import Ways
+
+_WIDTHS: Final = 0.6
+"""Of a line's width, to a station."""
+_LEAST_SEEN: Final = 0.5
+
+
+@dataclass(frozen=True)
+class Grouping:
+    """Which places make which station.
+
+    Attributes
+    ----------
+    of : (n,) int64
+        Station of each place.
+    first : (m,) int64
+        A place in the middle of each station.
+    count : (m,) int64
+        Places of each.
+    """
+
+    of: IntArray
+    first: IntArray
+    count: IntArray
+
+    @staticmethod
+    def of_ways(ways: Ways) -> Grouping:
+        """Group the places of each run."""
+        size = np.maximum(1, np.rint(_WIDTHS * ways.width / ways.step)).astype(np.int64)
+        start = np.flatnonzero(np.concatenate([[True], np.diff(ways.run) != 0]))
+        length = np.diff(np.append(start, len(ways)))
+        number = np.arange(len(ways)) - np.repeat(start, length)
+        whole = np.repeat(size[start], length)
+        groups = np.maximum(1, length // size[start])
+        own = np.minimum(number // whole, np.repeat(groups, length) - 1)
+        of = own + np.repeat(np.concatenate([[0], np.cumsum(groups)[:-1]]), length)
+        count = np.bincount(of)
+        return Grouping(of, np.cumsum(count) - count + count // 2, count)
+
+    def mean(self, values: FloatArray, use: BoolArray) -> FloatArray:
+        """Mean over the places of each station that are used, (m, ...); NaN for none."""
+        number = np.bincount(self.of, weights=use, minlength=len(self.count))
+        start = np.cumsum(self.count) - self.count
+        shape = (-1,) + (1,) * (values.ndim - 1)
+        total = np.add.reduceat(np.where(use.reshape(shape), values, 0.0), start, axis=0)
+        return np.asarray(total / np.where(number > 0, number, np.nan).reshape(shape))
+
+    def stations(self, ways: Ways, present: FloatArray, why: IntArray, widths: Widths) -> Stations:
+        """What was seen at each.
+
+        Parameters
+        ----------
+        ways : Ways
+            As designed.
+        present : (n,) float64
+            Share of ink at each place.
+        why : (n,) int64
+            `Unseen`.
+        widths : Widths
+            Of stations.
+        """
+        seen_places = why == Unseen.SEEN
+        start = np.cumsum(self.count) - self.count
+        share = np.add.reduceat(seen_places.astype(np.float64), start) / self.count
+        seen = share >= _LEAST_SEEN
+        ink = self.mean(np.clip(np.nan_to_num(present), 0.0, 1.0), seen_places)
+        hide = np.where(seen, 1.0, np.nan)
+        return Stations(
+            at_mm=ways.point[self.first, :2],
+            z_mm=ways.point[self.first, 2],
+            normal=ways.normal[self.first],
+            piece=ways.piece[self.first],
+            stroke=ways.stroke[self.first],
+            along_mm=self.mean(ways.along, np.ones(len(ways), dtype=np.bool_)),
+            length_mm=self.count * ways.step[self.first],
+            expected_mm=ways.width[self.first],
+            width_mm=widths.width_mm * hide,
+            u_width_mm=widths.u_mm * hide,
+            offset_mm=widths.offset_mm * hide,
+            present=np.where(seen, np.nan_to_num(ink), 0.0),
+            seen=seen,
+            why=np.where(seen, int(Unseen.SEEN), np.maximum.reduceat(why, start)).astype(np.int64),
+            seam_share=widths.seam_share * hide,
+        )

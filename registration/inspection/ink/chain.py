@@ -1,0 +1,224 @@
+"""Hidden Markov chain: the chance that each place of a stroke is full, thin, bare or hidden.
+
+What is measured at a place hangs on its state and, by an autoregressive noise of first order, on
+what was measured at the place before; noise is Student's t. Clogs and bubbles persist along the
+way, so states last some length (Rabiner 1989, Proceedings of the IEEE 77, 257).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from kernels.arrays import FloatArray, IntArray
+from kernels.compile import jit
+from registration.inspection.ink.noise import Noise
+
+FULL, THIN, BARE, HIDDEN = range(4)
+_TAIL: Final = 4.0
+"""Degrees of freedom of noise: texture and bubbles have heavier tails than a normal law."""
+_THIN_LOW, _THIN_HIGH = 0.25, 0.85
+"""Share of ink in thin stretches, all equally likely."""
+_BEGINS_PER_MM: Final = (0.0, 1 / 500, 1 / 300, 1 / 300)
+"""How often each state begins on full lines: some faults in a print of metres."""
+_LASTS_MM: Final = (math.inf, 5.0, 1.0, 0.5)
+_STRANGE: Final = 6.0
+"""Natural logarithms over which a hidden place's misfit is equally likely."""
+_USUAL_ODDS: Final = 2.0
+"""Natural logarithm of how much rarer a usual misfit is on a hidden place."""
+_ANY_SHARE: Final = 5.0
+"""Shares over which what a hidden place seems to hold is equally likely."""
+
+
+def _stationary() -> FloatArray:
+    begins, lasts = np.array(_BEGINS_PER_MM[1:]), np.array(_LASTS_MM[1:])
+    odds = begins * lasts
+    return np.asarray(np.append(1.0, odds) / (1.0 + odds.sum()))
+
+
+PRIOR_BARE: Final = float(_stationary()[BARE])
+"""Chance of a bare place before a look."""
+
+
+def posterior(
+    share: FloatArray, misfit: FloatArray, noise: Noise, run: IntArray, step_mm: FloatArray
+) -> FloatArray:
+    """Return probabilities of the four states at each place, (n, 4).
+
+    Parameters
+    ----------
+    share : (n,) float64
+        Ink measured, 1 for a full line; NaN where nothing was measured.
+    misfit : (n,) float64
+        Logarithm of how badly a place is explained by any share of ink.
+    noise : Noise
+    run : (n,) int64
+        Number of the unbroken way that each belongs to.
+    step_mm : (n,) float64, mm
+    """
+    emit = _emissions(share, misfit, noise)
+    out = np.empty((len(share), 4))
+    cut = np.flatnonzero(np.diff(run)) + 1
+    bounds = np.concatenate([[0], cut, [len(run)]])
+    _forward_backward(emit, bounds, _moves(float(np.median(step_mm))), _stationary(), out)
+    return out
+
+
+def expected_ink(states: FloatArray, share: FloatArray) -> FloatArray:
+    """Return the share of ink expected at each place, (n,): thin ink as measured, full ink as 1."""
+    there = np.maximum(1.0 - states[:, HIDDEN], 1e-9)
+    thin = states[:, THIN] * np.clip(share, 0.0, 1.0)
+    return np.asarray((states[:, FULL] + thin) / there)
+
+
+def log_odds_of_bare(
+    share: FloatArray, misfit: FloatArray, noise: Noise, first: int, last: int
+) -> float:
+    """Return the logarithm of how much likelier a stretch is bare than not, without any prior.
+
+    One over that ratio is never smaller than the chance of such a reading on a line with ink
+    (Markov's inequality), so that it serves as a p-value.
+    """
+    emit = _emissions(share, misfit, noise)[first : last + 1]
+    bare = emit[0, BARE, 4] + emit[1:, BARE, BARE].sum()
+    others = (FULL, THIN, HIDDEN)
+    alone = emit[:, others, 4].max(axis=1)
+    tied = np.max([emit[:, k, k] for k in others], axis=0)
+    return float(bare - alone[0] - np.maximum(tied, alone)[1:].sum())
+
+
+def _moves(step_mm: float) -> FloatArray:
+    """Chance of each state behind each, one step on, (4, 4)."""
+    moves = np.zeros((4, 4))
+    begins = np.array(_BEGINS_PER_MM) * step_mm
+    moves[FULL] = begins
+    moves[FULL, FULL] = 1.0 - begins[1:].sum()
+    for k in (THIN, BARE, HIDDEN):
+        ends = min(step_mm / _LASTS_MM[k], 0.5)
+        moves[k] = 0.1 * ends / 2
+        moves[k, FULL] = 0.9 * ends
+        moves[k, k] = 1.0 - ends
+    return moves
+
+
+def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArray:
+    """Logarithm of each reading's density, (n, 4, 5): behind a place of each state, and of none."""
+    known = np.isfinite(share)
+    out = _of_shares(np.where(known, share, 0.0), np.append(np.nan, share[:-1]), noise)
+    full, bare = (
+        _log_t(np.maximum(misfit - level, 0.0), spread)
+        for level, spread in (noise.misfit_full.T, noise.misfit_bare.T)
+    )
+    worst = np.maximum(noise.misfit_full.sum(axis=1), noise.misfit_bare.sum(axis=1))
+    usual = np.maximum(full, bare)
+    strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - _USUAL_ODDS)
+    alone = _own_news(noise.tie)
+    out[:, (FULL, THIN)] += (alone * full)[:, None, None]
+    out[:, BARE] += (alone * usual)[:, None]
+    out[:, HIDDEN] += (alone * strange)[:, None]
+    out[~known] = 0.0
+    return out
+
+
+def _of_shares(x: FloatArray, last: FloatArray, noise: Noise) -> FloatArray:
+    """Those of shares (n,) alone, behind ``last`` (n,) ones, NaN for none."""
+    out = np.zeros((len(x), 4, 5))
+    out[:, FULL] = _log_t(x - 1.0, noise.full)[:, None]
+    out[:, FULL, FULL] = _tied(x, last, 1.0, noise.full, noise.tie)
+    # A bare place holds nothing, or what the shade of ink beside it seems to be.
+    shade, spread = noise.shaded.T
+    nothing, shaded = (
+        np.repeat(_log_t(x - level, wide)[:, None], 5, axis=1)
+        for level, wide in ((0.0, noise.bare), (shade, spread))
+    )
+    nothing[:, BARE] = _tied(x, last, 0.0, noise.bare, noise.tie)
+    shaded[:, BARE] = _tied(x, last, shade, spread, noise.tie)
+    out[:, BARE] = np.logaddexp(nothing, shaded) - math.log(2.0)
+    out[:, THIN] = _log_between(x, noise.full)[:, None]
+    # What is thin may have any level, but it keeps to that.
+    steady = _log_t(x - np.nan_to_num(last), noise.full * np.sqrt(1.0 - noise.tie**2))
+    keeps = np.isfinite(last) & (x > _THIN_LOW) & (x < _THIN_HIGH)
+    out[keeps, THIN, THIN] = np.maximum(out[keeps, THIN, THIN], steady[keeps])
+    out[:, HIDDEN] = -math.log(_ANY_SHARE)
+    return out
+
+
+def _own_news(tie: FloatArray) -> FloatArray:
+    """How much a place tells that its neighbours, correlated with it, don't."""
+    return (1.0 - tie) / (1.0 + tie)
+
+
+def _tied(
+    x: FloatArray, last: FloatArray, middle: FloatArray | float, spread: FloatArray, tie: FloatArray
+) -> FloatArray:
+    """Logarithm of the density behind a place of the same state."""
+    rest = x - middle - tie * np.nan_to_num(last - middle)
+    alone = _log_t(x - middle, spread)
+    news = _own_news(tie)
+    tied = _log_t(rest, spread * np.sqrt(1.0 - tie**2))
+    return np.where(np.isfinite(last), news * alone + (1.0 - news) * tied, alone)
+
+
+def _log_t(rest: FloatArray, spread: FloatArray) -> FloatArray:
+    """Logarithm of Student's t density."""
+    nu = _TAIL
+    norm = math.lgamma((nu + 1) / 2) - math.lgamma(nu / 2) - 0.5 * math.log(nu * math.pi)
+    return np.asarray(norm - np.log(spread) - 0.5 * (nu + 1) * np.log1p((rest / spread) ** 2 / nu))
+
+
+def _log_between(x: FloatArray, spread: FloatArray) -> FloatArray:
+    """Logarithm of the density of a share that is thin, blurred by noise."""
+    low = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _THIN_LOW) / spread, -300, 300)))
+    high = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _THIN_HIGH) / spread, -300, 300)))
+    return np.asarray(np.log(np.maximum(low - high, 1e-12) / (_THIN_HIGH - _THIN_LOW)))
+
+
+@jit
+def _forward_backward(
+    emit: FloatArray, bounds: IntArray, moves: FloatArray, begin: FloatArray, out: FloatArray
+) -> None:
+    """Fill posteriors of each run in place; emissions [t, state, state before or 4 for none]."""
+    for r in range(len(bounds) - 1):
+        lo, hi = bounds[r], bounds[r + 1]
+        ahead = np.empty((hi - lo, 4))
+        for t in range(lo, hi):
+            top = -1e300
+            for k in range(4):
+                for j in range(5):
+                    top = max(top, emit[t, k, j])
+            total = 0.0
+            for k in range(4):
+                if t == lo:
+                    value = begin[k] * np.exp(emit[t, k, 4] - top)
+                else:
+                    value = 0.0
+                    for j in range(4):
+                        value += ahead[t - lo - 1, j] * moves[j, k] * np.exp(emit[t, k, j] - top)
+                ahead[t - lo, k] = value
+                total += value
+            for k in range(4):
+                ahead[t - lo, k] /= max(total, 1e-300)
+        back = np.ones(4)
+        for t in range(hi - 1, lo - 1, -1):
+            total = 0.0
+            for k in range(4):
+                out[t, k] = ahead[t - lo, k] * back[k]
+                total += out[t, k]
+            for k in range(4):
+                out[t, k] /= max(total, 1e-300)
+            if t == lo:
+                break
+            top = -1e300
+            for k in range(4):
+                for j in range(5):
+                    top = max(top, emit[t, k, j])
+            new = np.zeros(4)
+            size = 0.0
+            for j in range(4):
+                for k in range(4):
+                    new[j] += moves[j, k] * np.exp(emit[t, k, j] - top) * back[k]
+                size += new[j]
+            for j in range(4):
+                back[j] = new[j] / max(size, 1e-300)

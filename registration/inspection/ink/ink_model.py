@@ -1,0 +1,453 @@
+"""Learn from a look what ink adds to it around a line's middle.
+
+A view is modelled as ground plus, for each line that passes a pixel, its share of ink times a
+profile over the distance from its middle (superposition: exact for the logarithm of light through
+translucent ink by Beer and Lambert's law, and for the cover of blurred lines that touch). A profile
+is a piecewise linear function of distance with five parts: even in distance; odd, times the two
+components of the line's normal (slopes lit from one side: Lambert's cosine law to first order); and
+even, times cosine and sine of twice its direction (rims that mirror light from one side). Fresh ink
+over the ground, fresh ink over older ink, and older ink have profiles of their own. They are found
+by weighted least squares over all pixels at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from kernels.compile import jit
+from registration.inspection.ink.passes import REACH, Passes
+from registration.inspection.values import ExpectedLines, FloatImage
+from registration.inspection.ways import Ways, from_stroke_begin
+
+NODES: Final = 15
+"""Of a profile, from the middle to `REACH`, where it is 0: a tenth of a width apart."""
+PARTS: Final = 5
+EVEN: Final = (0, 3, 4)
+ODD: Final = (1, 2)
+CLASSES: Final = 3
+_OLDER: Final = 2
+"""Of profiles: fresh over the ground, fresh over older ink, older ink."""
+_GROUPS: Final = ((0, 1, 2), (1, 2), (0, 2))
+"""Of places: all; those that judge group 0, and group 1."""
+_ENOUGH_PX: Final = 150_000
+"""Pixels near lines that are fitted; of more, evenly spread ones."""
+_SKEW: Final = 7
+"""Pixels by which those of a row are set off against the last row's."""
+_NOTHING: Final = 1e-4
+"""Of the ground's noise: smaller parts of profiles aren't drawn."""
+_UNKNOWNS: Final = CLASSES * PARTS * NODES
+_RIDGE: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
+"""Of a node's usual share of pixels, that pulls each part to 0 where nothing tells it."""
+_KNOWN: Final = 100.0
+"""Times that, of a profile that an earlier look or the layer's height tells."""
+_HARDER: Final = (1.0, 10.0, 0.01)
+"""Times that, by class: where fresh ink lies over older ink alone, the older explains it."""
+_EDGE, _SOFT = 0.5, 0.15
+"""Widths from the middle where a line ends, and half of what its edge is blurred over."""
+_BESIDE: Final = 30.0
+"""Times the ridge beyond a line's edge: what lines that touch have in common is each one's own."""
+_ALIKE: Final = 1.5
+"""Nodes over which a profile is alike, before anything is known of it."""
+_NONE: Final = 1e6
+"""The same of a part that isn't there."""
+_SMOOTH: Final = 3e-3
+"""The same on second differences along a profile."""
+
+
+@dataclass(frozen=True)
+class InkModel:
+    """Profiles of ink in each channel.
+
+    Attributes
+    ----------
+    profile : (3, 5, 16, c) float64
+        By class, part, node of distance.
+    doubt : (3, 16, 16) float64
+        Covariance of even parts' nodes, by class; mean of all channels.
+    """
+
+    profile: FloatArray
+    doubt: FloatArray = field(default_factory=lambda: np.zeros((CLASSES, NODES + 1, NODES + 1)))
+
+    def doubt_across(self, which: int, distance: FloatArray) -> FloatArray:
+        """Covariance (u, u) of what full ink of a class adds at distances (u,), widths."""
+        size = np.minimum(np.abs(distance) * (NODES / REACH), NODES - 1e-9)
+        low = size.astype(np.int64)
+        hat = np.zeros((len(distance), NODES + 1))
+        row = np.arange(len(distance))
+        hat[row, low], hat[row, low + 1] = 1.0 - (size - low), size - low
+        return np.asarray(hat @ self.doubt[which] @ hat.T)
+
+    @staticmethod
+    def cover(height: float) -> InkModel:
+        """Return fresh ink that adds as much over a line's width, and nothing beside it."""
+        profile = np.zeros((CLASSES, PARTS, NODES + 1, 1))
+        profile[:2, 0, :, 0] = height * cover_at(np.arange(NODES + 1) * (REACH / NODES))
+        return InkModel(profile)
+
+    def at(self, which: int, distance: FloatArray, normal: FloatArray) -> FloatArray:
+        """Return what ink of a class adds, (n, u, c).
+
+        At distances (u,), widths, towards normals (n, 2), unit vectors in the picture.
+        """
+        size = np.minimum(np.abs(distance) * (NODES / REACH), NODES - 1e-9)
+        low = size.astype(np.int64)
+        part = (size - low)[:, None]
+        weight = _weights(normal)
+        sign = np.where(distance < 0, -1.0, 1.0)
+        total = np.zeros((len(normal), len(distance), self.profile.shape[3]))
+        for k, nodes in enumerate(self.profile[which]):
+            own = nodes[low] * (1 - part) + nodes[low + 1] * part
+            odd = sign[:, None] if k in ODD else 1.0
+            total += weight[k][:, None, None] * odd * own
+        return total
+
+    def parts(self) -> IntArray:
+        """Which parts profiles have."""
+        return np.flatnonzero(np.abs(self.profile).max(axis=(0, 2, 3)) > _NOTHING)
+
+    def drawn(self, passes: Passes, over: FloatImage, share: ShareOfPiece) -> FloatImage:
+        """Return the modelled ink, (h, w, c), 0 where there is only ground."""
+        out = np.zeros((*passes.number.shape, self.profile.shape[3]), dtype=np.float32)
+        _draw(passes, over, share, self.parts(), np.ascontiguousarray(self.profile), out)
+        return out
+
+
+class ShareOfPiece(NamedTuple):
+    """Share of ink along fresh pieces, by the places on them.
+
+    Attributes
+    ----------
+    kind : (n,) int64
+        0 of the layer, 1 older.
+    first, many : (n,) float64
+        Number of the place where a piece begins, and places along it.
+    low, high : (n,) int64
+        First and last place of its run.
+    value : (m,) float64
+        Of each place; one more at the end, for older pieces.
+    """
+
+    kind: IntArray
+    first: FloatArray
+    many: FloatArray
+    low: IntArray
+    high: IntArray
+    value: FloatArray
+
+    @staticmethod
+    def along(ways: Ways, lines: ExpectedLines, value: FloatArray) -> ShareOfPiece:
+        """Return shares (m - 1,) of places by the pieces that they lie on."""
+        count, n = len(ways), len(lines)
+        length = np.linalg.norm(lines.end - lines.start, axis=1)
+        begin = from_stroke_begin(lines.stroke, length)
+        first, many = np.full(n, float(count)), np.zeros(n)
+        low = np.full(n, count)
+        high = low.copy()
+        starts = np.flatnonzero(np.concatenate([[True], np.diff(ways.run) != 0]))
+        for a, past in zip(starts, np.append(starts[1:], count), strict=True):
+            rows = np.arange(ways.piece[a], ways.piece[past - 1] + 1)
+            zero = ways.along[a] - 0.5 * ways.step[a]
+            first[rows] = a + (begin[rows] - zero) / ways.step[a]
+            many[rows] = length[rows] / ways.step[a]
+            low[rows], high[rows] = a, past - 1
+        kind = np.where(lines.fresh, 0, 1).astype(np.int64)
+        return ShareOfPiece(kind, first, many, low, high, np.append(value, 1.0))
+
+
+@dataclass(frozen=True)
+class CrossFit:
+    """Profiles of a whole view, and those by which each of two groups of places is judged.
+
+    Places that tell a profile seem to hold the ink of that profile, be it noise. So each group is
+    judged by a profile fitted to the other alone (cross-validation, Stone 1974).
+
+    Attributes
+    ----------
+    whole : InkModel
+    other : (InkModel, InkModel)
+        For the places of group 0 and of group 1.
+    """
+
+    whole: InkModel
+    other: tuple[InkModel, InkModel]
+
+
+def fitted(
+    image: FloatImage,
+    use: BoolArray,
+    passes: Passes,
+    over: FloatImage,
+    share: ShareOfPiece,
+    group: IntArray,
+    parts: tuple[int, ...] = tuple(range(PARTS)),
+    known: InkModel | None = None,
+    plain: bool = True,
+    inkless: int = 0,
+    cell_px: float = 1.0,
+) -> CrossFit:
+    """Fit profiles to a view from which its light is taken out.
+
+    Parameters
+    ----------
+    image : (h, w, c) float32
+        0 where there is ground alone.
+    use : (h, w) bool
+        Pixels that are fitted.
+    passes : Passes
+    over : (h, w) float32
+        How much older ink lies there, 0 to 1.
+    share : ShareOfPiece
+    group : (m,) int64
+        Of each place, 0 or 1; 2 at the end, for what is fitted for both.
+    parts : tuple of int
+        Those that profiles may have.
+    known : InkModel or None
+        What profiles are where the view tells nothing of them.
+    plain : bool
+        Whether that is a plain cover otherwise, and not nothing.
+    inkless : int
+        First channels in which fresh ink can't show: they were taken before.
+    cell_px : float
+        Pixels that tell the same.
+    """
+    channels = image.shape[2]
+    every = 1 + int((passes.number > 0).sum()) // _ENOUGH_PX
+    power = np.zeros((3, _UNKNOWNS, _UNKNOWNS))
+    score = np.zeros((3, _UNKNOWNS, channels))
+    _accumulate(image, use, passes, over, share, np.array(parts), every, group, power, score)
+    power = power + np.tril(power, -1).transpose(0, 2, 1)
+    sums = [(power[list(k)].sum(axis=0), score[list(k)].sum(axis=0)) for k in _GROUPS]
+    whole, *other = (_solved(*one, parts, known, plain, inkless) for one in sums)
+    seen = use & (passes.number > 0)
+    square = float((image[seen][:, inkless:] ** 2).sum()) / every
+    left = square - float((_flat(whole)[:, inkless:] * sums[0][1][:, inkless:]).sum())
+    noise = max(left, 0.0) * every / max(float(seen.sum()) * (channels - inkless), 1.0)
+    scale = max(noise, 1e-9) * max(1.0, cell_px / every)
+    return CrossFit(_with_doubt(whole, sums[0][0] / scale, inkless), (other[0], other[1]))
+
+
+def _flat(model: InkModel) -> FloatArray:
+    return model.profile[:, :, :-1].reshape(_UNKNOWNS, -1)
+
+
+def _with_doubt(model: InkModel, power: FloatArray, inkless: int) -> InkModel:
+    """Return profiles with their covariance, before which they may be anything of their size.
+
+    ``power`` (u, u) is what the view tells of them.
+    """
+    shown = model.profile[:, 0, : NODES // 2, inkless:]
+    size = np.maximum((shown**2).mean(axis=(1, 2)), 1e-6)
+    apart = np.abs(np.subtract.outer(np.arange(NODES), np.arange(NODES)))
+    alike = np.exp(-0.5 * (apart / _ALIKE) ** 2) + 1e-3 * np.eye(NODES)
+    doubt = np.zeros((CLASSES, NODES + 1, NODES + 1))
+    even = np.concatenate([np.arange(NODES) + k * PARTS * NODES for k in range(CLASSES)])
+    told = power[np.ix_(even, even)]
+    before = np.zeros_like(told)
+    for k in range(CLASSES):
+        own = slice(k * NODES, (k + 1) * NODES)
+        before[own, own] = np.linalg.inv(size[k] * alike)
+    whole = np.linalg.inv(told + before)
+    for k in range(CLASSES):
+        own = slice(k * NODES, (k + 1) * NODES)
+        doubt[k, :NODES, :NODES] = whole[own, own]
+    return replace(model, doubt=doubt)
+
+
+def _solved(
+    power: FloatArray,
+    score: FloatArray,
+    parts: tuple[int, ...],
+    known: InkModel | None,
+    plain: bool,
+    inkless: int,
+) -> InkModel:
+    """Solve normal equations (u, u), (u, c) with what is known beforehand."""
+    channels = score.shape[1]
+    prior = _prior(power, parts) * (1.0 if known is None else _KNOWN)
+    mean = _plain(power, score) if plain else np.zeros_like(score)
+    if known is not None:
+        mean = known.profile[:, :, :-1].reshape(_UNKNOWNS, channels)
+    solved = np.linalg.solve(power + prior, score + prior @ mean)
+    if inkless:
+        older = slice(_OLDER * PARTS * NODES, None)
+        own = power[older, older] + prior[older, older]
+        solved[:, :inkless] = 0.0
+        solved[older, :inkless] = np.linalg.solve(own, score[older, :inkless])
+    nodes = solved.reshape(CLASSES, PARTS, NODES, channels)
+    return InkModel(np.concatenate([nodes, np.zeros((CLASSES, PARTS, 1, channels))], axis=2))
+
+
+def cover_at(distance: NDArray[Any]) -> NDArray[Any]:
+    """How much a line's own width with soft edges covers at distances, widths."""
+    return np.clip((_EDGE + _SOFT - np.abs(distance)) / (2.0 * _SOFT), 0.0, 1.0)
+
+
+def _plain(power: FloatArray, score: FloatArray) -> FloatArray:
+    """Return the even profile that covers a line's width and no more, as strong as it fits.
+
+    Lines that touch fit any profile whose copies, a pitch apart, add up to the same.
+    """
+    basis = np.zeros((_UNKNOWNS, CLASSES))
+    cover = cover_at(np.arange(NODES) * (REACH / NODES))
+    for k in range(CLASSES):
+        first = k * PARTS * NODES
+        basis[first : first + NODES, k] = cover
+    own = basis.T @ power @ basis
+    scale = max(float(np.trace(own)) / CLASSES, 1e-9)
+    own += scale * np.diag(np.array(_HARDER) * _RIDGE[0])
+    return np.asarray(basis @ np.linalg.solve(own, basis.T @ score))
+
+
+def _prior(power: FloatArray, parts: tuple[int, ...]) -> FloatArray:
+    """Return what keeps untold profiles at 0 and all smooth."""
+    usual = max(float(np.diag(power).max()), 1.0)  # pixels
+    bend = np.zeros((NODES, NODES))
+    for j in range(1, NODES):
+        row = np.zeros(NODES)
+        row[j - 1], row[j] = 1.0, -2.0
+        if j + 1 < NODES:
+            row[j + 1] = 1.0
+        bend += np.outer(row, row)
+    at = np.arange(NODES) * (REACH / NODES)
+    beside = np.diag(np.where(at > _EDGE + 1.5 * _SOFT, _BESIDE, 1.0))
+    prior = np.zeros_like(power)
+    for k in range(CLASSES * PARTS):
+        own = slice(k * NODES, (k + 1) * NODES)
+        own_part, which = k % PARTS, k // PARTS
+        stiff = _RIDGE[own_part] * _HARDER[which] if own_part in parts else _NONE
+        prior[own, own] = usual * (stiff * beside + _SMOOTH * bend)
+    return prior
+
+
+def _weights(normal: FloatArray) -> tuple[FloatArray, ...]:
+    """Return what each part of a profile is multiplied by, (n,) each."""
+    x, y = normal.T
+    return np.ones(len(normal)), x, y, x * x - y * y, 2.0 * x * y
+
+
+@jit
+def _place(share: ShareOfPiece, k: int, t: float) -> int:
+    """Number of the place at a part of the way along a piece."""
+    at = int(share.first[k] + t * share.many[k])
+    return int(min(max(at, share.low[k]), share.high[k]))
+
+
+@jit
+def _terms(
+    y: int,
+    x: int,
+    passes: Passes,
+    over: float,
+    share: ShareOfPiece,
+    parts: IntArray,
+    index: IntArray,
+    weight: FloatArray,
+) -> int:
+    """Unknowns that a pixel hangs on and how much, in ``index`` and ``weight``; their number."""
+    n = 0
+    for m in range(passes.number[y, x]):
+        d = passes.distance[y, x, m]
+        size = abs(d) * (NODES / REACH)
+        j = int(size)
+        if j >= NODES:
+            continue
+        f = size - j
+        sign = -1.0 if d < 0 else 1.0
+        u, v = passes.turn[y, x, m, 0], passes.turn[y, x, m, 1]
+        k = passes.piece[y, x, m]
+        own = share.value[_place(share, k, passes.part[y, x, m])]
+        for c in range(CLASSES):
+            if share.kind[k] == 0:
+                amount = own * (1.0 - over if c == 0 else over) if c < 2 else 0.0
+            else:
+                amount = 1.0 if c == 2 else 0.0
+            if amount == 0.0:
+                continue
+            for p in parts:
+                w = amount
+                if p == 1:
+                    w *= sign * u
+                elif p == 2:
+                    w *= sign * v
+                elif p == 3:
+                    w *= u * u - v * v
+                elif p == 4:
+                    w *= 2.0 * u * v
+                base = (c * PARTS + p) * NODES
+                index[n] = base + j
+                weight[n] = w * (1.0 - f)
+                n += 1
+                if j + 1 < NODES:
+                    index[n] = base + j + 1
+                    weight[n] = w * f
+                    n += 1
+    return n
+
+
+@jit
+def _accumulate(
+    image: NDArray[Any],
+    use: BoolArray,
+    passes: Passes,
+    over: NDArray[Any],
+    share: ShareOfPiece,
+    parts: IntArray,
+    every: int,
+    group: IntArray,
+    power: FloatArray,
+    score: FloatArray,
+) -> None:
+    """Add up normal equations of each group, their lower half, over one in so many pixels.
+
+    A pixel is of the group of the nearest fresh line's place.
+    """
+    index = np.empty(200, dtype=np.int64)
+    weight = np.empty(200)
+    for y in range(image.shape[0]):
+        for x in range(y * _SKEW % every, image.shape[1], every):
+            if not use[y, x] or passes.number[y, x] == 0:
+                continue
+            n = _terms(y, x, passes, over[y, x], share, parts, index, weight)
+            own, least = 2, REACH
+            for m in range(passes.number[y, x]):
+                k, away = passes.piece[y, x, m], abs(passes.distance[y, x, m])
+                if share.kind[k] == 0 and away < least:
+                    least = away
+                    own = group[_place(share, k, passes.part[y, x, m])]
+            for a in range(n):
+                ia, wa = index[a], weight[a]
+                for b in range(a + 1):
+                    twice = 2.0 if ia == index[b] and a != b else 1.0
+                    power[own, max(ia, index[b]), min(ia, index[b])] += twice * wa * weight[b]
+                for c in range(image.shape[2]):
+                    score[own, ia, c] += wa * image[y, x, c]
+
+
+@jit
+def _draw(
+    passes: Passes,
+    over: NDArray[Any],
+    share: ShareOfPiece,
+    parts: IntArray,
+    profile: FloatArray,
+    out: NDArray[Any],
+) -> None:
+    """Add up what lines add to each pixel."""
+    index = np.empty(200, dtype=np.int64)
+    weight = np.empty(200)
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            if passes.number[y, x] == 0:
+                continue
+            n = _terms(y, x, passes, over[y, x], share, parts, index, weight)
+            for a in range(n):
+                row = index[a] // NODES
+                for c in range(out.shape[2]):
+                    own = profile[row // PARTS, row % PARTS, index[a] % NODES, c]
+                    out[y, x, c] += weight[a] * own

@@ -1,0 +1,252 @@
+"""Find a layer's shift: where its lines explain most of the picture.
+
+For every shift the ink's profile is fitted anew, by least squares over all pixels: the sums that
+this takes are correlations of the picture with maps of distance, found for all shifts at once by
+Fourier's transform.
+
+A profile that may have even and odd parts fits at any small shift: to first order a shift *is* an
+odd part. So ink is taken to be even (a level, a shade, rims) or odd (slopes lit from one side), by
+which of both explains more.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy import fft
+
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.ink.ink_model import cover_at
+from registration.inspection.ink.passes import REACH, Passes
+from registration.inspection.options import SeeingOptions
+from registration.inspection.values import FloatImage, Shift
+from registration.inspection.ways import Ways
+
+_NODES: Final = 8
+"""Of a profile as far as it reaches, here."""
+_WITHIN: Final = 4
+"""Nodes that ink has: what lies half a width beyond a line's edge would let lines that touch lie
+anywhere."""
+_USUAL_MM: Final = 0.03
+"""Scale of a print's own shift (Student's t): a peak at the designed place, with long tails."""
+_CELL: Final = 1.0
+"""Of a width: pixels nearer to each other tell the same."""
+_RIDGE: Final = 1e-3
+_AS_WELL: Final = 1.15
+"""Times the rest of even ink, that slopes may leave: lines of one direction fit with both parts
+wherever they lie."""
+_BOTH_WAYS: Final = 0.05
+"""Of the way in one direction that must run across it, for a layer's place to be told in both."""
+_LEAST_REST: Final = 1e-3
+"""Of the picture's power, that is never explained."""
+_LEAST_MM: Final = 1e-3
+"""Least scatter of lines beside their places: a pixel's grid."""
+_OUTLYING: Final = 3.0
+"""Spreads from which on a place hardly counts."""
+_TOGETHER: Final = 10.0
+"""Widths along a line over which offsets may hang together."""
+_SHADE: Final = (0.01, 0.03)
+"""Standard deviation of what all lines seem to lie off by, widths, where ink is even or odd: shade
+of one side looks like a move (painted sound layers: 0.01 and 0.03 in the root mean square)."""
+
+
+@dataclass(frozen=True)
+class CoarseShift:
+    """Where a layer lies, about.
+
+    Attributes
+    ----------
+    by_px : (2,) float64, px
+        x and y.
+    odd : bool
+        Whether its ink shows by slopes that are lit from one side.
+    """
+
+    by_px: FloatArray
+    odd: bool
+
+
+def coarse_shift(
+    image: FloatImage,
+    lost: BoolArray,
+    passes: Passes,
+    inner: FloatImage,
+    width_px: float,
+    most_px: float,
+    px_per_mm: float,
+    covers: bool,
+) -> CoarseShift:
+    """Return the likeliest shift.
+
+    Parameters
+    ----------
+    image : (h, w, c) float32
+        Without light, ground and older ink; noise of the ground 1.
+    lost : (h, w) bool
+    passes : Passes
+        At the designed place.
+    inner : (h, w, 4) float32
+        How much each pass tells, 0 to 1.
+    width_px, most_px : float, px
+        Of a line; farthest shift.
+    px_per_mm : float
+    covers : bool
+        Whether ink shows by one level over its width, and not by shade or slopes.
+    """
+    even, odd = _maps(passes, inner)
+    cover = cover_at(passes.distance)
+    if covers:
+        even = [(inner * cover).max(axis=2)]
+    far = max(1, math.ceil(most_px))
+    shape = tuple(fft.next_fast_len(n + 2 * far, real=True) for n in image.shape[:2])
+    image = np.where(lost[:, :, None], np.float32(0.0), image)
+    seen = [fft.rfft2(np.ascontiguousarray(one), shape) for one in np.moveaxis(image, 2, 0)]
+    square = (image**2).sum(axis=2)
+    whole = float(square.sum())
+    told = float((inner.max(axis=2) > 0.0).sum()) * image.shape[2]
+    count = 0.5 * told / max(1.0, (_CELL * width_px) ** 2)
+    by = np.arange(-far, far + 1)
+    prior = _prior(passes, inner, by, most_px, _USUAL_MM * px_per_mm)
+    scores = [_scores(seen, maps, by, shape) for maps in (even, odd)]
+    logs = [
+        _log_of(_explained(score, maps), whole, count) + prior
+        for score, maps in zip(scores, (even, odd), strict=True)
+    ]
+    if covers:  # of a map alone what isn't seen or tells nothing is soon left out
+        ends = (cover * (passes.piece >= 0)).max(axis=2) - even[0]
+        shown, power = (fft.rfft2(one, shape) for one in (~lost + np.float32(0.0), square))
+        covered = _scores([shown], [even[0] ** 2], by, shape)[0, 0]
+        explained = (scores[0][:, 0] ** 2).sum(axis=0) / np.maximum(covered, 1e-9)
+        left = whole - _scores([power], [ends], by, shape)[0, 0]
+        logs[0] = _log_of(explained, left, count) + prior
+    both = _log_of(_explained(np.concatenate(scores, axis=1), even + odd), whole, count) + prior
+    top = [np.unravel_index(int(np.argmax(log)), log.shape) for log in logs]
+    near = float(logs[1].max() - logs[0].max()) > -count * math.log(_AS_WELL)
+    is_odd = not covers and near and bool(both[top[1]] > both[top[0]])
+    log, (row, column) = logs[is_odd], (int(k) for k in top[is_odd])
+    place = np.array([_finer(log[row], column), _finer(log[:, column], row)]) - far
+    return CoarseShift(place, is_odd)
+
+
+def finer_shift(
+    shift: Shift,
+    offset: FloatArray,
+    ways: Ways,
+    use: BoolArray,
+    options: SeeingOptions,
+    odd: bool,
+) -> Shift:
+    """Return a shift corrected by the offsets of lines, by robust least squares.
+
+    Parameters
+    ----------
+    shift : Shift
+    offset : (n,) float64, widths
+        Of each place, to the left of where the shift puts it.
+    ways : Ways
+    use : (n,) bool
+    options : SeeingOptions
+    odd : bool
+        Whether ink shows by slopes.
+    """
+    if not use.any():
+        return shift
+    off, normal = offset[use] * ways.width[use], ways.normal[use]
+    independent = np.minimum(ways.step[use] / ways.width[use], 1.0)
+    step, cov = np.zeros(2), np.full((2, 2), np.inf)
+    for _ in range(3):
+        rest = off - normal @ step
+        spread = max(1.4826 * float(np.median(np.abs(rest))), _LEAST_MM)
+        weight = independent / (1.0 + (rest / (_OUTLYING * spread)) ** 2) / spread**2
+        power = (normal * weight[:, None]).T @ normal + np.eye(2) / options.shift_mm**2
+        cov = np.linalg.inv(power)
+        step = cov @ ((normal * weight[:, None]).T @ off)
+    pull = normal * (weight * (off - normal @ step))[:, None]
+    cov = cov * _design_effect(pull, cov, ways.run[use], ways.along[use] / ways.width[use])
+    cov += np.eye(2) * (_SHADE[odd] * float(np.median(ways.width))) ** 2
+    return Shift(float(shift.dx_mm + step[0]), float(shift.dy_mm + step[1]), cov)
+
+
+def _design_effect(pull: FloatArray, cov: FloatArray, run: IntArray, along: FloatArray) -> float:
+    """Return how much more places together scatter than independent ones would, at least 1.
+
+    Sums of what places pull by, (n, 2), over stretches of a line against the covariance that they
+    should have (Liang and Zeger 1986, Biometrika 73, 13).
+    """
+    stretch = np.floor(along / _TOGETHER).astype(np.int64)
+    _, of = np.unique(np.column_stack([run, stretch]), axis=0, return_inverse=True)
+    sums = np.stack([np.bincount(of.ravel(), weights=pull[:, k]) for k in range(2)])
+    return max(1.0, 0.5 * float(np.trace(cov @ sums @ sums.T)))
+
+
+def _prior(
+    passes: Passes, inner: FloatImage, by: IntArray, most_px: float, usual_px: float
+) -> FloatArray:
+    """Logarithm of how likely each shift is before a look, (dy, dx)."""
+    away = np.hypot(*np.meshgrid(by, by))
+    prior = -1.5 * np.log1p((away / usual_px) ** 2)
+    prior[(away > most_px) | ~_told_by_sides(passes, inner, by)] = -np.inf
+    return np.asarray(prior)
+
+
+def _told_by_sides(passes: Passes, inner: FloatImage, by: IntArray) -> BoolArray:
+    """Which shifts lines' sides tell of, (dy, dx): along parallel lines there is none.
+
+    There gaps would tell, by moving off the ink that is expected.
+    """
+    weight = inner * (np.abs(passes.distance) < 0.5)
+    spread = np.einsum("yxm,yxmi,yxmj->ij", weight, passes.turn, passes.turn)
+    size, axes = np.linalg.eigh(spread)
+    x, y = np.meshgrid(by, by)
+    if size[0] > _BOTH_WAYS * size[1]:
+        return np.ones(x.shape, dtype=np.bool_)
+    return np.asarray(np.abs(x * axes[0, 0] + y * axes[1, 0]) < 0.75)
+
+
+def _scores(
+    seen: list[FloatArray], maps: list[FloatImage], by: IntArray, shape: tuple[int, ...]
+) -> FloatArray:
+    """Correlation of each channel with each map at each shift, (c, m, dy, dx)."""
+    spectra = [np.conj(fft.rfft2(one, shape)) for one in maps]
+    window = np.ix_(by, by)
+    return np.array([[fft.irfft2(one * each, shape)[window] for each in spectra] for one in seen])
+
+
+def _explained(scores: FloatArray, maps: list[FloatImage]) -> FloatArray:
+    """Sum of squares that a profile of these maps explains at each shift, (dy, dx)."""
+    flat = np.stack(maps).reshape(len(maps), -1).astype(np.float64)
+    power = flat @ flat.T
+    power += _RIDGE * max(float(np.trace(power)) / len(maps), 1e-9) * np.eye(len(maps))
+    solved = np.einsum("ij,cjyx->ciyx", np.linalg.inv(power), scores)
+    return np.asarray((scores * solved).sum(axis=(0, 1)))
+
+
+def _log_of(explained: FloatArray, whole: float | FloatArray, count: float) -> FloatArray:
+    """Logarithm of likelihood, the rest's variance unknown: no model explains a picture wholly."""
+    rest = np.maximum(whole - explained, _LEAST_REST * whole + 1e-9)
+    return np.asarray(-count * np.log(rest))
+
+
+def _maps(passes: Passes, inner: FloatImage) -> tuple[list[FloatImage], list[FloatImage]]:
+    """Even and odd functions of distance to fresh lines, (h, w) each."""
+    at = np.abs(passes.distance) * (_NODES / REACH)
+    sign = np.where(passes.distance < 0, np.float32(-1.0), np.float32(1.0))
+    even, odd = [], []
+    for j in range(_WITHIN):
+        hat = inner * np.maximum(np.float32(1.0) - np.abs(at - np.float32(j)), np.float32(0.0))
+        even.append(hat.sum(axis=2))
+        if j:
+            odd += [(hat * sign * passes.turn[..., k]).sum(axis=2) for k in range(2)]
+    return even, odd
+
+
+def _finer(values: FloatArray, k: int) -> float:
+    """Where a parabola through the highest of values and its neighbours is highest."""
+    if k == 0 or k == len(values) - 1 or not np.isfinite(values[[k - 1, k + 1]]).all():
+        return float(k)
+    low, top, high = values[k - 1 : k + 2]
+    bend = low - 2.0 * top + high
+    return float(k + 0.5 * (low - high) / bend) if bend < -1e-12 else float(k)

@@ -1,0 +1,101 @@
+"""Leave out older filaments that lie clearly below the judged ones in a volume seen from above.
+
+A picture of filaments (`own_depth`) shows each column at the depth of the fresh one next to it:
+older ink further down doesn't show there, and hides nothing. Older ink further up casts a shadow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.findings import LayerFindings
+from registration.inspection.pictures.heights.height import HeightFrame
+from registration.inspection.values import ExpectedLines
+
+_STEP_MM: Final = 0.1
+_CLEAR_MM: Final = 0.1
+"""Of bath between two filaments, for the lower one not to show: blur, and the frame's errors."""
+
+
+@dataclass(frozen=True)
+class ShownLines:
+    """Lines of which older ink shows at the depths of fresh ones.
+
+    Attributes
+    ----------
+    lines : ExpectedLines
+        Older ones are cut finely.
+    row : (n,) int64
+        Of the lines that they were cut from.
+    """
+
+    lines: ExpectedLines
+    row: IntArray
+
+    @staticmethod
+    def of(lines: ExpectedLines, frame: HeightFrame, depth_down: bool) -> ShownLines:
+        """Cut older lines, and leave out what lies clearly below the fresh one next to it.
+
+        Strokes of which a part is fresh are kept whole.
+
+        Parameters
+        ----------
+        lines : ExpectedLines
+        frame : HeightFrame
+        depth_down : bool
+            Whether depth grows away from the scanner (`Scan.depth_down`).
+        """
+        old = ~np.isin(lines.stroke, lines.stroke[lines.fresh])
+        length = np.linalg.norm(lines.end - lines.start, axis=1)
+        count = np.where(old, np.maximum(1, np.ceil(length / _STEP_MM)), 1).astype(np.int64)
+        row = np.repeat(np.arange(len(lines)), count)
+        number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        cut = _parts(lines, row, number / count[row], (number + 1) / count[row])
+        shown = ~(old[row] & _below(cut, lines, frame, depth_down))
+        return ShownLines(_some(cut, shown), row[shown])
+
+    def as_given(self, findings: LayerFindings) -> LayerFindings:
+        """Return findings with the lines' own rows."""
+        stations = replace(findings.stations, piece=self.row[findings.stations.piece])
+        return replace(findings, stations=stations)
+
+
+def _below(
+    cut: ExpectedLines, lines: ExpectedLines, frame: HeightFrame, depth_down: bool
+) -> BoolArray:
+    """Which lines have bath between themselves and the fresh one above them, (n,)."""
+    fresh = np.flatnonzero(lines.fresh)
+    length = np.linalg.norm((lines.end - lines.start)[fresh], axis=1)
+    count = np.maximum(1, np.ceil(length / _STEP_MM)).astype(np.int64)
+    own = np.repeat(fresh, count)
+    number = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
+    share = (number + 0.5) / np.repeat(count, count)
+    above = frame.to_voxels(_at(lines, own, share))
+    here = frame.to_voxels(0.5 * (cut.start + cut.end))
+    near = cKDTree(above[:, :2]).query(here[:, :2])[1]
+    sign = 1.0 if depth_down else -1.0
+    deeper_mm = sign * (here[:, 2] - above[near, 2]) / abs(float(frame.matrix[2, 2]))
+    apart_mm = 0.5 * (cut.width_mm + lines.width_mm[own[near]])
+    return np.asarray(deeper_mm > apart_mm + _CLEAR_MM)
+
+
+def _at(lines: ExpectedLines, row: IntArray, share: FloatArray) -> FloatArray:
+    """Places (n, 3), mm, at a share of the way along lines."""
+    part = share[:, None]
+    return np.asarray(lines.start[row] * (1.0 - part) + lines.end[row] * part)
+
+
+def _parts(
+    lines: ExpectedLines, row: IntArray, begin: FloatArray, end: FloatArray
+) -> ExpectedLines:
+    """Parts of lines ``row``, from and to shares of their way."""
+    return replace(_some(lines, row), start=_at(lines, row, begin), end=_at(lines, row, end))
+
+
+def _some(lines: ExpectedLines, which: IntArray | BoolArray) -> ExpectedLines:
+    return ExpectedLines(**{name: value[which] for name, value in vars(lines).items()})

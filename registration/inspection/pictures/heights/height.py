@@ -1,0 +1,191 @@
+"""Make a picture of a layer from an OCT volume: scattering in its slab, and surface height."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels.arrays import BoolArray, FloatArray
+from registration.errors import PictureError
+from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.pictures.unmeasured import unmeasured_scans
+from registration.inspection.values import ExpectedLines, FloatImage
+from registration.scan import Scan
+
+_SPECKLE: Final = 3
+"""Voxels over which a surface is looked for, each way."""
+_LEAST_SLAB: Final = 2
+_EDGE: Final = 0.5
+"""Of the way from bath to ink at which a surface lies."""
+FLOOR: Final = 0.1
+"""Of the brighter of both, added before the logarithm: dark noise mustn't count."""
+_AROUND_MM: Final = 1.5
+"""From lines, so far bath is looked at."""
+_FEWEST: Final = 100
+_USUAL_INK: Final = 80
+"""Percentile: some of the lines may be missing."""
+FARTHEST: Final = 2.0
+"""Thicknesses from the layer's middle: how much farther off a surface is tells nothing."""
+
+
+@dataclass(frozen=True)
+class HeightFrame:
+    """Where places of the printer lie in a scan seen from above.
+
+    Attributes
+    ----------
+    matrix : (4, 4) float64
+        Takes x, y, z, 1 (mm, printer) to column, row, depth (voxels), 1.
+    from_above : bool
+        Whether the scanner looks down on the print.
+    """
+
+    matrix: FloatArray
+    from_above: bool = True
+
+    def to_voxels(self, points_mm: FloatArray) -> FloatArray:
+        """Return column, row and depth (n, 3) of places (n, 3), mm."""
+        points = np.asarray(points_mm, dtype=np.float64)
+        return np.asarray(points @ self.matrix[:3, :3].T + self.matrix[:3, 3])
+
+    def to_pixels(self, points_mm: FloatArray) -> FloatArray:
+        """Return column and row (n, 2) of places (n, 3), mm."""
+        return self.to_voxels(points_mm)[:, :2]
+
+
+def height_map(
+    scan: Scan,
+    to_scan: FloatArray,
+    middle_z_mm: float,
+    thickness_mm: float,
+    lines: ExpectedLines | None = None,
+) -> tuple[FloatImage, HeightFrame]:
+    """Return a picture (rows, columns, 2) for `see_layer`, and its frame.
+
+    The first channel is the mean intensity (logarithm) of the layer's own slab, the second the
+    height of what first sends light back, mm above the layer's middle and no farther from it than
+    two thicknesses. What lies between is half of ink and bath of the slab. A-scans of one value
+    alone weren't measured: NaN.
+
+    Parameters
+    ----------
+    scan : Scan
+    to_scan : (4, 4) float64
+        Takes the printer's places to the scan's frame, mm.
+    middle_z_mm, thickness_mm : float, mm
+        Of the layer, in the printer's frame.
+    lines : ExpectedLines or None
+        By which ink and bath are told apart, so that a cropped volume gives the same picture as
+        a whole one; without them they are what is brightest and darkest of the slab.
+
+    Raises
+    ------
+    PictureError
+        When the slab lies outside the volume.
+    """
+    dz, dy, dx = scan.geometric_voxel_mm
+    matrix = np.diag([1 / dx, 1 / dy, 1 / dz, 1.0]) @ np.asarray(to_scan, dtype=float)
+    depth_per_mm = float(matrix[2, 2])
+    frame = HeightFrame(matrix, (depth_per_mm < 0) == scan.depth_down)
+    if abs(depth_per_mm) < 1e-9:
+        raise PictureError("the scan's depth doesn't run along the printer's z; check its frame")
+    level = depth_of(frame, middle_z_mm, scan.volume.shape)
+    half = max(_LEAST_SLAB / 2, 0.5 * thickness_mm * abs(depth_per_mm))
+    deepest = scan.volume.shape[0] - 1
+    if level.max() + half < 0 or level.min() - half > deepest:
+        raise PictureError(
+            f"the layer at z {middle_z_mm:g} mm lies at depth {level.mean():.0f} of a volume of "
+            f"{deepest + 1} voxels; check the scan's frame"
+        )
+    unmeasured = unmeasured_scans(scan.volume)
+    volume = speckle_less(scan.volume, scan.scale, unmeasured)
+    slab = slab_mean(volume, level, half)
+    slab[unmeasured] = np.nan
+    bath, ink = _bath_and_ink(slab, frame, float(1.0 / np.sqrt(dx * dy)), lines)
+    bright = np.log(slab + np.float32(FLOOR * max(bath, ink) + 1e-6))
+    edge = np.float32(bath + _EDGE * (ink - bath))
+    height = (_surface(volume, depth_per_mm < 0, edge) - level) / depth_per_mm
+    height[unmeasured] = np.nan
+    most = FARTHEST * thickness_mm
+    return np.stack([bright, np.clip(height, -most, most).astype(np.float32)], axis=2), frame
+
+
+def depth_of(frame: HeightFrame, z_mm: float | FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Depth, voxels, of a height, or that of each, below columns and rows, (rows, columns)."""
+    inverse = np.linalg.inv(frame.matrix)
+    column, row = np.meshgrid(np.arange(shape[2]), np.arange(shape[1]))
+    # z = inverse[2] . (column, row, depth, 1)
+    rest = z_mm - inverse[2, 0] * column - inverse[2, 1] * row - inverse[2, 3]
+    return np.asarray(rest / inverse[2, 2])
+
+
+def speckle_less(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray) -> FloatImage:
+    """Linear intensity averaged over neighbouring voxels that were measured."""
+    out = np.empty(volume.shape, dtype=np.float32)
+    size = (_SPECKLE, _SPECKLE)
+    share = cv2.blur((~unmeasured).astype(np.float32), size)
+    share = np.maximum(share, np.float32(1e-6))
+    for k in range(len(volume)):
+        slice_ = np.asarray(volume[k], dtype=np.float32)
+        light = 10 ** (slice_ / 10) if scale == "db" else slice_
+        out[k] = cv2.blur(np.where(unmeasured, np.float32(0.0), light), size) / share
+    total = out.copy()
+    total[1:] += out[:-1]
+    total[:-1] += out[1:]
+    total[1:-1] /= 3.0
+    total[0] /= 2.0
+    total[-1] /= 2.0
+    return total
+
+
+def slab_mean(
+    volume: FloatImage | Sequence[FloatImage], level: FloatArray, half: float | FloatArray
+) -> FloatImage:
+    """Mean over depths within ``half`` of a level, (rows, columns)."""
+    first, last = int(np.floor((level - half).min())), int(np.ceil((level + half).max()))
+    total = np.zeros(level.shape, dtype=np.float32)
+    weight = np.zeros(level.shape, dtype=np.float32)
+    for k in range(max(0, first), min(len(volume) - 1, last) + 1):
+        own = np.clip(half + 0.5 - np.abs(k - level), 0.0, 1.0).astype(np.float32)
+        total += own * volume[k]
+        weight += own
+    return np.where(weight > 0.3, total / np.maximum(weight, 1e-6), np.nan).astype(np.float32)
+
+
+def _bath_and_ink(
+    slab: FloatImage, frame: HeightFrame, px_per_mm: float, lines: ExpectedLines | None
+) -> tuple[float, float]:
+    """Return what bath and ink send back, of the slab's mean: around and in the middle of lines.
+
+    As far around as a look asks to see, wherever the volume ends.
+    """
+    known = np.isfinite(slab)
+    if lines is not None:
+        ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
+        wide = lines.width_mm * px_per_mm
+        near = drawn_lines(slab.shape, ends, wide + 2 * _AROUND_MM * px_per_mm) > 0
+        taken = drawn_lines(slab.shape, ends, 1.7 * wide + 4.0) > 0
+        core = drawn_lines(slab.shape, ends[lines.fresh], 0.5 * wide[lines.fresh]) > 0
+        bath, ink = slab[near & ~taken & known], slab[core & known]
+        if min(len(bath), len(ink)) >= _FEWEST:
+            return float(np.median(bath)), float(np.percentile(ink, _USUAL_INK))
+    low, high = np.percentile(slab[known], [10, 98]) if known.any() else (0.0, 0.0)
+    return float(low), float(high)
+
+
+def _surface(volume: FloatImage, from_first: bool, level: np.float32) -> FloatImage:
+    """Depth, voxels, at which light first comes back, looking from above; (rows, columns)."""
+    order = volume if from_first else volume[::-1]
+    above = order > level
+    first = above.argmax(axis=0)
+    rows, columns = np.indices(first.shape)
+    before = order[np.maximum(first - 1, 0), rows, columns]
+    at = order[first, rows, columns]
+    part = np.clip((at - level) / np.maximum(at - before, 1e-6), 0.0, 1.0) * (first > 0)
+    depth = np.where(above.any(axis=0), first - part, len(volume) - 1.0).astype(np.float32)
+    return depth if from_first else (len(volume) - 1 - depth).astype(np.float32)

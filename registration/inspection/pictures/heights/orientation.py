@@ -1,0 +1,216 @@
+"""Check if a scan fits its lines better turned, mirrored (scan axes mixed up) or far moved.
+
+Ink that lies where lines are expected correlates best with them as it is, however much of it is
+missing; so a picture that fits better otherwise isn't of the frame it is said to be of. A layer
+that looks the same turned tells nothing, and where a move explains as much as a turn does, it is a
+move. Gel in a dim bath is brighter than what lies around it, clear ink in a scattering bath darker:
+where a picture fits by neither sign as it is, either counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+import cv2
+import numpy as np
+
+from kernels.arrays import BoolArray, FloatArray
+from registration.inspection.options import IN_PART
+from registration.inspection.pictures.heights.height import HeightFrame
+from registration.inspection.pictures.heights.moved_part import moved_part
+from registration.inspection.pictures.heights.own_depth import ScanByDepth, TurnedMaps
+from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.values import ExpectedLines, FloatImage, Frame
+from registration.scan import Scan
+
+_PIXELS: Final = 1e5
+_SAME_MM: Final = 1e-3
+_REACH_MM: Final = 0.5
+"""By which the layer may lie beside its place."""
+_FAR_MM: Final = 2.0
+"""By which a layer is looked for that isn't there."""
+_FITS: Final = 0.5
+"""Correlation that ink and lines have at least where they belong together."""
+_BETTER: Final = 0.1
+_SIGN: Final = 0.25
+"""Correlation as it is, from which on it says whether ink is bright or dark."""
+
+_DARK: Final = 3.0
+"""Times what a quarter of the picture is darker by: two standard deviations of a bath."""
+_NEARLY_ALL: Final = 90
+"""Percentile of a row or column."""
+
+_TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
+    "turned by 180°": lambda image: image[::-1, ::-1],
+    "turned by 90°": lambda image: np.rot90(image),
+    "turned by 270°": lambda image: np.rot90(image, 3),
+    "mirrored along x": lambda image: image[:, ::-1],
+    "mirrored along y": lambda image: image[::-1],
+    "with x and y exchanged": lambda image: image.T,
+    "with x and y exchanged and turned by 180°": lambda image: image[::-1, ::-1].T,
+}
+
+
+def better_turned(
+    picture: FloatImage,
+    frame: Frame,
+    lines: ExpectedLines,
+    scan: Scan | None = None,
+    in_parts: bool = True,
+) -> str | None:
+    """Return how a picture fits its lines clearly better; None where it fits as it is.
+
+    Words to go behind "the picture fits the layer better".
+
+    Parameters
+    ----------
+    picture : (rows, columns, 1 or 2) float32
+        Of `height_map`; what scatters comes first.
+    frame : Frame
+        Of the picture as it is.
+    lines : ExpectedLines
+    scan : Scan or None
+        Of a bath: lines are then looked for at their own depths. In one slab over all of them thin
+        clear ink hardly shows.
+    in_parts : bool
+        Whether to check if one end of it is moved against the other: for a `surface_of`.
+    """
+    rows = _at_its_height(lines)
+    ends = np.stack([frame.to_pixels(one[rows]) for one in (lines.start, lines.end)], axis=1)
+    flat = np.linalg.norm((lines.end - lines.start)[rows, :2], axis=1)
+    px_per_mm = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() / max(flat.sum(), 1e-9)
+    shrink = max(1.0, float(np.sqrt(picture[:, :, 0].size / _PIXELS)))
+    maps = None
+    if scan is not None and isinstance(frame, HeightFrame):
+        by_depth = ScanByDepth.of(scan)
+        shaded = _shaded(lines, rows, frame, picture.shape[:2], px_per_mm)
+        by_depth = replace(by_depth, unmeasured=by_depth.unmeasured | shaded)
+        picture = np.where(shaded[:, :, None], np.float32(np.nan), picture)
+        maps = TurnedMaps(*by_depth.smaller(shrink, frame), lines, rows)
+    reach = max(1, round(_REACH_MM * px_per_mm / shrink))
+    fit = partial(_fit, ends, lines.width_mm[rows] * px_per_mm, reach, shrink)
+    flat_ink = _shrunk(picture[:, :, 0], shrink)
+    far_px = round((_FAR_MM - _REACH_MM) * px_per_mm / shrink)
+    found = _best_place(fit, flat_ink, maps, far_px)
+    if isinstance(found, str):
+        return found
+    if found is not None:
+        return _moved_words(found, frame, lines)
+    off = moved_part(picture, frame, lines) if in_parts and picture.shape[2] == 2 else None
+    return None if off is None else f"{_moved_words(off, frame, lines)} {IN_PART}"
+
+
+def _best_place(
+    fit: Callable[..., dict[int, tuple[float, FloatArray]]],
+    flat_ink: FloatImage,
+    maps: TurnedMaps | None,
+    far_px: int,
+) -> str | FloatArray | None:
+    """Turn, or move in px of the picture, by which it fits clearly better; None for as it is.
+
+    ``fit`` tells how well an image fits its lines, moved by so many more pixels; ``maps`` show ink
+    at the lines' own depths.
+    """
+
+    def shown(turn: Callable[[FloatImage], FloatImage]) -> FloatImage:
+        return turn(flat_ink) if maps is None else _shrunk(maps.of(turn), 1.0)
+
+    here = fit(shown(np.asarray))
+    sign = max(here, key=lambda one: here[one][0])
+    as_it_is = here[sign][0]
+    # Lines followed in depth fit by their own sign far better than by chance.
+    signs = (sign,) if as_it_is > _SIGN and maps is None else (1, -1)
+    flat = here if maps is None else fit(flat_ink)  # what lies far off shows at no one's depth
+    own = tuple(one for one in signs if maps is None or flat[one][0] >= flat[-one][0])
+    fits = dict[str, float]()
+    for name, turn in _TURNS.items():
+        found, slab = fit(shown(turn)), here if maps is None else fit(turn(flat_ink))
+        each = [found[one][0] for one in signs]
+        fits[name] = max(each + [slab[one][0] for one in signs if maps is not None])
+    moved = fit(flat_ink, far_px)
+    far, off_px = max((moved[one] for one in own), key=lambda found: found[0])
+    best = max(fits, key=lambda name: fits[name])
+    # Ink of bright rims fits in one slab far better than at its own depth.
+    needed = max(_FITS, max(as_it_is, *(flat[one][0] for one in own)) + _BETTER)
+    if far > max(needed, fits[best] - _BETTER):
+        return off_px
+    return best if fits[best] > needed else None
+
+
+def _fit(
+    ends: FloatArray,
+    width_px: FloatArray,
+    reach: int,
+    shrink: float,
+    turned: FloatImage,
+    more: int = 0,
+) -> dict[int, tuple[float, FloatArray]]:
+    """Best correlation of lines with bright ink (1) and dark (-1), and where, px of the picture.
+
+    Moved by ``more`` pixels more than ``reach``.
+    """
+    shape = tuple(round(count * shrink) for count in turned.shape)
+    drawn = drawn_lines((shape[0], shape[1]), ends, width_px).astype(np.float32)
+    mask = cv2.resize(drawn, turned.shape[::-1], interpolation=cv2.INTER_AREA)
+    inner = mask[reach:-reach, reach:-reach]
+    if min(inner.shape, default=0) < 8 or inner.std() < 1e-3:
+        return dict.fromkeys((1, -1), (0.0, np.zeros(2)))
+    usual = float(np.median(turned))
+    image = cv2.copyMakeBorder(turned, *(more,) * 4, cv2.BORDER_CONSTANT, value=usual)
+    found = cv2.matchTemplate(np.ascontiguousarray(image), inner, cv2.TM_CCOEFF_NORMED)
+    least, most, low, high = cv2.minMaxLoc(found)
+    both = {1: (most, high), -1: (-least, low)}
+    return {
+        sign: (size, (np.array(at, dtype=np.float64) - reach - more) * shrink)
+        for sign, (size, at) in both.items()
+    }
+
+
+def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:
+    """By how much the layer lies beside its place, by the printer's axes."""
+    middle = lines.start[lines.fresh].mean(axis=0)
+    places = middle + np.vstack([np.zeros(3), np.eye(3)[:2]])
+    origin, *ends = frame.to_pixels(places)
+    axes = np.column_stack([one - origin for one in ends])
+    x, y = np.round(np.linalg.solve(axes, off_px), 1) + 0.0  # no -0.0
+    return f"moved by {x:+.1f} mm along x and {y:+.1f} mm along y"
+
+
+def _shaded(
+    lines: ExpectedLines, rows: BoolArray, frame: HeightFrame, shape: tuple[int, ...], scale: float
+) -> BoolArray:
+    """Pixels under lines between the scanner and those of ``rows``: dark by their shadow."""
+    sign = 1.0 if frame.from_above else -1.0
+    middle = sign * 0.5 * (lines.start[:, 2] + lines.end[:, 2])
+    over = ~rows & (middle > middle[lines.fresh].max())
+    ends = np.stack([frame.to_pixels(one[over]) for one in (lines.start, lines.end)], axis=1)
+    return drawn_lines((shape[0], shape[1]), ends, lines.width_mm[over] * scale) > 0
+
+
+def _at_its_height(lines: ExpectedLines) -> BoolArray:
+    """Fresh lines, and older ones that reach between their lowest and highest place, (n,)."""
+    ends = np.stack([lines.start[:, 2], lines.end[:, 2]])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    above = high >= low[lines.fresh].min() - _SAME_MM
+    return np.asarray(above & (low <= high[lines.fresh].max() + _SAME_MM))
+
+
+def _shrunk(image: FloatImage, by: float) -> FloatImage:
+    """Image of fewer pixels, its darkest and brightest clipped; usual where nothing is known."""
+    image = np.nan_to_num(image, nan=float(np.nanmedian(image)))
+    size = (max(1, round(image.shape[1] / by)), max(1, round(image.shape[0] / by)))
+    small = _without_dead_lines(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    low, high = np.percentile(small, [1, 99])
+    return np.asarray(np.clip(small, low, high), dtype=np.float32)
+
+
+def _without_dead_lines(image: FloatImage) -> FloatImage:
+    """Image in which rows and columns that are dark from end to end show what is usual."""
+    out, usual = image.copy(), float(np.median(image))
+    dark = usual - _DARK * (usual - float(np.percentile(image, 25)))
+    out[:, np.percentile(image, _NEARLY_ALL, axis=0) < dark] = usual
+    out[np.percentile(image, _NEARLY_ALL, axis=1) < dark] = usual
+    return out

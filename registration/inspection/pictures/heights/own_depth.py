@@ -1,0 +1,202 @@
+"""Make a picture of filaments from an OCT volume: scattering at each filament's own depth.
+
+One slab over all depths holds more bath than ink where filaments lead up or down, or lie at several
+heights. Here each column of the volume is averaged over the height of the filament next to it as
+seen from above, relative to what the whole volume usually sends back from that depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.stats import siegelslopes
+
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.pictures.heights.height import (
+    FLOOR,
+    HeightFrame,
+    depth_of,
+    slab_mean,
+    speckle_less,
+)
+from registration.inspection.pictures.heights.line_places import LinePlaces
+from registration.inspection.pictures.unmeasured import unmeasured_scans
+from registration.inspection.values import ExpectedLines, FloatImage
+from registration.scan import Scan
+
+_LEAST_HALF: Final = 1.0
+"""Voxels of depth to either side."""
+_HEIGHT: Final = 0.7
+"""Of a round filament's width, over which it is averaged: beyond, its sides are bath."""
+_MORE: Final = 1.6
+"""Times that, for ink that shows by its rim: upper and lower one are among it."""
+HEIGHTS: Final = (_HEIGHT, _HEIGHT * _MORE)
+_BETTER: Final = 1.5
+"""Times as much as it must stand out then: an average over more has less noise."""
+_LEAST_FLOOR: Final = 0.05
+"""Of what the bath sends back, below which nothing is told apart."""
+_BRIGHT: Final = 4.0
+"""Times the bath, from which on ink tells how light fades with depth."""
+_FEWEST: Final = 20
+"""Places by which that is known."""
+_MOST: Final = 400
+"""And about as many are enough."""
+
+
+@dataclass(frozen=True)
+class ScanByDepth:
+    """A volume relative to what it usually sends back from each depth.
+
+    Attributes
+    ----------
+    planes : (depth, rows, columns) float32
+        Without speckle; 1 is usual.
+    unmeasured : (rows, columns) bool
+    """
+
+    planes: FloatImage
+    unmeasured: BoolArray
+
+    @staticmethod
+    def of(scan: Scan) -> ScanByDepth:
+        """Divide each depth by its usual value."""
+        unmeasured = unmeasured_scans(scan.volume)
+        planes = speckle_less(scan.volume, scan.scale, unmeasured)
+        usual = np.array([np.median(one[~unmeasured]) for one in planes]) if planes.size else 1.0
+        planes /= np.maximum(usual, 1e-6 * float(np.max(usual)) + 1e-12)[:, None, None].astype("f4")
+        return ScanByDepth(planes, unmeasured)
+
+    def smaller(self, by: float, frame: HeightFrame) -> tuple[ScanByDepth, HeightFrame]:
+        """Return it with so many times fewer rows and columns, and the frame for those."""
+        rows, columns = self.unmeasured.shape
+        size = (max(1, round(columns / by)), max(1, round(rows / by)))
+        planes = [cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in self.planes]
+        share = cv2.resize(self.unmeasured.astype("f4"), size, interpolation=cv2.INTER_AREA)
+        ratio = np.array([size[0] / columns, size[1] / rows, 1.0, 1.0])
+        matrix = np.diag(ratio) @ frame.matrix
+        matrix[:2, 3] += 0.5 * ratio[:2] - 0.5
+        return ScanByDepth(np.stack(planes), np.asarray(share > 0.5)), HeightFrame(matrix)
+
+    def depths(
+        self, frame: HeightFrame, places: LinePlaces, shape: tuple[int, ...]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return depths of filaments, and half of the heights to average over, (rows, columns).
+
+        In voxels, of the filament next to each column of a picture of ``shape``; where one lies
+        clearly over another, of the one nearer to the scanner, which shades the other.
+        """
+        column, row = np.meshgrid(*(np.arange(count) for count in shape[::-1]))
+        pixel = frame.to_pixels(places.at)
+        near = cKDTree(pixel).query(np.column_stack([column.ravel(), row.ravel()]))[1]
+        near = places.upper(near.reshape(column.shape), pixel, frame)
+        level = depth_of(frame, places.at[near, 2], (len(self.planes), *shape))
+        half = 0.5 * _HEIGHT * places.width[near] * abs(float(frame.matrix[2, 2]))
+        return level, np.maximum(half, _LEAST_HALF)
+
+    def along(
+        self,
+        level: FloatArray,
+        half: FloatArray,
+        turn: Callable[[NDArray[Any]], NDArray[Any]] = np.asarray,
+    ) -> FloatImage:
+        """Average each column, turned first, at ``depths``; NaN where nothing was measured."""
+        slab = slab_mean([turn(one) for one in self.planes], level, half)
+        slab[turn(self.unmeasured)] = np.nan
+        return slab
+
+
+@dataclass(frozen=True)
+class TurnedMaps:
+    """Pictures of filaments as they would lie in a turned scan.
+
+    Attributes
+    ----------
+    by_depth : ScanByDepth
+    frame : HeightFrame
+    lines : ExpectedLines
+    use : (n,) bool
+        Which of them are followed.
+    """
+
+    by_depth: ScanByDepth
+    frame: HeightFrame
+    lines: ExpectedLines
+    use: BoolArray
+    _depths: dict[tuple[int, ...], tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+
+    def of(self, turn: Callable[[NDArray[Any]], NDArray[Any]]) -> FloatImage:
+        """Return the logarithm at each filament's own depth, (rows, columns)."""
+        shape = turn(self.by_depth.unmeasured).shape
+        if shape not in self._depths:
+            places = LinePlaces.of(self.lines, self.use)
+            self._depths[shape] = self.by_depth.depths(self.frame, places, shape)
+        return np.asarray(
+            np.log(self.by_depth.along(*self._depths[shape], turn) + np.float32(FLOOR))
+        )
+
+
+def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatImage:
+    """Return a picture (rows, columns, 1) for `see_layer`: logarithm, by the usual at that depth.
+
+    Parameters
+    ----------
+    scan : Scan
+    frame : HeightFrame
+        As `height_map` returns it.
+    lines : ExpectedLines
+        Those written last (``fresh``) are followed.
+    """
+    places = LinePlaces.of(lines, lines.fresh)
+    by_depth = ScanByDepth.of(scan)
+    level, half = by_depth.depths(frame, places, by_depth.unmeasured.shape)
+    at = frame.to_pixels(places.at)
+    inner, whole = (_logarithm(by_depth.along(level, k * half), level, at) for k in (1.0, _MORE))
+    shown = [_stands_out(one, at) for one in (inner, whole)]
+    return (whole if shown[1] > _BETTER * shown[0] else inner)[:, :, None]
+
+
+def _logarithm(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
+    floor = np.float32(FLOOR) * _ink_level(slab, level, at)
+    floor = np.maximum(floor, np.float32(_LEAST_FLOOR))
+    return np.asarray(np.log((slab + floor) / (1 + floor)))
+
+
+def _stands_out(image: FloatImage, at: FloatArray) -> float:
+    """By how much filaments' middles ``at`` (n, 2) px differ from all, over the scatter of all."""
+    usual = float(np.nanmedian(image))
+    spread = float(np.nanmedian(np.abs(image - usual)))
+    row, column = _inside(at, image.shape)
+    shown = np.abs(image[row, column] - usual)
+    known = np.isfinite(shown)
+    return float(np.median(shown[known])) / max(spread, 1e-9) if known.any() else 0.0
+
+
+def _inside(at: FloatArray, shape: tuple[int, ...]) -> tuple[IntArray, IntArray]:
+    """Rows and columns of places (n, 2) px within a picture."""
+    column, row = np.rint(at).astype(np.int64).T
+    inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
+    return row[inside], column[inside]
+
+
+def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
+    """What bright ink sends back from the depth ``level`` of each column, times the bath.
+
+    A logarithm without a floor makes the blurred rim of such ink as wide as the ink itself.
+    """
+    row, column = _inside(at, slab.shape)
+    bright = slab[row, column] > _BRIGHT
+    row, column = row[bright], column[bright]
+    if len(row) < _FEWEST:
+        return np.zeros_like(slab)
+    ink, depth = np.log(slab[row, column]), level[row, column]
+    few = slice(None, None, 1 + len(row) // _MOST)
+    fade = siegelslopes(ink[few], depth[few]) if np.ptp(depth[few]) > 2.0 else None
+    slope, begin = (fade.slope, fade.intercept) if fade else (0.0, float(np.median(ink)))
+    known = np.clip(level, depth.min(), depth.max())
+    return np.exp(begin + slope * known).astype(np.float32)

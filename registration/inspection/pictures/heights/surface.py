@@ -1,0 +1,191 @@
+"""Make a picture of a layer from a laser profiler's height map: heights, and what it didn't see.
+
+A profiler tells nothing where its camera doesn't see the laser's line: behind a taller line, on
+steep flanks, where a wet crest mirrors it. Such places are never taken for ink or for none: holes
+of a cell or two are filled with what lies around, wider ones are `hidden`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels.arrays import BoolArray, FloatArray
+from registration.errors import PictureError
+from registration.files.readers.heights import HeightMap
+from registration.inspection.pictures.heights.height import FARTHEST, HeightFrame
+from registration.inspection.pictures.heights.tilt import levelled
+from registration.inspection.pictures.picture import HIGHEST, LOWEST, drawn_lines
+from registration.inspection.values import ExpectedLines, FloatImage
+
+_HOLE_PX: Final = 1.5
+"""Standard deviation of the filter that fills what wasn't seen, cells."""
+_UNEVEN: Final = 1.2
+"""Times the side of a square cell, from which on the wider side is too wide."""
+_HIDDEN: Final = 0.5
+"""Of a square cell."""
+_LEAST_SHARE: Final = 1e-3
+_APART: Final = 1.7
+"""Widths of a line, from which on what lies beside it is bare."""
+_SHADE: Final = 6.0
+"""Of a slope of one thickness over four cells in the shaded relief."""
+_LOST: Final = (90, 40, 20)
+"""Blue, green, red."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A height map as `see_layer` takes it.
+
+    Attributes
+    ----------
+    picture : (rows, columns, 2) float32
+        Height over the layer's middle: in thicknesses, cut off below the layer; and mm.
+    frame : HeightFrame
+    hidden : (rows, columns) bool
+        Not seen.
+    thickness_mm : float, mm
+        Of the layer.
+    over_mm : float, mm
+        Usual height of the fresh lines' middles over the layer's top; NaN where none was measured.
+    stands_mm : float, mm
+        Usual height of these middles over the bare surface beside them; NaN where older lines lie
+        beside, or none was measured.
+    """
+
+    picture: FloatImage
+    frame: HeightFrame
+    hidden: BoolArray
+    thickness_mm: float
+    over_mm: float
+    stands_mm: float
+
+    def shaded(self) -> NDArray[Any]:
+        """Relief lit from the upper left, (rows, columns, 3) uint8; blue where nothing was seen."""
+        level = self.picture[:, :, 1] / self.thickness_mm
+        slope = cv2.Sobel(level, cv2.CV_32F, 1, 0) + cv2.Sobel(level, cv2.CV_32F, 0, 1)
+        grey = 110.0 + 60.0 * level - _SHADE * slope
+        out = np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
+        out[self.hidden] = _LOST
+        return out
+
+
+def surface_of(
+    heights: HeightMap,
+    to_map: FloatArray,
+    middle_z_mm: float,
+    thickness_mm: float,
+    lines: ExpectedLines,
+) -> Surface:
+    """Return a layer's surface as a profiler saw it.
+
+    Parameters
+    ----------
+    heights : HeightMap
+    to_map : (4, 4) float64
+        Takes the printer's places to the profiler's frame, mm; heights grow with the printer's z.
+    middle_z_mm, thickness_mm : float, mm
+        Of the layer, in the printer's frame.
+    lines : ExpectedLines
+
+    Raises
+    ------
+    PictureError
+        When the profiler doesn't look down, or measured nothing.
+    """
+    (dx, dy), (x, y) = heights.pixel_mm, heights.origin_mm
+    to_cells = np.diag([1 / dx, 1 / dy, 1.0, 1.0])
+    to_cells[:2, 3] = -x / dx, -y / dy
+    frame = HeightFrame(to_cells @ np.asarray(to_map, dtype=np.float64))
+    if not frame.matrix[2, 2] > 0.5:
+        raise PictureError(
+            "the profiler's heights don't grow with the printer's z; check printer_to_scan"
+        )
+    if not np.isfinite(heights.height_mm).any():
+        raise PictureError("the profiler measured no height at all")
+    above = levelled(_above(heights.height_mm, frame, middle_z_mm), frame, thickness_mm, lines)
+    lost = ~np.isfinite(above)
+    whole, hidden = _filled(above, lost), lost
+    over = _along(lines, frame, above) - thickness_mm / 2
+    alone = bool(lines.fresh.all())
+    stands = _along(lines, frame, above - _beside(lines, frame, above)) if alone else np.nan
+    whole, hidden, to_square = _square(whole, hidden, heights.pixel_mm)
+    frame = HeightFrame(to_square @ frame.matrix)
+    level = np.clip(whole / thickness_mm, LOWEST, HIGHEST)
+    level[hidden] = LOWEST  # a shadow begins where a line ends
+    most = FARTHEST * thickness_mm
+    picture = np.stack([level, np.clip(whole, -most, most)], axis=2).astype(np.float32)
+    return Surface(picture, frame, hidden, thickness_mm, over, stands)
+
+
+def _square(
+    whole: FloatImage, hidden: BoolArray, pixel_mm: tuple[float, float]
+) -> tuple[FloatImage, BoolArray, FloatArray]:
+    """Heights and what is hidden in square cells of the same area, and the (4, 4) matrix to them.
+
+    Profiles often lie farther apart than points along the laser's line; whoever draws lines into a
+    picture, or looks around a place, counts in pixels that are as wide as high.
+    """
+    side = float(np.sqrt(pixel_mm[0] * pixel_mm[1]))
+    by = np.array(pixel_mm) / side
+    to_square = np.eye(4)
+    if by.max() < _UNEVEN:
+        return whole, hidden, to_square
+    rows, columns = whole.shape
+    wide, high = max(1, round(columns * by[0])), max(1, round(rows * by[1]))
+    # Averaged along one axis first: together both would be interpolated, which leaves points out.
+    fewer = (min(columns, wide), min(rows, high))
+    planes = [whole, hidden.astype(np.float32)]
+    for size, how in ((fewer, cv2.INTER_AREA), ((wide, high), cv2.INTER_LINEAR)):
+        planes = [cv2.resize(one, size, interpolation=how) for one in planes]
+    by = np.array([wide / columns, high / rows])
+    to_square[:2, :2] = np.diag(by)
+    to_square[:2, 3] = 0.5 * by - 0.5
+    return planes[0], np.asarray(planes[1] > _HIDDEN), to_square
+
+
+def _above(height_mm: FloatImage, frame: HeightFrame, middle_z_mm: float) -> FloatImage:
+    """Printer's z of each cell over the layer's middle, (rows, columns), mm."""
+    _, _, own, offset = np.linalg.inv(frame.matrix)[2]
+    across, down = np.linalg.inv(frame.matrix)[2, :2]
+    rows, columns = height_mm.shape
+    plane = across * np.arange(columns) + down * np.arange(rows)[:, None] + offset - middle_z_mm
+    return np.asarray(own * height_mm + plane, dtype=np.float32)
+
+
+def _beside(lines: ExpectedLines, frame: HeightFrame, above: FloatImage) -> FloatImage:
+    """Mean height of what lies a width or two beside all lines, (rows, columns); NaN far off."""
+    ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
+    px = float(np.hypot(*frame.matrix[:2, 0]) * np.hypot(*frame.matrix[:2, 1])) ** 0.5
+    wide = lines.width_mm * px
+    bare = (drawn_lines(above.shape, ends, _APART * wide) == 0) & np.isfinite(above)
+    reach = _APART * float(np.median(wide))
+    total = cv2.GaussianBlur(np.where(bare, above, np.float32(0.0)), (0, 0), reach)
+    share = cv2.GaussianBlur(bare.astype(np.float32), (0, 0), reach)
+    return np.asarray(np.where(share > _LEAST_SHARE, total / np.maximum(share, 1e-6), np.nan))
+
+
+def _along(lines: ExpectedLines, frame: HeightFrame, above: FloatImage) -> float:
+    """Median of the heights in the middle of fresh pieces, mm; NaN where none was measured."""
+    middles = 0.5 * (lines.start + lines.end)[lines.fresh]
+    column, row = np.rint(frame.to_pixels(middles)).astype(np.int64).T
+    rows, columns = above.shape
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    found = above[row[inside], column[inside]]
+    found = found[np.isfinite(found)]
+    return float(np.median(found)) if len(found) else float("nan")
+
+
+def _filled(above: FloatImage, lost: BoolArray) -> FloatImage:
+    """Heights without single spikes, and with those around where none was measured."""
+    weight = (~lost).astype(np.float32)
+    total = cv2.GaussianBlur(np.where(lost, np.float32(0.0), above), (0, 0), _HOLE_PX)
+    share = cv2.GaussianBlur(weight, (0, 0), _HOLE_PX)
+    usual = np.float32(np.median(above[~lost]))
+    beside = np.where(share > _LEAST_SHARE, total / np.maximum(share, _LEAST_SHARE), usual)
+    whole = np.where(lost, beside, above).astype(np.float32)
+    return np.asarray(cv2.medianBlur(whole, 3))

@@ -1,0 +1,104 @@
+"""Take a profiler's tilt and bow out of a height map, by the bare surface around the lines.
+
+A stage that isn't level and a guide that isn't straight raise plate and ink alike, by more than a
+layer over a part's length. On a plate its surface shows them; on older layers they are believed
+where the layer's own lines become flatter by it (a dish that isn't level tilts its floor alone).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.pictures.heights.height import HeightFrame
+from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.values import ExpectedLines, FloatImage
+
+_MOST: Final = 40_000
+_FEWEST: Final = 400
+_ROUNDS: Final = 6
+_NEAR: Final = 3.0
+"""Standard deviations, beyond which a height is of something else than the bare surface."""
+_EVEN: Final = 0.25
+"""Of a thickness, by which a bare surface scatters at most around its tilt and bow."""
+_ASIDE: Final = (1.7, 4.0)
+"""Widths, and cells, within which a line's foot and shadow may lie."""
+
+
+def levelled(
+    above: FloatImage, frame: HeightFrame, thickness_mm: float, lines: ExpectedLines
+) -> FloatImage:
+    """Return heights without tilt and bow, the same as before in the middle of fresh lines.
+
+    Parameters
+    ----------
+    above : (rows, columns) float32, mm
+        NaN where not measured.
+    frame : HeightFrame
+    thickness_mm : float, mm
+    lines : ExpectedLines
+    """
+    surface = _bare_surface(above, frame, thickness_mm, lines)
+    if surface is None:
+        return above
+    at = _places(above, frame, lines)
+    if not at.any():
+        return above
+    flat = np.asarray(above - (surface - np.median(surface[at])), dtype=np.float32)
+    better = _spread(flat[at]) < _spread(above[at])
+    return flat if better or lines.fresh.all() else above
+
+
+def _bare_surface(
+    above: FloatImage, frame: HeightFrame, thickness_mm: float, lines: ExpectedLines
+) -> FloatImage | None:
+    """Surface of second order through what lies beside all lines; None where that isn't one."""
+    ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
+    px = float(np.hypot(*frame.matrix[:2, 0]) * np.hypot(*frame.matrix[:2, 1])) ** 0.5
+    times, more = _ASIDE
+    taken = drawn_lines(above.shape, ends, times * lines.width_mm * px + more) > 0
+    row, column = np.nonzero(~taken & np.isfinite(above))
+    step = max(1, len(row) // _MOST)
+    row, column = row[::step], column[::step]
+    if len(row) < _FEWEST:
+        return None
+    x, y = _scaled(column, above.shape[1]), _scaled(row, above.shape[0])
+    z, basis = above[row, column].astype(np.float64), _basis(x, y)
+    near = np.ones(len(z), dtype=np.bool_)
+    for _ in range(_ROUNDS):
+        best = np.asarray(np.linalg.lstsq(basis[near], z[near], rcond=1e-6)[0], dtype=np.float64)
+        off = np.abs(z - basis @ best)
+        spread = 1.4826 * float(np.median(off)) + 1e-9
+        near = off < _NEAR * spread
+    if spread > _EVEN * thickness_mm:
+        return None
+    x, y = (_scaled(np.arange(count), count) for count in above.shape[::-1])
+    one, by_x, by_y, by_xx, by_xy, by_yy = best
+    across = one + by_x * x + by_xx * x * x
+    down = by_y * y + by_yy * y * y
+    return np.asarray(across + down[:, None] + by_xy * np.outer(y, x), dtype=np.float32)
+
+
+def _scaled(place: IntArray, count: int) -> FloatArray:
+    return np.asarray(2.0 * place / count - 1.0, dtype=np.float64)
+
+
+def _basis(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Terms up to the second order at places, (n, 6)."""
+    return np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+
+
+def _places(above: FloatImage, frame: HeightFrame, lines: ExpectedLines) -> BoolArray:
+    """Cells in the middle of fresh lines that were measured, (rows, columns)."""
+    fresh = lines.fresh
+    ends = np.stack([frame.to_pixels(one[fresh]) for one in (lines.start, lines.end)], axis=1)
+    core = drawn_lines(above.shape, ends, np.ones(int(fresh.sum())))
+    return np.asarray((core > 0) & np.isfinite(above))
+
+
+def _spread(values: FloatImage) -> float:
+    """Middle two thirds of heights: what is missing lies far below, and counts as little."""
+    low, high = np.percentile(values, [33, 84])
+    return float(high - low)

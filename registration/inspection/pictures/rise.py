@@ -1,0 +1,142 @@
+"""Height of ink over what it was laid onto, in a map of heights.
+
+Over holes of older layers, and beyond their ends, a line sags by up to all that lies below: there
+it has ink as long as it stands a layer over the floor, however low its own layer. So heights are
+told over what lies below by the design, and what lies between a layer over that and the layer's own
+top counts as all of its ink. Where it isn't known what lies below, beside an older line that may
+lie elsewhere, what would be ink over the one and none over the other isn't measured.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import cv2
+import numpy as np
+
+from kernels.arrays import BoolArray, FloatArray
+from registration.errors import PictureError
+from registration.inspection.pictures.heights.height import FARTHEST
+from registration.inspection.pictures.picture import HIGHEST, LOWEST, Outlines, drawn_lines
+from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
+
+_TOP: Final = 0.5
+"""Thicknesses from the layer's middle to its top."""
+_ASIDE: Final = 0.3
+"""Widths by which an older line may lie beside its place: lines wander by a tenth of a millimetre,
+and a map's older layers aren't laid over the design one by one."""
+_CLEAR: Final = 2.0
+"""Times a line's width, off which the ground is bare."""
+_FEWEST: Final = 100
+"""Cells of bare ground by which its height is told."""
+_COVERED: Final = 0.0
+"""Height of the ground over the layer's middle, thicknesses, from which on a bath's surface covers
+its lines: what a profiler sees there isn't theirs."""
+_ZERO: Final = 0.5
+"""Of a layer, by which a profiler's zero may be off: then the ground tells it."""
+_LOWER: Final = 1.5
+"""Layers by which the ground may lie lower because of that: what is ink isn't known, where none of
+the lines reaches its layer's middle."""
+_SOME: Final = 0.1
+"""Of the lines that does so, from which on the zero is right."""
+_UNSURE: Final = 0.5
+"""Of a layer, by which rises over two floors may differ."""
+_STEP: Final = 0.5
+"""Thicknesses between floors that count as one."""
+
+
+def risen(
+    picture: Image,
+    frame: Frame,
+    lines: ExpectedLines,
+    thickness_mm: float,
+    hidden: Outlines | BoolArray,
+) -> tuple[FloatImage, BoolArray]:
+    """Return how much of its layer stands at each pixel, (h, w), and where that isn't known.
+
+    0 on the floor, 1 at the top.
+
+    Parameters
+    ----------
+    picture : (h, w, 2) float32
+        The second channel is height over the layer's middle, mm.
+    frame : Frame
+    lines : ExpectedLines
+    thickness_mm : float, mm
+    hidden : sequence of polygons, or (h, w) bool
+        As `see_layer` takes it; pixels alone are left out of the ground.
+
+    Raises
+    ------
+    PictureError
+        When the picture isn't a map of heights.
+    """
+    if picture.ndim != 3 or picture.shape[2] != 2 or not thickness_mm > 0:
+        raise PictureError(
+            f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
+            "goes with a picture of `height_map` alone"
+        )
+    height: FloatImage = np.asarray(picture[:, :, 1] / thickness_mm, dtype=np.float32)
+    ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
+    way = np.linalg.norm((lines.end - lines.start)[:, :2], axis=1)
+    scale = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / np.maximum(way, 1e-9)
+    wide = float(np.nanmedian(scale[way > 0])) * lines.width_mm
+    seen = np.isfinite(height)
+    if isinstance(hidden, np.ndarray):
+        seen &= ~hidden
+    bare = height[seen & (drawn_lines(height.shape, ends, _CLEAR * wide) == 0)]
+    ground = float(np.median(bare)) if len(bare) >= _FEWEST else LOWEST
+    if ground > _COVERED:
+        return np.zeros_like(height), np.ones_like(seen)
+    level = _levels(lines, thickness_mm)
+    plate = max(float(level[~lines.fresh].min(initial=_TOP)) - 1.0, -FARTHEST)
+    fresh = drawn_lines(height.shape, ends[lines.fresh], wide[lines.fresh]) > 0
+    none = not (height[seen & fresh] > 0.0).mean() > _SOME
+    if plate > -FARTHEST and none and _ZERO <= plate - ground < _LOWER:
+        return np.zeros_like(height), np.ones_like(seen)
+    if abs(ground - plate) < _ZERO and plate > -FARTHEST:
+        height, ground = height - np.float32(ground - plate), plate
+    ground = max(ground, plate)
+    least, most = _floors(ground, level, ends, wide, ~lines.fresh, height.shape)
+    high, low = _over(height, least), _over(height, most)
+    return 0.5 * (high + low), ~(high - low <= _UNSURE)
+
+
+def _over(height: FloatImage, floor: FloatImage) -> FloatImage:
+    """Ink over a floor: a layer of it, or up to the layer's top, is all; more is told on top."""
+    whole = np.minimum(_TOP - floor, 1.0)
+    part = np.clip((height - floor) / whole, 0.0, 1.0)
+    return np.asarray(part + np.clip(height - _TOP, 0.0, HIGHEST - _TOP), dtype=np.float32)
+
+
+def _levels(lines: ExpectedLines, thickness_mm: float) -> FloatArray:
+    """Tops of lines over the layer's middle as designed, thicknesses, (n,)."""
+    z = 0.5 * (lines.start + lines.end)[:, 2]
+    off = (z - np.median(z[lines.fresh])) / thickness_mm
+    return np.asarray(_STEP * np.rint(off / _STEP) + _TOP)
+
+
+def _floors(
+    ground: float,
+    level: FloatArray,
+    ends: FloatArray,
+    wide: FloatArray,
+    old: BoolArray,
+    shape: tuple[int, int],
+) -> tuple[FloatImage, FloatImage]:
+    """Lowest and highest floor that may lie below each pixel, thicknesses over the middle.
+
+    Holes between older lines that are narrower than these may lie aside aren't told.
+    """
+    level = np.minimum(level, LOWEST)
+    aside = _ASIDE * float(np.median(wide))
+    size = 2 * max(1, round(2.0 * aside)) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    least = np.full(shape, ground, dtype=np.float32)
+    most = least.copy()
+    for each in np.unique(level[old & (level > ground)]):
+        rows = old & (level >= each)
+        broad = drawn_lines(shape, ends[rows], wide[rows] + 2.0 * aside)
+        most[broad > 0] = each
+        least[cv2.erode(broad, disc) > 0] = each
+    return least, most

@@ -1,4 +1,0 @@
-"""Lines lit from the side, which show as ridges.
-
-Begin with `ridge_light.py`.
-"""

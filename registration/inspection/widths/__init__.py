@@ -1,4 +1,0 @@
-"""Widths of lines and lumens, and ink beside them.
-
-Begin with `widths.py`.
-"""
