@@ -57,6 +57,8 @@ _DOUBT: Final = (0.02, 0.5)
 """Probabilities of "bare" between which a place counts as not seen."""
 _STRANGE: Final = 3.0
 """Spreads of its misfit, from which on a place doesn't look like ink that the model knows."""
+_U_WIDTH: Final = 0.25
+"""Relative standard uncertainty of lines' widths where a look tells none: beads scatter so."""
 _SURELY_FULL: Final = 0.9
 """Probability from which on a place over older ink counts as full."""
 _ALONE: Final = 1.25
@@ -151,12 +153,14 @@ def _findings(
     seen_mm = float(stations.length_mm[stations.seen].sum())
     level = InkLevel.of(look)
     appearance = replace(look.appearance(), shapes=widths.usual.shapes)
+    # Lines that look wider than they are narrow what lies between them.
+    u_line_mm = min(u_ratio, _U_WIDTH) * float(np.median(ways.width))
     return LayerFindings(
         stations=stations,
         gaps=gaps,
         stretches=all_stretches(stations, widths, options.width_percent),
         blobs=level.blobs(look, ways, options.false_rate, thickness_mm),
-        lumens=level.lumens(look, lumens),
+        lumens=level.lumens(look, lumens, u_line_mm),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
         u_width_change=widths.usual.u_change,

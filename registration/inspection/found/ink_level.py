@@ -72,11 +72,13 @@ class InkLevel:
             PlaneMap.of(look.frame, placed.ways, px_mm), rate, thickness_mm or math.nan,
         )  # fmt: skip
 
-    def lumens(self, look: Learned, lumens: Sequence[Lumen]) -> tuple[LumenSeen, ...]:
-        """Measure how far each is open."""
+    def lumens(
+        self, look: Learned, lumens: Sequence[Lumen], u_line_mm: float
+    ) -> tuple[LumenSeen, ...]:
+        """Measure how far each is open, where lines' widths are known to ``u_line_mm``."""
         by = np.array([look.shift.dx_mm, look.shift.dy_mm])
         older = (look.placed.over > 0.5).astype(np.uint8)
         return see_lumens(
             lumens, self.level, look.view.lost, older, look.frame, by, 1.0 / look.view.px_per_mm,
-            self.noise,
+            self.noise, u_line_mm,
         )  # fmt: skip

@@ -45,6 +45,7 @@ def see_lumens(
     shift_mm: FloatArray,
     px_mm: float,
     noise: float,
+    u_line_mm: float,
 ) -> tuple[LumenSeen, ...]:
     """Measure each; not seen where there is no image of ink, older ink below, or glare.
 
@@ -62,13 +63,15 @@ def see_lumens(
     px_mm : float, mm
     noise : float
         Scatter of the bath's single values.
+    u_line_mm : float, mm
+        Standard uncertainty of lines' widths: either side of a lumen may be off by half of it.
     """
     found = []
     for lumen in lumens:
         patch = None
         if image is not None:
             patch = _patch(lumen, image, unseen, old, frame, shift_mm, px_mm)
-        found.append(_measured(lumen, patch, px_mm, noise))
+        found.append(_measured(lumen, patch, px_mm, noise, u_line_mm))
     return tuple(found)
 
 
@@ -116,7 +119,9 @@ def _patch(
     )
 
 
-def _measured(lumen: Lumen, patch: _Patch | None, px_mm: float, noise: float) -> LumenSeen:
+def _measured(
+    lumen: Lumen, patch: _Patch | None, px_mm: float, noise: float, u_line_mm: float
+) -> LumenSeen:
     nothing = LumenSeen(lumen.name, lumen.width_mm, np.nan, np.nan, np.nan, False, 1.0)
     if patch is None or not patch.inside.any():
         return nothing
@@ -127,7 +132,9 @@ def _measured(lumen: Lumen, patch: _Patch | None, px_mm: float, noise: float) ->
     share = float((clear & inside).sum() / inside.sum())
     ratio, scatter = _narrowest(clear & inside, inside, lumen.width_mm / patch.step_mm)
     edge = np.sqrt(2.0) * _EDGE_PX * px_mm / lumen.width_mm
-    u = float(np.sqrt(edge**2 + _SHARP**2 + scatter**2 + (0.1 * min(noise, 1.0)) ** 2))
+    sides = u_line_mm / lumen.width_mm
+    square = edge**2 + sides**2 + _SHARP**2 + scatter**2 + (0.1 * min(noise, 1.0)) ** 2
+    u = float(np.sqrt(square))
     p_value = float(ndtr((ratio - 1.0) / u))
     return LumenSeen(
         lumen.name, lumen.width_mm, ratio * lumen.width_mm, u * lumen.width_mm, share, True, p_value
