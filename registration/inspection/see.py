@@ -207,7 +207,8 @@ def _widths(
     drawn = look.drawn
     beside = _beside(look)
     full = seen & (look.judged.states[:, BARE] < 0.1) & (ways.to_end > _END * ways.width)
-    free = full & (beside > _ALONE) & ~look.placed.old
+    full &= ~look.placed.old  # a change doesn't tell how much ink came
+    free = full & (beside > _ALONE)
     all_ = np.ones(len(ways), dtype=np.bool_)
     told = group.mean(free.astype(np.float64), all_) > _PART
     ink = measured(drawn.strips, drawn.own, StripNoise(look.judged.inverse), look.judged.lost)

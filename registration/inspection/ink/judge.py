@@ -118,52 +118,13 @@ def judge(look: Drawing, image: FloatImage, drawn: Drawn) -> Judged:
     shown &= ~placed.crossed & (ways.to_end > _ENDS * ways.width)
     usual = float(np.median(part[shown])) if shown.any() else 0.0
     whole = shown & (part <= max(_WHOLE, usual))
-    if look.view.change is None:
-        return _by_profiles(look, image, drawn, lost, shown & ~placed.old, whole)
-    judged = _by_profiles(look, image, drawn, lost, shown, whole)
-    return _by_change(look, image, drawn, judged) if placed.old.any() else judged
+    judged = _by_profile(look, image, drawn, lost, shown & ~placed.old, whole)
+    if look.view.change is None or not placed.old.any():
+        return judged
+    return _by_change(look, image, drawn, judged, shown & placed.old)
 
 
-@dataclass(frozen=True)
-class _Class:
-    """Places over the ground, or those over older ink.
-
-    Attributes
-    ----------
-    drawn : Drawn
-    is_old : bool
-    rows, good, shown : (n,) bool
-        Its places; those that are full; those that the picture tells of.
-    bare : BareStrips
-    """
-
-    drawn: Drawn
-    is_old: bool
-    rows: BoolArray
-    good: BoolArray
-    shown: BoolArray
-    bare: BareStrips
-
-    def strip_noise(self, rests: FloatArray) -> StripNoise:
-        """Learn noise of strips from rests (k, u c) of full places, and from those without ink."""
-        drawn = self.drawn
-        looks_bare = self.shown & ~drawn.looks_full
-        without = self.bare.strips if len(self.bare.strips) else drawn.strips[looks_bare]
-        doubt = drawn.model.doubt_across(int(self.is_old), ACROSS)
-        return StripNoise.of(rests, _flat(without), drawn.own[self.rows], doubt)
-
-    def is_told(self, noise: StripNoise) -> bool:
-        """Whether some ink shows by the profile that others tell; else a profile is noise."""
-        rows, ways = self.shown, self.drawn.placed.ways
-        if not rows.any():
-            return False
-        found = measured(self.drawn.strips[rows], self.drawn.by_others[rows], noise)
-        independent = float((ways.step / ways.width)[rows].sum())
-        spread = float(np.sqrt((found.u_share**2).mean()) / np.sqrt(max(independent, 1.0)))
-        return float(found.share.mean()) > _TOLD * spread
-
-
-def _by_profiles(
+def _by_profile(
     look: Drawing,
     image: FloatImage,
     drawn: Drawn,
@@ -171,61 +132,68 @@ def _by_profiles(
     shown: BoolArray,
     whole: BoolArray,
 ) -> Judged:
-    """Judge each class by its profile; ``whole`` (n,) are places whose strips are seen whole."""
-    placed, count = drawn.placed, len(shown)
-    full = whole & (drawn.present > 0.5) & drawn.looks_full
-    classes = [
-        _Class(
-            drawn, is_old, rows, full & rows, shown & rows,
-            BareStrips.laid(image - drawn.ink, placed, look.view.lost, rows, is_old),
-        )
-        for rows, is_old in ((~placed.old, False), (placed.old, True)) if rows.any()
-    ]  # fmt: skip
-    good = classes[0].good
-    left = beside_line(_flat(drawn.rest[good]), drawn.own[good])
-    inverse = classes[0].strip_noise(left).inverse
+    """Judge places over the ground by their profile; ``whole`` (n,) are those seen whole."""
+    placed, count, rows = drawn.placed, len(shown), ~drawn.placed.old
     shares, noise, misfit = Shares.blank(count), Noise.blank(count), np.zeros(count)
-    for one in classes:
-        rows, good = one.rows, one.good
-        strip_noise = one.strip_noise(_flat(drawn.rest[good]))
-        if look.prior is None and not one.is_told(strip_noise):
-            shown = shown & ~rows
-        found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
-        top = _full_level(found.share[shown[rows]], look.prior is not None)
-        shares.put(rows, found.over(top))
-        misfit[rows] = np.log(np.maximum(found.misfit, 1e-9))
-        # Slopes that light grazes along a line show little of it there.
-        usual = float(np.median(shares.u_share[good if good.any() else rows]))
-        dim = np.maximum(1.0, shares.u_share / max(usual, 1e-9))
-        scatter = learned_scatter(
-            1.0 + (shares.share - 1.0) / dim, usual, misfit, good, placed.ways.run, one.bare,
-            drawn.own * top, strip_noise,
-        )  # fmt: skip
-        noise.put(rows, scatter, dim[rows])
-    return Judged(placed.ways, lost, shown, shares, misfit, noise, inverse)
+    if not rows.any():
+        inverse = np.eye(math.prod(drawn.strips.shape[1:]))
+        return Judged(placed.ways, lost, shown, shares, misfit, noise, inverse)
+    good = whole & rows & (drawn.present > 0.5) & drawn.looks_full
+    bare = BareStrips.laid(image - drawn.ink, placed, look.view.lost, rows)
+    without = bare.strips if len(bare.strips) else drawn.strips[shown & ~drawn.looks_full]
+    doubt = drawn.model.doubt_across(0, ACROSS)
+    strip_noise, beside_lines = (
+        StripNoise.of(_flat(rests), _flat(without), drawn.own[rows], doubt)
+        for rests in (drawn.rest[good], beside_line(_flat(drawn.rest[good]), drawn.own[good]))
+    )
+    if look.prior is None and not _is_told(drawn, strip_noise, shown):
+        shown = np.zeros_like(shown)
+    found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
+    top = _full_level(found.share[shown[rows]], look.prior is not None)
+    shares.put(rows, found.over(top))
+    misfit[rows] = np.log(np.maximum(found.misfit, 1e-9))
+    # Slopes that light grazes along a line show little of it there.
+    usual = float(np.median(shares.u_share[good if good.any() else rows]))
+    dim = np.maximum(1.0, shares.u_share / max(usual, 1e-9))
+    scatter = learned_scatter(
+        1.0 + (shares.share - 1.0) / dim, usual, misfit, good, placed.ways.run, bare,
+        drawn.own * top, strip_noise,
+    )  # fmt: skip
+    noise.put(rows, scatter, dim[rows])
+    return Judged(placed.ways, lost, shown, shares, misfit, noise, beside_lines.inverse)
 
 
-def _by_change(look: Drawing, image: FloatImage, drawn: Drawn, judged: Judged) -> Judged:
-    """Judge places over older ink by how much changed there."""
-    placed, rows, inkless = drawn.placed, drawn.placed.old, look.view.inkless
+def _is_told(drawn: Drawn, noise: StripNoise, rows: BoolArray) -> bool:
+    """Whether some ink shows by the profile that others tell; else a profile is noise."""
+    if not rows.any():
+        return False
+    ways = drawn.placed.ways
+    found = measured(drawn.strips[rows], drawn.by_others[rows], noise)
+    independent = float((ways.step / ways.width)[rows].sum())
+    spread = float(np.sqrt((found.u_share**2).mean()) / np.sqrt(max(independent, 1.0)))
+    return float(found.share.mean()) > _TOLD * spread
+
+
+def _by_change(
+    look: Drawing, image: FloatImage, drawn: Drawn, judged: Judged, rows: BoolArray
+) -> Judged:
+    """Judge places over older ink, those of ``rows`` (n,), by how much changed there."""
+    placed, inkless = drawn.placed, look.view.inkless
     changed = np.ascontiguousarray(image[:, :, inkless:])
     every = np.ones(len(rows), dtype=np.bool_)
     ground, beside = (
         BareStrips.laid(changed, placed, look.view.lost, every, beside=near).strips
         for near in (False, True)
     )
-    good = judged.shown & (drawn.present > 0.5)
     found = change_of(
         strips_of(changed, placed.seen, placed.ways)[rows], drawn.own[rows][:, :, inkless:],
-        judged.lost[rows], ground, beside, good[rows],
-        placed.ways.run[rows],
+        judged.lost[rows], ground, beside, drawn.present[rows] > 0.5, placed.ways.run[rows],
     )  # fmt: skip
     if found is None:
-        judged.noise.shaded[rows] = 1.0
-        return replace(judged, shown=judged.shown & ~rows)
+        return judged
     judged.shares.share[rows], judged.misfit[rows] = found.share, found.misfit
     judged.noise.put(rows, found.scatter)
-    return judged
+    return replace(judged, shown=judged.shown | rows)
 
 
 def _lost_part(lost: BoolArray) -> FloatArray:

@@ -107,7 +107,6 @@ class BareStrips:
         placed: Placed,
         lost: BoolArray,
         like: BoolArray,
-        on_old: bool = False,
         beside: bool = False,
     ) -> BareStrips:
         """Lay them over a view where no fresh line is near.
@@ -120,8 +119,6 @@ class BareStrips:
         lost : (h, w) bool
         like : (n,) bool
             Places whose directions and widths they have.
-        on_old : bool
-            On older ink, and not clear of that.
         beside : bool
             Just beside fresh lines instead.
         """
@@ -130,13 +127,13 @@ class BareStrips:
         if beside:
             clear = ~lost & (fresh > _BESIDE[0]) & (fresh < _BESIDE[1])
         else:
-            clear = ~lost & (fresh > REACH) & (placed.over > 0.5 if on_old else older > REACH)
+            clear = ~lost & (fresh > REACH) & (older > REACH)
             framed = cv2.copyMakeBorder(
                 clear.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0
             )
             room = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
             half = float(np.median(np.linalg.norm(seen.across, axis=1) * ways.width))
-            clear = room > (0.5 * half if on_old else half)
+            clear = room > half
         y, x = np.nonzero(clear)
         if len(y) < _FEWEST_PX or not len(rows):
             return BareStrips(np.zeros((0, len(ACROSS), rest.shape[2])), np.zeros(0, np.int64))
