@@ -66,6 +66,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
         for name in (
             "seeing",
             "scenes",
+            "flows",
             "laser",
             "bath",
             "frames",

@@ -1010,7 +1010,7 @@ def _print_layers(layers: list[Layer], rng: Any, faults: dict[str, Any]) -> dict
         la.plan = plan if mine else none
         done = [_deposit(s, la.process, la.plan, rng) for s in la.strokes]
         la.deposits, la.shares = [d for d, _ in done], [t for _, t in done]
-    return {**plan, "flow": flow, "shift": proc.shift}
+    return {**plan, "flow": flow, "shift": proc.shift, "spread": proc.spread}
 
 
 def _close_lumens(layers: list[Layer], count: int, rng: Any) -> list[Any]:
@@ -1316,6 +1316,7 @@ def scene(
         "blobs": blobs,
         "hidden": hidden,
         "shift": plan["shift"],
+        "width_ratio": float(np.median(share[2][share[2] > 0] ** plan["spread"])),
         "share": share,
         "lumens": lumens,
         "missing": plan["missing"],
