@@ -125,6 +125,8 @@ class Drawing:
         Profiles known beforehand.
     odd : bool
         Whether ink shows by slopes lit from one side alone.
+    found : bool
+        Whether lines explain the view better at their place than beside it.
     """
 
     view: View
@@ -134,6 +136,7 @@ class Drawing:
     options: SeeingOptions
     prior: InkModel | None
     odd: bool
+    found: bool
 
     @cached_property
     def group(self) -> IntArray:

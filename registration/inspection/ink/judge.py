@@ -146,7 +146,7 @@ def _by_profile(
         StripNoise.of(_flat(rests), _flat(without), drawn.own[rows], doubt)
         for rests in (drawn.rest[good], beside_line(_flat(drawn.rest[good]), drawn.own[good]))
     )
-    if look.prior is None and not _is_told(drawn, strip_noise, shown):
+    if look.prior is None and not (look.found and _is_told(drawn, strip_noise, shown)):
         shown = np.zeros_like(shown)
     found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
     top = _full_level(found.share[shown[rows]], look.prior is not None)

@@ -40,6 +40,11 @@ _AS_WELL: Final = 1.15
 wherever they lie."""
 _BOTH_WAYS: Final = 0.05
 """Of the way in one direction that must run across it, for a layer's place to be told in both."""
+_BESIDE: Final = (0.7, 1.3)
+"""Widths that a layer is moved by to see whether its own place explains the picture better."""
+_FOUND: Final = 1.0
+"""Logarithm of odds by which its own place does so: in 48 pictures of shadow and mottle without ink
+one was above."""
 _LEAST_REST: Final = 1e-3
 """Of the picture's power, that is never explained."""
 _LEAST_MM: Final = 1e-3
@@ -63,10 +68,14 @@ class CoarseShift:
         x and y.
     odd : bool
         Whether its ink shows by slopes that are lit from one side.
+    found : bool
+        Whether lines explain the picture clearly better there than a width beside: a shadow's edge,
+        or mottle, is explained as well by lines anywhere. Of covers nothing is said.
     """
 
     by_px: FloatArray
     odd: bool
+    found: bool
 
 
 def coarse_shift(
@@ -100,7 +109,7 @@ def coarse_shift(
     cover = cover_at(passes.distance)
     if covers:
         even = [(inner * cover).max(axis=2)]
-    far = max(1, math.ceil(most_px))
+    far = max(1, math.ceil(most_px), math.ceil(_BESIDE[1] * width_px))
     shape = tuple(fft.next_fast_len(n + 2 * far, real=True) for n in image.shape[:2])
     image = np.where(lost[:, :, None], np.float32(0.0), image)
     seen = [fft.rfft2(np.ascontiguousarray(one), shape) for one in np.moveaxis(image, 2, 0)]
@@ -109,10 +118,13 @@ def coarse_shift(
     told = float((inner.max(axis=2) > 0.0).sum()) * image.shape[2]
     count = 0.5 * told / max(1.0, (_CELL * width_px) ** 2)
     by = np.arange(-far, far + 1)
-    prior = _prior(passes, inner, by, most_px, _USUAL_MM * px_per_mm)
+    sides = _told_by_sides(passes, inner, by)
+    away = np.hypot(*np.meshgrid(by, by))
+    prior = _prior(away, most_px, _USUAL_MM * px_per_mm)
+    prior[~sides] = -np.inf
     scores = [_scores(seen, maps, by, shape) for maps in (even, odd)]
     logs = [
-        _log_of(_explained(score, maps), whole, count) + prior
+        _log_of(_explained(score, maps), whole, count)
         for score, maps in zip(scores, (even, odd), strict=True)
     ]
     if covers:  # of a map alone what isn't seen or tells nothing is soon left out
@@ -121,14 +133,18 @@ def coarse_shift(
         covered = _scores([shown], [even[0] ** 2], by, shape)[0, 0]
         explained = (scores[0][:, 0] ** 2).sum(axis=0) / np.maximum(covered, 1e-9)
         left = whole - _scores([power], [ends], by, shape)[0, 0]
-        logs[0] = _log_of(explained, left, count) + prior
+        logs[0] = _log_of(explained, left, count)
     both = _log_of(_explained(np.concatenate(scores, axis=1), even + odd), whole, count) + prior
-    top = [np.unravel_index(int(np.argmax(log)), log.shape) for log in logs]
-    near = float(logs[1].max() - logs[0].max()) > -count * math.log(_AS_WELL)
+    here = [log + prior for log in logs]
+    top = [np.unravel_index(int(np.argmax(log)), log.shape) for log in here]
+    near = float(here[1].max() - here[0].max()) > -count * math.log(_AS_WELL)
     is_odd = not covers and near and bool(both[top[1]] > both[top[0]])
-    log, (row, column) = logs[is_odd], (int(k) for k in top[is_odd])
+    log, (row, column) = here[is_odd], (int(k) for k in top[is_odd])
+    beside = sides & (away > _BESIDE[0] * width_px) & (away < _BESIDE[1] * width_px)
+    margin = float(logs[is_odd][row, column] - logs[is_odd][beside].max(initial=-np.inf))
+    found = covers or margin > _FOUND
     place = np.array([_finer(log[row], column), _finer(log[:, column], row)]) - far
-    return CoarseShift(place, is_odd)
+    return CoarseShift(place, is_odd, found)
 
 
 def finer_shift(
@@ -182,14 +198,9 @@ def _design_effect(pull: FloatArray, cov: FloatArray, run: IntArray, along: Floa
     return max(1.0, 0.5 * float(np.trace(cov @ sums @ sums.T)))
 
 
-def _prior(
-    passes: Passes, inner: FloatImage, by: IntArray, most_px: float, usual_px: float
-) -> FloatArray:
-    """Logarithm of how likely each shift is before a look, (dy, dx)."""
-    away = np.hypot(*np.meshgrid(by, by))
-    prior = -1.5 * np.log1p((away / usual_px) ** 2)
-    prior[(away > most_px) | ~_told_by_sides(passes, inner, by)] = -np.inf
-    return np.asarray(prior)
+def _prior(away: FloatArray, most_px: float, usual_px: float) -> FloatArray:
+    """Logarithm of how likely shifts are before a look."""
+    return np.where(away > most_px, -np.inf, -1.5 * np.log1p((away / usual_px) ** 2))
 
 
 def _told_by_sides(passes: Passes, inner: FloatImage, by: IntArray) -> BoolArray:

@@ -101,7 +101,7 @@ def learned(
     even = EvenView.of(view, passes.near.min(axis=2))
     coarse = _coarse(even, passes, pieces, ways, lines, options)
     prior = _prior(known, even)
-    look = Drawing(view, frame, lines, ways, options, prior, coarse.odd)
+    look = Drawing(view, frame, lines, ways, options, prior, coarse.odd, coarse.found)
     shift = _first_shift(coarse.by_px, frame, ways)
     placed = look.placed(shift)
     present, level, rests = look.present(even.image, placed), np.ones(len(ways)), _RESTS
