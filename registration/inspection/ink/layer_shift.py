@@ -12,14 +12,14 @@ which of both explains more.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy import fft
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.ink.ink_model import cover_at
+from registration.inspection.ink.ink_model import NODES, ODD, InkModel, cover_at
 from registration.inspection.ink.passes import REACH, Passes
 from registration.inspection.options import SeeingOptions
 from registration.inspection.values import FloatImage, Shift
@@ -49,13 +49,12 @@ _LEAST_REST: Final = 1e-3
 """Of the picture's power, that is never explained."""
 _LEAST_MM: Final = 1e-3
 """Least scatter of lines beside their places: a pixel's grid."""
+_GRID_PX: Final = 0.15
+"""Standard uncertainty of a place between pixels (laser maps of 37 painted layers: 0.2)."""
 _OUTLYING: Final = 3.0
 """Spreads from which on a place hardly counts."""
 _TOGETHER: Final = 10.0
 """Widths along a line over which offsets may hang together."""
-_SHADE: Final = (0.01, 0.03)
-"""Standard deviation of what all lines seem to lie off by, widths, where ink is even or odd: shade
-of one side looks like a move (painted sound layers: 0.01 and 0.03 in the root mean square)."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +152,6 @@ def finer_shift(
     ways: Ways,
     use: BoolArray,
     options: SeeingOptions,
-    odd: bool,
 ) -> Shift:
     """Return a shift corrected by the offsets of lines, by robust least squares.
 
@@ -165,8 +163,6 @@ def finer_shift(
     ways : Ways
     use : (n,) bool
     options : SeeingOptions
-    odd : bool
-        Whether ink shows by slopes.
     """
     if not use.any():
         return shift
@@ -182,8 +178,34 @@ def finer_shift(
         step = cov @ ((normal * weight[:, None]).T @ off)
     pull = normal * (weight * (off - normal @ step))[:, None]
     cov = cov * _design_effect(pull, cov, ways.run[use], ways.along[use] / ways.width[use])
-    cov += np.eye(2) * (_SHADE[odd] * float(np.median(ways.width))) ** 2
     return Shift(float(shift.dx_mm + step[0]), float(shift.dy_mm + step[1]), cov)
+
+
+def with_systematics(
+    shift: Shift, model: InkModel, odd: bool, width_mm: float, pixel_mm: float
+) -> Shift:
+    """Return a shift with the uncertainty that shade and the grid of pixels give it.
+
+    To first order a move by d of an even profile p is an odd part, d p'. So the odd part that a fit
+    finds beside the shift stands for as much that the shift may have taken for a move.
+
+    Parameters
+    ----------
+    shift : Shift
+    model : InkModel
+    odd : bool
+        Whether ink shows by slopes: then even and odd change places.
+    width_mm, pixel_mm : float, mm
+    """
+    fresh = model.profile[:2]
+    even, slopes = fresh[:, :1], fresh[:, list(ODD)]
+    main, other = (slopes, even) if odd else (even, slopes)
+    slope = np.diff(main, axis=2) * (NODES / REACH)
+    of_width = math.sqrt(float((other**2).sum()) / max(float((slope**2).sum()), 1e-12))
+    cov = shift.covariance_mm2 + np.eye(2) * (
+        (of_width * width_mm) ** 2 + (_GRID_PX * pixel_mm) ** 2
+    )
+    return replace(shift, covariance_mm2=cov)
 
 
 def _design_effect(pull: FloatArray, cov: FloatArray, run: IntArray, along: FloatArray) -> float:

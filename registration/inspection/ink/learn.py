@@ -15,7 +15,12 @@ from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink.drawing import Drawing, Drawn, Placed
 from registration.inspection.ink.ink_model import EVEN, ODD, PARTS, InkModel, ShareOfPiece, fitted
 from registration.inspection.ink.judge import Judged, judge
-from registration.inspection.ink.layer_shift import CoarseShift, coarse_shift, finer_shift
+from registration.inspection.ink.layer_shift import (
+    CoarseShift,
+    coarse_shift,
+    finer_shift,
+    with_systematics,
+)
 from registration.inspection.ink.passes import REACH, Passes, Pieces
 from registration.inspection.options import SeeingOptions
 from registration.inspection.pictures.light import EvenView
@@ -118,7 +123,7 @@ def learned(
         level = _levels(level * judged.shares.share, level, full, ways)
         was = shift
         beside = full & ~placed.old if view.change is not None else full
-        shift = finer_shift(was, judged.shares.offset, placed.ways, beside, options, coarse.odd)
+        shift = finer_shift(was, judged.shares.offset, placed.ways, beside, options)
         if view.is_heights:
             # Of heights nothing else changes from round to round.
             moved = np.hypot(shift.dx_mm - was.dx_mm, shift.dy_mm - was.dy_mm)
@@ -132,6 +137,9 @@ def learned(
         drawn = look.drawn(even.image, placed, present, level, parts)
         judged = judge(look, even.image, drawn)
         present = judged.present
+    shift = with_systematics(
+        shift, drawn.model, coarse.odd, float(np.median(ways.width)), 1.0 / view.px_per_mm
+    )
     return Learned(even, frame, shift, drawn, judged, coarse.odd)
 
 
