@@ -7,7 +7,7 @@ put into the job (mends) are lines of the job like all others; they lie on the j
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
@@ -221,4 +221,6 @@ def last_mends(found: dict[str, Any] | None) -> tuple[tuple[Mended, ...], int]:
     By the figures of its record; None where there was no such look.
     """
     found = found or {}
-    return tuple(Mended(**one) for one in found.get("mended", ())), int(found.get("about_from", 0))
+    names = [one.name for one in fields(Mended)]
+    each = (Mended(**{name: one[name] for name in names}) for one in found.get("mended", ()))
+    return tuple(each), int(found.get("about_from", 0))

@@ -87,7 +87,7 @@ class MendLines:
         What isn't mended by them, and why; empty for nothing.
     left_mm : float, mm
     mended : tuple of dict
-        Gaps that they write again (`Mended`), which are looked at once more.
+        Gaps that they write again (`Mended`) with both ends, mm; they are looked at once more.
     given_up : bool
         Whether a gap was written so often in vain that the operator alone has it written again.
     """

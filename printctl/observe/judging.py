@@ -14,7 +14,7 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.deciding import Evidence, FlowBlocks, InkSupply, SupplyState, judge_supply
 from printctl.observe.deciding.evidence import Narrowed, Thin, UnseenPath, seen_twice
 from printctl.observe.expected import ExpectedInk, LayerInk
-from registration.inspection import LayerFindings, Stations, Stretch
+from registration.inspection import Gap, LayerFindings, Stations, Stretch
 
 _WINDOW: Final = 5
 """Stations whose mean tells whether a place still belongs to a thin stretch."""
@@ -191,29 +191,48 @@ def without_rest(evidence: Evidence) -> Evidence:
     )
 
 
-def figures(findings: LayerFindings, evidence: Evidence) -> dict[str, Any]:
-    """Return the figures of a look for its record."""
+def figures(findings: LayerFindings, evidence: Evidence, ink: ExpectedInk) -> dict[str, Any]:
+    """Return the figures of a look for its record; ``docs/run_folder.md`` lists them."""
     return {
         "seen_share": _number(findings.seen_share),
         "width_ratio": _number(findings.width_ratio),
         "u_width_ratio": _number(findings.u_width_ratio),
         "coverage": _number(findings.coverage),
         "shift_mm": [_number(findings.shift.dx_mm), _number(findings.shift.dy_mm)],
+        "level_mm": evidence.level_mm,
+        "places": findings.places,
         "gaps": [
-            {
-                "stroke": gap.stroke,
-                "from_mm": gap.from_mm,
-                "to_mm": gap.to_mm,
-                "u_mm": _number(gap.u_mm),
-                "p": gap.p_value,
-            }
-            for gap in findings.gaps
+            {**located(one, ink), "u_mm": _number(one.u_mm), "p": one.p_value}
+            for one in findings.gaps
         ],
-        "stretches": len(findings.stretches),
-        "blobs": len(findings.blobs),
+        "unseen": [{"name": one.name, **located(one.gap, ink)} for one in evidence.unseen],
+        "stretches": [
+            {"kind": one.kind, **located(one, ink)}
+            | {"ratio": _number(one.ratio), "u_ratio": _number(one.u_ratio)}
+            for one in findings.stretches
+        ],
+        "blobs": [
+            {"kind": one.kind, "at_mm": [_number(place) for place in one.at_mm]}
+            | {"area_mm2": _number(one.area_mm2), "height_mm": _number(one.height_mm)}
+            for one in findings.blobs
+        ],
         "ink": evidence.supply.state.value,
         "camera_moved_px": _number(findings.moved_px),
     }
+
+
+def located(one: Gap | Stretch, ink: ExpectedInk) -> dict[str, Any]:
+    """Return stroke, ways along it, and both ends in the printer's frame, mm."""
+    way = {"from_mm": _number(one.from_mm), "to_mm": _number(one.to_mm)}
+    return {"stroke": one.stroke, **way, **ends_of(one.stroke, one.from_mm, one.to_mm, ink)}
+
+
+def ends_of(stroke: int, from_mm: float, to_mm: float, ink: ExpectedInk) -> dict[str, Any]:
+    """Return both ends of a stretch of a stroke in the printer's frame, mm."""
+    path = ink.paths[stroke]
+    ends = path.at(np.clip([from_mm, to_mm], 0.0, path.length_mm))
+    start, end = ([_number(place) for place in end] for end in ends.tolist())
+    return {"start_mm": start, "end_mm": end}
 
 
 def _number(value: float) -> float | None:

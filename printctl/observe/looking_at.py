@@ -36,7 +36,7 @@ from printctl.observe.expected import (
 )
 from printctl.observe.height_maps import ScanSize, refuse_other_height
 from printctl.observe.held_look import HeldLook, Judged, Look, MendLines, unseen_stretches
-from printctl.observe.judging import evidence_of, figures, nothing_seen, without_rest
+from printctl.observe.judging import ends_of, evidence_of, figures, nothing_seen, without_rest
 from printctl.observe.last_map import LastMap
 from printctl.observe.mending import Gap as MendGap
 from printctl.observe.mending import HeldPrint, Style, Voids, checked_mend
@@ -301,7 +301,7 @@ class ObservedJob:
         evidence = replace(evidence, turned=at.turned, map=at.map)
         if at.mended:  # of the rest the last look has told
             evidence = without_rest(evidence)
-        found = {**figures(each[0], evidence), "about_from": at.look.before}
+        found = {**figures(each[0], evidence, at.ink), "about_from": at.look.before}
         if at.size and first.seen_share < limits.least_seen:
             found["not_seen"] = self._known.size_words(at.size)
         elif at.size:
@@ -453,7 +453,9 @@ class ObservedJob:
             lines=tuple(line.decode("ascii") for line in mend.lines),
             left=mend.left_words(),
             left_mm=sum(one.length_mm for one in mend.left),
-            mended=tuple(map(asdict, again)),
+            mended=tuple(
+                asdict(one) | ends_of(one.path, one.from_mm, one.to_mm, at.ink) for one in again
+            ),
             given_up=bool(given_up),
         )
 
