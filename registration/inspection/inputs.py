@@ -110,7 +110,7 @@ def check_before(before: Any, picture: Image) -> None:
 
 
 def check_frame(frame: Any, places_mm: FloatArray) -> None:
-    """Raise `PictureError` unless a frame tells where some of the places (n, 3) lie."""
+    """Raise `PictureError` unless a frame tells where places (n, 3) of lines lie."""
     to_pixels = getattr(frame, "to_pixels", None)
     if not callable(to_pixels):
         raise PictureError(
@@ -119,10 +119,11 @@ def check_frame(frame: Any, places_mm: FloatArray) -> None:
         )
     at = to_pixels(places_mm)
     check_array(at, "what frame.to_pixels returns", NUMBERS, (len(places_mm), 2))
-    if not np.isfinite(at).all(axis=1).any():
+    lost = int((~np.isfinite(at)).any(axis=1).sum())
+    if lost:
         raise PictureError(
-            "the frame gives no finite pixel for any of the layer's lines; check the frame "
-            "(printctl observe check)"
+            f"frame.to_pixels returns no finite pixel for {lost} of {len(at)} places of the lines "
+            "(NaN: behind the camera); check the frame (printctl observe check)"
         )
 
 

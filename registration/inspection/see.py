@@ -134,7 +134,7 @@ def see_layer(
     check_type(options, SeeingOptions, "options")
     check_lines(lines)
     check_picture(picture, "the picture")
-    check_frame(frame, lines.start)
+    check_frame(frame, np.concatenate([lines.start, lines.end]))
     check_lumens(lumens, "lumens")
     check_hidden(hidden, picture.shape)
     check_known(known)

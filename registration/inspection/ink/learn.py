@@ -177,7 +177,7 @@ def _coarse(
         shown = shown[:, :, view.inkless :]
     return coarse_shift(
         shown, view.lost, passes, _inner(passes, ways, lines),
-        float(np.nanmedian(pieces.width[pieces.kind == 0])), options.shift_mm * view.px_per_mm,
+        float(np.median(pieces.width[pieces.kind == 0])), options.shift_mm * view.px_per_mm,
         view.px_per_mm, view.is_heights or by_energy,
     )  # fmt: skip
 

@@ -222,9 +222,8 @@ def drawn_lines(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> M
     """Pieces (n, 2, 2) px drawn with round ends, their widths rounded to whole pixels."""
     out = np.zeros(shape, dtype=np.uint8)
     good = np.isfinite(ends).all(axis=(1, 2)) & (np.abs(ends).max(axis=(1, 2)) < 1e6)
-    good &= np.isfinite(wide)
     fixed = np.rint(np.where(good[:, None, None], ends, 0.0) * (1 << _SHIFT)).astype(np.int32)
-    thick = np.maximum(1, np.rint(np.where(good, wide, 0.0))).astype(np.int64)
+    thick = np.maximum(1, np.rint(wide)).astype(np.int64)
     for each in np.unique(thick[good]):
         pieces: Sequence[NDArray[np.int32]] = list(fixed[good & (thick == each)])
         cv2.polylines(out, pieces, False, 1, int(each), cv2.LINE_8, _SHIFT)
