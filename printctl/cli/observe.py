@@ -177,7 +177,7 @@ def frame(
     """
     if touched and printed is not None:
         raise UsageError("give crosses (--touched) or a print (--printed), not both")
-    optics, drawn = read_lens(lens), _measured(camera_frame.read_insert(insert), measured)
+    optics, drawn = read_lens(lens, "--lens"), _measured(camera_frame.read_insert(insert), measured)
     images = [decoded(path) for path in pictures]
     marks = camera_frame.merged([
         camera_frame.find_marks(image, drawn, optics, path)

@@ -12,6 +12,12 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
 from registration.inspection.findings import LayerFindings
+from registration.inspection.inputs import (
+    check_frame,
+    check_lumens,
+    check_picture,
+    check_type,
+)
 from registration.inspection.values import Frame, Image, Lumen, Stations, Unseen
 
 _SHIFT: Final = 4
@@ -47,14 +53,23 @@ def annotated(
     hatched what wasn't seen; thin and thick stretches orange; blobs magenta. Small pictures are
     enlarged; one of two channels is drawn
     by its first.
+
+    Raises
+    ------
+    PictureError
+        When an argument can't be used.
     """
-    picture, frame = _around_lines(picture, frame, findings.stations)
+    check_type(findings, LayerFindings, "findings")
+    check_picture(picture, "the picture")
+    check_lumens(narrowed, "narrowed")
+    stations = findings.stations
+    check_frame(frame, np.column_stack([stations.at_mm, stations.z_mm]))
+    picture, frame = _around_lines(picture, frame, stations)
     grow = max(1, -(-_SMALL_PX // max(picture.shape[:2])))
     out = _as_bytes(picture)
     out = cv2.resize(out, None, fx=grow, fy=grow, interpolation=cv2.INTER_LINEAR)
     pen = _Pen(out, frame, grow, max(1, round(max(out.shape) / 1600)))
     by = np.array([findings.shift.dx_mm, findings.shift.dy_mm])
-    stations = findings.stations
     _draw_expected(pen, stations)
     _draw_seen(pen, stations, by)
     _draw_unseen(pen, stations, by)
@@ -190,7 +205,8 @@ def _as_bytes(picture: Image) -> NDArray[np.uint8]:
     values = values[:, :, :3] if values.shape[2] >= 3 else values[:, :, :1]
     if values.dtype != np.uint8:
         real = values.astype(np.float32)
-        low, high = np.nanpercentile(real, [0.5, 99.5])
+        known = real[np.isfinite(real)]
+        low, high = np.percentile(known, [0.5, 99.5]) if len(known) else (0.0, 0.0)
         scaled = (real - low) / max(float(high - low), 1e-9) * 255.0
         values = np.clip(np.nan_to_num(scaled), 0, 255).astype(np.uint8)
     return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))

@@ -5,8 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from registration.inspection.inputs import check_number
+
 IN_PART: Final = "at one end against the other"
 """How words on a move end that one part of a picture shows alone."""
+
+GAP_MM: Final = (0.02, 20)
+WIDTH_PERCENT: Final = (1, 100)
+"""Limits of tolerances, here and in a recipe."""
+SHIFT_MM: Final = (0.01, 10)
+"""A look searches twice as far as a recipe tolerates."""
+FALSE_RATE: Final = (1e-9, 0.5)
 
 
 @dataclass(frozen=True)
@@ -31,3 +40,9 @@ class SeeingOptions:
     shift_mm: float = 0.5
     false_rate: float = 2e-4
     round_lines: bool = False
+
+    def __post_init__(self) -> None:
+        check_number(self.gap_mm, "gap_mm", GAP_MM, "mm")
+        check_number(self.width_percent, "width_percent", WIDTH_PERCENT, "%")
+        check_number(self.shift_mm, "shift_mm", SHIFT_MM, "mm")
+        check_number(self.false_rate, "false_rate", FALSE_RATE, "per layer")

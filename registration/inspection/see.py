@@ -33,6 +33,19 @@ from registration.inspection.ink.ink_model import NODES, InkModel
 from registration.inspection.ink.learn import Learned, learned
 from registration.inspection.ink.passes import REACH
 from registration.inspection.ink.shares import ACROSS, StripNoise, measured
+from registration.inspection.inputs import (
+    BOOLS,
+    check_array,
+    check_before,
+    check_frame,
+    check_hidden,
+    check_known,
+    check_lines,
+    check_lumens,
+    check_picture,
+    check_thickness,
+    check_type,
+)
 from registration.inspection.options import SeeingOptions
 from registration.inspection.pictures.picture import (
     Outlines,
@@ -48,7 +61,7 @@ from registration.inspection.values import (
     Lumen,
     Unseen,
 )
-from registration.inspection.ways import Ways, check_lines, lay_ways
+from registration.inspection.ways import Ways, lay_ways
 
 _STEPS_IN_GAP: Final = 4
 _TELLS: Final = 3.0
@@ -115,10 +128,22 @@ def see_layer(
     Raises
     ------
     PictureError
-        When lines or picture can't be used, or the picture shows none of the lines.
+        When an argument can't be used, or the picture shows none of the lines.
     """
     options = options or SeeingOptions()
+    check_type(options, SeeingOptions, "options")
     check_lines(lines)
+    check_picture(picture, "the picture")
+    check_frame(frame, np.concatenate([lines.start, lines.end]))
+    check_lumens(lumens, "lumens")
+    check_hidden(hidden, picture.shape)
+    check_known(known)
+    if thickness_mm is not None:
+        check_thickness(thickness_mm)
+    if since is not None:
+        check_array(since, "since", BOOLS, (len(lines),))
+    if before is not None:
+        check_before(before, picture)
     ways = lay_ways(lines, options.gap_mm / _STEPS_IN_GAP)
     judged, unknown = picture, None
     if thickness_mm is not None:

@@ -138,26 +138,6 @@ def _ahead(ways: Ways) -> FloatArray:
     return np.asarray(ahead / np.linalg.norm(ahead, axis=1, keepdims=True))
 
 
-def check_lines(lines: ExpectedLines) -> None:
-    """Check that lines can be looked for.
-
-    Raises
-    ------
-    PictureError
-        When arrays don't match, a value isn't finite, a width isn't above 0, or none is fresh.
-    """
-    shapes = {len(v) for v in vars(lines).values()}
-    if len(shapes) != 1 or lines.start.shape != (len(lines), 3) or lines.end.shape[1:] != (3,):
-        raise PictureError("expected lines: arrays of different lengths; start and end are (n, 3)")
-    for name in ("start", "end", "width_mm"):
-        if not np.isfinite(getattr(lines, name)).all():
-            raise PictureError(f"expected lines: {name} holds NaN or infinite values")
-    if not (lines.width_mm > 0).all():
-        raise PictureError("expected lines: a width isn't above 0 mm; leave out lines without ink")
-    if not lines.fresh.any():
-        raise PictureError("expected lines: none is of the layer that is to be judged (fresh)")
-
-
 def lay_ways(lines: ExpectedLines, step_mm: float) -> Ways:
     """Return places each ``step_mm`` or so along all fresh runs."""
     length = np.linalg.norm(lines.end - lines.start, axis=1)

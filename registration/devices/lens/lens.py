@@ -183,12 +183,12 @@ def write_lens(path: Path, lens: Lens) -> None:
     write_text(path, yaml.safe_dump(held, sort_keys=False))
 
 
-def read_lens(path: Path) -> Lens:
-    """Read a lens.
+def read_lens(path: Path, option: str = "--camera") -> Lens:
+    """Read a lens that the user named by an option.
 
     Raises
     ------
     PictureError
         When the file is missing, or isn't one.
     """
-    return read_model(path, Lens, "--camera", "printctl calibrate camera")
+    return read_model(path, Lens, option, "printctl calibrate camera")

@@ -35,6 +35,9 @@ _NEAR: Final = (3.0, 1.4)
 3 pixels; less only where too little is left."""
 _ENOUGH: Final = 5000
 """Pixels of ground that are left."""
+_SCATTER: Final = (3.0, 1e-3)
+"""Times by which the ground's texture and noise may differ in two pictures, and what is too faint
+to be compared: 0.9 to 1.7 in painted ones, over 4 where one is noise, black or of another scale."""
 _BLUR_PX: Final = 5
 """Of Gauss's filter while two pictures are laid over each other."""
 LOWEST: Final = -0.5
@@ -133,7 +136,6 @@ def view_of(
     PictureError
         When the picture isn't one, shows none of the lines, or is too coarse for them.
     """
-    check_picture(picture, "the picture")
     seen = Seen.of(ways, frame)
     wide_px = float(np.percentile(ways.width, 10)) * seen.px_per_mm
     if not np.isfinite(wide_px) or wide_px < _FEWEST_PX:
@@ -193,12 +195,6 @@ def with_before(
     PictureError
         When the two don't go together.
     """
-    check_picture(before, "the picture before")
-    if before.shape != picture.shape:
-        raise PictureError(
-            f"the picture before has the shape {before.shape}, this one {picture.shape}; "
-            "take both with the same camera and settings"
-        )
     x, y = view.origin
     high, wide = (count * view.scale for count in view.shape)
     part, old = (one[y : y + high, x : x + wide] for one in (picture, before))
@@ -208,6 +204,7 @@ def with_before(
     floor = _floor(part, old) if view.is_log else None
     earlier, bad = _binned(old, view.scale, floor)
     ground = _ground(view, frame, lines, written) & ~lost & ~bad
+    _check_scatter(view.now, earlier, ground)
     move = _camera_move(view.now, earlier, ground)
     moved_px = math.nan if move is None else _most_px(move, view.shape) * view.scale
     if not moved_px <= MOST_PX and stood_still is not None and stood_still():
@@ -219,17 +216,6 @@ def with_before(
     return replace(
         view, change=view.now - earlier, lost=view.lost | np.asarray(near), moved_px=moved_px
     )
-
-
-def check_picture(picture: Image, name: str) -> None:
-    """Raise `PictureError` unless it is a grey or colour picture that isn't empty."""
-    kind = picture.dtype
-    good = kind in (np.uint8, np.uint16) or np.issubdtype(kind, np.floating)
-    if picture.ndim not in (2, 3) or not good or min(picture.shape[:2]) < 16:
-        raise PictureError(
-            f"{name} is an array of {kind}, shape {picture.shape}; expected (rows, columns) or "
-            "(rows, columns, channels) of uint8, uint16 or float, 16 x 16 or more"
-        )
 
 
 def drawn_lines(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> Mask:
@@ -308,6 +294,20 @@ def _ground(view: View, frame: ViewFrame, lines: ExpectedLines, written: BoolArr
         if ground.sum() >= _ENOUGH:
             break
     return ground
+
+
+def _check_scatter(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> None:
+    """Raise `PictureError` when one picture's ground is flat, or much noisier than the other's."""
+    if ground.sum() < _ENOUGH / 10:
+        return
+    parts = [np.percentile(_texture(one, ground)[ground], [25, 75]) for one in (now, earlier)]
+    this, old = (float(high - low) for low, high in parts)
+    if max(this, old) > _SCATTER[0] * min(this, old) + _SCATTER[1]:
+        raise PictureError(
+            f"around the lines the picture before scatters by {old:.2g}, this one by {this:.2g} "
+            f"(at most {_SCATTER[0]:g} times as much): one of them is black, noise or taken with "
+            "other settings; take both with the same light and settings, or leave `before` out"
+        )
 
 
 def _camera_move(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> FloatArray | None:

@@ -71,10 +71,10 @@ def risen(
     PictureError
         When the picture isn't a map of heights.
     """
-    if picture.ndim != 3 or picture.shape[2] != 2 or not thickness_mm > 0:
+    if picture.ndim != 3 or picture.shape[2] != 2:
         raise PictureError(
-            f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
-            "goes with a picture of `height_map` alone"
+            f"thickness_mm is {thickness_mm:g} mm and the picture no height map; leave "
+            "thickness_mm out, or give a picture of `height_map` or `surface_of`"
         )
     height: FloatImage = np.asarray(picture[:, :, 1] / thickness_mm, dtype=np.float32)
     ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)

@@ -157,7 +157,7 @@ def test_the_overlay_shows_gaps_red_and_changes_nothing_else() -> None:
         ({"width_mm": np.zeros(3)}, "above 0"),
         ({"fresh": np.zeros(3, dtype=bool)}, "none is of the layer"),
         ({"start": np.full((3, 3), np.nan)}, "NaN"),
-        ({"line": np.zeros(2, dtype=np.int64)}, "different lengths"),
+        ({"line": np.zeros(2, dtype=np.int64)}, "line is an array"),
     ],
 )
 def test_bad_lines_are_refused(change: dict[str, np.ndarray], word: str) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
+from registration.inspection.inputs import check_lines, check_slab, check_type
 from registration.inspection.pictures.picture import drawn_lines
 from registration.inspection.pictures.unmeasured import unmeasured_scans
 from registration.inspection.values import ExpectedLines, FloatImage
@@ -86,8 +87,12 @@ def height_map(
     Raises
     ------
     PictureError
-        When the slab lies outside the volume.
+        When an argument can't be used, or the slab lies outside the volume.
     """
+    check_type(scan, Scan, "scan")
+    check_slab(to_scan, middle_z_mm, thickness_mm)
+    if lines is not None:
+        check_lines(lines)
     dz, dy, dx = scan.geometric_voxel_mm
     matrix = np.diag([1 / dx, 1 / dy, 1 / dz, 1.0]) @ np.asarray(to_scan, dtype=float)
     depth_per_mm = float(matrix[2, 2])

@@ -17,6 +17,13 @@ from numpy.typing import NDArray
 from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
+from registration.inspection.inputs import (
+    PIXEL_MM,
+    check_lines,
+    check_number,
+    check_slab,
+    check_type,
+)
 from registration.inspection.pictures.heights.height import FARTHEST, HeightFrame
 from registration.inspection.pictures.heights.tilt import levelled
 from registration.inspection.pictures.picture import HIGHEST, LOWEST, drawn_lines
@@ -95,8 +102,13 @@ def surface_of(
     Raises
     ------
     PictureError
-        When the profiler doesn't look down, or measured nothing.
+        When an argument can't be used, or the profiler doesn't look down or measured nothing.
     """
+    check_type(heights, HeightMap, "heights")
+    check_slab(to_map, middle_z_mm, thickness_mm)
+    check_lines(lines)
+    for side_mm in heights.pixel_mm:
+        check_number(side_mm, "heights: pixel_mm", PIXEL_MM, "mm")
     (dx, dy), (x, y) = heights.pixel_mm, heights.origin_mm
     to_cells = np.diag([1 / dx, 1 / dy, 1.0, 1.0])
     to_cells[:2, 3] = -x / dx, -y / dy

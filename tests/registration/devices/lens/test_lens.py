@@ -107,3 +107,8 @@ def test_the_file_comes_back_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
         read_lens(path)
     with pytest.raises(PictureError, match="printctl calibrate camera"):
         read_lens(tmp_path / "none.yaml")
+
+
+def test_a_lens_that_cannot_be_read_is_named_by_its_option(tmp_path: Path) -> None:
+    with pytest.raises(PictureError, match=r"--lens .*none\.yaml"):
+        read_lens(tmp_path / "none.yaml", "--lens")
