@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from printctl.observe.deciding import Evidence
 from printctl.observe.deciding.evidence import MapCheck, UnseenPath
 from printctl.observe.expected import ExpectedInk, LayerInk, Mended, is_mended
 from printctl.observe.height_maps import ScanSize
+from printctl.observe.judging import seen_in
 from printctl.observe.mending import HeldPrint
 from registration.inspection import Gap, LayerFindings, Lumen, Unseen
 
-_BARE: Final = 0.5
 """Share of ink below which a place counts as bare."""
 
 
@@ -154,15 +154,14 @@ class HeldLook:
 def unseen_stretches(
     at: HeldLook, each: Sequence[LayerFindings], least_mm: float
 ) -> tuple[UnseenPath, ...]:
-    """Return the stretches, so long at least, of which no picture sees half.
+    """Return the stretches, so long at least, that aren't seen.
 
-    Or of which one picture says that nothing lies there, and another one doesn't see it. Of a look
-    at mends alone those in the mends; of the rest the last look has told.
+    Of a look at mends alone those in the mends; of the rest the last look has told.
     """
     stations, unseen = each[0].stations, list[UnseenPath]()
-    use = ~stations.seen & (stations.why != Unseen.COVERED)
-    for other in each[1:]:
-        use |= ~other.stations.seen & (stations.present < _BARE)
+    all_seen = seen_in([one.stations for one in each])
+    covered = np.logical_and.reduce([one.stations.why == Unseen.COVERED for one in each])
+    use = ~all_seen & ~covered
     for stroke in np.unique(stations.stroke[use]).tolist():
         rows = np.flatnonzero(use & (stations.stroke == stroke))
         for own in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
@@ -170,12 +169,8 @@ def unseen_stretches(
             low, high = float(middle[0] - half[0]), float(middle[-1] + half[-1])
             begin, end = ((float(x), float(y)) for x, y in stations.at_mm[own[[0, -1]]])
             gap = Gap(stroke, low, high, begin, end, 0.0, 1.0)
-            seen = any(
-                other.stations.tell(gap) and np.nanmean(other.stations.present[own]) >= _BARE
-                for other in each[1:]
-            )
             about = not at.mended or is_mended(gap, at.mended)
-            if gap.length_mm >= least_mm and about and not seen:
+            if gap.length_mm >= least_mm and about:
                 unseen.append(_named(at, gap))
     return tuple(unseen)
 

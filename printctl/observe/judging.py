@@ -14,7 +14,7 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.deciding import Evidence, FlowBlocks, InkSupply, SupplyState, judge_supply
 from printctl.observe.deciding.evidence import Narrowed, Thin, UnseenPath, seen_twice
 from printctl.observe.expected import ExpectedInk, LayerInk
-from registration.inspection import Gap, LayerFindings, Stations, Stretch
+from registration.inspection import Gap, LayerFindings, Stations, Stretch, Unseen
 
 _WINDOW: Final = 5
 """Stations whose mean tells whether a place still belongs to a thin stretch."""
@@ -105,6 +105,20 @@ _BATH_LOOK: Final = 0.12
 picture says: of a simulated camera that shares no code with printctl widths scattered by 6 %."""
 _ABSENT: Final = 0.5
 _TAPER: Final = 2
+_DOUBT: Final = (Unseen.FAINT, Unseen.OLD_INK, Unseen.UNCLEAR)
+"""Why a place isn't seen though the picture shows it."""
+
+
+def seen_in(each: Sequence[Stations]) -> BoolArray:
+    """Return which stations were seen, (n,): in a picture, while none that shows them is in doubt.
+
+    Parameters
+    ----------
+    each : sequence of Stations
+        Of the same lines, in one picture each.
+    """
+    seen = np.logical_or.reduce([one.seen for one in each])
+    return np.asarray(seen & ~np.logical_or.reduce([np.isin(one.why, _DOUBT) for one in each]))
 
 
 def evidence_of(
@@ -137,19 +151,20 @@ def evidence_of(
     tolerated : float
         Share of its ink that a line may lack.
     """
+    each = [one for one in (findings, again) if one is not None]
     stations = findings.stations
+    seen = seen_in([one.stations for one in each])
     row = layer.row[stations.piece]
     volume = ink.area_mm2[row] * stations.length_mm
     per_mm = float(np.median(ink.area_mm2[row])) if len(row) else 0.0
     supply = judge_supply(
-        volume, stations.present, stations.seen, stations.stroke,
+        volume, stations.present, seen, stations.stroke,
         least_ul=per_mm * least_gap_mm, left_ul=left_ul,
     )  # fmt: skip
     thin, seem_thin = _thin(findings, ink, layer, section, 1.0 - tolerated)
     if again is not None:
         thin = seen_twice(thin, _thin(again, ink, layer, section, 1.0)[0])
     shift, u = _shift_of(findings if again is None or findings.seen_share > 0 else again)
-    each = [one for one in (findings, again) if one is not None]
     layered = ink.layered and len(layer.fresh_row) > 0
     return Evidence(
         places=findings.places,
@@ -157,7 +172,7 @@ def evidence_of(
         second=None if again is None else again.gaps,
         supply=supply,
         flow=_flow(stations, ink, row, findings.u_width_ratio, section, findings.u_width_change),
-        seen_share=max(one.seen_share for one in each),
+        seen_share=float(np.average(seen, weights=stations.length_mm)),
         way_mm=float(findings.stations.length_mm.sum()),  # mends can fail, too
         coverage=findings.coverage,
         unseen=unseen,

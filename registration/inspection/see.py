@@ -168,10 +168,15 @@ def _findings(
     bare = np.asarray(look.judged.states[:, BARE] > 0.5)
     gaps = gaps_of(look, ways, bare)
     why = _reasons(look, ways, bare)
+    places = max(1, round(float(ways.step[why == Unseen.SEEN].sum()) / options.gap_mm))
+    for gap in gaps:
+        if gap.p_value * places > options.false_rate:  # neither ink nor surely none
+            why[(why == Unseen.SEEN) & gap.holds(ways.stroke, ways.along)] = int(Unseen.UNCLEAR)
     seen = why == Unseen.SEEN
     any_seen = bool(seen.any())
     group = Grouping.of_ways(ways)
-    widths = _widths(look, ways, group, seen, known)
+    may_sag = look.view.is_heights and not lines.fresh.all()
+    widths = _widths(look, ways, group, seen & (not may_sag), known)
     share = np.where(bare, 0.0, expected_ink(look.judged.states, look.judged.shares.share))
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
@@ -194,7 +199,7 @@ def _findings(
         shift=look.shift
         if any_seen
         else replace(look.shift, covariance_mm2=np.full((2, 2), np.inf)),
-        places=max(1, round(seen_mm / options.gap_mm)),
+        places=places,
         contrast=_contrast(look),
         appearance=appearance if any_seen else None,
         moved_px=look.view.moved_px,

@@ -205,6 +205,11 @@ class Gap:
         """Standard uncertainty of the length, mm."""
         return math.sqrt(2.0) * self.u_tip_mm
 
+    def holds(self, stroke: IntArray, along_mm: FloatArray) -> BoolArray:
+        """Whether each of some places on strokes, (n,), lies in it."""
+        within = (along_mm > self.from_mm) & (along_mm < self.to_mm)
+        return np.asarray((stroke == self.stroke) & within)
+
     def meets(self, other: Gap, apart_mm: float = 0.0) -> bool:
         """Whether another stretch of the stroke overlaps it, or lies nearer than that."""
         low, high = other.from_mm - apart_mm, other.to_mm + apart_mm

@@ -371,7 +371,7 @@ class Decider:
         seen, factor = control.last, control.by_last_picture()
         if seen is None or factor is None or factor == control.factor or control.answers.failed:
             return None
-        if control.looks_worth() <= 1.0:
+        if control.looks_worth() <= 1.0 or not control.seems_off(self.limits.width_percent / 100):
             return None
         control.asked = True
         share = control.factor * math.exp(seen.level)

@@ -382,6 +382,12 @@ class FlowControl:
         """Return what it costs to leave the flow as it is, in looks of an operator."""
         return (self.left**2 + self.variance[0]) / _COSTLY**2
 
+    def seems_off(self, share: float) -> bool:
+        """Whether by the last look alone the flow is rather off by more than a share than not."""
+        if self.last is None:
+            return False
+        return abs(self.last.level + math.log(self.factor)) > _SHOWN * math.log1p(share)
+
     def may_be_off(self, share: float) -> bool:
         """Whether the last look leaves it open that the flow is off by more than a share."""
         if self.last is None:

@@ -32,8 +32,6 @@ _WITHIN: Final = 4
 anywhere."""
 _USUAL_MM: Final = 0.03
 """Scale of a print's own shift (Student's t): a peak at the designed place, with long tails."""
-_CELL: Final = 1.0
-"""Of a width: pixels nearer to each other tell the same."""
 _RIDGE: Final = 1e-3
 _AS_WELL: Final = 1.15
 """Times the rest of even ink, that slopes may leave: lines of one direction fit with both parts
@@ -54,7 +52,7 @@ _GRID_PX: Final = 0.15
 _OUTLYING: Final = 3.0
 """Spreads from which on a place hardly counts."""
 _TOGETHER: Final = 10.0
-"""Widths along a line over which offsets may hang together."""
+"""Widths along a line over which offsets may hang together, as what changed by it does."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +84,7 @@ def coarse_shift(
     most_px: float,
     px_per_mm: float,
     covers: bool,
+    by_change: bool,
 ) -> CoarseShift:
     """Return the likeliest shift.
 
@@ -103,6 +102,8 @@ def coarse_shift(
     px_per_mm : float
     covers : bool
         Whether ink shows by one level over its width, and not by shade or slopes.
+    by_change : bool
+        Whether that level is how much changed.
     """
     even, odd = _maps(passes, inner)
     cover = cover_at(passes.distance)
@@ -115,7 +116,8 @@ def coarse_shift(
     square = (image**2).sum(axis=2)
     whole = float(square.sum())
     told = float((inner.max(axis=2) > 0.0).sum()) * image.shape[2]
-    count = 0.5 * told / max(1.0, (_CELL * width_px) ** 2)
+    alike = _TOGETHER if by_change else 1.0
+    count = 0.5 * told / max(1.0, alike * width_px**2)
     by = np.arange(-far, far + 1)
     sides = _told_by_sides(passes, inner, by)
     away = np.hypot(*np.meshgrid(by, by))

@@ -186,7 +186,7 @@ def _coarse(
     return coarse_shift(
         shown, view.lost, passes, _inner(passes, ways, lines),
         float(np.median(pieces.width[pieces.kind == 0])), options.shift_mm * view.px_per_mm,
-        view.px_per_mm, view.is_heights or by_energy,
+        view.px_per_mm, view.is_heights or by_energy, by_energy,
     )  # fmt: skip
 
 
