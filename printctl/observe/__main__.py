@@ -12,7 +12,7 @@ from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
 from printctl.machine.process.launch import detach, ignore_signals
 from printctl.observe.process import observe
-from printctl.observe.records import LOG
+from printctl.observe.records import LOG_FILE
 
 
 def main() -> int:
@@ -20,14 +20,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m printctl.observe")
     parser.add_argument("folder", type=Path, help="of the print")
     parser.add_argument("--detach", action="store_true", help="go on in the background")
-    said = parser.parse_args()
-    if said.detach:
-        detach(said.folder / LOG, "printctl.observe")
+    arguments = parser.parse_args()
+    if arguments.detach:
+        detach(arguments.folder / LOG_FILE, "printctl.observe")
     ignore_signals()
     signal.signal(signal.SIGTERM, _leave)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     try:
-        observe(said.folder)
+        observe(arguments.folder)
     except (PrintctlError, LinkError, OSError, ValueError) as exc:
         # Its starter tells the log's last line.
         print(" ".join(str(exc).split()), file=sys.stderr)

@@ -18,10 +18,10 @@ from printctl.machine.process.starting import resume_print
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
-from printctl.observe.records import OBSERVER_LOCK, asking_look, read_looks
-from printctl.observe.starting import end_idle_observer, ensure_observer
+from printctl.observe.observer_launch import end_idle_observer, ensure_observer
+from printctl.observe.records import OBSERVER_LOCK, look_awaiting_answer, read_looks
 
-_GOING_ON: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
+_RUNNING_STATES: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
 
 
 def continue_print(
@@ -68,7 +68,7 @@ def continue_print(
         raise UsageError("the syringe is either unchanged or a new one; say one of both")
     with attach(folder) as attached:
         status = attached.status
-    if status.state in _GOING_ON and not status.waits_for and not (changed or unchanged):
+    if status.state in _RUNNING_STATES and not status.waits_for and not (changed or unchanged):
         raise PrintctlError(
             f"the print in {folder} isn't paused ({status.state.value}: {status.message})"
         )
@@ -117,7 +117,7 @@ def awaits_observer(folder: Path, status: Status, started: bool) -> bool:
     if not started or status.state is LinkState.LOOKING:
         return started
     looks = read_looks(folder, read_journal_if_any(folder / JOURNAL).started)
-    return not status.waits_for and asking_look(looks, status) is not None
+    return not status.waits_for and look_awaiting_answer(looks, status) is not None
 
 
 def _refuse_unchanged(folder: Path) -> None:

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from design.files import write_text
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings
-from printctl.observe.records import ORDER
+from printctl.observe.records import ORDER_FILE
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class ObserverOrder:
 
     def save(self, folder: Path) -> None:
         """Write it into a folder of a run or print."""
-        write_text(folder / ORDER, json.dumps(asdict(self), indent=1) + "\n")
+        write_text(folder / ORDER_FILE, json.dumps(asdict(self), indent=1) + "\n")
 
     @staticmethod
     def load(folder: Path) -> ObserverOrder:
@@ -80,8 +80,8 @@ class ObserverOrder:
         OSError, ValueError
             When there is none that can be read.
         """
-        text = (folder / ORDER).read_text(encoding="utf-8")
+        text = (folder / ORDER_FILE).read_text(encoding="utf-8")
         try:
             return TypeAdapter(ObserverOrder).validate_json(text)
         except ValidationError as exc:
-            raise ValueError(f"{folder / ORDER} isn't an observer's order: {exc}") from exc
+            raise ValueError(f"{folder / ORDER_FILE} isn't an observer's order: {exc}") from exc

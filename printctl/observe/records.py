@@ -23,21 +23,21 @@ from printctl.machine.records.states import LinkState, Status
 
 Answer = Literal["approve", "go_on", "stop"]
 ANSWERS: Final[tuple[Answer, ...]] = ("approve", "go_on", "stop")
-LOOKS: Final = "looks"
-_ANSWER: Final = "answer.json"
+LOOKS_FOLDER: Final = "looks"
+_ANSWER_FILE: Final = "answer.json"
 OBSERVER_LOCK: Final = "observer.lock"
 """Held in the print's folder while an observer is at work."""
-ORDER: Final = "observer.json"
+ORDER_FILE: Final = "observer.json"
 """What an observer is told: beside a run's G-code, and in the folder of a print."""
-LOG: Final = "observer.log"
-READY: Final = "observer.pid"
+LOG_FILE: Final = "observer.log"
+READY_FILE: Final = "observer.pid"
 """Written by an observer that has all it needs: its process's number."""
-POSTPONED: Final = "postponed"
+POSTPONED_KEY: Final = "postponed"
 """Noted of a look within a vessel that tells too little: the next one judges its ink."""
-LEARNED: Final = "learned"
+STATE_KEY: Final = "learned"
 """Of `LookRecord.control`: ink and scanner as learned from pictures."""
-DRAWN: Final = "seen.png"
-DECIDED: Final = {
+DRAWING_FILE: Final = "seen.png"
+OUTCOMES: Final = {
     "go_on": "gone on",
     "flow": "flow corrected",
     "mend": "mended",
@@ -45,16 +45,16 @@ DECIDED: Final = {
     "stop": "stopped",
 }
 """What was done after a look, by its decision."""
-ASKED: Final = {
+PROPOSALS: Final = {
     "mend": "write again what is missing",
     "flow": "correct the flow of all that follows",
     "pause": "wait",
 }
 """What the operator is asked to approve."""
 
-_LEAST_SEEN: Final = 0.5
+_MIN_SEEN_SHARE: Final = 0.5
 """Of the way, for a look to tell something of it."""
-_PICTURES: Final = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+_PICTURE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
 
 @dataclass(frozen=True)
@@ -99,19 +99,19 @@ class LookRecord:
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
-    def judged(self) -> bool:
+    def has_judgement(self) -> bool:
         """Whether a picture was judged; False of a look that failed or left it to the next."""
-        return "seen_share" in self.found and not self.found.get(POSTPONED)
+        return "seen_share" in self.found and not self.found.get(POSTPONED_KEY)
 
 
 def look_folder(print_folder: Path, number: int) -> Path:
     """Folder of a look, made if it is missing."""
-    path = print_folder / LOOKS / f"{number:04d}"
+    path = print_folder / LOOKS_FOLDER / f"{number:04d}"
     path.mkdir(parents=True, exist_ok=True)
     return path
 
 
-def emptied_look_folder(print_folder: Path, number: int) -> Path:
+def clear_look_folder(print_folder: Path, number: int) -> Path:
     """Folder of a look that is about to be made, without what an earlier print left there."""
     path = look_folder(print_folder, number)
     for old in path.iterdir():
@@ -130,7 +130,7 @@ def save_look(print_folder: Path, record: LookRecord) -> None:
     OSError
         When the disk is full.
     """
-    (look_folder(print_folder, record.number) / _ANSWER).unlink(missing_ok=True)
+    (look_folder(print_folder, record.number) / _ANSWER_FILE).unlink(missing_ok=True)
     amend_look(print_folder, record)
 
 
@@ -156,7 +156,7 @@ def read_looks(print_folder: Path, since: float = 0.0) -> list[LookRecord]:
         Begin of the print: earlier looks are of an earlier print in the folder.
     """
     looks = []
-    for path in sorted((print_folder / LOOKS).glob("*/look.json")):
+    for path in sorted((print_folder / LOOKS_FOLDER).glob("*/look.json")):
         try:
             look = LookRecord(**json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):
@@ -168,11 +168,13 @@ def read_looks(print_folder: Path, since: float = 0.0) -> list[LookRecord]:
 
 def look_picture(print_folder: Path, number: int) -> Path | None:
     """Return a look's picture with what was found drawn in, else as it was taken; None for none."""
-    place = print_folder / LOOKS / f"{number:04d}"
-    drawn = place / DRAWN
+    place = print_folder / LOOKS_FOLDER / f"{number:04d}"
+    drawn = place / DRAWING_FILE
     if drawn.is_file():
         return drawn
-    taken = (path for path in sorted(place.glob("picture.*")) if path.suffix.lower() in _PICTURES)
+    taken = (
+        path for path in sorted(place.glob("picture.*")) if path.suffix.lower() in _PICTURE_SUFFIXES
+    )
     return next(taken, None)
 
 
@@ -189,13 +191,13 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
     asking = [look for look in read_looks(print_folder) if look.number == number and look.asked]
     if not asking:
         raise ValueError(f"look {number} asks for nothing; `printctl observe looks` lists them")
-    path = look_folder(print_folder, number) / _ANSWER
+    path = look_folder(print_folder, number) / _ANSWER_FILE
     text = json.dumps({"answer": answer}) + "\n"
     try:
         with path.open("x", encoding="utf-8") as file:  # of two at once one is refused
             file.write(text)
     except FileExistsError:
-        given = answer_of(print_folder, number)
+        given = read_answer(print_folder, number)
         if given is None:  # cut by a full disk
             write_text(path, text)
         elif given != answer:
@@ -205,18 +207,18 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
             ) from None
 
 
-def held_for(status: Status, number: int) -> bool:
+def is_paused_by_look(status: Status, number: int) -> bool:
     """Whether a print is paused by a look."""
     look = status.look
     return status.state is LinkState.PAUSED and look is not None and look["number"] == number
 
 
-def asking_look(looks: Iterable[LookRecord], status: Status) -> LookRecord | None:
+def look_awaiting_answer(looks: Iterable[LookRecord], status: Status) -> LookRecord | None:
     """Return the look on which a paused print waits for the operator's word; None for none."""
-    return next((one for one in looks if one.asked and held_for(status, one.number)), None)
+    return next((one for one in looks if one.asked and is_paused_by_look(status, one.number)), None)
 
 
-def refuse_unheard(print_folder: Path) -> None:
+def refuse_without_observer(print_folder: Path) -> None:
     """Refuse an answer that no observer would act on.
 
     Raises
@@ -230,9 +232,9 @@ def refuse_unheard(print_folder: Path) -> None:
         )
 
 
-def answer_of(print_folder: Path, number: int) -> Answer | None:
+def read_answer(print_folder: Path, number: int) -> Answer | None:
     """Return the operator's word on a look; None while there is none."""
-    path = print_folder / LOOKS / f"{number:04d}" / _ANSWER
+    path = print_folder / LOOKS_FOLDER / f"{number:04d}" / _ANSWER_FILE
     try:
         answer = json.loads(path.read_text(encoding="utf-8"))["answer"]
     except (OSError, ValueError, KeyError):
@@ -252,7 +254,7 @@ def proposal_words(look: LookRecord) -> str:
     """What is proposed to the operator; empty where a look asks for nothing."""
     if not look.asked:
         return ""
-    words = ASKED[look.asked]
+    words = PROPOSALS[look.asked]
     if look.factor is None:
         return words
     return f"{words}, flow factor {look.factor:.2f}"
@@ -261,22 +263,22 @@ def proposal_words(look: LookRecord) -> str:
 def outcome_words(look: LookRecord, answer: Answer | None) -> str:
     """What came of a look: its decision, or the operator's word where it asked for one."""
     if not look.asked:
-        return DECIDED.get(look.decision, look.decision)
+        return OUTCOMES.get(look.decision, look.decision)
     if answer is None:
-        return f"asks to {ASKED[look.asked]}"
+        return f"asks to {PROPOSALS[look.asked]}"
     if answer == "approve":
-        return f"{DECIDED.get(look.asked, look.asked)}, approved"
+        return f"{OUTCOMES.get(look.asked, look.asked)}, approved"
     return "gone on without" if answer == "go_on" else "stopped by the operator"
 
 
 def total_words(looks: Sequence[LookRecord]) -> str:
     """What came of all looks at a print: how many did what, what is left, and what wasn't seen."""
-    count = Counter(DECIDED.get(one.decision, one.decision) for one in looks)
+    count = Counter(OUTCOMES.get(one.decision, one.decision) for one in looks)
     said = ", ".join(f"{number} {what}" for what, number in count.items())
     words = f"{len(looks)} look{'s' * (len(looks) != 1)}: {said}"
     if left_mm := math.fsum(one.found.get("left_mm", 0.0) for one in looks):
         words += f"; {left_mm:.2f} mm of gaps left as they are"
     seen = [one.found.get("seen_share") or 0.0 for one in looks]
-    if dark := sum(share < _LEAST_SEEN for share in seen):
-        words += f"; of {dark} less than {_LEAST_SEEN:.0%} was seen"
+    if dark := sum(share < _MIN_SEEN_SHARE for share in seen):
+        words += f"; of {dark} less than {_MIN_SEEN_SHARE:.0%} was seen"
     return words

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal
 
-from printctl.observe.deciding.evidence import Thin
+from printctl.observe.deciding.evidence import ThinStretch
 from printctl.observe.deciding.flow_control import FlowLimits
 from registration.inspection.values import Gap
 
@@ -67,10 +67,10 @@ def confirmed_gaps(
         return tuple(significant)
     retested = max(len(significant), 1)
     again = [gap for gap in second if gap.p_value * retested <= test.second_rate]
-    return tuple(part for gap in significant for part in _in_both(gap, again, test.least_mm))
+    return tuple(part for gap in significant for part in _common_parts(gap, again, test.least_mm))
 
 
-def _in_both(gap: Gap, again: Sequence[Gap], least_mm: float) -> list[Gap]:
+def _common_parts(gap: Gap, again: Sequence[Gap], least_mm: float) -> list[Gap]:
     """A gap of which the second picture's cover half at least; else what both show of it.
 
     That are gaps of the second picture which lie by half at least in this one.
@@ -181,7 +181,7 @@ class Decision:
         For operator and journal.
     gaps : tuple of Gap
         To be mended; told alone where the print just goes on.
-    thin : tuple of Thin
+    thin : tuple of ThinStretch
         To be filled up.
     factor : float or None
         Flow factor from here on.
@@ -194,4 +194,4 @@ class Decision:
     gaps: tuple[Gap, ...] = ()
     factor: float | None = None
     ask: DecisionKind | None = None
-    thin: tuple[Thin, ...] = ()
+    thin: tuple[ThinStretch, ...] = ()

@@ -14,10 +14,11 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.deciding.flow_control import FlowBlocks
 from registration.inspection.values import Blob, Gap
 
-_ABSENT: Final = 0.5
-_STOPPED: Final = 10.0
+BARE_INK_SHARE: Final = 0.5
+"""Share of ink below which a place counts as bare."""
+_MIN_STOPPED_VOLUMES: Final = 10.0
 """Times the tolerated volume that must be missing at the end: less is the taper of a line's end."""
-_STEADY: Final = 0.8
+_MIN_BARE_SHARE: Final = 0.8
 """Share of a run's seen places that must lack ink."""
 
 
@@ -88,14 +89,18 @@ def judge_supply(
     """
     if not seen.any():
         return InkSupply(SupplyState.UNKNOWN)
-    volume, lacks, path = volume_ul[seen], present[seen] < _ABSENT, stroke[seen]
+    volume, lacks, path = volume_ul[seen], present[seen] < BARE_INK_SHARE, stroke[seen]
     runs = [run for run in _runs(lacks) if volume[run].sum() >= least_ul]
     if not runs:
         return InkSupply(SupplyState.FLOWING)
     last = runs[-1]
     empty = left_ul is not None and left_ul <= least_ul
     lost = last.start > 0 and _whole_path(last, path) and not empty
-    if last.stop == len(lacks) and volume[last].sum() >= _STOPPED * least_ul and not lost:
+    if (
+        last.stop == len(lacks)
+        and volume[last].sum() >= _MIN_STOPPED_VOLUMES * least_ul
+        and not lost
+    ):
         state = SupplyState.EMPTY if empty else SupplyState.CLOGGED
         return InkSupply(state, float(volume[last].sum()))
     if len(runs) > 2:
@@ -112,7 +117,9 @@ def _runs(lacks: BoolArray) -> list[slice]:
         smooth[1:-1] = np.where(between, lacks[2:], lacks[1:-1])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], smooth, [False]]).astype(np.int8)))
     runs = [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-    return [run for run in runs if lacks[run].mean() >= _STEADY or run.stop - run.start <= 2]
+    return [
+        run for run in runs if lacks[run].mean() >= _MIN_BARE_SHARE or run.stop - run.start <= 2
+    ]
 
 
 def _whole_path(run: slice, path: IntArray) -> bool:
@@ -122,7 +129,7 @@ def _whole_path(run: slice, path: IntArray) -> bool:
 
 
 @dataclass(frozen=True)
-class Thin:
+class ThinStretch:
     """Stretch of a path with too little ink.
 
     Attributes
@@ -146,12 +153,14 @@ class Thin:
         return self.to_mm - self.from_mm
 
 
-def seen_twice(first: Sequence[Thin], second: Sequence[Thin]) -> tuple[Thin, ...]:
+def confirm_thin(
+    first: Sequence[ThinStretch], second: Sequence[ThinStretch]
+) -> tuple[ThinStretch, ...]:
     """Return those of the first picture of which the second shows half at least."""
     return tuple(one for one in first if 2 * _common_mm(one, second) >= one.length_mm)
 
 
-def _common_mm(one: Thin, others: Sequence[Thin]) -> float:
+def _common_mm(one: ThinStretch, others: Sequence[ThinStretch]) -> float:
     own = [other for other in others if other.stroke == one.stroke]
     each = (min(one.to_mm, other.to_mm) - max(one.from_mm, other.from_mm) for other in own)
     return sum(max(0.0, length) for length in each)
@@ -175,7 +184,7 @@ class MapCheck:
     unsized: bool = False
     sunk_mm: float = 0.0
 
-    def worse(self, other: MapCheck) -> MapCheck:
+    def combine(self, other: MapCheck) -> MapCheck:
         """Return what is to be said of two maps of one look."""
         return MapCheck(
             self.lacks or other.lacks,
@@ -185,7 +194,7 @@ class MapCheck:
 
 
 @dataclass(frozen=True)
-class Narrowed:
+class NarrowedLumen:
     """Lumen that is seen narrower than designed.
 
     Attributes
@@ -239,7 +248,7 @@ class Evidence:
     places : int
         Places along lines that were tested.
     gaps : tuple of Gap
-    second : tuple of Gap or None
+    second_gaps : tuple of Gap or None
         Those of a second picture; None where there is none.
     supply : InkSupply
     flow : FlowBlocks
@@ -253,12 +262,12 @@ class Evidence:
         Stretches longer than a tolerated gap, that no picture shows.
     shift_mm, u_shift_mm : float, mm
         How far the layer lies beside its place, and the standard uncertainty.
-    narrowed : tuple of Narrowed
+    narrowed : tuple of NarrowedLumen
     stretches : int
         Lines surely thinner or wider than tolerated.
-    thin : tuple of Thin
+    thin : tuple of ThinStretch
         Those surely too thin, which a second pass may fill up.
-    seem_thin : tuple of Thin
+    seem_thin : tuple of ThinStretch
         Those that seem so, by one picture: they are filled up where the flow is proven too small.
     level_mm : float or None, mm
         Height of the layer; None in a bath, where each look stands for itself.
@@ -268,15 +277,15 @@ class Evidence:
         What is known of a height map's rows and columns.
     blobs : tuple of Blob
         What stands over the layer, in a profiler's map.
-    mends : bool
+    mends_only : bool
         Whether the look is about mends alone.
-    alone : str
+    single_picture_reason : str
         Why a second picture that was wanted didn't come; empty where none was, or it came.
     """
 
     places: int
     gaps: tuple[Gap, ...]
-    second: tuple[Gap, ...] | None
+    second_gaps: tuple[Gap, ...] | None
     supply: InkSupply
     flow: FlowBlocks
     seen_share: float
@@ -285,16 +294,16 @@ class Evidence:
     unseen: tuple[UnseenPath, ...] = ()
     shift_mm: float = 0.0
     u_shift_mm: float = 0.0
-    narrowed: tuple[Narrowed, ...] = ()
+    narrowed: tuple[NarrowedLumen, ...] = ()
     stretches: int = 0
-    thin: tuple[Thin, ...] = ()
-    seem_thin: tuple[Thin, ...] = ()
+    thin: tuple[ThinStretch, ...] = ()
+    seem_thin: tuple[ThinStretch, ...] = ()
     level_mm: float | None = None
     turned: str | None = None
     map: MapCheck = field(default_factory=MapCheck)
     blobs: tuple[Blob, ...] = ()
-    mends: bool = False
-    alone: str = ""
+    mends_only: bool = False
+    single_picture_reason: str = ""
 
     @property
     def unseen_mm(self) -> float:

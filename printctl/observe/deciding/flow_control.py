@@ -27,13 +27,13 @@ from kernels.arrays import FloatArray
 # are held against the first behind it, each side by the reading that speaks more for an answer.
 # Answers to small corrections are added up until they tell.
 
-_PART: Final = 0.5
+_MIN_RESPONSE_SHARE: Final = 0.5
 """Of what a real change of flow moves the seen amount by: less is no answer."""
 _ANSWER_SIGMAS: Final = 2.0
 """Standard uncertainties, on one side."""
-_SAME: Final = 1e-3
+_SAME_FACTOR: Final = 1e-3
 """Factors that differ by less are one."""
-_PICTURE: Final = 0.015
+_PICTURE_SCATTER: Final = 0.015
 """Relative: by which pictures misread the amount differently from each other."""
 
 
@@ -56,7 +56,7 @@ class Reading:
 
 
 @dataclass
-class Answers:
+class CorrectionResponse:
     """Corrections since the last one that was surely answered, and what was seen of them.
 
     Attributes
@@ -101,17 +101,19 @@ class Answers:
             Logarithm of the uncorrected flow, as known before the look.
         """
         for own in np.split(
-            np.arange(len(factor)), np.flatnonzero(np.abs(np.diff(factor)) > _SAME) + 1
+            np.arange(len(factor)), np.flatnonzero(np.abs(np.diff(factor)) > _SAME_FACTOR) + 1
         ):
             if not len(own):
                 continue
             first, last = own[: (len(own) + 1) // 2], own[len(own) // 2 :]
             levels, now = log_ratio[own], float(factor[own[0]])
-            if self.last is not None and abs(self.last.factor - now) > _SAME:
+            if self.last is not None and abs(self.last.factor - now) > _SAME_FACTOR:
                 begin = (float(log_ratio[first].mean()), float(levels.mean()))
-                self._add(self.last, Reading(now, begin, _of_mean(variance[first])), estimate)
+                self._add(
+                    self.last, Reading(now, begin, _variance_of_mean(variance[first])), estimate
+                )
             end = (float(log_ratio[last].mean()), float(log_ratio[last[-1]]))
-            self.last = Reading(now, end, _of_mean(variance[last]))
+            self.last = Reading(now, end, _variance_of_mean(variance[last]))
 
     def _add(self, before: Reading, after: Reading, estimate: float) -> None:
         change = math.log(after.factor / before.factor)
@@ -120,48 +122,50 @@ class Answers:
         moved = max(way * (new - old) for new in after.levels for old in was)
         self.wanted += abs(change)
         self.seen += moved
-        self.variance += before.variance + after.variance + 2 * _PICTURE**2
+        self.variance += before.variance + after.variance + 2 * _PICTURE_SCATTER**2
         sure = _ANSWER_SIGMAS * math.sqrt(self.variance)
-        if self.seen - _PART * self.wanted > sure:
+        if self.seen - _MIN_RESPONSE_SHARE * self.wanted > sure:
             self.answered = after.factor
-        elif abs(self.seen) > _PART * self.wanted + sure:  # the other way: the flow itself changed
+        elif (
+            abs(self.seen) > _MIN_RESPONSE_SHARE * self.wanted + sure
+        ):  # the other way: the flow itself changed
             pass
-        elif self.seen - _PART * self.wanted > -sure:
+        elif self.seen - _MIN_RESPONSE_SHARE * self.wanted > -sure:
             return  # not told yet
         else:
             self.failed = True
         self.wanted = self.seen = self.variance = 0.0
 
 
-def _of_mean(variance: FloatArray) -> float:
+def _variance_of_mean(variance: FloatArray) -> float:
     return float(variance.mean()) / len(variance)
 
 
 _STEP_SIGMAS: Final = 3.5
 """Deviation of a reading that may be an outlier, and of several in a row that are a step."""
-_CLIPPED: Final = 3.0
+_MAX_COUNTED_SIGMAS: Final = 3.0
 """Standard uncertainties, as which the deviation of one reading counts at most there."""
-_FADES: Final = 0.7
+_DEVIATION_MEMORY: Final = 0.7
 """By which earlier deviations count less from reading to reading."""
-_FALSE: Final = 60.0
+_FALSE_CORRECTION_COST_LOOKS: Final = 60.0
 """What a first correction costs that the flow doesn't need, in looks of an operator."""
-_WORTH: Final = 0.25
+_MIN_CHANGE_SIGMAS: Final = 0.25
 """Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
-_AGAIN: Final = 0.9
+_MISREAD_PERSISTENCE: Final = 0.9
 """Of what a picture misreads of all lines alike, as a variance: the next one does so, too."""
-_LEAST_U: Final = 0.005
+_MIN_RELATIVE_U: Final = 0.005
 """No reading of a ratio is better than 0.5 %: the expected width itself is rounded and modelled."""
-_USUAL: Final = 0.1
+_PRIOR_FLOW_SD: Final = 0.1
 """Standard deviation of a flow's logarithm before anything is seen of it."""
-_STEPS: Final = 0.02 * 0.25**2
+_FLOW_STEP_VARIANCE: Final = 0.02 * 0.25**2
 """Variance of its change from look to look: in one of fifty it steps, by a quarter."""
-_OPERATOR: Final = 0.05
+_OPERATOR_SD: Final = 0.05
 """Relative: how well an operator who looked at the lines knows their ink."""
-_COSTLY: Final = 0.115
+_LOOK_WORTH_LOG_FLOW: Final = 0.115
 """Logarithm of a flow that is worth an operator's look; cost grows with its square."""
-_SHOWN: Final = 0.6
+_MIN_WIDTH_RESPONSE: Final = 0.6
 """Of a flow's logarithm, that widths show at least: lines grow higher, too."""
-_ONE_SIDE: Final = 1.64
+_ONE_SIDED_SIGMAS: Final = 1.64
 """Standard uncertainties, of one in twenty on one side."""
 
 
@@ -220,7 +224,7 @@ class FlowLimits:
 
 
 @dataclass(frozen=True)
-class SeenLevel:
+class PictureFlow:
     """Logarithm of delivered over asked flow, without correction, by one picture alone.
 
     Attributes
@@ -250,9 +254,9 @@ class FlowControl:
         Of the last reading.
     common : float
         What the last picture may misread of all lines alike.
-    answers : Answers
+    answers : CorrectionResponse
         Whether the amount seen answers corrections.
-    last : SeenLevel or None
+    last : PictureFlow or None
         What the last look told; None where that told no width.
     asked : bool
         Whether the operator was asked about the flow behind the last reading.
@@ -264,11 +268,11 @@ class FlowControl:
     factor: float = 1.0
     log_flow: float = 0.0
     misread: float = 0.0
-    variance: tuple[float, float, float] = (_USUAL**2, 0.0, 0.0)
+    variance: tuple[float, float, float] = (_PRIOR_FLOW_SD**2, 0.0, 0.0)
     time_s: float | None = None
     common: float = 0.0
-    answers: Answers = field(default_factory=Answers)
-    last: SeenLevel | None = None
+    answers: CorrectionResponse = field(default_factory=CorrectionResponse)
+    last: PictureFlow | None = None
     asked: bool = False
     beyond_said: bool = False
     _run: float = 0.0
@@ -280,50 +284,57 @@ class FlowControl:
         if not sound.any():
             return
         if self.asked:  # whatever was approved: by the factor in force the flow is right
-            self._take(-math.log(self.factor), _OPERATOR**2, 0.0)
+            self._kalman_update(-math.log(self.factor), _OPERATOR_SD**2, 0.0)
             self.asked = False
         ratio, factor, common = blocks.area_ratio[sound], blocks.factor[sound], blocks.u_common
-        random = np.maximum((blocks.u[sound] / ratio) ** 2 - common**2, _LEAST_U**2)
+        random = np.maximum((blocks.u[sound] / ratio) ** 2 - common**2, _MIN_RELATIVE_U**2)
         readings = np.log(ratio) - np.log(factor)
         self.answers.learn(np.log(ratio), random, factor, self.log_flow)
         late = slice(len(ratio) // 2, None)  # what flows now
-        self.last = SeenLevel(
-            float(readings[late].mean()), math.hypot(math.sqrt(_of_mean(random[late])), common)
+        self.last = PictureFlow(
+            float(readings[late].mean()),
+            math.hypot(math.sqrt(_variance_of_mean(random[late])), common),
         )
-        self._another_picture(common, blocks.u_change)
+        self._predict_for_picture(common, blocks.u_change)
         for when, reading, own in zip(blocks.time_s[sound], readings, random, strict=True):
-            self._update(float(when), float(reading), float(own))
+            self._filter_reading(float(when), float(reading), float(own))
 
-    def _another_picture(self, common: float, change: float) -> None:
+    def _predict_for_picture(self, common: float, change: float) -> None:
         """Go on to a picture that misreads all lines by so much: mostly as the last did."""
         flow, both, misread = self.variance
-        flow = max(flow, min(flow + _STEPS, _USUAL**2))
-        times = math.sqrt(_AGAIN) * min(1.0, common / self.common) if self.common > 0 else 0.0
+        flow = max(flow, min(flow + _FLOW_STEP_VARIANCE, _PRIOR_FLOW_SD**2))
+        times = (
+            math.sqrt(_MISREAD_PERSISTENCE) * min(1.0, common / self.common)
+            if self.common > 0
+            else 0.0
+        )
         new = times**2 * (misread - self.common**2) + common**2
         if self.common > 0 and misread + change**2 < new:
             times, new = 1.0, misread + change**2
-        new = min(new, max(common, self.common) ** 2) + _PICTURE**2
+        new = min(new, max(common, self.common) ** 2) + _PICTURE_SCATTER**2
         self.misread *= times
         self.variance, self.common = (flow, both * times, new), common
 
-    def _update(self, time_s: float, reading: float, variance: float) -> None:
+    def _filter_reading(self, time_s: float, reading: float, variance: float) -> None:
         """Take in one reading, unless it is an outlier; several on one side are a step."""
         flow, both, misread = self.variance
         passed = max(time_s - self.time_s, 0.0) if self.time_s is not None else 0.0
         self.time_s = time_s
-        flow = max(flow, min(flow + self.limits.drift_per_root_s**2 * passed, _USUAL**2))
+        flow = max(flow, min(flow + self.limits.drift_per_root_s**2 * passed, _PRIOR_FLOW_SD**2))
         off = reading - self.log_flow - self.misread
         sigmas = off / math.sqrt(flow + 2.0 * both + misread + variance)
-        self._run = _FADES * self._run + min(max(sigmas, -_CLIPPED), _CLIPPED)
-        step = abs(self._run) * math.sqrt(1.0 - _FADES**2) > _STEP_SIGMAS
+        self._run = _DEVIATION_MEMORY * self._run + min(
+            max(sigmas, -_MAX_COUNTED_SIGMAS), _MAX_COUNTED_SIGMAS
+        )
+        step = abs(self._run) * math.sqrt(1.0 - _DEVIATION_MEMORY**2) > _STEP_SIGMAS
         if step:
             self._run = 0.0
             flow += off * off
         self.variance = flow, both, misread
         if step or abs(sigmas) < _STEP_SIGMAS:
-            self._take(reading, variance, 1.0)
+            self._kalman_update(reading, variance, 1.0)
 
-    def _take(self, reading: float, variance: float, misreads: float) -> None:
+    def _kalman_update(self, reading: float, variance: float, misreads: float) -> None:
         """Kalman's update by a reading of the flow and so much of what pictures misread."""
         flow, both, misread = self.variance
         with_flow, with_misread = flow + misreads * both, both + misreads * misread
@@ -348,7 +359,7 @@ class FlowControl:
         return self.flow * math.sqrt(self.variance[0])
 
     @property
-    def left(self) -> float:
+    def log_error(self) -> float:
         """Logarithm of delivered over asked flow by the factor in force."""
         return self.log_flow + math.log(self.factor)
 
@@ -369,31 +380,33 @@ class FlowControl:
         """
         if self.answers.failed:
             answered = round(self.answers.answered, 4)
-            return None if abs(self.factor - answered) < _SAME else answered
-        u, beyond = math.sqrt(self.variance[0]), abs(self.left) - self.limits.deadband
-        if self.factor != 1.0 and beyond <= _WORTH * u:
+            return None if abs(self.factor - answered) < _SAME_FACTOR else answered
+        u, beyond = math.sqrt(self.variance[0]), abs(self.log_error) - self.limits.deadband
+        if self.factor != 1.0 and beyond <= _MIN_CHANGE_SIGMAS * u:
             return None
-        if self.factor == 1.0 and _FALSE * normal_part(-beyond / u) > min(1.0, self.looks_worth()):
+        if self.factor == 1.0 and _FALSE_CORRECTION_COST_LOOKS * normal_part(-beyond / u) > min(
+            1.0, self.cost_in_looks()
+        ):
             return None
-        rounded = self._allowed(self.log_flow)
+        rounded = self._bounded_factor(self.log_flow)
         return None if rounded == self.factor else rounded
 
-    def looks_worth(self) -> float:
+    def cost_in_looks(self) -> float:
         """Return what it costs to leave the flow as it is, in looks of an operator."""
-        return (self.left**2 + self.variance[0]) / _COSTLY**2
+        return (self.log_error**2 + self.variance[0]) / _LOOK_WORTH_LOG_FLOW**2
 
     def may_be_off(self, share: float) -> bool:
         """Whether the last look leaves it open that the flow is off by more than a share."""
         if self.last is None:
             return True
-        off = abs(self.last.level + math.log(self.factor)) + _ONE_SIDE * self.last.u
-        return off > _SHOWN * math.log1p(share)
+        off = abs(self.last.level + math.log(self.factor)) + _ONE_SIDED_SIGMAS * self.last.u
+        return off > _MIN_WIDTH_RESPONSE * math.log1p(share)
 
     def by_last_picture(self) -> float | None:
         """Return the factor that the last picture alone asks for; None where it tells no width."""
-        return None if self.last is None else self._allowed(self.last.level)
+        return None if self.last is None else self._bounded_factor(self.last.level)
 
-    def _allowed(self, log_flow: float) -> float:
+    def _bounded_factor(self, log_flow: float) -> float:
         """Factor that corrects a flow, within bounds, in steps of the firmware."""
         per = self.limits.steps_per_unit
         wanted = min(max(math.exp(-log_flow), self.limits.low), self.limits.high)

@@ -30,7 +30,7 @@ class MendError(PrintctlError):
 Style = Literal["layered", "embedded"]
 WAY_MM: Final = 1e-6
 """A shorter way is none."""
-_TRAVEL_MM_S: Final = 10.0
+_DEFAULT_TRAVEL_MM_S: Final = 10.0
 """Of travels, and below it of lifts, where the job has none to follow."""
 
 
@@ -162,14 +162,14 @@ class HeldPrint:
     def travel_mm_s(self) -> float:
         """Speed of travels across: the job's own, mm/s."""
         limit = min(self.printer.max_speed_mm_s.x, self.printer.max_speed_mm_s.y)
-        return min(self._travelled(upright=False), limit)
+        return min(self._usual_travel_mm_s(upright=False), limit)
 
     @cached_property
     def lift_mm_s(self) -> float:
         """Speed of lifts and descents: the job's own, mm/s."""
-        return min(self._travelled(upright=True), self.printer.max_speed_mm_s.z)
+        return min(self._usual_travel_mm_s(upright=True), self.printer.max_speed_mm_s.z)
 
-    def _travelled(self, *, upright: bool) -> float:
+    def _usual_travel_mm_s(self, *, upright: bool) -> float:
         """Usual feed of the job's travels; of several equally usual ones the slowest."""
         program = self.program
         step = np.abs(program.target[:, :3] - program.before[:, :3])
@@ -177,7 +177,7 @@ class HeldPrint:
         chosen = (program.kind == MOVE) & (program.pushed == 0) & (self.way > WAY_MM)
         chosen &= (flat <= WAY_MM) if upright else (flat > WAY_MM)
         if not chosen.any():
-            return _TRAVEL_MM_S / 2 if upright else _TRAVEL_MM_S
+            return _DEFAULT_TRAVEL_MM_S / 2 if upright else _DEFAULT_TRAVEL_MM_S
         feeds, counts = np.unique(program.feed[chosen], return_counts=True)
         return float(feeds[counts.argmax()])
 
@@ -186,7 +186,7 @@ LEAST_MM: Final = 0.1
 """Shorter moves at a patch's ends aren't made: firmware adds them to the next one."""
 _ROUNDING_MM: Final = 1e-9
 """A corner as far away as `LEAST_MM`, but for rounding, isn't nearer."""
-_NO: Final = (0.0, 0.0)
+_NO_SPARE_MM: Final = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +242,11 @@ class WrittenPath:
         return float(self.width_mm[self.piece(middle)].mean())
 
     def cuts(
-        self, from_mm: float, to_mm: float, least_mm: float = 0.0, spare: tuple[float, float] = _NO
+        self,
+        from_mm: float,
+        to_mm: float,
+        least_mm: float = 0.0,
+        spare: tuple[float, float] = _NO_SPARE_MM,
     ) -> FloatArray:
         """Ways at which a stretch begins, turns and ends, (m + 1,), mm; corners are kept.
 
@@ -276,24 +280,24 @@ class WrittenPath:
         return float(self.arc[k] + share[k] * np.sqrt(square[k])), float(away[k])
 
 
-def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPath, ...]:
+def written_paths(held_print: HeldPrint, until: int | None = None) -> tuple[WrittenPath, ...]:
     """Return the paths that the job has written where it is held.
 
     Parameters
     ----------
-    held : HeldPrint
+    held_print : HeldPrint
     until : int or None
         Lines to look at; those done where None. Paths to come are cut there.
     """
-    program = held.program
-    taken = program.command < (held.done if until is None else until)
-    chosen = np.flatnonzero(held.writes & taken)
+    program = held_print.program
+    taken = program.command < (held_print.done if until is None else until)
+    chosen = np.flatnonzero(held_print.writes & taken)
     if not len(chosen):
         return ()
-    breaks = (program.kind == MOVE) & ~held.writes & (held.way > WAY_MM)
+    breaks = (program.kind == MOVE) & ~held_print.writes & (held_print.way > WAY_MM)
     number = np.cumsum(breaks)[chosen]
-    width, height = _sections(held, chosen)
-    e_per_mm = program.pushed[chosen] / held.way[chosen]
+    width, height = _sections(held_print, chosen)
+    e_per_mm = program.pushed[chosen] / held_print.way[chosen]
     paths: list[WrittenPath] = []
     for own in np.split(np.arange(len(chosen)), np.flatnonzero(np.diff(number)) + 1):
         row = chosen[own]
@@ -312,23 +316,23 @@ def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPat
     return tuple(paths)
 
 
-def _sections(held: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+def _sections(held_print: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
     """Width and height of written rows, (n,) each, mm."""
-    every = np.flatnonzero(held.writes)
-    area = held.program.pushed[every] / held.way[every] * held.ul_per_e
-    if held.style == "embedded":
-        swell = held.ink.swell_factor or 1.0
+    every = np.flatnonzero(held_print.writes)
+    area = held_print.program.pushed[every] / held_print.way[every] * held_print.ul_per_e
+    if held_print.style == "embedded":
+        swell = held_print.ink.swell_factor or 1.0
         wide = np.sqrt(4 / np.pi * area)[np.searchsorted(every, rows)] * swell
         return wide, wide
-    height = layer_heights(held, every, area)
-    width = held.ink.bead_section.width(area, height)
+    height = layer_heights(held_print, every, area)
+    width = held_print.ink.bead_section.width(area, height)
     own = np.searchsorted(every, rows)
     return width[own], height[own]
 
 
-def layer_heights(held: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> FloatArray:
+def layer_heights(held_print: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> FloatArray:
     """Height of each written row's layer, (n,), mm; round lines where there is but one layer."""
-    from_z = held.program.target[rows, 2]
+    from_z = held_print.program.target[rows, 2]
     levels = written_levels(from_z)
     round_mm = float(np.median(np.sqrt(4 / np.pi * area_mm2)))
     height = level_heights(levels, level_areas(levels, from_z, area_mm2), single_mm=round_mm)

@@ -90,7 +90,7 @@ def check_gaps(gaps: Sequence[Gap], paths: Sequence[WrittenPath]) -> None:
             )
 
 
-def merged(gaps: Sequence[Gap], paths: Sequence[WrittenPath], widths: float) -> list[Gap]:
+def merge_gaps(gaps: Sequence[Gap], paths: Sequence[WrittenPath], widths: float) -> list[Gap]:
     """Join gaps of one path that lie nearer to each other than so many widths of the line.
 
     Gaps of different kinds (whole and thin) stay apart, cut where they overlap.
@@ -197,20 +197,22 @@ def _sound_spans(path: WrittenPath, gaps: Sequence[Gap]) -> list[tuple[float, fl
 
 
 def width_with_more(
-    width_mm: FloatArray, height_mm: FloatArray, times: FloatArray, held: HeldPrint
+    width_mm: FloatArray, height_mm: FloatArray, times: FloatArray, held_print: HeldPrint
 ) -> FloatArray:
     """Return the width of lines with so many times their ink (2 on a sound line), (m,), mm.
 
     A line of a layer stands no higher under the needle, so more ink goes to its sides, as the bead
     model says of it.
     """
-    if not held.layered:
+    if not held_print.layered:
         return width_mm * np.sqrt(times)
-    return held.ink.bead_section.width(times * section_mm2(width_mm, height_mm, held), height_mm)
+    return held_print.ink.bead_section.width(
+        times * section_mm2(width_mm, height_mm, held_print), height_mm
+    )
 
 
-def section_mm2(width_mm: FloatArray, height_mm: FloatArray, held: HeldPrint) -> FloatArray:
+def section_mm2(width_mm: FloatArray, height_mm: FloatArray, held_print: HeldPrint) -> FloatArray:
     """Return the cross-section of lines as they are dosed, (m,), mm²."""
-    if not held.layered:
-        return np.pi / 4 * (width_mm / (held.ink.swell_factor or 1.0)) ** 2
-    return held.ink.bead_section.area(width_mm, height_mm)
+    if not held_print.layered:
+        return np.pi / 4 * (width_mm / (held_print.ink.swell_factor or 1.0)) ** 2
+    return held_print.ink.bead_section.area(width_mm, height_mm)

@@ -30,7 +30,7 @@ from sim.gcode.clearance import (
 )
 from sim.gcode.deposit.written import LEVEL_TOLERANCE_MM
 
-_AROUND = 16
+_RIM_PLACES = 16
 """Places on the rim of a line that are looked at."""
 
 
@@ -67,7 +67,7 @@ class Voids:
         return Voids(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)))
 
     @staticmethod
-    def of_network(network: VesselNetwork, place_mm: ArrayLike) -> Voids:
+    def from_network(network: VesselNetwork, place_mm: ArrayLike) -> Voids:
         """Return a network's lumens, moved by ``place_mm`` from the part's frame."""
         inner = np.ones(len(network.points) - 1, dtype=bool)
         inner[network.offset[1:-1] - 1] = False
@@ -137,38 +137,38 @@ def ink_in_voids_mm(
         return close.depth_mm(places) + width_mm / 2
     middle = places - np.array([0.0, 0.0, 0.5]) * height_mm[:, None]
     deepest = close.depth_mm(middle)
-    for angle in np.linspace(0.0, 2 * np.pi, _AROUND, endpoint=False):
+    for angle in np.linspace(0.0, 2 * np.pi, _RIM_PLACES, endpoint=False):
         side = np.array([np.cos(angle), np.sin(angle), 0.0])
         np.maximum(deepest, close.depth_mm(middle + width_mm[:, None] / 2 * side), out=deepest)
     return deepest
 
 
-_ON_AXIS: Final = 0.5
+_MAX_AXIS_OFFSET_RADII: Final = 0.5
 """Share of a void's radius within which a written axis is the void's own."""
 
 
-def open_voids(voids: Voids, held: HeldPrint, places: FloatArray, reach_mm: float) -> Voids:
+def open_voids(voids: Voids, held_print: HeldPrint, places: FloatArray, reach_mm: float) -> Voids:
     """Return the voids near places (m, 3), mm, that ink must keep out of.
 
     An embedded print writes sacrificial ink where its lumens are to be, so a network's vessels are
     voids to it only where no path of the job, written or to come, goes along them.
     """
-    if held.layered or not len(voids) or not len(places):
+    if held_print.layered or not len(voids) or not len(places):
         return voids
     close = voids.near(places.min(axis=0) - reach_mm, places.max(axis=0) + reach_mm)
-    planned = laid_ink(written_paths(held, len(held.lines)))
+    planned = laid_ink(written_paths(held_print, len(held_print.lines)))
     own = np.ones(len(close), dtype=bool)
     for share in (0.1, 0.5, 0.9):
         axis = close.start + share * (close.end - close.start)
-        own &= planned.nearest(axis)[1] <= _ON_AXIS * close.radius.mean(axis=1)
+        own &= planned.nearest(axis)[1] <= _MAX_AXIS_OFFSET_RADII * close.radius.mean(axis=1)
     return close.where(~own)
 
 
 OVERLAP_RADII: Final = 0.5
 """Of joints, as the embedded planner has it."""
 _NODE_DECIMALS: Final = 4
-_SAME_MM: Final = 1e-6
-_HIGH_MM: Final = 50.0
+_SAME_PLACE_MM: Final = 1e-6
+_APPROACH_HEIGHT_MM: Final = 50.0
 """Above all ink, where the needle comes from."""
 
 
@@ -241,8 +241,8 @@ def shaft_contacts(
     """
     if not len(rows.path):
         return ()
-    past, volumes, which = _past(ink)
-    bridge = _bridge(past[-1, 1] if len(past) else rows.tips[0], rows.tips[0], ink)
+    past, volumes, which = _past_rows(ink)
+    bridge = _bridge_rows(past[-1, 1] if len(past) else rows.tips[0], rows.tips[0], ink)
     own = np.stack([rows.tips[:-1], rows.tips[1:]], axis=1)
     tips = np.concatenate([past, bridge, own])
     vessel = np.concatenate([which, np.full(len(bridge), -1), rows.path]).astype(np.int64)
@@ -270,17 +270,17 @@ def shaft_contacts(
         (row, one)
         for row, one in contacts
         if stood_mm is None
-        or not (_stands(rows, row, stood_mm) and _known(one, stood_mm, first, joint))
+        or not (_is_at_hold(rows, row, stood_mm) and _was_in_ink(one, stood_mm, first, joint))
     )
 
 
-def _stands(rows: NeedleRows, row: int, stood_mm: FloatArray) -> bool:
+def _is_at_hold(rows: NeedleRows, row: int, stood_mm: FloatArray) -> bool:
     """Whether a row only rises from where the print is held, or comes back to it from above."""
     off = rows.tips[row : row + 2] - stood_mm
-    return bool(np.abs(off[:, :2]).max() < _SAME_MM and off[:, 2].min() > -_SAME_MM)
+    return bool(np.abs(off[:, :2]).max() < _SAME_PLACE_MM and off[:, 2].min() > -_SAME_PLACE_MM)
 
 
-def _known(contact: ShaftContact, held_mm: FloatArray, first: int, joint_mm: float) -> bool:
+def _was_in_ink(contact: ShaftContact, held_mm: FloatArray, first: int, joint_mm: float) -> bool:
     """Whether the shaft stood in that ink already while the print was held, or in its joint."""
     near = np.linalg.norm(np.array(contact.place_mm) - held_mm) <= joint_mm
     return contact.crossed_line < first or bool(near)
@@ -301,7 +301,7 @@ def _network_of(paths: Sequence[WrittenPath]) -> WrittenNetwork:
     )
 
 
-def _past(ink: LaidInk) -> tuple[FloatArray, FloatArray, IntArray]:
+def _past_rows(ink: LaidInk) -> tuple[FloatArray, FloatArray, IntArray]:
     """Written pieces as rows of motion, with a row between those that don't follow each other."""
     if not len(ink):
         return np.zeros((0, 2, 3)), np.zeros(0), np.zeros(0, np.int64)
@@ -316,8 +316,8 @@ def _past(ink: LaidInk) -> tuple[FloatArray, FloatArray, IntArray]:
     )
 
 
-def _bridge(start: FloatArray, end: FloatArray, ink: LaidInk) -> FloatArray:
+def _bridge_rows(start: FloatArray, end: FloatArray, ink: LaidInk) -> FloatArray:
     """Rows that bring the needle from one place to another above all ink, (k, 2, 3)."""
-    high = max(ink.top_mm(layered=False), float(start[2]), float(end[2])) + _HIGH_MM
+    high = max(ink.top_mm(layered=False), float(start[2]), float(end[2])) + _APPROACH_HEIGHT_MM
     corners = np.array([start, [*start[:2], high], [*end[:2], high], end])
     return np.stack([corners[:-1], corners[1:]], axis=1)

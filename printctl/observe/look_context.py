@@ -6,21 +6,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from kernels.arrays import BoolArray
 from printctl.machine.job.marks import Mark, MarkKind, Marks
 from printctl.observe.deciding import Evidence
-from printctl.observe.deciding.evidence import MapCheck, UnseenPath
-from printctl.observe.expected import ExpectedInk, LayerInk, Mended, is_mended
+from printctl.observe.deciding.evidence import BARE_INK_SHARE, MapCheck, UnseenPath
+from printctl.observe.expected_ink import ExpectedInk, LayerInk, MendedStretch, is_mended
 from printctl.observe.height_maps import ScanSize
 from printctl.observe.mending import HeldPrint
 from registration.inspection import Gap, LayerFindings, Lumen, Unseen
-
-_BARE: Final = 0.5
-"""Share of ink below which a place counts as bare."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,7 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Judged:
+class LookJudgement:
     """What the pictures of a look have told.
 
     Attributes
@@ -87,7 +84,7 @@ class MendLines:
         What isn't mended by them, and why; empty for nothing.
     left_mm : float, mm
     mended : tuple of dict
-        Gaps that they write again (`Mended`) with both ends, mm; they are looked at once more.
+        Gaps that they write again (`MendedStretch`) with both ends, mm; inspected once more.
     given_up : bool
         Whether a gap was written so often in vain that the operator alone has it written again.
     """
@@ -100,14 +97,14 @@ class MendLines:
 
 
 @dataclass
-class HeldLook:
+class LookContext:
     """Print as it is held at a look: what is worked out once for its pictures and its mend.
 
     Attributes
     ----------
     look : Look
         With ``before`` where the ink begins that is judged.
-    held : HeldPrint
+    held_print : HeldPrint
     flow : float
         Factor in force.
     ink : ExpectedInk
@@ -118,7 +115,7 @@ class HeldLook:
         Of the grown job.
     slab_mm : (float, float), mm
         Middle and thickness of the layer; of all filaments in a bath.
-    mended : tuple of Mended
+    mended : tuple of MendedStretch
         Gaps that the last look had written again, if nothing else was written since: they alone are
         judged, among the ink that it was about.
     found : dict
@@ -132,14 +129,14 @@ class HeldLook:
     """
 
     look: Look
-    held: HeldPrint
+    held_print: HeldPrint
     flow: float
     ink: ExpectedInk
     layer: LayerInk
     lumens: tuple[Lumen, ...]
     marks: Marks
     slab_mm: tuple[float, float] = (0.0, 1.0)
-    mended: tuple[Mended, ...] = ()
+    mended: tuple[MendedStretch, ...] = ()
     found: dict[Path, LayerFindings] = field(default_factory=dict)
     turned: str | None = None
     map: MapCheck = field(default_factory=MapCheck)
@@ -152,7 +149,7 @@ class HeldLook:
 
 
 def unseen_stretches(
-    at: HeldLook, each: Sequence[LayerFindings], least_mm: float
+    context: LookContext, each: Sequence[LayerFindings], least_mm: float
 ) -> tuple[UnseenPath, ...]:
     """Return the stretches, so long at least, of which no picture sees half.
 
@@ -162,7 +159,7 @@ def unseen_stretches(
     stations, unseen = each[0].stations, list[UnseenPath]()
     use = ~stations.seen & (stations.why != Unseen.COVERED)
     for other in each[1:]:
-        use |= ~other.stations.seen & (stations.present < _BARE)
+        use |= ~other.stations.seen & (stations.present < BARE_INK_SHARE)
     for stroke in np.unique(stations.stroke[use]).tolist():
         rows = np.flatnonzero(use & (stations.stroke == stroke))
         for own in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
@@ -171,18 +168,19 @@ def unseen_stretches(
             begin, end = ((float(x), float(y)) for x, y in stations.at_mm[own[[0, -1]]])
             gap = Gap(stroke, low, high, begin, end, 0.0, 1.0)
             seen = any(
-                other.stations.tell(gap) and np.nanmean(other.stations.present[own]) >= _BARE
+                other.stations.tell(gap)
+                and np.nanmean(other.stations.present[own]) >= BARE_INK_SHARE
                 for other in each[1:]
             )
-            about = not at.mended or is_mended(gap, at.mended)
+            about = not context.mended or is_mended(gap, context.mended)
             if gap.length_mm >= least_mm and about and not seen:
-                unseen.append(_named(at, gap))
+                unseen.append(_named(context, gap))
     return tuple(unseen)
 
 
-def _named(at: HeldLook, part: Gap) -> UnseenPath:
+def _named(context: LookContext, part: Gap) -> UnseenPath:
     """A part of a path with the name of the vessel that it writes."""
-    path = at.ink.paths[part.stroke]
-    mark = at.marks.next(MarkKind.VESSEL, int(path.command[-1]))
+    path = context.ink.paths[part.stroke]
+    mark = context.marks.next(MarkKind.VESSEL, int(path.command[-1]))
     name = f"vessel {mark.number}" if mark and mark.number >= 0 else f"path {part.stroke}"
-    return UnseenPath("the mend in " * bool(at.mended) + name, part, path.length_mm)
+    return UnseenPath("the mend in " * bool(context.mended) + name, part, path.length_mm)

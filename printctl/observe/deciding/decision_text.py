@@ -12,32 +12,32 @@ from printctl.observe.deciding.flow_control import FlowControl
 from registration.inspection.options import IN_PART
 from registration.inspection.values import Blob, Gap
 
-_LISTED: Final = 3
+_MAX_LISTED: Final = 3
 """Stretches, and blobs, that are told by their places."""
-_ANY: Final = 0.005
+_MIN_SEEN_SHARE: Final = 0.005
 """Of the way, less than which is nothing."""
-_FLOW_OFF: Final = 0.1
+_MAX_SILENT_FLOW_ERROR: Final = 0.1
 """Relative: a flow that is farther off never passes in silence."""
 
 
 def seen_words(evidence: Evidence, limits: Limits, gaps: Sequence[Gap]) -> str:
     """What a look that calls for nothing has told."""
-    if evidence.seen_share < _ANY:
+    if evidence.seen_share < _MIN_SEEN_SHARE:
         return f"nothing was seen{unseen_words(evidence)}"
     if evidence.stretches:
-        told = (
+        text = (
             f"{evidence.stretches} stretches beyond {limits.width_percent:g} % of width, told alone"
         )
     else:
-        told = "as expected, within tolerance"
+        text = "as expected, within tolerance"
     unseen = unseen_words(evidence)
     if unseen:
-        told = f"of the {evidence.seen_share:.0%} that was seen: {told}"
+        text = f"of the {evidence.seen_share:.0%} that was seen: {text}"
     significant = [one for one in evidence.gaps if limits.gap.significant(one, evidence.places)]
     if significant and not gaps:
         way = math.fsum(one.length_mm for one in significant)
-        told += f"; {way:.2f} mm seem to be missing in one of two pictures alone: not believed"
-    return told + unseen
+        text += f"; {way:.2f} mm seem to be missing in one of two pictures alone: not believed"
+    return text + unseen
 
 
 def blind_words(evidence: Evidence, control: FlowControl) -> str:
@@ -45,7 +45,11 @@ def blind_words(evidence: Evidence, control: FlowControl) -> str:
 
     Of a look in which nothing was seen that goes without saying.
     """
-    if evidence.mends or evidence.seen_share < _ANY or not control.may_be_off(_FLOW_OFF):
+    if (
+        evidence.mends_only
+        or evidence.seen_share < _MIN_SEEN_SHARE
+        or not control.may_be_off(_MAX_SILENT_FLOW_ERROR)
+    ):
         return ""
     if control.last is None:
         return "; no line tells its width, so the flow may be off unseen"
@@ -61,19 +65,19 @@ def unseen_words(evidence: Evidence) -> str:
     longest = sorted(evidence.unseen, key=lambda one: -one.gap.length_mm)
     if not longest and evidence.seen_share > 0.5:
         return ""
-    words = [one.words for one in longest[:_LISTED]]
-    more = f" and {len(longest) - _LISTED} shorter" if len(longest) > _LISTED else ""
+    words = [one.words for one in longest[:_MAX_LISTED]]
+    more = f" and {len(longest) - _MAX_LISTED} shorter" if len(longest) > _MAX_LISTED else ""
     places = f": {', '.join(words)}{more}" if words else ""
     return f"; {evidence.unseen_mm:.1f} of {evidence.way_mm:.1f} mm weren't seen{places}"
 
 
-def places_of(stretches: Sequence[Gap]) -> str:
+def list_places(stretches: Sequence[Gap]) -> str:
     """Name the first stretches by their places, in words; empty for none."""
     each = []
-    for one in stretches[:_LISTED]:
+    for one in stretches[:_MAX_LISTED]:
         begin, end = (f"X {x:.1f} Y {y:.1f}" for x, y in (one.start_mm, one.end_mm))
         each.append(f"{begin} to {end}, {one.length_mm:.2f} mm")
-    more = f"; and {len(stretches) - _LISTED} more" * (len(stretches) > _LISTED)
+    more = f"; and {len(stretches) - _MAX_LISTED} more" * (len(stretches) > _MAX_LISTED)
     return f" ({'; '.join(each)}{more})" if each else ""
 
 
@@ -96,9 +100,9 @@ def blob_words(blobs: Sequence[Blob]) -> str:
     each = [
         f"X {one.at_mm[0]:.1f} Y {one.at_mm[1]:.1f}, {one.width_mm:.2f} mm wide, "
         f"{1e3 * one.height_mm:.0f} µm over the ink"
-        for one in largest[:_LISTED]
+        for one in largest[:_MAX_LISTED]
     ]
-    more = f" and {len(largest) - _LISTED} smaller" if len(largest) > _LISTED else ""
+    more = f" and {len(largest) - _MAX_LISTED} smaller" if len(largest) > _MAX_LISTED else ""
     many = "1 blob stands" if len(largest) == 1 else f"{len(largest)} blobs stand"
     return f"; {many} on the layer ({'; '.join(each)}{more})"
 
