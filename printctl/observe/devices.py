@@ -32,7 +32,7 @@ Kind = Literal["camera", "folder", "command", "simulated"]
 
 @dataclass(frozen=True)
 class DeviceSettings:
-    """What is needed to acquire one picture or volume.
+    """Settings to acquire one picture or volume.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class DeviceSettings:
     source : str
         Of a camera its number or address; of a folder its path; of a command its words.
     size_px : tuple of int or None
-        Width and height asked of a camera; None for its own.
+        Width and height requested of a camera; None for its own.
     limit_s : float, s
         After which it counts as hung.
     extra : dict
@@ -58,12 +58,12 @@ class DeviceSettings:
     tables: bool = False
 
     def to_json(self) -> str:
-        """As JSON text."""
+        """Return the settings as JSON text."""
         return json.dumps(asdict(self))
 
     @staticmethod
     def from_json(text: str) -> DeviceSettings:
-        """Read `to_json`."""
+        """Read settings from the text of `to_json`."""
         data = json.loads(text)
         size = data["size_px"]
         return DeviceSettings(**{**data, "size_px": tuple(size) if size else None})
@@ -81,7 +81,7 @@ def take_picture(settings: DeviceSettings, out: Path) -> Path:
     Raises
     ------
     ValueError
-        When the camera can't be opened, gives nothing, or another size than asked for.
+        When the camera can't be opened, gives nothing, or another size than requested.
     """
     import cv2  # only the process that takes a picture needs it
 
@@ -244,7 +244,7 @@ def run_command(words: str, out: Path) -> Path:
 
 
 def simulated_picture(settings: DeviceSettings, out: Path) -> Path:
-    """Paint what lies in the simulated dish.
+    """Render the simulated dish to a file.
 
     Raises
     ------
@@ -271,7 +271,7 @@ Region = tuple[Place, Place]
 
 
 class DeviceError(PrintctlError):
-    """A device gave no picture: it is missing, refuses, or hangs."""
+    """Failure of a device to give a usable picture: missing, refusing or hanging."""
 
 
 def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -> Path:
@@ -321,7 +321,7 @@ def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -
 
 
 def _timeout_message(settings: DeviceSettings) -> str:
-    """Say that there was no picture within the limit."""
+    """Return the message that no picture came within the limit."""
     if settings.kind == "folder":
         return (
             f"no new picture came into {settings.source} within {settings.limit_s:.3g} s; the "
@@ -335,7 +335,7 @@ def _timeout_message(settings: DeviceSettings) -> str:
 
 
 def _list_earlier_files(settings: DeviceSettings) -> str:
-    """What is in a device's folder before its picture is waited for, as JSON."""
+    """Return the files in a device's folder before acquisition, as JSON."""
     if settings.kind != "folder":
         return ""
     try:
@@ -356,15 +356,15 @@ def _kill(process: subprocess.Popen[str]) -> None:
 
 # Acquire one picture: `python -m printctl.observe.devices SETTINGS OUT`; prints its path.
 #
-# Of a folder the files that were there before are told on standard input. It ends with the process
+# A folder's earlier files are read from standard input. It ends with the process
 # that started it, and so does the device's own program.
 
 _PARENT_POLL_S: Final = 0.2
 
 
 def main() -> int:
-    """Acquire; 1 and one line on stderr where it can't."""
-    if hasattr(os, "killpg"):  # elsewhere a process isn't told that its parent is gone
+    """Acquire one picture; return 1 and print one line to stderr if that fails."""
+    if hasattr(os, "killpg"):  # elsewhere a process can't learn that its parent is gone
         threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     settings, out = DeviceSettings.from_json(sys.argv[1]), Path(sys.argv[2])
     try:
@@ -387,7 +387,7 @@ def main() -> int:
 
 
 def _end_with_parent(parent: int) -> None:
-    """End this process group once its parent is gone: a scan of nobody's would disturb the next."""
+    """End this process group once its parent is gone, so that no scan disturbs the next."""
     while os.getppid() == parent:
         time.sleep(_PARENT_POLL_S)
     if os.getpgrp() == os.getpid():

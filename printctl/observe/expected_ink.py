@@ -22,7 +22,7 @@ _LEVELS_BELOW: Final = 3
 """Levels below the judged one that may show through."""
 _LEVEL_TOLERANCE_MM: Final = 1e-3
 _MIN_OVERLAP_MM: Final = 0.05
-"""Of two stretches, by which they must overlap to be of one gap."""
+"""Overlap above which two stretches belong to one gap."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ExpectedInk:
     start, end : (n, 3) float64, mm
         Of the tip.
     width_mm : (n,) float64, mm
-        Of a line in a layer, or diameter of a filament, as the job asks for it: without the
+        Of a line in a layer, or diameter of a filament, as the job requests it: without the
         correction of the flow.
     height_mm : (n,) float64, mm
         Thickness of the layer, or the diameter again.
@@ -46,7 +46,7 @@ class ExpectedInk:
     stroke : (n,) int64
         Number of the path.
     time_s : (n,) float64, s
-        Of its middle, by the speeds that the job asks for, writing alone.
+        Of its middle, by the job's own speeds, writing alone.
     factor : (n,) float64
         Ink that the grown job pushes there over what its file says.
     style : "layered" or "embedded"
@@ -73,7 +73,7 @@ class ExpectedInk:
         return self.style == "layered"
 
     def between(self, first: int, last: int) -> BoolArray:
-        """Which pieces the job's own commands ``first`` up to, not including, ``last`` write."""
+        """Return the mask of pieces written by the job's own commands ``first`` to ``last`` - 1."""
         return (self.command >= first) & (self.command < last) & ~self.inserted
 
 
@@ -84,7 +84,7 @@ def expected_ink(held_print: HeldPrint, job: Job) -> ExpectedInk:
     ----------
     held_print : HeldPrint
     job : Job
-        The same job with its inserts, which tell where the flow was corrected.
+        The same job with its inserts, which correct the flow.
     """
     paths, none = written_paths(held_print), np.zeros(0)
 
@@ -116,7 +116,7 @@ def expected_ink(held_print: HeldPrint, job: Job) -> ExpectedInk:
 
 @dataclass(frozen=True)
 class LayerInk:
-    """Ink that a look is about.
+    """Ink that a look inspects.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class LayerInk:
 
     @property
     def fresh_row(self) -> IntArray:
-        """Of the expected ink, of each judged line."""
+        """Row of the expected ink of each inspected line."""
         return self.row[self.lines.fresh]
 
 
@@ -155,7 +155,7 @@ def inspected_ink(ink: ExpectedInk, first: int, last: int) -> LayerInk:
 
 
 def layer_slab(ink: ExpectedInk, layer: LayerInk) -> tuple[float, float]:
-    """Middle and thickness of the layer that is looked at, mm; of all filaments in a bath."""
+    """Return middle and thickness of the inspected layer, mm; of all filaments in a bath."""
     rows = layer.fresh_row
     if not len(rows):
         return 0.0, 1.0
@@ -178,14 +178,14 @@ class MendedStretch:
     tries: int = 1
 
     def overlap_mm(self, path: int, from_mm: float, to_mm: float) -> float:
-        """How much of it a stretch of a path covers, mm; 0 or less for nothing."""
+        """Return the length shared with a stretch of a path, mm; 0 or less for none."""
         if path != self.path:
             return 0.0
         return min(self.to_mm, to_mm) - max(self.from_mm, from_mm)
 
 
 def count_tries(gap: MendGap, mended: Sequence[MendedStretch]) -> int:
-    """How often a gap, or a part of it, was mended before."""
+    """Return how often a gap, or a part of it, was mended before."""
     each = (
         one.tries
         for one in mended
@@ -195,7 +195,7 @@ def count_tries(gap: MendGap, mended: Sequence[MendedStretch]) -> int:
 
 
 def is_mended(gap: Gap, mended: Sequence[MendedStretch]) -> bool:
-    """Whether a gap lies in what was written again: half of one is in the other."""
+    """Return whether a gap and a mended stretch share half of the shorter one."""
     for one in mended:
         overlap = one.overlap_mm(gap.stroke, gap.from_mm, gap.to_mm)
         least = min(gap.length_mm, one.to_mm - one.from_mm)
@@ -205,7 +205,7 @@ def is_mended(gap: Gap, mended: Sequence[MendedStretch]) -> bool:
 
 
 def unseen_words(stations: Stations, mended: Sequence[MendedStretch]) -> str:
-    """Say how much of what was mended isn't seen, where that is half of it or more; else empty."""
+    """Return in words how much of the mends is unseen, if half or more; else empty."""
     unseen_mm, whole_mm = 0.0, sum(one.to_mm - one.from_mm for one in mended)
     for one in mended:
         along = stations.along_mm
@@ -218,9 +218,9 @@ def unseen_words(stations: Stations, mended: Sequence[MendedStretch]) -> str:
 
 
 def last_mends(found: dict[str, Any] | None) -> tuple[tuple[MendedStretch, ...], int]:
-    """Return what the last look that was judged had written again, and since when it judged.
+    """Return the mends of the last judged look and the command from which it judged.
 
-    By the figures of its record; None where there was no such look.
+    Read from its record's figures; empty and 0 without such a look.
     """
     found = found or {}
     names = [one.name for one in fields(MendedStretch)]

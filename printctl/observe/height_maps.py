@@ -28,13 +28,13 @@ _MIN_HEIGHT_RATIO, _MAX_HEIGHT_RATIO = 0.3, 2.0
 """Times a layer's height, that its lines stand over the plate: a needle fixes it, and lines of
 slumped or domed ink stood 0.75 to 1.0 over it."""
 _MIN_INK_SEEN_SHARE: Final = 0.5
-"""Of the way, with ink on it, from which on what stands there is ink."""
+"""Share of the way seen with ink above which the map's heights are those of ink."""
 _FRAME_KEYS: Final = frozenset({FRAME_KEY, "pixel_mm", "count_mm", "lost", "size"})
 
 
 @dataclass(frozen=True)
 class ScanSize:
-    """How large a scan or height map is, and where it lies.
+    """Size and place of a scan or height map.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class ScanSize:
 
     @staticmethod
     def from_scan(scan: Scan, to_scan: FloatArray) -> ScanSize:
-        """Size of a scan whose frame takes the printer's places to its own, (4, 4), mm."""
+        """Return the size of a scan with frame ``to_scan`` (4, 4), mm, from printer to scan."""
         voxel, shape = scan.geometric_voxel_mm, scan.volume.shape
         last = (np.array(shape[::-1]) - 1) * np.array(voxel[::-1])
         corners = np.stack(np.meshgrid(*([0, n] for n in last)), axis=-1).reshape(-1, 3)
@@ -74,7 +74,7 @@ class ScanSize:
 
     @staticmethod
     def from_heights(heights: HeightMap, to_map: FloatArray) -> ScanSize:
-        """Size of a height map whose frame takes the printer's places to its own, (4, 4), mm."""
+        """Return the size of a height map with frame ``to_map`` (4, 4), mm, from printer to map."""
         voxel, shape = heights.pixel_mm[::-1], heights.height_mm.shape
         low = np.array(heights.origin_mm)
         high = low + (np.array(shape[::-1]) - 1) * np.array(heights.pixel_mm)
@@ -120,7 +120,7 @@ def _size_words(
 
 
 def _ranges(corners: FloatArray, to_scan: FloatArray, axes: int) -> str:
-    """Which range of the printer's axes corners (n, 3) of a scan's frame cover, in words."""
+    """Return in words the printer's range that a scan's corners (n, 3) cover."""
     at = np.column_stack([corners, np.ones(len(corners))])
     return _range_words((at @ np.linalg.inv(to_scan).T)[:, :axes])
 
@@ -161,7 +161,7 @@ def refuse_other_height(size: ScanSize | None, seen_share: float, coverage: floa
 
 @dataclass(frozen=True)
 class ProfilerFrame:
-    """What a profiler's files don't say themselves.
+    """Frame and units of a laser profiler, which its files lack.
 
     Attributes
     ----------

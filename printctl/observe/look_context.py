@@ -1,4 +1,4 @@
-"""A look at a held print: the values it hands on, its ink, and stretches that no picture shows."""
+"""Values of a look at a held print: context, judgement, mend, unseen stretches."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from registration.inspection import Gap, LayerFindings, Lumen, Unseen
 
 @dataclass(frozen=True)
 class Look:
-    """A look that the link waits for.
+    """Look for which the link holds the print.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Look:
 
 @dataclass(frozen=True)
 class LookJudgement:
-    """What the pictures of a look have told.
+    """Judgement of a look's pictures.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class LookJudgement:
     flow : float
         Factor in force, as the job's inserts have it.
     learned : dict
-        Of ink and scanner, for the records.
+        State of `InspectionState`, for the records.
     """
 
     evidence: Evidence
@@ -74,7 +74,7 @@ class LookJudgement:
 
 @dataclass(frozen=True)
 class MendLines:
-    """What mends the gaps and thin lines of a look.
+    """G-code lines that mend a look's gaps and thin lines.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class MendLines:
 
 @dataclass
 class LookContext:
-    """Print as it is held at a look: what is worked out once for its pictures and its mend.
+    """Held print, expected ink and findings of one look, shared by its pictures and its mend.
 
     Attributes
     ----------
@@ -144,17 +144,17 @@ class LookContext:
 
     @property
     def since(self) -> BoolArray:
-        """Lines of the layer written since the look before, (n,)."""
+        """Mask of the layer's lines written since the look before, (n,)."""
         return np.asarray(self.ink.command[self.layer.row] >= self.look.before)
 
 
 def unseen_stretches(
     context: LookContext, each: Sequence[LayerFindings], least_mm: float
 ) -> tuple[UnseenPath, ...]:
-    """Return the stretches, so long at least, of which no picture sees half.
+    """Return stretches of ``least_mm`` or more of which no picture sees half.
 
-    Or of which one picture says that nothing lies there, and another one doesn't see it. Of a look
-    at mends alone those in the mends; of the rest the last look has told.
+    Stretches that are bare in one picture and unseen in another count, too. A look at mends alone
+    returns those in the mends only: the last look has reported the rest.
     """
     stations, unseen = each[0].stations, list[UnseenPath]()
     use = ~stations.seen & (stations.why != Unseen.COVERED)
@@ -179,7 +179,7 @@ def unseen_stretches(
 
 
 def _named(context: LookContext, part: Gap) -> UnseenPath:
-    """A part of a path with the name of the vessel that it writes."""
+    """Return a part of a path with the name of the vessel that it writes."""
     path = context.ink.paths[part.stroke]
     mark = context.marks.next(MarkKind.VESSEL, int(path.command[-1]))
     name = f"vessel {mark.number}" if mark and mark.number >= 0 else f"path {part.stroke}"

@@ -25,7 +25,7 @@ from registration.inspection import Gap, LayerFindings, Stations, Stretch
 _WINDOW_STATIONS: Final = 5
 """Stations whose mean tells whether a place still belongs to a thin stretch."""
 _END_WIDTHS: Final = 1.5
-"""Widths from a line's end within which no width is told."""
+"""Widths from a line's end within which no width counts."""
 
 
 def thin_lines(
@@ -45,10 +45,10 @@ def thin_lines(
     ----------
     stretches : sequence of Stretch
     stations : Stations
-    told : (m,) bool
+    measured : (m,) bool
         Stations whose width counts: not beside places without ink.
     area_ratio : (m,) float64
-        Cross-section seen over the one asked for, where told.
+        Cross-section seen over the requested one, where measured.
     below : float
     """
     thin, seem = list[ThinStretch](), list[ThinStretch]()
@@ -70,7 +70,7 @@ def thin_lines(
 
 
 def _moving_mean(ratio: FloatArray) -> FloatArray:
-    """Mean over a window around each station."""
+    """Return the mean over a window around each station."""
     ends = np.pad(ratio, _WINDOW_STATIONS // 2, mode="edge")
     return np.convolve(ends, np.ones(_WINDOW_STATIONS) / _WINDOW_STATIONS, "valid")
 
@@ -78,9 +78,9 @@ def _moving_mean(ratio: FloatArray) -> FloatArray:
 def _runs(
     thin: BoolArray, sure: BoolArray, stations: Stations, rows: IntArray, ratio: FloatArray
 ) -> list[ThinStretch]:
-    """Runs of thin stations with a sure one among them, to the stroke's ends where they are near.
+    """Return runs of thin stations that hold a sure one, extended to near ends of the stroke.
 
-    Widths aren't told at a line's ends, which are no thicker than the rest.
+    Widths don't count at a line's ends, which are no thicker than the rest.
     """
     stroke, half = int(stations.stroke[rows[0]]), stations.length_mm[rows] / 2
     along, near = stations.along_mm[rows], _END_WIDTHS * float(stations.expected_mm[rows].max())
@@ -103,9 +103,9 @@ _BLOCK_S: Final = 1.0
 _MIN_BLOCKS: Final = 4
 """Readings of a short look: one alone would count as an outlier."""
 _MIN_BLOCK_STATIONS: Final = 6
-"""Fewest in a reading; neighbours share noise."""
+"""Stations in a reading, since neighbours share noise."""
 _COMMON_U_QUANTILE: Final = 0.1
-"""Share of the places that are so sure: what all share is in the doubt of each of them."""
+"""Quantile of the widths' uncertainties that bounds the one common to all of them."""
 _BATH_LOOK_U: Final = 0.12
 """Relative standard uncertainty of filament sections in a look into a bath, beyond what their
 picture says: of a simulated camera that shares no code with printctl widths scattered by 6 %."""
@@ -130,7 +130,7 @@ def build_evidence(
     ----------
     layer : LayerInk
     ink : ExpectedInk
-    found, again : LayerFindings
+    findings, again : LayerFindings
         Of the first picture and a second one.
     section : BeadSection
         From widths to cross-sections in layers.
@@ -144,12 +144,6 @@ def build_evidence(
     """
     stations = findings.stations
     row = layer.row[stations.piece]
-    volume = ink.area_mm2[row] * stations.length_mm
-    per_mm = float(np.median(ink.area_mm2[row])) if len(row) else 0.0
-    supply = judge_supply(
-        volume, stations.present, stations.seen, stations.stroke,
-        least_ul=per_mm * least_gap_mm, left_ul=left_ul,
-    )  # fmt: skip
     thin, seem_thin = _find_thin(findings, ink, layer, section, 1.0 - tolerated)
     if again is not None:
         thin = confirm_thin(thin, _find_thin(again, ink, layer, section, 1.0)[0])
@@ -160,7 +154,7 @@ def build_evidence(
         places=findings.places,
         gaps=findings.gaps,
         second_gaps=None if again is None else again.gaps,
-        supply=supply,
+        supply=_supply(stations, ink, row, least_gap_mm, left_ul),
         flow=_flow_blocks(
             stations, ink, row, findings.u_width_ratio, section, findings.u_width_change
         ),
@@ -170,18 +164,31 @@ def build_evidence(
         unseen=unseen,
         shift_mm=shift,
         u_shift_mm=u,
-        narrowed=tuple(
-            NarrowedLumen(
-                one.name, one.width_mm / one.expected_mm, one.u_width_mm / one.expected_mm
-            )
-            for one in findings.lumens
-            if one.seen
-        ),
+        narrowed=_seen_lumens(findings),
         stretches=len(findings.stretches),
         thin=thin,
         seem_thin=seem_thin,
         level_mm=round(float(ink.end[layer.fresh_row, 2].max()), 3) if layered else None,
         blobs=tuple(one for one in findings.blobs if math.isfinite(one.height_mm)),
+    )
+
+
+def _supply(
+    stations: Stations, ink: ExpectedInk, row: IntArray, least_gap_mm: float, left_ul: float | None
+) -> InkSupply:
+    volume = ink.area_mm2[row] * stations.length_mm
+    per_mm = float(np.median(ink.area_mm2[row])) if len(row) else 0.0
+    return judge_supply(
+        volume, stations.present, stations.seen, stations.stroke,
+        least_ul=per_mm * least_gap_mm, left_ul=left_ul,
+    )  # fmt: skip
+
+
+def _seen_lumens(findings: LayerFindings) -> tuple[NarrowedLumen, ...]:
+    return tuple(
+        NarrowedLumen(one.name, one.width_mm / one.expected_mm, one.u_width_mm / one.expected_mm)
+        for one in findings.lumens
+        if one.seen
     )
 
 
@@ -193,7 +200,7 @@ def empty_evidence() -> Evidence:
 
 
 def keep_mends_only(evidence: Evidence) -> Evidence:
-    """Return what a look at mends alone tells: gaps, lumens and shift."""
+    """Return the evidence of a look at mends alone: gaps, lumens and shift."""
     nothing = empty_evidence()
     return replace(
         evidence, flow=nothing.flow, supply=nothing.supply, thin=(), seem_thin=(), mends_only=True
@@ -231,7 +238,7 @@ def record_figures(findings: LayerFindings, evidence: Evidence, ink: ExpectedInk
 
 
 def locate_stretch(one: Gap | Stretch, ink: ExpectedInk) -> dict[str, Any]:
-    """Return stroke, ways along it, and both ends in the printer's frame, mm."""
+    """Return a stretch's stroke, ways along it, and ends in the printer's frame, mm."""
     way = {"from_mm": _number(one.from_mm), "to_mm": _number(one.to_mm)}
     return {"stroke": one.stroke, **way, **stretch_ends(one.stroke, one.from_mm, one.to_mm, ink)}
 
@@ -251,7 +258,7 @@ def _number(value: float) -> float | None:
 def _find_thin(
     findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection, below: float
 ) -> tuple[tuple[ThinStretch, ...], tuple[ThinStretch, ...]]:
-    """Thin lines of a layer: sure ones, and those that seem to have less than a share of their ink.
+    """Return a layer's thin lines: sure ones, and those that seem below a share of their ink.
 
     None in a bath, where nothing can be written over a filament.
     """
@@ -268,7 +275,7 @@ def _find_thin(
 
 
 def _layer_shift(findings: LayerFindings) -> tuple[float, float]:
-    """Length of the shift and its standard uncertainty along itself, mm; inf without any."""
+    """Return the shift's length and standard uncertainty along it, mm; inf without any."""
     way = np.array([findings.shift.dx_mm, findings.shift.dy_mm])
     length = float(np.linalg.norm(way))
     if not math.isfinite(length):
@@ -285,7 +292,7 @@ def _flow_blocks(
     section: BeadSection,
     u_change: float = math.inf,
 ) -> FlowBlocks:
-    """Cross-section seen over expected, a second of writing at a time."""
+    """Return cross-sections seen over expected, in blocks of a second of writing."""
     measured = _has_width(stations)
     if not measured.any():
         none = np.zeros(0)
@@ -316,7 +323,7 @@ def _flow_blocks(
 
 
 def _block_numbers(time_s: FloatArray, length_mm: FloatArray) -> IntArray:
-    """Block of each station, (n,), by the clock; of a short look by equal ways."""
+    """Return each station's block, (n,): by the clock, or by equal ways in a short look."""
     by_time = np.unique(np.floor(time_s / _BLOCK_S), return_inverse=True)[1]
     wanted = min(_MIN_BLOCKS, len(time_s) // _MIN_BLOCK_STATIONS)
     if by_time.max() + 1 >= wanted:
@@ -327,13 +334,13 @@ def _block_numbers(time_s: FloatArray, length_mm: FloatArray) -> IntArray:
 
 
 def _has_width(stations: Stations) -> BoolArray:
-    """Places whose width is known and is the flow's: ink comes and goes nowhere near."""
+    """Return stations whose width is known, away from where ink begins or stops."""
     measured = stations.seen & np.isfinite(stations.width_mm) & (stations.expected_mm > 0)
     return np.asarray(measured & ~_near_absence(stations))
 
 
 def _near_absence(stations: Stations) -> BoolArray:
-    """Places without ink, and the two to either side: where ink stops or begins it tapers."""
+    """Return stations without ink and their neighbours, where ink tapers."""
     near = np.asarray(stations.seen & (stations.present < BARE_INK_SHARE), dtype=np.bool_)
     for _ in range(_TAPER_STATIONS):
         near = near | np.append(near[1:], False) | np.insert(near[:-1], 0, False)

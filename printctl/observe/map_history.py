@@ -21,12 +21,12 @@ from registration.inspection.pictures.picture import drawn_lines
 from registration.inspection.values import FloatImage
 
 _CHANGED_WIDTHS = 2.0
-"""Widths of a line, beside which its ink and its shadow change a map."""
+"""Width of the band, in line widths, in which ink and its shadow change a map."""
 _MAX_GONE_MM2: Final = 0.1
 _MAX_KEPT_LEVELS: Final = 2
-"""Of which maps are kept: of a look at mends alone the ground lies two looks back."""
+"""Levels whose maps are kept: a look at mends alone has its ground two looks back."""
 _LEVEL_TOLERANCE_LAYERS: Final = 0.25
-"""Of a layer, by which the one below may lie nearer or farther than one layer."""
+"""Share of a layer by which the distance to the one below may differ from one layer."""
 
 
 class _Map(NamedTuple):
@@ -37,14 +37,14 @@ class _Map(NamedTuple):
 
 @dataclass
 class MapHistory:
-    """The last looks' maps, and the one of the look in hand."""
+    """Height maps of the last looks and of the current one."""
 
     _look: int = -1
     _own: _Map | None = None
     _earlier: list[_Map] = field(default_factory=list)
 
     def check(self, context: LookContext, view: View) -> MapCheck:
-        """Say what is known of a map's rows and columns, by its frame and the last look's map."""
+        """Check a map for lost rows and columns, by its frame and the last look's map."""
         if view.hidden is None or view.size is None:
             return MapCheck()
         if context.look.number != self._look:
@@ -58,7 +58,7 @@ class MapHistory:
         return found
 
     def lift_sunken_ground(self, context: LookContext, view: View) -> FloatImage:
-        """Return a map's picture with ink on sunken ground lifted, and note by how much."""
+        """Return a map's picture with ink on sunken ground lifted; note the depth in `context`."""
         if view.hidden is None or view.size is None or self._own is None:
             return view.image
         now, thick = self._own, view.thickness_mm
@@ -115,7 +115,7 @@ class MapHistory:
 
 
 def _missing_counts(now: _Map, whole: tuple[int, int]) -> tuple[int, int]:
-    """Rows and columns that a map has less than a whole one; 0 for hardly any."""
+    """Return how many rows and columns a map lacks; 0 for hardly any."""
     each = zip(whole, now.heights.shape, now.size.voxel_mm, strict=True)
     rows, columns = (n - own if n - own >= max(2, LEAST_MM / mm) else 0 for n, own, mm in each)
     return rows, columns
@@ -134,13 +134,13 @@ def _has_same_cells(now: _Map, last: _Map) -> bool:
 
 
 def _has_same_origin(now: _Map, last: _Map) -> bool:
-    """Whether two maps begin at one place and have the same cells."""
+    """Return whether two maps have the same origin and cells."""
     off = np.abs(now.size.low_mm - last.size.low_mm)
     return _has_same_cells(now, last) and bool(np.all(off < 0.5 * min(now.size.voxel_mm)))
 
 
 def _resampled(last: _Map, now: _Map) -> FloatImage:
-    """Heights of a map where another one's cells lie, NaN beyond it, (rows, columns)."""
+    """Return a map's heights at another one's cells, NaN beyond it, (rows, columns)."""
     step = np.array(now.size.voxel_mm[::-1])
     by = (now.size.low_mm - last.size.low_mm) / step
     move = np.array([[1.0, 0.0, by[0]], [0.0, 1.0, by[1]]])
@@ -156,7 +156,7 @@ def _resampled(last: _Map, now: _Map) -> FloatImage:
 
 
 def _changed_cells(last: _Map, lines: ExpectedLines, since: BoolArray) -> BoolArray:
-    """Where lines written ``since`` (n,) lie in the last map, (rows, columns)."""
+    """Return the last map's cells under lines written ``since`` (n,), (rows, columns)."""
     y, x = last.size.voxel_mm
     to_cells = np.diag([1 / x, 1 / y, 1.0, 1.0])
     to_cells[:2, 3] = -last.size.low_mm / (x, y)

@@ -74,9 +74,9 @@ _REGION_MARGIN_MM: Final = 1.5
 """Blobs are looked for within 1.2 mm of a line."""
 _REGION_ABOVE_MM: Final = 0.3
 _REGION_BELOW_LAYERS: Final = 8.0
-"""Layers below the middle of the one looked at: what shines through a gap is one layer lower."""
+"""Layers below the middle of the inspected one; one layer lower shines through a gap."""
 _SPHERE_SPACING_RADII: Final = 0.25
-"""Distance of the spheres that a tube is made of, in radii."""
+"""Distance of the spheres that approximate a tube, in radii."""
 _CIRCLE_CORNERS: Final = 24
 """Corners of a circle."""
 
@@ -118,7 +118,7 @@ def lumen_sections(network: VesselNetwork, z_mm: float, least_mm: float) -> tupl
 
 @dataclass(frozen=True)
 class InspectionState:
-    """What the next look goes on from; each look's record keeps it.
+    """Ink appearance and scan size that a look hands to the next; saved in its record.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class InspectionState:
     size: str = ""
 
     def state(self) -> dict[str, Any]:
-        """Return it ready for JSON."""
+        """Return the state ready for JSON."""
         look = self.appearance
         shapes = None if look is None or look.shapes is None else vars(look.shapes)
         return {
@@ -147,7 +147,7 @@ class InspectionState:
 
     @staticmethod
     def from_state(state: dict[str, Any] | None) -> InspectionState:
-        """Return it from `state`; what knows nothing from None."""
+        """Return the state of `state`; an empty one from None."""
         if state is None:
             return InspectionState()
         profile, shapes, look = state["appearance"], state.get("shapes"), None
@@ -159,7 +159,7 @@ class InspectionState:
         return InspectionState(look, tuple(state["voxel_mm"]), state["size"])
 
     def size_words(self, size: ScanSize) -> str:
-        """Where a scan that tells little lies.
+        """Return in words the size and place of a scan in which little is seen.
 
         Raises
         ------
@@ -178,7 +178,7 @@ class InspectionState:
 
 @dataclass
 class ObservedJob:
-    """A job as it stands at a look, and how its layers are seen.
+    """Job under observation: judges its looks and plans their mends.
 
     Attributes
     ----------
@@ -201,7 +201,7 @@ class ObservedJob:
 
     @cached_property
     def network(self) -> VesselNetwork | None:
-        """Designed lumens, printer's frame; None where nobody said."""
+        """Designed lumens, printer's frame; None if not given."""
         if not self.order.network:
             return None
         return read_network_csv(Path(self.order.network), "mm").moved(np.array(self.order.place_mm))
@@ -220,7 +220,7 @@ class ObservedJob:
         return load_job(Path(self.order.job), self._printer)
 
     def load(self) -> None:
-        """Read job, profiles and network, so that what is wrong with them is told at once.
+        """Read job, profiles and network, so that their errors show at once.
 
         Raises
         ------
@@ -229,7 +229,7 @@ class ObservedJob:
         _ = self._job, self._fluidics, self.network
 
     def _context(self, look: Look) -> LookContext:
-        """The print as it is held, with all that was put into its job so far."""
+        """Return the look's context: the print as held, with its job's inserts."""
         if self._last is None or self._last.look.number != look.number:
             inserts = read_journal(self.folder / JOURNAL).inserts
             job = self._job.grown_by([one for one in inserts if one.after < look.done])
@@ -321,7 +321,7 @@ class ObservedJob:
             left_ul=self._left_ul(context.ink), unseen=unseen, tolerated=limits.width_percent / 100,
         )  # fmt: skip
         evidence = replace(evidence, turned=context.turned, map=context.map)
-        if context.mended:  # of the rest the last look has told
+        if context.mended:  # the last look has reported the rest
             evidence = keep_mends_only(evidence)
         found = {
             **record_figures(each[0], evidence, context.ink),
@@ -338,7 +338,7 @@ class ObservedJob:
         return LookJudgement(evidence, found, context.flow)
 
     def _findings(self, context: LookContext, path: Path) -> LayerFindings:
-        """Findings of a picture; of the first one a drawing is left beside it."""
+        """Return a picture's findings; draw those of the first one beside it."""
         if path in context.found:
             return context.found[path]
         view = open_view(path, self.order, *context.slab_mm, context.layer.lines)
@@ -383,7 +383,7 @@ class ObservedJob:
         return findings
 
     def _learn(self, findings: LayerFindings) -> None:
-        """Learn what ink looks like; a look that saw little of the way tells it only at first.
+        """Update the ink's appearance; a look that saw little of the way does so only at first.
 
         Where hardly any ink lies, what would be learned is how older ink and bath differ.
         """
@@ -394,7 +394,7 @@ class ObservedJob:
     def _draw(
         self, context: LookContext, image: Image, frame: Any, findings: LayerFindings, path: Path
     ) -> None:
-        """Leave a drawing of what was found, narrowed lumens among it, beside a picture."""
+        """Draw findings and narrowed lumens into a copy of a picture beside it."""
         least = self.order.limits.least_open
         narrowed = [
             lumen
@@ -426,7 +426,7 @@ class ObservedJob:
         )
 
     def _lumens(self, ink: ExpectedInk, look: Look) -> tuple[Lumen, ...]:
-        """Lumens in the topmost layer; an embedded print writes its vessels."""
+        """Return lumens in the topmost layer; none for an embedded print, which writes vessels."""
         fresh = ink.between(look.before, look.done)
         if self.network is None or not ink.layered or not fresh.any():
             return ()
@@ -451,7 +451,7 @@ class ObservedJob:
         flow: float,
         approved: bool = False,
     ) -> MendLines:
-        """Plan what mends gaps and fills thin lines up, and say what can't be from here.
+        """Plan the lines that mend gaps and fill up thin lines; report what stays unmended.
 
         Parameters
         ----------
@@ -503,12 +503,12 @@ _IN_VAIN_REASON: Final = (
 
 
 def _keep_mended_gaps(findings: LayerFindings, mended: tuple[MendedStretch, ...]) -> LayerFindings:
-    """Findings with gaps in mends alone."""
+    """Return findings with the gaps in mends only."""
     return replace(findings, gaps=tuple(one for one in findings.gaps if is_mended(one, mended)))
 
 
 def _mend_gap(one: Gap | ThinStretch, ink: ExpectedInk, flow: float) -> MendGap:
-    """A gap on its path, with what the flow was corrected by since it was to be written."""
+    """Return a gap on its path, with the flow correction since its line was written."""
     before = float(ink.factor[ink.stroke == one.stroke][0])
     end = min(one.to_mm, ink.paths[one.stroke].length_mm)
     missing = one.missing if isinstance(one, ThinStretch) else 1.0

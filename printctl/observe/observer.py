@@ -1,7 +1,7 @@
 """Handle each inspection hold of a print: acquire a picture, judge, decide, act, record.
 
 The observer is a client of the link process. It may die at any moment: the link holds the needle
-out of the bath until a look is decided, and pauses the print for the operator when nobody decides.
+out of the bath until a look is decided, and pauses the print for the operator without a decision.
 What has been decided is in the link's journal, so a look is never acted on twice; what the flow
 control knew is in the record of each look, so a new observer goes on from there.
 """
@@ -42,21 +42,21 @@ from registration.inspection.values import Gap
 log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2
 _MIN_SEEN_SHARE: Final = 0.1
-"""Share of the lines: of a picture taken too early a part may lie over bath."""
+"""Share of the lines; in a picture taken too early some may seem to lie over bath."""
 _MAX_MISSING_SHARE: Final = 0.5
 """Of a line's ink, which is missing along `_MIN_CLOG_MM`: a partial clog, which is reported."""
 _MIN_CLOG_MM: Final = 2.0
 
 
 def state_of(decider: Decider) -> dict[str, Any]:
-    """Return what a decider has learned so far, ready for JSON, as each look's record keeps it."""
+    """Return a decider's state, ready for JSON, as each look's record keeps it."""
     state: dict[str, Any] = json.loads(json.dumps(asdict(decider)))
     del state["limits"], state["control"]["limits"]  # the order's
     return state
 
 
 def restore(decider: Decider, state: dict[str, Any]) -> None:
-    """Set a decider to a state of `state_of`, but for its limits; not to an older release's."""
+    """Set a decider to a saved state, except its limits; ignore an older release's state."""
     if "last_shift_mm" not in state or "control" not in state:
         return
     known = TypeAdapter(Decider).validate_python(state)
@@ -67,7 +67,7 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
 
 
 class PrintLink(Protocol):
-    """What the observer asks of a print's link, as `PrintClient` does it."""
+    """Commands of a print's link that the observer uses (`PrintClient`)."""
 
     def insert(
         self, look: int, lines: Sequence[str], why: str, flow: float | None, again: bool
@@ -89,7 +89,7 @@ class PrintLink(Protocol):
 
 @dataclass
 class Observer:
-    """One print's observer.
+    """Observer of one print.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Observer:
         Plans what mends gaps and fills thin lines up, at a flow over the file's.
     decider : Decider
     ended : callable
-        Whether the print is over, or goes on from the look that was asked about.
+        Whether the print is over, or has left the look of this number.
     begun : float, s since 1970
         Of the print: earlier records in the folder are another print's.
     clock : callable
@@ -134,17 +134,17 @@ class Observer:
         return next((one for one in self.looks if one.number == number), None)
 
     def restore_state(self, number: int) -> None:
-        """Know what the looks before one told: those of an observer that died, too, none twice."""
+        """Set the decider to its state before a look, as the earlier looks' records have it."""
         looks = [one for one in self.looks if one.number < number]
         restore(self.decider, looks[-1].control if looks else self._new)
 
     def look(self, look: Look) -> LookRecord:
-        """Look, judge, decide and act; nothing that a device does raises.
+        """Inspect: acquire, judge, decide and act; device failures become a pause.
 
         Raises
         ------
         LinkError
-            When the link can't be told.
+            When the link can't be reached.
         OSError
             When the record can't be written: the look then stays undecided, and the link pauses.
         """
@@ -172,14 +172,14 @@ class Observer:
         return self.find_record(look.number) or record
 
     def _has_ended(self, number: int) -> bool:
-        """Whether somebody else has ended a look; a link that is silent hasn't."""
+        """Return whether the look was ended elsewhere; False if the link doesn't answer."""
         try:
             return self.ended(number)
         except LinkError:
             return False
 
     def note_failure(self, look: Look, why: str) -> None:
-        """Keep a record of a look that failed: what is written there wasn't looked at.
+        """Record a failed look: its ink wasn't inspected.
 
         Raises
         ------
@@ -204,11 +204,11 @@ class Observer:
         return replace(decision, why=f"{decision.why} ({unseen})") if unseen else decision
 
     def _judge_pictures(self, look: Look, place: Path) -> LookJudgement:
-        """Judge one picture; another has the last word on gaps, thin lines and vessels not seen.
+        """Judge one picture; confirm gaps, thin lines and unseen vessels by a second one.
 
         A picture in which hardly anything is seen is taken anew: a device that takes them by itself
         may have begun with it before the needle was held, and one that hangs gives the same again.
-        Where no other comes (a program that takes one at each look), the first alone tells.
+        Where no other comes (a program that takes one at each look), the first alone counts.
         """
         picture = self.acquire(look, place / "picture")
         judged, limits = self.judge(look, picture, None), self.decider.limits
@@ -263,12 +263,12 @@ class Observer:
             self._end(look, kind, decision.why)
 
     def _ask(self, look: Look, decision: Decision, why: str) -> None:
-        """Pause, and wait for the operator's word; the needle stays out of the bath."""
+        """Pause and wait for the operator's answer; the needle stays out of the bath."""
         self._end(look, "pause", why)
         self._follow_answer(look, decision)
 
     def ask_again(self, look: Look) -> None:
-        """Go on waiting for the operator's word on a look whose observer died, by its pictures."""
+        """Judge the pictures of a dead observer's look again and wait for its answer."""
         place = look_folder(self.folder, look.number)
         picture = find_picture(place, "picture")
         if picture is None:
@@ -292,7 +292,7 @@ class Observer:
             self.link.stop()
 
     def go_on(self, number: int) -> None:
-        """Resume as the operator has said; say so where the link waits for something else first."""
+        """Resume as answered; note in the record if the link waits for something else first."""
         try:
             self.link.resume()
         except Refused as exc:
@@ -302,14 +302,14 @@ class Observer:
                 amend_look(self.folder, replace(record, why=record.why + reason))
 
     def _amend(self, look: Look, why: str, left_mm: float | None = None, **changes: Any) -> None:
-        """Say on a look's record what came of its decision, and what it left where that is new."""
+        """Amend a look's record by the outcome of its decision and the length left."""
         record = self.find_record(look.number)
         if record is not None:
             found = record.found if left_mm is None else _with_left_mm(record.found, left_mm)
             amend_look(self.folder, replace(record, why=why, found=found, **changes))
 
     def _await_answer(self, number: int) -> Answer | None:
-        """Return the operator's word; None where the print went on or ended without it."""
+        """Wait for the operator's answer; return None if the print left the look without one."""
         while (answer := read_answer(self.folder, number)) is None:
             if self.ended(number):
                 return None
@@ -331,7 +331,7 @@ class Observer:
             self._end(look, "pause", why)
 
     def _insert_mend(self, look: Look, decision: Decision, approved: bool = False) -> _Insertion:
-        """Put mend and flow into the job, and say what is left as it is.
+        """Insert mend and flow into the job; return the outcome and what stays unmended.
 
         What was written in vain before is written again where the operator has approved it alone.
         """
@@ -367,7 +367,7 @@ _NOT_JUDGED_REASON: Final = (
 
 @dataclass(frozen=True)
 class _Insertion:
-    """What came of a mend: whether it is in the job, and what it leaves as it is."""
+    """Outcome of a mend: whether it is in the job, and what it leaves unmended."""
 
     done: bool
     left: str
@@ -376,13 +376,13 @@ class _Insertion:
 
 
 def _by_single_picture(judged: LookJudgement, why: DeviceError) -> LookJudgement:
-    """What one picture tells where no other came; thin lines want two."""
+    """Return the judgement by one picture alone, without thin lines, which need two."""
     return replace(
         judged, evidence=replace(judged.evidence, thin=(), single_picture_reason=str(why))
     )
 
 
 def _with_left_mm(found: dict[str, Any], left_mm: float) -> dict[str, Any]:
-    """Figures of a look with the length of its gaps that stay as they are, where there are any."""
+    """Return a look's figures with the length of the gaps left, if any."""
     rest = {name: value for name, value in found.items() if name != "left_mm"}
     return {**rest, "left_mm": round(left_mm, 3)} if left_mm else rest

@@ -24,13 +24,13 @@ from printctl.sources import python_command
 _READY_LIMIT_S: Final = 300.0
 """Loading takes some seconds; a camera's first picture has a limit of its own."""
 _END_LIMIT_S: Final = 10.0
-"""For an observer that is told to end: a picture that it judges isn't left at once."""
+"""Time for an observer to end, which may be judging a picture."""
 _KILL_SIGNAL: Final = getattr(signal, "SIGKILL", signal.SIGTERM)
 _DEFAULT_REMEDY: Final = "print without the recipe's section observe"
 
 
 class ObserverError(PrintctlError):
-    """A print can't be observed as its recipe asks."""
+    """Failure to observe a print as its recipe requests."""
 
 
 def start_observer(folder: Path, remedy: str = _DEFAULT_REMEDY) -> None:
@@ -96,7 +96,7 @@ def ensure_observer(folder: Path) -> bool:
 
 
 def has_looks(folder: Path) -> bool:
-    """Whether the print in ``folder`` is held for looks; False where there is no print."""
+    """Return whether the print in ``folder`` is held for looks; False without a print."""
     try:
         return Care.from_dict(load_record(folder).care).looks
     except LinkError:
@@ -111,7 +111,7 @@ def end_idle_observer(folder: Path) -> None:
 
 
 def _has_lost_link(folder: Path) -> bool:
-    """Whether an observer's link has begun and is gone: the observer still waits for its device.
+    """Return whether an observer's link has begun and is gone, and it waits for its device.
 
     It would end behind that, perhaps once the print goes on.
     """
@@ -123,7 +123,7 @@ def _has_lost_link(folder: Path) -> bool:
 
 
 def _end_and_wait(folder: Path) -> None:
-    """End the observer in a folder: it ends its device's program first, if it can."""
+    """End the observer in a folder, by force if it doesn't end in time."""
     pid, limit = _ready_pid(folder), time.monotonic() + _END_LIMIT_S
     _end(pid)
     while alive(folder, OBSERVER_LOCK):

@@ -17,7 +17,7 @@ from printctl.observe.records import ORDER_FILE
 
 @dataclass(frozen=True)
 class ObserverOrder:
-    """What an observer process is told.
+    """Order of an observer process.
 
     Attributes
     ----------
@@ -68,12 +68,12 @@ class ObserverOrder:
         return self.oct or self.laser
 
     def save(self, folder: Path) -> None:
-        """Write it into a folder of a run or print."""
+        """Write the order into a folder of a run or print."""
         write_text(folder / ORDER_FILE, json.dumps(asdict(self), indent=1) + "\n")
 
     @staticmethod
     def load(folder: Path) -> ObserverOrder:
-        """Read `save`.
+        """Read the order that `save` has written.
 
         Raises
         ------

@@ -45,12 +45,12 @@ _BEGIN_LIMIT_S: Final = 120.0
 """A print for which its observer was started begins at once, or not at all."""
 _POLL_S: Final = 0.1
 _MIN_PICTURE_S: Final = 1.0
-"""Time of another picture of a look that has hardly any left."""
+"""Least time for a look's picture, even if the look's time is up."""
 log = logging.getLogger(__name__)
 
 
 def try_device(order: ObserverOrder, folder: Path) -> None:
-    """Raise where a look couldn't be made; a camera takes a picture, a scanner isn't set going.
+    """Raise if the device can't be used; take a picture by a camera, start no scanner.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
 
 
 def _without_record(device: DeviceSettings) -> DeviceSettings:
-    """A simulated device without the printer's record, which may still be an earlier print's."""
+    """Return a simulated device without the printer's record, which may be an earlier print's."""
     extra = {name: value for name, value in device.extra.items() if name != "record"}
     return replace(device, extra=extra)
 
@@ -146,15 +146,15 @@ def _await_print(folder: Path) -> None:
 def follow(events: Iterable[Status], observer: Observer, now: Callable[[], Status]) -> None:
     """Look at each look once, from when the needle is held, until the print is over.
 
-    What was said while a look was made is heard behind it, when the motors may move again: so
-    ``now``, the print's status as it is, has the last word.
+    Events queued during a look arrive after it, when the motors may move again: so ``now``, the
+    current status, decides.
     """
     made: set[int] = set()
     for event in events:
         look = active_look(event)
         if look is None or look["number"] in made:
             continue
-        with suppress(LinkError):  # a link that is too busy to answer is believed as heard
+        with suppress(LinkError):  # if the link is too busy to answer, the event counts
             look = active_look(now())
         if look is None or look["number"] in made:
             continue
@@ -166,8 +166,7 @@ def follow(events: Iterable[Status], observer: Observer, now: Callable[[], Statu
 def active_look(status: Status) -> dict[str, Any] | None:
     """Return the look that the print is held for or was decided; None while the motors may move.
 
-    The link tells a look from its begin: while its lines are still being written and the needle is
-    lifted, for as long as the printer takes.
+    The link reports a look while its lines are still being written and the needle is lifted.
     """
     look = status.look
     if look is None or status.state is LinkState.LOOKING or look["decision"]:
@@ -199,11 +198,11 @@ def _acquire_in_time(job: ObservedJob, look: Look, out: Path) -> Path:
 
 
 def _handle_look(observer: Observer, reported: dict[str, Any]) -> bool:
-    """Look once; whatever goes wrong here pauses the print for the operator.
+    """Handle a reported look once; any failure pauses the print for the operator.
 
     False where it is to be made again: the link died meanwhile, and the next one holds the print
     for the same look. What an operator approved isn't tried again once the link has refused it: the
-    print would go on at a moment that nobody chose.
+    print would go on at an arbitrary moment.
     """
     number = int(reported["number"])
     try:
@@ -225,7 +224,7 @@ def _handle_look(observer: Observer, reported: dict[str, Any]) -> bool:
     except LinkError as exc:
         log.warning("look %d couldn't be decided: %s", number, exc)
         return bool(reported["decision"]) and isinstance(exc, Refused)
-    except Exception as exc:  # a fault of ours must not leave the needle waiting for nobody
+    except Exception as exc:  # our own fault must not leave the needle waiting
         log.exception("look %d failed", number)
         reason = explain(exc).message if isinstance(exc, OSError | MemoryError) else exc
         why = f"the observer failed: {reason}"
@@ -237,7 +236,7 @@ def _handle_look(observer: Observer, reported: dict[str, Any]) -> bool:
 
 
 def _was_answered_go_on(observer: Observer, reported: dict[str, Any]) -> bool:
-    """Whether the look before, at the same place, was answered so, and is made again."""
+    """Return whether the look before, at the same place, was answered ``go_on``."""
     before = observer.find_record(int(reported["number"]) - 1)
     if before is None or before.done != reported["done"] or not before.asked:
         return False
@@ -245,7 +244,7 @@ def _was_answered_go_on(observer: Observer, reported: dict[str, Any]) -> bool:
 
 
 def build_look(reported: dict[str, Any], observer: Observer) -> Look:
-    """Return a look as the status tells it, with where the last one that was judged was."""
+    """Return the look of a status, with the position of the last judged one."""
     positions = read_journal(observer.folder / JOURNAL).positions
     done = int(reported["done"])
     earlier = [one.done for one in observer.looks if one.has_judgement and one.done < done]
@@ -260,6 +259,6 @@ def build_look(reported: dict[str, Any], observer: Observer) -> Look:
 
 
 def _has_left_look(client: PrintClient, number: int) -> bool:
-    """Whether the print isn't held for a look any more."""
+    """Return whether the print has left a look."""
     look = client.status.look
     return look is None or look["number"] != number

@@ -28,14 +28,14 @@ _ANSWER_FILE: Final = "answer.json"
 OBSERVER_LOCK: Final = "observer.lock"
 """Held in the print's folder while an observer is at work."""
 ORDER_FILE: Final = "observer.json"
-"""What an observer is told: beside a run's G-code, and in the folder of a print."""
+"""An observer's order, beside a run's G-code and in a print's folder (`ObserverOrder`)."""
 LOG_FILE: Final = "observer.log"
 READY_FILE: Final = "observer.pid"
-"""Written by an observer that has all it needs: its process's number."""
+"""Process id of an observer that is ready."""
 POSTPONED_KEY: Final = "postponed"
-"""Noted of a look within a vessel that tells too little: the next one judges its ink."""
+"""Key in `LookRecord.found`: too little was seen within a vessel, the next look judges it."""
 STATE_KEY: Final = "learned"
-"""Of `LookRecord.control`: ink and scanner as learned from pictures."""
+"""Key in `LookRecord.control`: the saved `InspectionState`."""
 DRAWING_FILE: Final = "seen.png"
 OUTCOMES: Final = {
     "go_on": "gone on",
@@ -44,22 +44,22 @@ OUTCOMES: Final = {
     "pause": "paused",
     "stop": "stopped",
 }
-"""What was done after a look, by its decision."""
+"""Words for what was done after a look, by its decision."""
 PROPOSALS: Final = {
     "mend": "write again what is missing",
     "flow": "correct the flow of all that follows",
     "pause": "wait",
 }
-"""What the operator is asked to approve."""
+"""Words for what the operator is to approve, by the proposed decision."""
 
 _MIN_SEEN_SHARE: Final = 0.5
-"""Of the way, for a look to tell something of it."""
+"""Share of the way below which a look counts as unseen in the summary."""
 _PICTURE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
 
 @dataclass(frozen=True)
 class LookRecord:
-    """One look, as it is kept.
+    """Record of one look (``look.json``).
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class LookRecord:
     at : float, s since 1970
     decision, why : str
     asked : str
-        What the operator was asked to approve; empty for nothing.
+        Decision that the operator is to approve; empty for none.
     factor : float or None
         Flow factor put in force.
     found : dict
@@ -100,19 +100,19 @@ class LookRecord:
 
     @property
     def has_judgement(self) -> bool:
-        """Whether a picture was judged; False of a look that failed or left it to the next."""
+        """Whether a picture was judged; False for a failed or postponed look."""
         return "seen_share" in self.found and not self.found.get(POSTPONED_KEY)
 
 
 def look_folder(print_folder: Path, number: int) -> Path:
-    """Folder of a look, made if it is missing."""
+    """Return the folder of a look; make it if it is missing."""
     path = print_folder / LOOKS_FOLDER / f"{number:04d}"
     path.mkdir(parents=True, exist_ok=True)
     return path
 
 
 def clear_look_folder(print_folder: Path, number: int) -> Path:
-    """Folder of a look that is about to be made, without what an earlier print left there."""
+    """Return the folder of a new look, emptied of an earlier print's files."""
     path = look_folder(print_folder, number)
     for old in path.iterdir():
         if old.is_dir():  # pictures of a laser's sweep
@@ -123,7 +123,7 @@ def clear_look_folder(print_folder: Path, number: int) -> Path:
 
 
 def save_look(print_folder: Path, record: LookRecord) -> None:
-    """Write a look's record; an answer to an earlier print's look of this number is taken away.
+    """Write a new look's record and delete the answer to an earlier print's look of its number.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def save_look(print_folder: Path, record: LookRecord) -> None:
 
 
 def amend_look(print_folder: Path, record: LookRecord) -> None:
-    """Write a look's record anew; its answer stays.
+    """Write a look's record again and keep its answer.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def look_picture(print_folder: Path, number: int) -> Path | None:
 
 
 def answer_look(print_folder: Path, number: int, answer: str) -> None:
-    """Leave the operator's word on a look for the observer, which waits for it.
+    """Write the operator's answer to a look for the waiting observer.
 
     Raises
     ------
@@ -188,8 +188,8 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
     """
     if answer not in ANSWERS:
         raise ValueError(f"{answer!r} is no answer; say {', '.join(ANSWERS)}")
-    asking = [look for look in read_looks(print_folder) if look.number == number and look.asked]
-    if not asking:
+    open_looks = [one for one in read_looks(print_folder) if one.number == number and one.asked]
+    if not open_looks:
         raise ValueError(f"look {number} asks for nothing; `printctl observe looks` lists them")
     path = look_folder(print_folder, number) / _ANSWER_FILE
     text = json.dumps({"answer": answer}) + "\n"
@@ -208,18 +208,18 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
 
 
 def is_paused_by_look(status: Status, number: int) -> bool:
-    """Whether a print is paused by a look."""
+    """Return whether a print is paused by a look."""
     look = status.look
     return status.state is LinkState.PAUSED and look is not None and look["number"] == number
 
 
 def look_awaiting_answer(looks: Iterable[LookRecord], status: Status) -> LookRecord | None:
-    """Return the look on which a paused print waits for the operator's word; None for none."""
+    """Return the look for whose answer a paused print waits; None for none."""
     return next((one for one in looks if one.asked and is_paused_by_look(status, one.number)), None)
 
 
 def refuse_without_observer(print_folder: Path) -> None:
-    """Refuse an answer that no observer would act on.
+    """Refuse an answer if no observer is running to act on it.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def refuse_without_observer(print_folder: Path) -> None:
 
 
 def read_answer(print_folder: Path, number: int) -> Answer | None:
-    """Return the operator's word on a look; None while there is none."""
+    """Return the operator's answer to a look; None while there is none."""
     path = print_folder / LOOKS_FOLDER / f"{number:04d}" / _ANSWER_FILE
     try:
         answer = json.loads(path.read_text(encoding="utf-8"))["answer"]
@@ -243,7 +243,7 @@ def read_answer(print_folder: Path, number: int) -> Answer | None:
 
 
 def seen_words(look: LookRecord) -> str:
-    """How much of the written way was seen, and how much ink there; empty where nothing was."""
+    """Return in words the share of the way seen and its share with ink; empty for nothing seen."""
     seen, ink = look.found.get("seen_share"), look.found.get("coverage")
     if seen is None:
         return ""
@@ -251,7 +251,7 @@ def seen_words(look: LookRecord) -> str:
 
 
 def proposal_words(look: LookRecord) -> str:
-    """What is proposed to the operator; empty where a look asks for nothing."""
+    """Return in words what a look proposes to the operator; empty for nothing."""
     if not look.asked:
         return ""
     words = PROPOSALS[look.asked]
@@ -261,7 +261,7 @@ def proposal_words(look: LookRecord) -> str:
 
 
 def outcome_words(look: LookRecord, answer: Answer | None) -> str:
-    """What came of a look: its decision, or the operator's word where it asked for one."""
+    """Return in words the outcome of a look: its decision, or the operator's answer."""
     if not look.asked:
         return OUTCOMES.get(look.decision, look.decision)
     if answer is None:
@@ -272,10 +272,10 @@ def outcome_words(look: LookRecord, answer: Answer | None) -> str:
 
 
 def total_words(looks: Sequence[LookRecord]) -> str:
-    """What came of all looks at a print: how many did what, what is left, and what wasn't seen."""
+    """Summarise a print's looks: outcomes, gaps left, and looks that saw too little."""
     count = Counter(OUTCOMES.get(one.decision, one.decision) for one in looks)
-    said = ", ".join(f"{number} {what}" for what, number in count.items())
-    words = f"{len(looks)} look{'s' * (len(looks) != 1)}: {said}"
+    outcomes = ", ".join(f"{number} {what}" for what, number in count.items())
+    words = f"{len(looks)} look{'s' * (len(looks) != 1)}: {outcomes}"
     if left_mm := math.fsum(one.found.get("left_mm", 0.0) for one in looks):
         words += f"; {left_mm:.2f} mm of gaps left as they are"
     seen = [one.found.get("seen_share") or 0.0 for one in looks]

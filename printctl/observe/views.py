@@ -63,7 +63,7 @@ _MAX_AGE_S: Final = 3600.0
 
 
 def frame_holds(image: NDArray[Any] | None, frame: object) -> bool:
-    """Whether marks in an earlier picture tell that a camera's frame held for it, too.
+    """Return whether marks in an earlier picture show that the camera's frame held for it.
 
     False for other frames, and where a frame was fitted anew in between.
     """
@@ -76,7 +76,7 @@ def frame_holds(image: NDArray[Any] | None, frame: object) -> bool:
 
 
 def refuse_moved(image: NDArray[Any], frame: CameraFrame, path: Path) -> None:
-    """Refuse a picture whose marks say that camera or insert were moved: all would seem shifted.
+    """Refuse a black picture, or one whose marks show that camera or insert were moved.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def refuse_moved(image: NDArray[Any], frame: CameraFrame, path: Path) -> None:
 
 @dataclass(frozen=True)
 class SimulatedFrame:
-    """Frame of a simulated camera, exact.
+    """Exact frame of a simulated camera.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class SimulatedFrame:
     bath: Bath
 
     def to_pixels(self, points_mm: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of places (n, 3), mm."""
+        """Return the pixels (n, 2) of places (n, 3), mm."""
         surface = self.bath.surface_z_mm
         if surface is None:
             return self.camera.pixels(points_mm)
@@ -124,7 +124,7 @@ class SimulatedFrame:
 
 
 class View(NamedTuple):
-    """What a device gave, as it is judged.
+    """Picture, volume or height map of a look with its frame.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class View(NamedTuple):
     thickness_mm: float = math.nan
 
     def shown_lines(self, lines: ExpectedLines) -> ShownLines:
-        """Lines without older ones that a volume in a bath doesn't show where they lie."""
+        """Return lines without older ones that a volume in a bath shows elsewhere or not at all."""
         if self.scan is None or not lines.fresh.any():
             return ShownLines(lines, np.arange(len(lines)))
         assert isinstance(self.frame, HeightFrame)
@@ -233,7 +233,7 @@ def _open_volume(
 def _open_map(
     path: Path, frame_file: str, middle_z_mm: float, thickness_mm: float, lines: ExpectedLines
 ) -> View:
-    """A layer's surface by a profiler's heights, or by a camera's sweep of a laser line."""
+    """Open a layer's height map of a profiler, or of a camera's sweep of a laser line."""
     if frame_file and is_laser_file(Path(frame_file)):
         heights, to_map, whole = _sweep_map(path, Path(frame_file), lines), np.eye(4), None
     else:
@@ -261,9 +261,9 @@ def _open_map(
 
 
 def _read_map(path: Path, frame_file: str) -> tuple[HeightMap, FloatArray, tuple[int, int] | None]:
-    """Heights of a file, what takes the printer's places to them, (4, 4), and a map's usual size.
+    """Read a map's heights, its frame (4, 4) from printer to map, and a map's usual size.
 
-    The size is in rows and columns, None where nobody said it.
+    The size is in rows and columns, None if not given.
     """
     frame = read_profiler_frame(Path(frame_file)) if frame_file else ProfilerFrame(np.eye(4))
     try:
@@ -276,7 +276,7 @@ def _read_map(path: Path, frame_file: str) -> tuple[HeightMap, FloatArray, tuple
 
 
 def _sweep_map(path: Path, laser_file: Path, lines: ExpectedLines) -> HeightMap:
-    """Heights around the lines by a camera's pictures of a laser line, printer's frame."""
+    """Return heights around the lines from a camera's laser line pictures, printer's frame."""
     laser = read_laser(laser_file)
     places = np.concatenate([lines.start, lines.end])[:, :2]
     try:
@@ -289,7 +289,7 @@ def _sweep_map(path: Path, laser_file: Path, lines: ExpectedLines) -> HeightMap:
 
 
 def camera_frame(order: ObserverOrder) -> Frame:
-    """Return the camera's frame; a simulated camera's own where nobody calibrated it.
+    """Return the camera's frame; a simulated camera's own if none was calibrated.
 
     One that was fitted anew in a pause counts from then on.
     """
@@ -332,7 +332,7 @@ def read_picture(path: Path) -> Image:
 
 
 def _is_cut(path: Path) -> bool:
-    """Whether a JPEG lacks its end; OpenCV fills up what is missing with grey.
+    """Return whether a JPEG lacks its end, which OpenCV would fill with grey.
 
     Within the picture's data neither marker occurs; a small preview lies before them.
     """
@@ -384,7 +384,7 @@ def image_before(folder: Path, begun: float, look: Look, now: Path, image: Image
     Raises
     ------
     DeviceError
-        When the two differ in colour or depth: ink as one tells it isn't known in the other.
+        When the two differ in colour or depth: an appearance learned in one doesn't fit both.
     """
     earlier = picture_before(folder, begun, look, now)
     if earlier is None:
@@ -402,7 +402,7 @@ def image_before(folder: Path, begun: float, look: Look, now: Path, image: Image
 
 
 def _kind(image: Image) -> str:
-    """Colour and depth of a picture, in words."""
+    """Return a picture's colour and depth in words."""
     colour = "grey" if image.ndim == 2 else "in colour"
     depth = 8 * image.dtype.itemsize
     return f"{colour} with {depth} bits{'' if image.ndim == 2 else ' a channel'}"

@@ -1,9 +1,9 @@
 """Decide after a look by expected cost: go on, correct the flow, mend, ask, or stop.
 
-What a look tells is a list of concerns: missing ink, a layer beside its place, a narrowed lumen,
-way that wasn't seen. Of each it is known what it costs on average to go on, to act unasked, and to
-ask (`Costs`, minutes of an operator). A print is held where asking is the cheapest for any of them,
-and then all are told; else what is cheapest mended is mended.
+A look yields a list of concerns: missing ink, a shifted layer, a narrowed lumen, unseen way. Each
+has an expected cost of going on, of acting without approval, and of asking (`Costs`, minutes of an
+operator). The print pauses where asking is the cheapest for any concern, and all are reported;
+otherwise the concerns that are cheapest to mend are mended.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ from registration.inspection.values import Gap
 _P_LOST_STEPS: Final = 1e-3
 """Chance that a layer lies beside its place, before a look."""
 _SOUND_SHIFT_SD_MM: Final = 0.03
-"""By which a sound layer lies beside it, one standard deviation."""
+"""Standard deviation of a sound layer's shift."""
 _MAX_LOST_STEPS_MM: Final = 2.0
-"""Lost steps by so much or less are equally likely."""
+"""Largest shift by lost steps; smaller ones are equally likely."""
 _P_LUMEN_CLOSED: Final = 5e-3
 """Chance that a lumen is closed in part, before a look."""
 _OPEN_SHARE_SD: Final = 0.05
-"""By which a sound lumen's width scatters, of itself."""
+"""Standard deviation of a sound lumen's relative width."""
 _P_WRONG_PLACE: Final = 1e-3
 """Chance that a picture shows another place than it should."""
 _MISSING_SHARE_SCALE: Final = 0.1
-"""Of the way: prints that lack more are rarer by e for each as much."""
+"""Share of the way: prints that lack this much more are rarer by a factor e."""
 _P_ONE_PICTURE_WRONG: Final = 0.02
 """Chance that what one picture shows as missing is a passing shade or glint."""
 _P_CUT_MAP_WRONG: Final = 0.5
@@ -56,24 +56,24 @@ _P_UNSIZED_MAP_WRONG: Final = 0.05
 _P_FALSE_THIN: Final = 0.01
 _CLOGS_PER_MM: Final = 1 / 5000
 _REPEATED_CLOG_FACTOR: Final = 10.0
-"""How often ink stops for good; times as often where it has failed in this print."""
+"""Rate of clogs, and the factor on it after a failure in this print."""
 _MIN_CLOG_MM: Final = 2.0
-"""Of one gap, from which on ink had failed."""
+"""Length of a gap above which the ink supply had failed."""
 _MIN_FLOWING_MM: Final = 1.0
-"""Way with ink that is seen, from which on it is known to flow."""
+"""Way seen with ink above which ink is known to flow."""
 _MAX_JOIN_MM: Final = 0.2
-"""Stretches that aren't told and join a gap within so much are written with it, when approved."""
+"""Unseen stretches within this distance of an approved gap are written with it."""
 
 
 @dataclass(frozen=True)
 class _Concern:
-    """Something that may be wrong.
+    """Possible fault with the expected costs of the actions.
 
     Attributes
     ----------
     why : str
     go_on_cost, act_cost : float
-        Expected cost of going on, and of acting unasked; minutes.
+        Expected cost of going on, and of acting without approval; minutes.
     gaps : tuple of Gap
     thin : tuple of ThinStretch
     approval : str
@@ -91,17 +91,17 @@ class _Concern:
     stops: bool = False
 
     def asks(self, costs: Costs) -> bool:
-        """Whether asking is the cheapest."""
+        """Return whether asking is the cheapest."""
         return costs.operator < min(self.go_on_cost, self.act_cost)
 
     def acts(self, costs: Costs) -> bool:
-        """Whether acting unasked is the cheapest."""
+        """Return whether acting without approval is the cheapest."""
         return self.act_cost < min(self.go_on_cost, costs.operator)
 
 
 @dataclass
 class Decider:
-    """Decides look by look, and remembers what decisions hang on.
+    """Decision maker of a print, with the state that decisions depend on.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Decider:
     failed : bool
         Whether ink has failed in this print.
     blind_said : bool
-        Whether the operator knows that nothing is seen, since anything was.
+        Whether the operator was informed that nothing is seen, since anything was.
     """
 
     limits: Limits = field(default_factory=Limits)
@@ -127,7 +127,7 @@ class Decider:
     blind_said: bool = False
 
     def decide(self, evidence: Evidence) -> Decision:
-        """Return what the look calls for, as the mode allows."""
+        """Return the decision for a look, as the mode allows."""
         stopping = evidence.supply.stopped  # thin because it is about to stop: no drift
         if not stopping and evidence.turned is None and not evidence.map.lacks:
             self.control.learn(evidence.flow)
@@ -144,7 +144,7 @@ class Decider:
         return self._restrict_to_mode(wanted, evidence)
 
     def _count_unseen(self, evidence: Evidence) -> None:
-        """Count the way since ink was last seen."""
+        """Add to the way since ink was last seen, or reset it."""
         if evidence.level_mm is None or evidence.mends_only:
             return
         seen_mm = evidence.seen_share * evidence.way_mm * max(evidence.coverage, 0.0)
@@ -161,7 +161,7 @@ class Decider:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second_gaps, self.limits.gap)
 
     def _concerns(self, evidence: Evidence, gaps: tuple[Gap, ...]) -> list[_Concern]:
-        """All that may be wrong, what costs most first."""
+        """Return all concerns, the most expensive first."""
         each = (
             self._turned_picture(evidence),
             self._layer_shift(evidence),
@@ -178,29 +178,27 @@ class Decider:
     def _cheapest(self, evidence: Evidence, concerns: Sequence[_Concern]) -> Decision:
         costs = self.limits.costs
         factor = None if self.control.out_of_bounds else self.control.proposal()
-        asked = [one for one in concerns if one.asks(costs)]
-        acted = [one for one in concerns if one.acts(costs)]
-        told = [one for one in concerns if one not in asked and one not in acted]
-        why = "; ".join(one.why for one in [*asked, *acted])
+        to_ask = [one for one in concerns if one.asks(costs)]
+        to_mend = [one for one in concerns if one.acts(costs)]
+        tolerated = [one for one in concerns if one not in to_ask and one not in to_mend]
+        why = "; ".join(one.why for one in [*to_ask, *to_mend])
         rest = "".join(
-            f"; {one.why}: gone on" for one in told if one.go_on_cost > 0.1 * costs.operator
+            f"; {one.why}: gone on" for one in tolerated if one.go_on_cost > 0.1 * costs.operator
         )
         rest += blind_words(evidence, self.control) if factor is None else ""
         rest += map_words(evidence.map) + blob_words(evidence.blobs)
-        written = concerns if asked else acted  # a person who is there anyway sees to all of it
+        written = concerns if to_ask else to_mend  # a person who is there anyway sees to all of it
         gaps = tuple(gap for one in written for gap in one.gaps)
         thin = tuple(gap for one in written for gap in one.thin)
-        if any(one.stops for one in asked):
+        if any(one.stops for one in to_ask):
             return Decision(DecisionKind.STOP, why)
-        if asked:
-            then = "".join(f"; {one.approval}" for one in asked if one.approval)
+        if to_ask:
+            approval = "".join(f"; {one.approval}" for one in to_ask if one.approval)
             ask = DecisionKind.MEND if gaps or thin else None
-            gaps, back = (
-                _join_unseen(gaps, evidence),
-                factor if self.control.answers.failed else None,
-            )
-            return Decision(DecisionKind.PAUSE, f"{why}{then}{rest}", gaps, back, ask, thin)
-        if acted:
+            gaps = _join_unseen(gaps, evidence)
+            back = factor if self.control.answers.failed else None
+            return Decision(DecisionKind.PAUSE, f"{why}{approval}{rest}", gaps, back, ask, thin)
+        if to_mend:
             why += corrected_words(self.control, factor) + unseen_words(evidence)
             return Decision(DecisionKind.MEND, f"{why}{rest}", gaps, factor, thin=thin)
         if factor is not None:
@@ -255,8 +253,8 @@ class Decider:
         cause = "the syringe is empty" if supply.state == "empty" else "the needle is clogged"
         why = f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}"
         then = "see to the cause; approve then writes what is missing"
-        untold = [one.gap for one in evidence.unseen]
-        more = tuple(one for one in self.unseen if one not in untold) if gaps else ()
+        unseen = [one.gap for one in evidence.unseen]
+        more = tuple(one for one in self.unseen if one not in unseen) if gaps else ()
         return _Concern(why, self.limits.costs.scrapped, gaps=more, approval=then * bool(gaps))
 
     def _narrowed_lumen(self, evidence: Evidence) -> _Concern | None:
@@ -274,9 +272,9 @@ class Decider:
         if not chance:
             return None
         worst = min(evidence.narrowed, key=lambda one: one.open_share)
-        told = "closed" if worst.open_share <= 0 else f"{worst.open_share:.0%} of its width open"
+        width = "closed" if worst.open_share <= 0 else f"{worst.open_share:.0%} of its width open"
         more = f", and {len(bad) - 1} more" if len(bad) > 1 else ""
-        why = f"lumen {worst.name} is {told}{more}; ink can't be taken away"
+        why = f"lumen {worst.name} is {width}{more}; ink can't be taken away"
         return _Concern(why, chance * self.limits.costs.scrapped)
 
     def _missing_ink(self, evidence: Evidence, gaps: tuple[Gap, ...]) -> _Concern | None:
@@ -314,7 +312,7 @@ class Decider:
         )  # fmt: skip
 
     def _unseen_in_bath(self, evidence: Evidence) -> _Concern | None:
-        """Vessels of which more isn't seen than is tolerated."""
+        """Return the concern of vessels unseen beyond the tolerance."""
         if evidence.level_mm is not None or not evidence.unseen:
             return None
         cost = self.limits.costs.operator / self.limits.unseen_mm
@@ -334,7 +332,7 @@ class Decider:
         )  # fmt: skip
 
     def _unseen_way(self, evidence: Evidence) -> _Concern | None:
-        """Way since ink was last seen: the longer, the more is lost by a clog."""
+        """Return the concern of the way since ink was last seen: a clog would lose it."""
         if evidence.level_mm is None or self.blind_said or evidence.turned is not None:
             return None
         rate = _CLOGS_PER_MM * (_REPEATED_CLOG_FACTOR if self.failed else 1.0)
@@ -351,7 +349,7 @@ class Decider:
         return concern
 
     def _flow_out_of_bounds(self, evidence: Evidence) -> _Concern | None:
-        """A flow that no allowed factor corrects, or that corrections didn't change."""
+        """Return the concern of a flow that no allowed factor corrects, or that didn't respond."""
         control = self.control
         if control.answers.failed and not control.answers.told:
             control.answers.told = True
@@ -363,19 +361,19 @@ class Decider:
             )
         if not control.out_of_bounds:
             return None
-        told, said = len(evidence.flow) > 0, control.beyond_said
-        control.beyond_said = not told
-        if not told and said:
+        measured, reported = len(evidence.flow) > 0, control.beyond_said
+        control.beyond_said = not measured
+        if not measured and reported:
             return None
         low, high = control.limits.low, control.limits.high
         why = f"{_flow_words(control)}: beyond a correction by {low:g} to {high:g}"
         return _Concern(
-            why + "; this look tells no width, so whether it still is isn't known" * (not told),
+            why + "; this look tells no width, so whether it still is isn't known" * (not measured),
             self.limits.costs.scrapped,
         )
 
     def _ask_about_flow(self, evidence: Evidence) -> Decision | None:
-        """Ask about a flow that costs more than the question, though it isn't surely off."""
+        """Return a question about a flow that is likely off; None if asking costs more."""
         control = self.control
         seen, factor = control.last, control.by_last_picture()
         if seen is None or factor is None or factor == control.factor or control.answers.failed:
@@ -401,7 +399,7 @@ def _flow_words(control: FlowControl) -> str:
 
 
 def _p_common_error(missing: float, evidence: Evidence) -> float:
-    """Chance that what seems to be missing, a share of the way, isn't so for a common reason."""
+    """Return the chance that a seemingly missing share of the way has a common false cause."""
     if evidence.map.lacks:
         return _P_CUT_MAP_WRONG
     usual = math.exp(-missing / _MISSING_SHARE_SCALE)
@@ -414,7 +412,7 @@ def _p_common_error(missing: float, evidence: Evidence) -> float:
 
 
 def _join_unseen(gaps: tuple[Gap, ...], evidence: Evidence) -> tuple[Gap, ...]:
-    """Gaps, with stretches that aren't told and join them."""
+    """Return gaps with the unseen stretches that join them."""
     out = list(gaps)
     for one in evidence.unseen:
         joins = any(one.gap.meets(gap, _MAX_JOIN_MM) for gap in gaps)
@@ -424,7 +422,7 @@ def _join_unseen(gaps: tuple[Gap, ...], evidence: Evidence) -> tuple[Gap, ...]:
 
 
 def _normal_density(x: float, sigma: float) -> float:
-    """Density of a normal law, never 0."""
+    """Return the density of a normal distribution, never 0."""
     return max(math.exp(-0.5 * (x / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi)), 1e-300)
 
 

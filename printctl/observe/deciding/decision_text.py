@@ -13,15 +13,15 @@ from registration.inspection.options import IN_PART
 from registration.inspection.values import Blob, Gap
 
 _MAX_LISTED: Final = 3
-"""Stretches, and blobs, that are told by their places."""
+"""Stretches or blobs that are listed by place."""
 _MIN_SEEN_SHARE: Final = 0.005
-"""Of the way, less than which is nothing."""
+"""Share of the way below which nothing counts as seen."""
 _MAX_SILENT_FLOW_ERROR: Final = 0.1
-"""Relative: a flow that is farther off never passes in silence."""
+"""Relative flow error above which an undetectable error is mentioned."""
 
 
 def seen_words(evidence: Evidence, limits: Limits, gaps: Sequence[Gap]) -> str:
-    """What a look that calls for nothing has told."""
+    """Return in words what a look that needs no action has shown."""
     if evidence.seen_share < _MIN_SEEN_SHARE:
         return f"nothing was seen{unseen_words(evidence)}"
     if evidence.stretches:
@@ -41,9 +41,9 @@ def seen_words(evidence: Evidence, limits: Limits, gaps: Sequence[Gap]) -> str:
 
 
 def blind_words(evidence: Evidence, control: FlowControl) -> str:
-    """How little is known of the flow, where it may be off; empty where it is known, or no matter.
+    """Return in words that the flow may be off undetected; empty if it is known.
 
-    Of a look in which nothing was seen that goes without saying.
+    Empty for a look in which nothing was seen.
     """
     if (
         evidence.mends_only
@@ -61,7 +61,7 @@ def blind_words(evidence: Evidence, control: FlowControl) -> str:
 
 
 def unseen_words(evidence: Evidence) -> str:
-    """How much wasn't seen and where, where that is more than a tolerated gap; else empty."""
+    """Return in words how much wasn't seen and where; empty below a tolerated gap."""
     longest = sorted(evidence.unseen, key=lambda one: -one.gap.length_mm)
     if not longest and evidence.seen_share > 0.5:
         return ""
@@ -72,7 +72,7 @@ def unseen_words(evidence: Evidence) -> str:
 
 
 def list_places(stretches: Sequence[Gap]) -> str:
-    """Name the first stretches by their places, in words; empty for none."""
+    """Return the places of the first stretches in words; empty for none."""
     each = []
     for one in stretches[:_MAX_LISTED]:
         begin, end = (f"X {x:.1f} Y {y:.1f}" for x, y in (one.start_mm, one.end_mm))
@@ -82,7 +82,7 @@ def list_places(stretches: Sequence[Gap]) -> str:
 
 
 def map_words(check: MapCheck) -> str:
-    """What a height map lacks, and that it shows sunken ground; empty for neither."""
+    """Return in words what a height map lacks and how far its ground has sunk."""
     lacks = f"; the map {check.lacks}: what lies behind lost ones shows aside" * bool(check.lacks)
     if not check.sunk_mm > 0.0:
         return lacks
@@ -93,7 +93,7 @@ def map_words(check: MapCheck) -> str:
 
 
 def blob_words(blobs: Sequence[Blob]) -> str:
-    """Blobs on the layer, the largest first."""
+    """Return the layer's blobs in words, the largest first."""
     largest = sorted(blobs, key=lambda one: -one.area_mm2)
     if not largest:
         return ""
@@ -108,7 +108,7 @@ def blob_words(blobs: Sequence[Blob]) -> str:
 
 
 def cause_of_turn(turned: str) -> str:
-    """What to check where a picture fits its layer better turned or moved, as that says."""
+    """Return what to check when a picture fits its layer better turned or moved."""
     if turned.endswith(IN_PART):
         return "the map lacks rows or columns, or motors lost steps within the layer: look anew"
     if turned.startswith("moved"):
@@ -117,7 +117,7 @@ def cause_of_turn(turned: str) -> str:
 
 
 def corrected_words(control: FlowControl, factor: float | None) -> str:
-    """Which correction goes with a mend, in words; empty for none."""
+    """Return in words the flow correction of a mend; empty for none."""
     if factor is None:
         return ""
     if control.answers.failed:

@@ -23,7 +23,7 @@ _MIN_BARE_SHARE: Final = 0.8
 
 
 class SupplyState(StrEnum):
-    """What the missing ink says of needle and syringe."""
+    """State of needle and syringe, inferred from missing ink."""
 
     FLOWING = "flowing"
     BUBBLE = "bubble"
@@ -36,13 +36,13 @@ class SupplyState(StrEnum):
 
 @dataclass(frozen=True)
 class InkSupply:
-    """Outcome of `judge_supply`.
+    """State of the ink supply (`judge_supply`).
 
     Attributes
     ----------
     state : SupplyState
     since_ul : float or None, µL
-        Asked for since the ink last came, where it hasn't come back.
+        Requested since the ink last came, if it hasn't come back.
     """
 
     state: SupplyState
@@ -68,24 +68,24 @@ def judge_supply(
     What is seen along the lines is put in the order of writing. Ink that is missing up to the last
     place written hasn't come back: the syringe is empty if the plunger says so, else something is
     stuck. Only where exactly one path is missing behind sound ones it may as well be a line that
-    didn't stick, and the next look tells. Ink that came back after a while was a bubble, or, where
+    didn't stick; the next look decides. Ink that came back after a while was a bubble, or, where
     exactly one path is missing, a line that didn't stick. A smooth deviation is none of these: the
     flow control's affair.
 
     Parameters
     ----------
     volume_ul : (n,) float64, µL
-        Asked for at each place.
+        Requested at each place.
     present : (n,) float64
         0 (no ink) to 1.
     seen : (n,) bool
-        Places that the picture tells of; the others are passed over.
+        Places that the picture shows; the others are skipped.
     stroke : (n,) int64
         Unbroken path of each place.
     least_ul : float, µL
         Runs of less are within tolerance.
     left_ul : float, optional, µL
-        What the plunger still had before the last of these places; None where nobody knows.
+        What the plunger still had before the last of these places; None if unknown.
     """
     if not seen.any():
         return InkSupply(SupplyState.UNKNOWN)
@@ -110,7 +110,7 @@ def judge_supply(
 
 
 def _runs(lacks: BoolArray) -> list[slice]:
-    """Stretches without ink; single places with or without don't end one."""
+    """Return stretches without ink; single places with or without don't end one."""
     smooth = lacks.copy()
     if len(lacks) > 2:
         between = (lacks[:-2] == lacks[2:]) & (lacks[1:-1] != lacks[2:])
@@ -123,7 +123,7 @@ def _runs(lacks: BoolArray) -> list[slice]:
 
 
 def _whole_path(run: slice, path: IntArray) -> bool:
-    """Whether a run is one path, from its first to its last place."""
+    """Return whether a run is one path, from its first to its last place."""
     own = np.flatnonzero(path == path[run.start])
     return bool(own[0] == run.start and own[-1] == run.stop - 1)
 
@@ -139,7 +139,7 @@ class ThinStretch:
     from_mm, to_mm : float, mm
         Along it.
     missing : float
-        Share of the ink that was asked for, 0 to 1.
+        Share of the requested ink, 0 to 1.
     """
 
     stroke: int
@@ -156,7 +156,7 @@ class ThinStretch:
 def confirm_thin(
     first: Sequence[ThinStretch], second: Sequence[ThinStretch]
 ) -> tuple[ThinStretch, ...]:
-    """Return those of the first picture of which the second shows half at least."""
+    """Return the first picture's thin stretches of which the second shows half or more."""
     return tuple(one for one in first if 2 * _common_mm(one, second) >= one.length_mm)
 
 
@@ -168,14 +168,14 @@ def _common_mm(one: ThinStretch, others: Sequence[ThinStretch]) -> float:
 
 @dataclass(frozen=True)
 class MapCheck:
-    """What tells whether a height map is whole.
+    """Completeness check of a height map.
 
     Attributes
     ----------
     lacks : str
         What it lacks, and against what, in words; empty for nothing.
     unsized : bool
-        Whether nothing tells how many rows and columns it should have.
+        Whether the number of rows and columns that it should have is unknown.
     sunk_mm : float, mm
         By how much the ground of the layer's ink has sunk at most, since it was designed.
     """
@@ -185,7 +185,7 @@ class MapCheck:
     sunk_mm: float = 0.0
 
     def combine(self, other: MapCheck) -> MapCheck:
-        """Return what is to be said of two maps of one look."""
+        """Return the combined check of two maps of one look."""
         return MapCheck(
             self.lacks or other.lacks,
             self.unsized or other.unsized,
@@ -195,7 +195,7 @@ class MapCheck:
 
 @dataclass(frozen=True)
 class NarrowedLumen:
-    """Lumen that is seen narrower than designed.
+    """Lumen with its seen width over the designed one.
 
     Attributes
     ----------
@@ -213,7 +213,7 @@ class NarrowedLumen:
 
 @dataclass(frozen=True)
 class UnseenPath:
-    """A path, or a part of one, of which nothing is told.
+    """Path, or part of one, that no picture shows.
 
     Attributes
     ----------
@@ -231,7 +231,7 @@ class UnseenPath:
 
     @property
     def words(self) -> str:
-        """Which path, how much of it and where."""
+        """Name, length and place of the stretch."""
         if self.gap.length_mm > 0.98 * self.path_mm:
             return f"{self.name} ({self.gap.length_mm:.1f} mm)"
         begin, end = (f"X {x:.1f} Y {y:.1f}" for x, y in (self.gap.start_mm, self.gap.end_mm))
@@ -241,7 +241,7 @@ class UnseenPath:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a look has told.
+    """Evidence of one look.
 
     Attributes
     ----------

@@ -2,8 +2,8 @@
 
 Two things are estimated together: the flow, which drifts slowly and may step, and what pictures
 misread of all lines alike (halo, blur, level of an edge), which hardly changes in the same light.
-A look tells their sum. So a change is known well, a level only as well as a picture's shapes tell
-it, and an operator who looked at the lines tells the level for all looks behind.
+A look measures their sum. So a change is known well, a level only as well as a picture's shapes
+show it, and an operator who has looked at the lines fixes the level for all later looks.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from kernels.arrays import FloatArray
 #
 # A flow that itself goes on changing mustn't pass for that. So the last blocks before a correction
 # are held against the first behind it, each side by the reading that speaks more for an answer.
-# Answers to small corrections are added up until they tell.
+# Responses to small corrections are added up until they are significant.
 
 _MIN_RESPONSE_SHARE: Final = 0.5
-"""Of what a real change of flow moves the seen amount by: less is no answer."""
+"""Least share of a correction by which a real flow moves the amount seen."""
 _ANSWER_SIGMAS: Final = 2.0
 """Standard uncertainties, on one side."""
 _SAME_FACTOR: Final = 1e-3
-"""Factors that differ by less are one."""
+"""Factors that differ by less are equal."""
 _PICTURE_SCATTER: Final = 0.015
-"""Relative: by which pictures misread the amount differently from each other."""
+"""Relative scatter of the amount between pictures."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Logarithms of the amount seen over the one asked for, at one factor.
+    """Logarithms of the amount seen over the requested one, at one factor.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Reading:
 
 @dataclass
 class CorrectionResponse:
-    """Corrections since the last one that was surely answered, and what was seen of them.
+    """Response of the amount seen to flow corrections since the last confirmed one.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class CorrectionResponse:
     answered : float
         Factor that was in force when corrections were answered last; 1 before any was.
     failed : bool
-        Whether corrections weren't answered: widths tell nothing of the flow then.
+        Whether corrections had no effect: widths say nothing of the flow then.
     told : bool
-        Whether the operator knows.
+        Whether the operator was informed.
     last : Reading or None
         End of the last look.
     """
@@ -87,12 +87,12 @@ class CorrectionResponse:
     def learn(
         self, log_ratio: FloatArray, variance: FloatArray, factor: FloatArray, estimate: float
     ) -> None:
-        """Take in a look's readings in their order.
+        """Update by a look's readings in their order.
 
         Parameters
         ----------
         log_ratio : (n,) float64
-            Logarithm of the amount seen over the one asked for, at factor 1.
+            Logarithm of the amount seen over the requested one, at factor 1.
         variance : (n,) float64
             Of it, without what all share.
         factor : (n,) float64
@@ -131,7 +131,7 @@ class CorrectionResponse:
         ):  # the other way: the flow itself changed
             pass
         elif self.seen - _MIN_RESPONSE_SHARE * self.wanted > -sure:
-            return  # not told yet
+            return  # not significant yet
         else:
             self.failed = True
         self.wanted = self.seen = self.variance = 0.0
@@ -144,15 +144,15 @@ def _variance_of_mean(variance: FloatArray) -> float:
 _STEP_SIGMAS: Final = 3.5
 """Deviation of a reading that may be an outlier, and of several in a row that are a step."""
 _MAX_COUNTED_SIGMAS: Final = 3.0
-"""Standard uncertainties, as which the deviation of one reading counts at most there."""
+"""Standard uncertainties to which one reading's deviation is clipped there."""
 _DEVIATION_MEMORY: Final = 0.7
-"""By which earlier deviations count less from reading to reading."""
+"""Factor on earlier deviations from reading to reading."""
 _FALSE_CORRECTION_COST_LOOKS: Final = 60.0
-"""What a first correction costs that the flow doesn't need, in looks of an operator."""
+"""Cost of a needless first correction, in looks of an operator."""
 _MIN_CHANGE_SIGMAS: Final = 0.25
-"""Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
+"""Least change of a correcting factor, in its standard uncertainties."""
 _MISREAD_PERSISTENCE: Final = 0.9
-"""Of what a picture misreads of all lines alike, as a variance: the next one does so, too."""
+"""Share of the common misread's variance that the next picture has, too."""
 _MIN_RELATIVE_U: Final = 0.005
 """No reading of a ratio is better than 0.5 %: the expected width itself is rounded and modelled."""
 _PRIOR_FLOW_SD: Final = 0.1
@@ -162,9 +162,9 @@ _FLOW_STEP_VARIANCE: Final = 0.02 * 0.25**2
 _OPERATOR_SD: Final = 0.05
 """Relative: how well an operator who looked at the lines knows their ink."""
 _LOOK_WORTH_LOG_FLOW: Final = 0.115
-"""Logarithm of a flow that is worth an operator's look; cost grows with its square."""
+"""Log flow error worth one operator's look; cost grows with its square."""
 _MIN_WIDTH_RESPONSE: Final = 0.6
-"""Of a flow's logarithm, that widths show at least: lines grow higher, too."""
+"""Least share of a log flow error that widths show: lines grow higher, too."""
 _ONE_SIDED_SIGMAS: Final = 1.64
 """Standard uncertainties, of one in twenty on one side."""
 
@@ -178,7 +178,7 @@ class FlowBlocks:
     time_s : (n,) float64, s
         Middle of each block of writing, on one clock.
     area_ratio : (n,) float64
-        Cross-section seen over the one asked for.
+        Cross-section seen over the requested one.
     u : (n,) float64
         Standard uncertainty of that ratio.
     factor : (n,) float64
@@ -225,7 +225,7 @@ class FlowLimits:
 
 @dataclass(frozen=True)
 class PictureFlow:
-    """Logarithm of delivered over asked flow, without correction, by one picture alone.
+    """Logarithm of delivered over requested flow, uncorrected, by one picture alone.
 
     Attributes
     ----------
@@ -247,7 +247,7 @@ class FlowControl:
     factor : float
         In force.
     log_flow, misread : float
-        Logarithm of delivered over asked flow, uncorrected, and what pictures add to it.
+        Logarithm of delivered over requested flow, uncorrected, and what pictures add to it.
     variance : (float, float, float)
         Of the flow's, of both together, and of what is misread.
     time_s : float or None, s
@@ -257,11 +257,11 @@ class FlowControl:
     answers : CorrectionResponse
         Whether the amount seen answers corrections.
     last : PictureFlow or None
-        What the last look told; None where that told no width.
+        Flow by the last look; None if that showed no width.
     asked : bool
         Whether the operator was asked about the flow behind the last reading.
     beyond_said : bool
-        Whether a look that told no width has paused for a flow beyond all bounds.
+        Whether a look without widths has paused for a flow beyond all bounds.
     """
 
     limits: FlowLimits = field(default_factory=FlowLimits)
@@ -278,7 +278,7 @@ class FlowControl:
     _run: float = 0.0
 
     def learn(self, blocks: FlowBlocks) -> None:
-        """Take in a picture's readings; those without a positive finite ratio are left out."""
+        """Update by a picture's readings; those without a positive finite ratio are left out."""
         sound = np.isfinite(blocks.area_ratio) & (blocks.area_ratio > 0) & np.isfinite(blocks.u)
         self.last = None
         if not sound.any():
@@ -300,7 +300,7 @@ class FlowControl:
             self._filter_reading(float(when), float(reading), float(own))
 
     def _predict_for_picture(self, common: float, change: float) -> None:
-        """Go on to a picture that misreads all lines by so much: mostly as the last did."""
+        """Predict the state for a new picture, which misreads lines mostly as the last did."""
         flow, both, misread = self.variance
         flow = max(flow, min(flow + _FLOW_STEP_VARIANCE, _PRIOR_FLOW_SD**2))
         times = (
@@ -316,7 +316,7 @@ class FlowControl:
         self.variance, self.common = (flow, both * times, new), common
 
     def _filter_reading(self, time_s: float, reading: float, variance: float) -> None:
-        """Take in one reading, unless it is an outlier; several on one side are a step."""
+        """Update by one reading, unless it is an outlier; several on one side are a step."""
         flow, both, misread = self.variance
         passed = max(time_s - self.time_s, 0.0) if self.time_s is not None else 0.0
         self.time_s = time_s
@@ -335,7 +335,7 @@ class FlowControl:
             self._kalman_update(reading, variance, 1.0)
 
     def _kalman_update(self, reading: float, variance: float, misreads: float) -> None:
-        """Kalman's update by a reading of the flow and so much of what pictures misread."""
+        """Apply a Kalman update by a reading of flow plus ``misreads`` times the misread."""
         flow, both, misread = self.variance
         with_flow, with_misread = flow + misreads * both, both + misreads * misread
         total = with_flow + misreads * with_misread + variance
@@ -350,7 +350,7 @@ class FlowControl:
 
     @property
     def flow(self) -> float:
-        """Delivered over asked flow, without correction."""
+        """Delivered over requested flow, without correction."""
         return math.exp(self.log_flow)
 
     @property
@@ -360,7 +360,7 @@ class FlowControl:
 
     @property
     def log_error(self) -> float:
-        """Logarithm of delivered over asked flow by the factor in force."""
+        """Logarithm of delivered over requested flow at the factor in force."""
         return self.log_flow + math.log(self.factor)
 
     @property
@@ -392,30 +392,30 @@ class FlowControl:
         return None if rounded == self.factor else rounded
 
     def cost_in_looks(self) -> float:
-        """Return what it costs to leave the flow as it is, in looks of an operator."""
+        """Return the cost of leaving the flow as it is, in looks of an operator."""
         return (self.log_error**2 + self.variance[0]) / _LOOK_WORTH_LOG_FLOW**2
 
     def may_be_off(self, share: float) -> bool:
-        """Whether the last look leaves it open that the flow is off by more than a share."""
+        """Return whether the flow may be off by more than a share, after the last look."""
         if self.last is None:
             return True
         off = abs(self.last.level + math.log(self.factor)) + _ONE_SIDED_SIGMAS * self.last.u
         return off > _MIN_WIDTH_RESPONSE * math.log1p(share)
 
     def by_last_picture(self) -> float | None:
-        """Return the factor that the last picture alone asks for; None where it tells no width."""
+        """Return the factor by the last picture alone; None if it shows no width."""
         return None if self.last is None else self._bounded_factor(self.last.level)
 
     def _bounded_factor(self, log_flow: float) -> float:
-        """Factor that corrects a flow, within bounds, in steps of the firmware."""
+        """Return the factor that corrects a flow, within bounds, in steps of the firmware."""
         per = self.limits.steps_per_unit
         wanted = min(max(math.exp(-log_flow), self.limits.low), self.limits.high)
         return round(wanted * per) / per
 
     def put_in_force(self, factor: float) -> None:
-        """Take notice that the printer has a factor.
+        """Set the factor that the printer uses.
 
-        The first correction says what flows: by the estimate, or by what the operator approved.
+        The first correction sets the estimate: by the estimate, or by what the operator approved.
         """
         if self.factor == 1.0 != factor:
             self.log_flow = -math.log(factor)

@@ -31,18 +31,18 @@ from sim.gcode.program.modal import MOVE
 from sim.gcode.reading.file import other_lines
 
 _RETURN_TOLERANCE_MM: Final = 1e-4
-"""Places that the text gives alike."""
+"""Distance below which the insert returns to the held position."""
 _ON_AXIS_TOLERANCE_MM: Final = 0.015
 """Beside an axis, rounding of text and motor steps included, that counts as on it."""
 _MAX_STATION_SPACING_MM: Final = 0.05
-"""Between places of a block at which its ink is held against voids."""
+"""Largest distance of the places of a block that are checked against voids."""
 _PLACES_PER_BLOCK: Final = 5
-"""Places of a block that are looked at."""
+"""Places of a block that are checked for crossings."""
 
 
 @dataclass(frozen=True)
 class MendCheck:
-    """What the inserted lines do.
+    """Effects of a mend's inserted lines.
 
     Attributes
     ----------
@@ -85,16 +85,16 @@ class MendCheck:
 
     @property
     def failures(self) -> str:
-        """What the insert fails by, in words; empty for nothing."""
+        """Failed checks in words; empty for none."""
         returns = self.off_mm < _RETURN_TOLERANCE_MM and self.same_modes
-        said = [
+        failures = [
             f"{self.lumens_entered} pieces of ink in lumens" if self.lumens_entered else "",
             f"{self.ink_crossed} moves through written ink" if self.ink_crossed else "",
             "" if returns else f"it ends {self.off_mm:.4f} mm off, or at another feed",
             *self.refused,
             *self.beyond_limits,
         ]
-        return "; ".join(one for one in said if one)
+        return "; ".join(one for one in failures if one)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ class _InsertRun:
 
     @staticmethod
     def from_lines(held_print: HeldPrint, lines: Sequence[bytes]) -> _InsertRun:
-        """Run the job that lines are inserted into dry."""
+        """Dry-run the job with the inserted lines."""
         text = (
             b"\n".join(
                 [*held_print.lines[: held_print.done], *lines, *held_print.lines[held_print.done :]]
@@ -137,12 +137,12 @@ class _InsertRun:
         return _InsertRun(run, block, area[row], executed.start[block], executed.end[block])
 
     def written(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Begin and end (m, 3), mm, and cross-section (m,), mm², of each block that lays ink."""
+        """Return begin and end (m, 3), mm, and section (m,), mm², of each block that lays ink."""
         rows = self.area_mm2 > 0
         return self.start[rows], self.end[rows], self.area_mm2[rows]
 
     def duration_s(self, done: int) -> float:
-        """From the last block before the insert to its own last one, s."""
+        """Return the time from the last block before the insert to its own last one, s."""
         executed = self.run.executed
         before = executed.time_end[executed.line < done].max(initial=0.0)
         return float(executed.time_end[self.block].max(initial=before) - before)
@@ -192,7 +192,7 @@ def check_mend(
 
 
 def _overlap_ink(paths: Sequence[WrittenPath], gaps: Sequence[Gap]) -> LaidInk:
-    """Ink that patches overlap with.
+    """Return the sound ink that patches overlap with.
 
     Gaps count a little longer, so that what ends at sound ink isn't taken for lying on it. Of a
     thin stretch the second pass alone counts: with what is there it is as wide as the job's.
@@ -212,10 +212,9 @@ def _overlap_ink(paths: Sequence[WrittenPath], gaps: Sequence[Gap]) -> LaidInk:
 def _void_depths(
     inserted: _InsertRun, voids: Voids, planned: LaidInk, held_print: HeldPrint, sound: LaidInk
 ) -> FloatArray:
-    """How deep each written block reaches into a void, (k,), mm.
+    """Return how deep each written block reaches into a void, (k,), mm.
 
-    With the sound ink of its own path that it lies on; what other paths lay, the job, too, writes
-    onto.
+    Includes the sound ink of its own path beneath it; the job itself writes onto other paths.
     """
     start, end, area = inserted.written()
     depths = np.full(len(start), -np.inf)
@@ -250,7 +249,7 @@ def _count_crossings(
     paths: Sequence[WrittenPath],
     gaps: Sequence[Gap],
 ) -> int:
-    """Moves of the needle through ink that was written, or that the insert has written before."""
+    """Count needle moves through written ink, or through ink of the insert itself."""
     ink = laid_ink(paths, gaps)
     if not held_print.layered:
         rows = needle_rows(inserted.run.program, held_print, count, paths)
@@ -295,7 +294,7 @@ def needle_rows(
 def _covered_share(
     start: FloatArray, end: FloatArray, gaps: Sequence[Gap], paths: Sequence[WrittenPath]
 ) -> float:
-    """Share of the gaps' length over which a written block, (m, 3) mm, goes."""
+    """Return the share of the gaps' length that written blocks, (m, 3) mm, cover."""
     none = np.zeros(len(start))
     laid = LaidInk(start, end, none, none, none.astype(np.int64))
     covered = [np.ones(1, dtype=bool)] if not gaps else []
@@ -307,7 +306,7 @@ def _covered_share(
 
 
 def _new_findings(run: DryRun, held_print: HeldPrint) -> tuple[str, ...]:
-    """What is wrong with the grown job and not with the job."""
+    """Return the dry run's findings in the grown job that the job lacks."""
     alone = dry_run(held_print.text, held_print.printer, held_print.start_mm, cold_extrusion=True)
     known = {finding.code: finding.count for finding in alone.findings}
     return tuple(one.message for one in run.findings if one.count > known.get(one.code, 0))

@@ -24,19 +24,19 @@ from sim.gcode.reading.comments import declared_start
 
 
 class MendError(PrintctlError):
-    """No mend can be planned; the message says why, and what to do."""
+    """Refusal to plan a mend; the message says why, and what to do."""
 
 
 Style = Literal["layered", "embedded"]
 WAY_MM: Final = 1e-6
-"""A shorter way is none."""
+"""Moves shorter than this count as no move."""
 _DEFAULT_TRAVEL_MM_S: Final = 10.0
-"""Of travels, and below it of lifts, where the job has none to follow."""
+"""Speed of travels where the job has none; lifts take half of it."""
 
 
 @dataclass(frozen=True)
 class HeldPrint:
-    """Job that stands still after ``done`` of its lines.
+    """Job held after ``done`` of its lines.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ class HeldPrint:
         return min(self._usual_travel_mm_s(upright=True), self.printer.max_speed_mm_s.z)
 
     def _usual_travel_mm_s(self, *, upright: bool) -> float:
-        """Usual feed of the job's travels; of several equally usual ones the slowest."""
+        """Return the most common feed of the job's travels, mm/s; the slowest of equals."""
         program = self.program
         step = np.abs(program.target[:, :3] - program.before[:, :3])
         flat = np.hypot(step[:, 0], step[:, 1])
@@ -191,7 +191,7 @@ _NO_SPARE_MM: Final = (0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class WrittenPath:
-    """One path that is written without a travel in between.
+    """Path that is written without a travel in between.
 
     Attributes
     ----------
@@ -219,25 +219,25 @@ class WrittenPath:
 
     @cached_property
     def arc(self) -> FloatArray:
-        """Way before each point, (k + 1,), mm."""
+        """Arc length to each point, (k + 1,), mm."""
         return arc_lengths(self.points)
 
     @property
     def length_mm(self) -> float:
-        """Of the whole path."""
+        """Length of the whole path, mm."""
         return float(self.arc[-1])
 
     def at(self, along: FloatArray) -> FloatArray:
-        """Places at ways along the path (m,), mm: (m, 3)."""
+        """Return the places (m, 3), mm, at ways along the path (m,), mm."""
         return places_along(self.points, self.arc, along)
 
     def piece(self, along: FloatArray) -> IntArray:
-        """Piece at ways along the path, (m,); at a corner the one behind it."""
+        """Return the piece at ways along the path, (m,); at a corner the one behind it."""
         piece = np.searchsorted(self.arc, along, side="right") - 1
         return np.clip(piece, 0, len(self.command) - 1)
 
     def usual_width(self, from_mm: float, to_mm: float) -> float:
-        """Mean width between two places along it, mm."""
+        """Return the mean width between two places along the path, mm."""
         middle = np.linspace(from_mm, to_mm, 9)
         return float(self.width_mm[self.piece(middle)].mean())
 
@@ -248,7 +248,7 @@ class WrittenPath:
         least_mm: float = 0.0,
         spare: tuple[float, float] = _NO_SPARE_MM,
     ) -> FloatArray:
-        """Ways at which a stretch begins, turns and ends, (m + 1,), mm; corners are kept.
+        """Return ways at which a stretch begins, turns and ends, (m + 1,), mm.
 
         Where a corner within the stretch is nearer than ``least_mm`` to an end, that end is moved
         to it by up to ``spare`` (mm at the begin, at the end); else the corner is left out.
@@ -271,7 +271,7 @@ class WrittenPath:
         return max(0.0, float(low)), min(self.length_mm, float(high))
 
     def nearest_mm(self, place: FloatArray) -> tuple[float, float]:
-        """Way along the path of the point nearest to a place, and its distance, mm."""
+        """Return the way along the path of the point nearest to a place, and its distance, mm."""
         begin, step = self.points[:-1], np.diff(self.points, axis=0)
         square = (step**2).sum(axis=1)
         share = np.clip(((place - begin) * step).sum(axis=1) / square, 0.0, 1.0)
@@ -287,7 +287,7 @@ def written_paths(held_print: HeldPrint, until: int | None = None) -> tuple[Writ
     ----------
     held_print : HeldPrint
     until : int or None
-        Lines to look at; those done where None. Paths to come are cut there.
+        Lines to read; those done if None. Later paths are cut there.
     """
     program = held_print.program
     taken = program.command < (held_print.done if until is None else until)
@@ -317,7 +317,7 @@ def written_paths(held_print: HeldPrint, until: int | None = None) -> tuple[Writ
 
 
 def _sections(held_print: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Width and height of written rows, (n,) each, mm."""
+    """Return width and height of written rows, (n,) each, mm."""
     every = np.flatnonzero(held_print.writes)
     area = held_print.program.pushed[every] / held_print.way[every] * held_print.ul_per_e
     if held_print.style == "embedded":
@@ -331,7 +331,7 @@ def _sections(held_print: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatA
 
 
 def layer_heights(held_print: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> FloatArray:
-    """Height of each written row's layer, (n,), mm; round lines where there is but one layer."""
+    """Return each written row's layer height, (n,), mm; a single layer has round lines."""
     from_z = held_print.program.target[rows, 2]
     levels = written_levels(from_z)
     round_mm = float(np.median(np.sqrt(4 / np.pi * area_mm2)))

@@ -26,15 +26,15 @@ VOID_TOLERANCE_MM: Final = 0.05
 CLEARANCE_MM: Final = 0.05
 """Kept between the needle and ink that stands in its way."""
 _MAX_PATCH_OFFSET_MM: Final = 0.02
-"""How far a patch may lie beside what was seen."""
+"""Largest offset of a patch from the seen line."""
 _MIN_PATCH_MM: Final = 0.05
 """Shorter stretches aren't worth a descent of the needle."""
 _MAX_STATION_SPACING_MM: Final = 0.1
-"""Farthest between places that are looked at, and at most half a line's width."""
+"""Largest distance between checked places; half a line's width if that is less."""
 _MAX_ROUNDED_STEPS: Final = 40
-"""Of the plunger, below which a patch is made of whole ones: one more or less is seen."""
+"""Plunger steps below which a patch is rounded to whole ones: one step shows."""
 _MAX_MISSING_STEP: Final = 0.1
-"""Of a step that may be missing."""
+"""Share of a step that may be missing."""
 
 _VOID_REASON: Final = (
     "ink there would reach into a lumen by more than the tolerance; the lumen stays open instead: "
@@ -57,7 +57,7 @@ _UNDER_OWN_REASON: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Stretch of a path that is written again.
+    """Stretch of a path to write again.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Patch:
         return self.path.cuts(self.from_mm, self.to_mm, LEAST_MM, spare)
 
     def moves(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Points (m + 1, 3) mm, E (m,) mm and feed (m,) mm/s, in the order of writing."""
+        """Return points (m + 1, 3) mm, E (m,) mm and feed (m,) mm/s, in the order of writing."""
         cuts = self.cuts
         piece = self.path.piece((cuts[:-1] + cuts[1:]) / 2)
         points = self.path.at(cuts)
@@ -107,7 +107,7 @@ class Patch:
         return points, e, feed
 
     def in_whole_steps(self, steps_per_mm: float, low: float, high: float) -> list[Patch]:
-        """Return it with whole motor steps of the plunger, the best first.
+        """Return the patch in variants of whole plunger steps, the best first.
 
         A gap of 0.2 mm is about one step of a usual plunger: between two patches of equal E the
         motor makes one step more or less. Overlaps of a whole gap's patch grow up to ``low`` and
@@ -132,7 +132,7 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """What a patch is planned against.
+    """Surroundings of a patch: print, paths, ink, voids and gaps.
 
     Attributes
     ----------
@@ -190,7 +190,7 @@ def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
 
 
 def _refused_second_pass(gap: Gap, path: WrittenPath, held_print: HeldPrint) -> str:
-    """Why a thin stretch can't be filled up; empty where it can.
+    """Return why a thin stretch can't be filled up; empty if it can.
 
     A line that is wider than high stands as high as the tip: what a second pass brings goes to its
     sides, which is what the bead model says of more ink. A narrower one may stand lower.
@@ -215,7 +215,7 @@ def _refused_second_pass(gap: Gap, path: WrittenPath, held_print: HeldPrint) -> 
 
 
 def _stations(path: WrittenPath, low: float, high: float, site: Site) -> FloatArray:
-    """Ways along a stretch, those where gaps in it begin and end among them, (m,), mm."""
+    """Return ways along a stretch, including the ends of its gaps, (m,), mm."""
     step = min(_MAX_STATION_SPACING_MM, path.usual_width(low, high) / 2)
     even = np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
     ends = [(one.from_mm, one.to_mm) for one in site.gaps if one.path == path.number]
@@ -223,7 +223,7 @@ def _stations(path: WrittenPath, low: float, high: float, site: Site) -> FloatAr
 
 
 def _in_voids(along: FloatArray, path: WrittenPath, site: Site, flow: float = 1.0) -> BoolArray:
-    """Stations where ink would reach too far into a void, (m,); sound ink there counts, too."""
+    """Return stations where ink, sound ink included, would reach into a void, (m,)."""
     piece = path.piece(along)
     width, height = path.width_mm[piece], path.height_mm[piece]
     sound = np.ones(len(along), dtype=bool)
@@ -243,7 +243,7 @@ def _reaches_void(patch: Patch, site: Site) -> bool:
 
 
 def _out_of_reach(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArray, bool, str]:
-    """Stations out of the needle's reach, (m,), whether it goes backwards, and what is in its way.
+    """Return stations out of the needle's reach, (m,), whether to go backwards, and why.
 
     In a bath the shaft stands above the tip, so that one direction may be free where the other
     isn't; the path's own is taken where both are alike.
@@ -261,7 +261,7 @@ def _out_of_reach(along: FloatArray, path: WrittenPath, site: Site) -> tuple[Boo
 
 
 def _crossed_stations(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArray, str]:
-    """Stations from or to which the shaft crosses written ink, in the order of writing, (m,)."""
+    """Return stations at which the shaft crosses written ink, in the order of writing, (m,)."""
     piece = path.piece((along[:-1] + along[1:]) / 2)
     volume = np.pi / 4 * path.width_mm[piece] ** 2 * np.abs(np.diff(along))
     own = np.full(len(volume), path.number, dtype=np.int64)
@@ -275,7 +275,7 @@ def _crossed_stations(along: FloatArray, path: WrittenPath, site: Site) -> tuple
 
 
 def _remaining(gap: Gap, along: FloatArray, bad: BoolArray, reason: str) -> list[NotMended]:
-    """Stretches of the gap itself that stay, each to the middle between its stations."""
+    """Return the stretches of a gap that stay, each to the middle between its stations."""
     edges = np.concatenate([along[:1], (along[1:] + along[:-1]) / 2, along[-1:]])
     spans = [
         (max(gap.from_mm, float(edges[begin])), min(gap.to_mm, float(edges[end + 1])))
@@ -285,7 +285,7 @@ def _remaining(gap: Gap, along: FloatArray, bad: BoolArray, reason: str) -> list
 
 
 def _runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """First and last place of each run of True."""
+    """Return first and last index of each run of True."""
     edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
     first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1
     return list(zip(first.tolist(), last.tolist(), strict=True))

@@ -32,7 +32,7 @@ _BATH_LIFT_MM: Final = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Mend:
-    """Insert that mends gaps.
+    """G-code insert that mends gaps.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Mend:
     volume_ul: float
 
     def sentences(self) -> list[str]:
-        """Return the mend in words, for the operator."""
+        """Return sentences on the mend for the operator."""
         sentences = [
             f"path {p.path.number}: {p.gap.length_mm:.2f} mm written again, with {p.before_mm:.2f} "
             f"and {p.beyond_mm:.2f} mm on sound ink"
@@ -133,7 +133,7 @@ def plan_mend(held_print: HeldPrint, gaps: Sequence[Gap], voids: Voids | None = 
 
 
 def _order_patches(patches: Sequence[Patch], held_print: HeldPrint) -> list[Patch]:
-    """Patches in their order: nearest next; in a bath the deepest first."""
+    """Return patches in order: nearest next; in a bath the deepest first."""
     rest, in_order, at = list(patches), [], held_print.at_mm
     low = {id(one): float(one.path.at(one.cuts)[:, 2].min()) for one in rest}
     while rest:
@@ -150,7 +150,7 @@ def _order_patches(patches: Sequence[Patch], held_print: HeldPrint) -> list[Patc
 
 
 def _write_insert(patches: Sequence[Patch], site: Site) -> tuple[list[bytes], list[int]]:
-    """Lines of the insert of patches, and the line behind each patch."""
+    """Return the insert's lines and the line behind each patch."""
     held_print = site.held_print
     layer = max(float(one.path.height_mm.max()) for one in patches)
     tops = [float(one.path.points[:, 2].max()) for one in patches]
@@ -165,9 +165,9 @@ def _write_insert(patches: Sequence[Patch], site: Site) -> tuple[list[bytes], li
 def _first_crossing(
     lines: Sequence[bytes], patches: Sequence[Patch], ends: Sequence[int], site: Site
 ) -> tuple[int, str] | None:
-    """Patch on whose account an insert first takes the needle through ink in a bath, and why.
+    """Return the first patch whose way takes the needle through ink in a bath, and why.
 
-    None where its whole way is free.
+    None if the whole way is free.
     """
     held_print = site.held_print
     text = b"\n".join([*held_print.lines[: held_print.done], *lines]) + b"\n"
@@ -195,7 +195,7 @@ def _contact_words(contact: ShaftContact) -> str:
 
 
 class _InsertWriter:
-    """Writes the lines of an insert, travelling at a height, mm."""
+    """Writer of an insert's lines, travelling at a height, mm."""
 
     def __init__(self, held_print: HeldPrint, high_mm: float) -> None:
         self.lines: list[bytes] = []
@@ -227,7 +227,7 @@ class _InsertWriter:
         return end
 
     def end(self) -> None:
-        """Come back to where the print is held, with plunger, count and feed as they were."""
+        """Return to the held position, with plunger, count and feed as they were."""
         held_print = self._held
         self._go_xy(held_print.at_mm)
         self._go_z(float(held_print.at_mm[2]))
