@@ -128,8 +128,7 @@ def print_job(
             cli.print_note(
                 f"note: nobody looks at this print, although {file.parent / ORDER_FILE} says how "
                 "it is observed: `printctl print` starts no observer; `printctl run RECIPE` and "
-                "the page (`printctl serve`) do for the run's whole part, nobody for the rest of "
-                "one"
+                "the page (`printctl serve`) do for the run's whole part, not for the rest of one"
             )
     done = _print(order, profile, tip, yes)
     facts = {"state": done.state.value, "proved": done.proved, "lines": done.lines_done}

@@ -74,8 +74,8 @@ def continue_print(
         if status.ended and client.status.state is not LinkState.PAUSED:
             if changed and not client.status.ended:
                 raise PrintctlError(
-                    f"the print in {folder} goes on with the syringe that was told before its link "
-                    "process died; what was told now isn't counted"
+                    f"the print in {folder} goes on with the syringe that was given before its "
+                    "link process died; the one given now isn't used"
                 )
             return client.status
         change = new_syringe_of(client, syringe, plunger_mm) if changed else None
@@ -146,7 +146,7 @@ def _refuse_unchanged(folder: Path) -> None:
     then = "the change asked for is made first" if requested else "`printctl reload RUN` makes room"
     raise PrintctlError(
         f"when its link process died, the print in {folder} wasn't held for a change of syringe "
-        f"(last {history.state.value}), so no new one can be told; `printctl resume RUN` without "
+        f"(last {history.state.value}), so it takes no new one; `printctl resume RUN` without "
         f"--syringe and --plunger-mm, then {then}"
     )
 

@@ -192,9 +192,7 @@ class ObservedJob:
     folder: Path
     order: ObserverOrder
     begun: float = 0.0
-    _kept_state: InspectionState | None = (
-        None  # None until the records of another observer were read
-    )
+    _kept_state: InspectionState | None = None  # until another observer's records were read
     _digest: bytes = b""  # of what was taken last
     _last: LookContext | None = None
     _map: MapHistory = field(default_factory=MapHistory)

@@ -212,7 +212,7 @@ class Decider:
         if wanted.kind is DecisionKind.GO_ON or mode == "mend":
             return wanted
         if mode == "tell":
-            why = f"{wanted.why} (only told: observe.mend is tell)"
+            why = f"{wanted.why} (only reported: observe.mend is tell)"
             return Decision(DecisionKind.GO_ON, why, wanted.gaps)
         if wanted.kind in (DecisionKind.MEND, DecisionKind.FLOW):
             gaps = _join_unseen(wanted.gaps, evidence)
@@ -324,7 +324,7 @@ class Decider:
         if not long:
             return None
         words = ", ".join(one.words for one in long)
-        why = f"nothing is told of {words}: missing, or too faint, deep or hidden to be seen"
+        why = f"no picture shows {words}: missing, or too faint, deep or hidden to be seen"
         return _Concern(
             why, 1.01 * cost * max(way, self.limits.unseen_mm),
             gaps=tuple(one.gap for one in long),

@@ -25,9 +25,8 @@ def seen_words(evidence: Evidence, limits: Limits, gaps: Sequence[Gap]) -> str:
     if evidence.seen_share < _MIN_SEEN_SHARE:
         return f"nothing was seen{unseen_words(evidence)}"
     if evidence.stretches:
-        text = (
-            f"{evidence.stretches} stretches beyond {limits.width_percent:g} % of width, told alone"
-        )
+        beyond = f"beyond {limits.width_percent:g} % of width"
+        text = f"{evidence.stretches} stretches {beyond}, only reported"
     else:
         text = "as expected, within tolerance"
     unseen = unseen_words(evidence)
@@ -45,18 +44,16 @@ def blind_words(evidence: Evidence, control: FlowControl) -> str:
 
     Empty for a look in which nothing was seen.
     """
-    if (
-        evidence.mends_only
-        or evidence.seen_share < _MIN_SEEN_SHARE
-        or not control.may_be_off(_MAX_SILENT_FLOW_ERROR)
-    ):
+    if evidence.mends_only or evidence.seen_share < _MIN_SEEN_SHARE:
+        return ""
+    if not control.may_be_off(_MAX_SILENT_FLOW_ERROR):
         return ""
     if control.last is None:
         return "; no line tells its width, so the flow may be off unseen"
     share = control.factor * math.exp(control.last.level)
     return (
         f"; lines seem to have {share:.0%} ± {2 * share * control.last.u:.0%} of the ink asked "
-        "for: a flow that is off by less isn't told"
+        "for: a smaller error isn't detected"
     )
 
 

@@ -96,11 +96,8 @@ def judge_supply(
     last = runs[-1]
     empty = left_ul is not None and left_ul <= least_ul
     lost = last.start > 0 and _whole_path(last, path) and not empty
-    if (
-        last.stop == len(lacks)
-        and volume[last].sum() >= _MIN_STOPPED_VOLUMES * least_ul
-        and not lost
-    ):
+    stopped = volume[last].sum() >= _MIN_STOPPED_VOLUMES * least_ul
+    if last.stop == len(lacks) and stopped and not lost:
         state = SupplyState.EMPTY if empty else SupplyState.CLOGGED
         return InkSupply(state, float(volume[last].sum()))
     if len(runs) > 2:

@@ -109,9 +109,8 @@ class CorrectionResponse:
             levels, now = log_ratio[own], float(factor[own[0]])
             if self.last is not None and abs(self.last.factor - now) > _SAME_FACTOR:
                 begin = (float(log_ratio[first].mean()), float(levels.mean()))
-                self._add(
-                    self.last, Reading(now, begin, _variance_of_mean(variance[first])), estimate
-                )
+                after = Reading(now, begin, _variance_of_mean(variance[first]))
+                self._add(self.last, after, estimate)
             end = (float(log_ratio[last].mean()), float(log_ratio[last[-1]]))
             self.last = Reading(now, end, _variance_of_mean(variance[last]))
 
@@ -126,10 +125,8 @@ class CorrectionResponse:
         sure = _ANSWER_SIGMAS * math.sqrt(self.variance)
         if self.seen - _MIN_RESPONSE_SHARE * self.wanted > sure:
             self.answered = after.factor
-        elif (
-            abs(self.seen) > _MIN_RESPONSE_SHARE * self.wanted + sure
-        ):  # the other way: the flow itself changed
-            pass
+        elif abs(self.seen) > _MIN_RESPONSE_SHARE * self.wanted + sure:
+            pass  # the other way: the flow itself changed
         elif self.seen - _MIN_RESPONSE_SHARE * self.wanted > -sure:
             return  # not significant yet
         else:
@@ -303,11 +300,9 @@ class FlowControl:
         """Predict the state for a new picture, which misreads lines mostly as the last did."""
         flow, both, misread = self.variance
         flow = max(flow, min(flow + _FLOW_STEP_VARIANCE, _PRIOR_FLOW_SD**2))
-        times = (
-            math.sqrt(_MISREAD_PERSISTENCE) * min(1.0, common / self.common)
-            if self.common > 0
-            else 0.0
-        )
+        times = 0.0
+        if self.common > 0:
+            times = math.sqrt(_MISREAD_PERSISTENCE) * min(1.0, common / self.common)
         new = times**2 * (misread - self.common**2) + common**2
         if self.common > 0 and misread + change**2 < new:
             times, new = 1.0, misread + change**2
@@ -323,9 +318,8 @@ class FlowControl:
         flow = max(flow, min(flow + self.limits.drift_per_root_s**2 * passed, _PRIOR_FLOW_SD**2))
         off = reading - self.log_flow - self.misread
         sigmas = off / math.sqrt(flow + 2.0 * both + misread + variance)
-        self._run = _DEVIATION_MEMORY * self._run + min(
-            max(sigmas, -_MAX_COUNTED_SIGMAS), _MAX_COUNTED_SIGMAS
-        )
+        clipped = min(max(sigmas, -_MAX_COUNTED_SIGMAS), _MAX_COUNTED_SIGMAS)
+        self._run = _DEVIATION_MEMORY * self._run + clipped
         step = abs(self._run) * math.sqrt(1.0 - _DEVIATION_MEMORY**2) > _STEP_SIGMAS
         if step:
             self._run = 0.0
@@ -384,10 +378,10 @@ class FlowControl:
         u, beyond = math.sqrt(self.variance[0]), abs(self.log_error) - self.limits.deadband
         if self.factor != 1.0 and beyond <= _MIN_CHANGE_SIGMAS * u:
             return None
-        if self.factor == 1.0 and _FALSE_CORRECTION_COST_LOOKS * normal_part(-beyond / u) > min(
-            1.0, self.cost_in_looks()
-        ):
-            return None
+        if self.factor == 1.0:
+            false_cost = _FALSE_CORRECTION_COST_LOOKS * normal_part(-beyond / u)
+            if false_cost > min(1.0, self.cost_in_looks()):
+                return None
         rounded = self._bounded_factor(self.log_flow)
         return None if rounded == self.factor else rounded
 

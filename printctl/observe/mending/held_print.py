@@ -76,7 +76,7 @@ class HeldPrint:
             raise MendError(f"{self.done} lines done of {len(self.lines)}; nothing can be mended")
         at = self.place
         if at.x is None or at.y is None or at.z is None or at.e is None:
-            raise MendError("the job hasn't said yet where needle and plunger stand; go on first")
+            raise MendError("the job hasn't placed needle and plunger yet; go on first")
         native = self.program.target[int(np.searchsorted(self.program.command, self.done)) - 1]
         off = np.abs(native - np.array([at.x, at.y, at.z, at.e])).max()
         if off > WAY_MM:
