@@ -25,9 +25,9 @@ from firmware_profiles.bead import BeadSection
 from printctl.machine.job.marks import Marks
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Limits
 from printctl.observe.deciding.evidence import Evidence
-from printctl.observe.expected import ExpectedInk, LayerInk
-from printctl.observe.held_look import HeldLook, unseen_stretches
-from printctl.observe.judging import evidence_of
+from printctl.observe.expected_ink import ExpectedInk, LayerInk
+from printctl.observe.look_context import LookContext, unseen_stretches
+from printctl.observe.look_evidence import build_evidence
 from printctl.observe.mending import WrittenPath
 from registration.errors import PictureError
 from registration.inspection import ExpectedLines, Gap, LayerFindings, SeeingOptions, see_layer
@@ -127,13 +127,13 @@ def look(case: Case) -> tuple[Decision, Evidence]:
     before, limits = case.picture(0), Limits(mend="mend")
     options = SeeingOptions(gap_mm=limits.gap.least_mm, shift_mm=0.5)
     see = partial(see_layer, frame=case.canvas.frame, lines=lines, before=before, options=options)
-    held = HeldLook(
+    held = LookContext(
         cast(Any, None), cast(Any, None), 1.0, ink, LayerInk(lines, np.arange(len(lines))), (),
         Marks([]),
     )  # fmt: skip
 
     def judged(each: list[LayerFindings]) -> Evidence:
-        evidence = evidence_of(
+        evidence = build_evidence(
             held.layer, ink, each[0], each[1] if len(each) > 1 else None,
             section=BeadSection(), least_gap_mm=limits.gap.least_mm, left_ul=None,
         )  # fmt: skip

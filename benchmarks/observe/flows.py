@@ -19,8 +19,8 @@ from benchmarks.common import Row, at_least, limited
 from benchmarks.observe.scenes import lines_of, seen
 from firmware_profiles.bead import BeadSection
 from printctl.observe.deciding import Decider, DecisionKind, Limits
-from printctl.observe.expected import ExpectedInk, LayerInk
-from printctl.observe.judging import evidence_of
+from printctl.observe.expected_ink import ExpectedInk, LayerInk
+from printctl.observe.look_evidence import build_evidence
 
 FLOWS = (0.7, 0.85, 1.0, 1.15, 1.3)
 FIRST = 600
@@ -61,7 +61,7 @@ def judged(job: tuple[str, str, int, float]) -> Judged:
     painted = scene(kind, ink, rng, {"flow": flow})
     found = seen(painted, kind)
     written, lines = ink_of(painted, kind), lines_of(painted)
-    evidence = evidence_of(
+    evidence = build_evidence(
         LayerInk(lines, np.arange(len(lines))), written, found, None, section=BeadSection(),
         least_gap_mm=0.2, left_ul=None,
     )  # fmt: skip

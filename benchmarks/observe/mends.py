@@ -184,7 +184,7 @@ def _stretch(strokes: Sequence[Stroke], rng: np.random.Generator) -> tuple[Strok
 def _voids(planned: Planned, folder: Path) -> Voids:
     if planned.layer_mm is None:
         return Voids.none()  # the filaments are the lumens
-    return Voids.of_network(read_network_csv(folder / "network.csv", "mm"), planned.place_mm)
+    return Voids.from_network(read_network_csv(folder / "network.csv", "mm"), planned.place_mm)
 
 
 def _lumens(planned: Planned, folder: Path) -> Any:

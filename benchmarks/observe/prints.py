@@ -29,12 +29,12 @@ from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.devices import DeviceSettings
-from printctl.observe.held_look import Look
-from printctl.observe.looking_at import ObservedJob
+from printctl.observe.look_context import Look
+from printctl.observe.observed_job import ObservedJob
 from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import answer_look, look_folder, read_looks
-from printctl.observe.views import EMPTY
+from printctl.observe.views import EMPTY_LOOK_NUMBER
 from printctl.pipeline.observing import look_care
 from printctl.recipe.observe import ObservePart
 from sim.devices.camera.paint import load_camera, paint
@@ -242,7 +242,10 @@ def observed(folder: Path, faults: InkFaults, camera: Path, path: Path, every: s
         return out.with_suffix(".png")
 
     before = 0
-    acquire(Look(EMPTY, 0, 0, 0, "begin"), look_folder(folder, EMPTY) / "picture")
+    acquire(
+        Look(EMPTY_LOOK_NUMBER, 0, 0, 0, "begin"),
+        look_folder(folder, EMPTY_LOOK_NUMBER) / "picture",
+    )
     job.begun = time.time()
     decider = Decider(order.limits, FlowControl(order.limits.flow))
     observer = Observer(

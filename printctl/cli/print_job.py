@@ -24,8 +24,8 @@ from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
 from printctl.machine.process.starting import find_or_start, running
 from printctl.machine.records.states import Status
-from printctl.observe.records import ORDER
-from printctl.observe.starting import end_idle_observer, ensure_observer
+from printctl.observe.observer_launch import end_idle_observer, ensure_observer
+from printctl.observe.records import ORDER_FILE
 from printctl.progress import StageBars
 from printctl.recipe.making import CarePart
 from printctl.settings import of, opt, settings
@@ -124,11 +124,11 @@ def print_job(
             care, reload_at=at, reload_heads=heads, accepted=shaft.accepted, start_mm=tip
         )
         order = replace(order, care=care)
-        if (file.parent / ORDER).is_file() and not resume:
+        if (file.parent / ORDER_FILE).is_file() and not resume:
             cli.print_note(
-                f"note: nobody looks at this print, although {file.parent / ORDER} says how it is "
-                "observed: `printctl print` starts no observer; `printctl run RECIPE` and the page "
-                "(`printctl serve`) do for the run's whole part, nobody for the rest of one"
+                f"note: nobody looks at this print, although {file.parent / ORDER_FILE} says how "
+                "it is observed: `printctl print` starts no observer; `printctl run RECIPE` and "
+                "the page (`printctl serve`) do for the run's whole part, not for the rest of one"
             )
     done = _print(order, profile, tip, yes)
     facts = {"state": done.state.value, "proved": done.proved, "lines": done.lines_done}

@@ -312,12 +312,12 @@ def looks(run: RunArg) -> None:
     folder = print_folder(run)
     found = _looks(folder)
     if not (found or wants_json()):
-        why = _UNLOOKED if (folder / records.ORDER).is_file() else "observe is a recipe's part"
+        why = _UNLOOKED if (folder / records.ORDER_FILE).is_file() else "observe is a recipe's part"
         raise UsageError(f"nobody has looked at the print in {folder}; {why}")
     print_result(
         [asdict(one) for one in found],
         lambda: [
-            *(_words(one, records.answer_of(folder, one.number)) for one in found),
+            *(_words(one, records.read_answer(folder, one.number)) for one in found),
             *asking_lines(folder, read_print(folder).status),
         ],
     )
@@ -332,8 +332,8 @@ _UNLOOKED: Final = (
 def asking_lines(folder: Path, status: Status) -> list[str]:
     """What the look that the print waits at proposes, and how to answer it; none for no such."""
     looks = _looks(folder)
-    last = records.asking_look(looks, status)
-    if last is None or records.answer_of(folder, last.number) is not None:
+    last = records.look_awaiting_answer(looks, status)
+    if last is None or records.read_answer(folder, last.number) is not None:
         return []
     asks = f"look {last.number} asks to {proposal_words(last)}"
     if not alive(folder, records.OBSERVER_LOCK):
@@ -355,7 +355,9 @@ def looks_lines(run: Path) -> list[str]:
     found = _looks(folder)
     if found:
         return [f"{total_words(found)}; `printctl observe looks {run}`"]
-    return [f"nobody looked at the print: {_UNLOOKED}"] if (run / records.ORDER).is_file() else []
+    return (
+        [f"nobody looked at the print: {_UNLOOKED}"] if (run / records.ORDER_FILE).is_file() else []
+    )
 
 
 @command
@@ -381,13 +383,13 @@ def answer(
     if look not in (None, last):
         raise UsageError(f"look {look} isn't the last, which is look {last}; nothing was done")
     status = read_print(folder).status
-    if not records.held_for(status, last):
+    if not records.is_paused_by_look(status, last):
         raise UsageError(
             f"the print doesn't wait for a word on look {last} (it is {status.state.value}); "
             "nothing was done"
         )
     try:
-        records.refuse_unheard(folder)
+        records.refuse_without_observer(folder)
         records.answer_look(folder, last, word)
     except ValueError as exc:
         raise UsageError(str(exc)) from exc

@@ -12,31 +12,31 @@ from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
 from printctl.machine.process.launch import detach, ignore_signals
 from printctl.observe.process import observe
-from printctl.observe.records import LOG
+from printctl.observe.records import LOG_FILE
 
 
 def main() -> int:
-    """Observe a print to its end; 1 where none begins, or it can't be observed."""
+    """Observe a print to its end; return 1 if none begins or it can't be observed."""
     parser = argparse.ArgumentParser(prog="python -m printctl.observe")
-    parser.add_argument("folder", type=Path, help="of the print")
-    parser.add_argument("--detach", action="store_true", help="go on in the background")
-    said = parser.parse_args()
-    if said.detach:
-        detach(said.folder / LOG, "printctl.observe")
+    parser.add_argument("folder", type=Path, help="folder of the print")
+    parser.add_argument("--detach", action="store_true", help="run in the background")
+    arguments = parser.parse_args()
+    if arguments.detach:
+        detach(arguments.folder / LOG_FILE, "printctl.observe")
     ignore_signals()
     signal.signal(signal.SIGTERM, _leave)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     try:
-        observe(said.folder)
+        observe(arguments.folder)
     except (PrintctlError, LinkError, OSError, ValueError) as exc:
-        # Its starter tells the log's last line.
+        # The starter reports the log's last line.
         print(" ".join(str(exc).split()), file=sys.stderr)
         return 1
     return 0
 
 
 def _leave(*_: object) -> None:
-    """End as a program does that has come to its end: what it has started is ended, too."""
+    """Exit through `sys.exit`, so that started subprocesses are ended, too."""
     sys.exit(1)
 
 

@@ -18,10 +18,10 @@ from printctl.machine.process.starting import resume_print
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
-from printctl.observe.records import OBSERVER_LOCK, asking_look, read_looks
-from printctl.observe.starting import end_idle_observer, ensure_observer
+from printctl.observe.observer_launch import end_idle_observer, ensure_observer
+from printctl.observe.records import OBSERVER_LOCK, look_awaiting_answer, read_looks
 
-_GOING_ON: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
+_RUNNING_STATES: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
 
 
 def continue_print(
@@ -33,10 +33,10 @@ def continue_print(
     unchanged: bool = False,
     unobserved: bool = False,
 ) -> Status:
-    """Go on with the print in ``folder``; return its status.
+    """Resume the print in ``folder``; return its status.
 
-    One that is held for looks and whose observer is gone gets another first; what its last look has
-    asked is then asked again, and the print stays paused for the answer.
+    An observed print without a running observer gets a new one first. If its last look waits for
+    an answer, the new observer asks again, and the print stays paused.
 
     Parameters
     ----------
@@ -55,34 +55,27 @@ def continue_print(
     Raises
     ------
     UsageError
-        When what was told contradicts itself.
+        When the arguments contradict each other.
     ObserverError
         When no observer can be started; nothing has moved.
     PrintctlError
         When the print isn't paused, or its observer is judging a look.
     LinkError
-        When the printer can't be reached, or the print can't be gone on with.
+        When the printer can't be reached, or the print can't be resumed.
     """
     changed = syringe is not None or plunger_mm is not None
     if unchanged and changed:
         raise UsageError("the syringe is either unchanged or a new one; say one of both")
     with attach(folder) as attached:
         status = attached.status
-    if status.state in _GOING_ON and not status.waits_for and not (changed or unchanged):
-        raise PrintctlError(
-            f"the print in {folder} isn't paused ({status.state.value}: {status.message})"
-        )
-    if changed and status.ended:
-        _refuse_unchanged(folder)
-    if not unobserved:
-        _refuse_in_look(folder, status)
+    _refuse_status(folder, status, changed, unchanged, unobserved)
     started = not (status.ended or unobserved) and ensure_observer(folder)
     with restart(folder, port, unobserved) if status.ended else attach(folder) as client:
         if status.ended and client.status.state is not LinkState.PAUSED:
             if changed and not client.status.ended:
                 raise PrintctlError(
-                    f"the print in {folder} goes on with the syringe that was told before its link "
-                    "process died; what was told now isn't counted"
+                    f"the print in {folder} goes on with the syringe that was given before its "
+                    "link process died; the one given now isn't used"
                 )
             return client.status
         change = new_syringe_of(client, syringe, plunger_mm) if changed else None
@@ -91,8 +84,27 @@ def continue_print(
         return client.status
 
 
+def _refuse_status(
+    folder: Path, status: Status, changed: bool, unchanged: bool, unobserved: bool
+) -> None:
+    """Refuse to resume a print that isn't paused, or with a syringe that it can't take.
+
+    Raises
+    ------
+    PrintctlError
+    """
+    if status.state in _RUNNING_STATES and not status.waits_for and not (changed or unchanged):
+        raise PrintctlError(
+            f"the print in {folder} isn't paused ({status.state.value}: {status.message})"
+        )
+    if changed and status.ended:
+        _refuse_unchanged(folder)
+    if not unobserved:
+        _refuse_in_look(folder, status)
+
+
 def _refuse_in_look(folder: Path, status: Status) -> None:
-    """Refuse to go on while an observer judges a look: nothing of it would be mended.
+    """Refuse to resume while an observer judges a look: its gaps would not be mended.
 
     Raises
     ------
@@ -109,19 +121,19 @@ def _refuse_in_look(folder: Path, status: Status) -> None:
 
 
 def awaits_observer(folder: Path, status: Status, started: bool) -> bool:
-    """Whether a print is held for an observer that was ``started`` now: it isn't to go on yet.
+    """Return whether a print stays held for an observer that was just ``started``.
 
-    A look's picture would be taken of a print that goes on, with the needle in the view. And what a
-    look has asked would be lost with the observer that died: the new one asks it again.
+    Otherwise a look's picture would show the needle, and a question of the dead observer would be
+    lost: the new one asks it again.
     """
     if not started or status.state is LinkState.LOOKING:
         return started
     looks = read_looks(folder, read_journal_if_any(folder / JOURNAL).started)
-    return not status.waits_for and asking_look(looks, status) is not None
+    return not status.waits_for and look_awaiting_answer(looks, status) is not None
 
 
 def _refuse_unchanged(folder: Path) -> None:
-    """Refuse a new syringe where the print had not made room for one when its process died.
+    """Refuse a new syringe unless the print was held for one when its process died.
 
     Raises
     ------
@@ -130,11 +142,11 @@ def _refuse_unchanged(folder: Path) -> None:
     history = resumable(folder)
     if history.reload is not None:
         return
-    asked = history.wanted is not None and history.wanted["after"] == MarkKind.RELOAD
-    then = "the change asked for is made first" if asked else "`printctl reload RUN` makes room"
+    requested = history.wanted is not None and history.wanted["after"] == MarkKind.RELOAD
+    then = "the change asked for is made first" if requested else "`printctl reload RUN` makes room"
     raise PrintctlError(
         f"when its link process died, the print in {folder} wasn't held for a change of syringe "
-        f"(last {history.state.value}), so no new one can be told; `printctl resume RUN` without "
+        f"(last {history.state.value}), so it takes no new one; `printctl resume RUN` without "
         f"--syringe and --plunger-mm, then {then}"
     )
 

@@ -25,14 +25,14 @@ from printctl.sources import python_command
 
 # Data class of a camera's or scanner's settings: kind, source, size, time limit; as JSON.
 
-PICTURES: Final = 0.8
+PICTURE_TIME_SHARE: Final = 0.8
 """Share of a look's time limit in which its pictures are taken: the rest is judgement's."""
 Kind = Literal["camera", "folder", "command", "simulated"]
 
 
 @dataclass(frozen=True)
 class DeviceSettings:
-    """What is needed to acquire one picture or volume.
+    """Settings to acquire one picture or volume.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class DeviceSettings:
     source : str
         Of a camera its number or address; of a folder its path; of a command its words.
     size_px : tuple of int or None
-        Width and height asked of a camera; None for its own.
+        Width and height requested of a camera; None for its own.
     limit_s : float, s
         After which it counts as hung.
     extra : dict
@@ -58,12 +58,12 @@ class DeviceSettings:
     tables: bool = False
 
     def to_json(self) -> str:
-        """As JSON text."""
+        """Return the settings as JSON text."""
         return json.dumps(asdict(self))
 
     @staticmethod
     def from_json(text: str) -> DeviceSettings:
-        """Read `to_json`."""
+        """Read settings from the text of `to_json`."""
         data = json.loads(text)
         size = data["size_px"]
         return DeviceSettings(**{**data, "size_px": tuple(size) if size else None})
@@ -71,7 +71,7 @@ class DeviceSettings:
 
 # Take a picture with a camera that the system knows (UVC, or an address), through OpenCV.
 
-_SETTLING: Final = 8
+_SETTLING_FRAMES: Final = 8
 """First pictures are dropped: exposure and white balance settle, and buffers hold old ones."""
 
 
@@ -81,7 +81,7 @@ def take_picture(settings: DeviceSettings, out: Path) -> Path:
     Raises
     ------
     ValueError
-        When the camera can't be opened, gives nothing, or another size than asked for.
+        When the camera can't be opened, gives nothing, or another size than requested.
     """
     import cv2  # only the process that takes a picture needs it
 
@@ -94,7 +94,7 @@ def take_picture(settings: DeviceSettings, out: Path) -> Path:
             camera.set(cv2.CAP_PROP_FRAME_WIDTH, settings.size_px[0])
             camera.set(cv2.CAP_PROP_FRAME_HEIGHT, settings.size_px[1])
         read = False
-        for _ in range(_SETTLING):
+        for _ in range(_SETTLING_FRAMES):
             read, image = camera.read()
     finally:
         camera.release()
@@ -114,20 +114,22 @@ def take_picture(settings: DeviceSettings, out: Path) -> Path:
 
 # Get a picture from a watched folder, an external command or the simulated camera; copy it.
 
-_STILL_S: Final = 0.5
+_UNCHANGED_S: Final = 0.5
 """A file that hasn't grown for so long is whole."""
-_LOOK_S: Final = 0.1
+_POLL_S: Final = 0.1
 Listing = dict[str, tuple[int, int]]
 """Names of files, with the time of each (ns, by whatever clock) and its size."""
-_SIDECARS: Final = (".json", ".yaml", ".yml")
+_SIDECAR_SUFFIXES: Final = (".json", ".yaml", ".yml")
 """Endings of what a scan's file is described by (`registration.files.readers.metadata`)."""
-_BESIDE: Final = frozenset({*_SIDECARS, ".txt", ".xml", ".log", ".csv", ".tmp", ".part"})
+_COMPANION_SUFFIXES: Final = frozenset(
+    {*_SIDECAR_SUFFIXES, ".txt", ".xml", ".log", ".csv", ".tmp", ".part"}
+)
 """Endings of files that devices' programs write beside a picture or volume."""
-_TABLES: Final = frozenset({".txt", ".csv"})
+_TABLE_SUFFIXES: Final = frozenset({".txt", ".csv"})
 """Those of them that a laser profiler's points or heights may have."""
 
 
-def picture_of(folder: Path, name: str) -> Path | None:
+def find_picture(folder: Path, name: str) -> Path | None:
     """Return the picture or volume ``NAME.*``, not what lies beside it; None where there is none.
 
     A raw volume may lack an ending, and a laser's sweep may be a folder of pictures. A table counts
@@ -135,7 +137,7 @@ def picture_of(folder: Path, name: str) -> Path | None:
     """
     each = sorted(one for one in folder.glob(f"{name}*") if one.is_file() or _holds_files(one))
     named = [one for one in each if one.name == name or one.name.startswith(f"{name}.")]
-    for beside in (_BESIDE, _BESIDE - _TABLES):
+    for beside in (_COMPANION_SUFFIXES, _COMPANION_SUFFIXES - _TABLE_SUFFIXES):
         if found := [one for one in named if one.suffix.lower() not in beside]:
             return found[0]
     return None
@@ -152,7 +154,7 @@ def keep_file(taken: Path, out: Path) -> Path:
     out : Path
         Without suffix.
     """
-    for ending in _SIDECARS:
+    for ending in _SIDECAR_SUFFIXES:
         beside = taken.with_suffix(ending)
         if beside.is_file():
             shutil.copyfile(beside, out.with_suffix(ending))
@@ -161,7 +163,7 @@ def keep_file(taken: Path, out: Path) -> Path:
     return Path(shutil.copyfile(taken, out.with_suffix(taken.suffix)))
 
 
-def files_in(folder: Path, tables: bool = False) -> Listing:
+def list_files(folder: Path, tables: bool = False) -> Listing:
     """List a folder's pictures and volumes with the time and size of each.
 
     With ``tables`` also a laser line's tables of numbers, and folders of a sweep's pictures.
@@ -174,7 +176,7 @@ def files_in(folder: Path, tables: bool = False) -> Listing:
     if not folder.is_dir():
         raise ValueError(f"folder {folder} isn't there; let the device's program write into it")
     listed: Listing = {}
-    beside = _BESIDE - _TABLES if tables else _BESIDE
+    beside = _COMPANION_SUFFIXES - _TABLE_SUFFIXES if tables else _COMPANION_SUFFIXES
     for one in folder.iterdir():
         if one.name.startswith(".") or one.suffix.lower() in beside:
             continue
@@ -199,7 +201,7 @@ def await_file(folder: Path, before: Listing, tables: bool = False) -> Path:
     ----------
     folder : Path
     before : dict
-        What was there before, of `files_in`: the clock that dates the files may be another
+        What was there before, of `list_files`: the clock that dates the files may be another
         computer's.
     tables : bool
         Whether a `.csv` or `.txt`, or a folder of pictures, may be what is waited for.
@@ -211,13 +213,13 @@ def await_file(folder: Path, before: Listing, tables: bool = False) -> Path:
     """
     found, at = ("", (0, 0)), time.monotonic()
     while True:
-        new = files_in(folder, tables).items() - before.items()
+        new = list_files(folder, tables).items() - before.items()
         latest = max(new, key=lambda one: (one[1], one[0]), default=("", (0, 0)))
         if latest != found:
             found, at = latest, time.monotonic()
-        elif found[1][1] > 0 and time.monotonic() - at >= _STILL_S:
+        elif found[1][1] > 0 and time.monotonic() - at >= _UNCHANGED_S:
             return folder / found[0]
-        time.sleep(_LOOK_S)
+        time.sleep(_POLL_S)
 
 
 def run_command(words: str, out: Path) -> Path:
@@ -235,14 +237,14 @@ def run_command(words: str, out: Path) -> Path:
     if done.returncode:
         last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
         raise ValueError(f"{command[0]} failed ({done.returncode}): {last[0]}")
-    written = picture_of(out.parent, out.name)
+    written = find_picture(out.parent, out.name)
     if written is None:
         raise ValueError(f"{command[0]} wrote no file {out}")
     return written
 
 
 def simulated_picture(settings: DeviceSettings, out: Path) -> Path:
-    """Paint what lies in the simulated dish.
+    """Render the simulated dish to a file.
 
     Raises
     ------
@@ -269,7 +271,7 @@ Region = tuple[Place, Place]
 
 
 class DeviceError(PrintctlError):
-    """A device gave no picture: it is missing, refuses, or hangs."""
+    """Failure of a device to give a usable picture: missing, refusing or hanging."""
 
 
 def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -> Path:
@@ -296,7 +298,7 @@ def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -
     if region is not None and settings.kind == "simulated":
         low, high = (",".join(f"{value:.4f}" for value in corner) for corner in region)
         settings = replace(settings, extra={**settings.extra, "low": low, "high": high})
-    before = _files_before(settings)
+    before = _list_earlier_files(settings)
     process = subprocess.Popen(
         [*python_command("printctl.observe.devices"), settings.to_json(), str(out)],
         stdin=subprocess.PIPE,
@@ -307,19 +309,19 @@ def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -
         start_new_session=True,
     )
     try:
-        said, why = process.communicate(before, timeout=settings.limit_s)
+        output, why = process.communicate(before, timeout=settings.limit_s)
     except subprocess.TimeoutExpired as exc:
-        raise DeviceError(_late(settings)) from exc
+        raise DeviceError(_timeout_message(settings)) from exc
     finally:
-        _end(process)
-    if process.returncode or not said.strip():
+        _kill(process)
+    if process.returncode or not output.strip():
         last = why.strip().splitlines()
         raise DeviceError(last[-1] if last else f"the {settings.kind} failed without a word")
-    return Path(said.strip().splitlines()[-1])
+    return Path(output.strip().splitlines()[-1])
 
 
-def _late(settings: DeviceSettings) -> str:
-    """Say that there was no picture within the limit."""
+def _timeout_message(settings: DeviceSettings) -> str:
+    """Return the message that no picture came within the limit."""
     if settings.kind == "folder":
         return (
             f"no new picture came into {settings.source} within {settings.limit_s:.3g} s; the "
@@ -332,17 +334,17 @@ def _late(settings: DeviceSettings) -> str:
     )
 
 
-def _files_before(settings: DeviceSettings) -> str:
-    """What is in a device's folder before its picture is waited for, as JSON."""
+def _list_earlier_files(settings: DeviceSettings) -> str:
+    """Return the files in a device's folder before acquisition, as JSON."""
     if settings.kind != "folder":
         return ""
     try:
-        return json.dumps(files_in(Path(settings.source), settings.tables))
+        return json.dumps(list_files(Path(settings.source), settings.tables))
     except (OSError, ValueError) as exc:
         raise DeviceError(str(exc)) from exc
 
 
-def _end(process: subprocess.Popen[str]) -> None:
+def _kill(process: subprocess.Popen[str]) -> None:
     """End a process, and a device's own program that it has started."""
     if process.poll() is not None:
         return
@@ -354,23 +356,23 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 # Acquire one picture: `python -m printctl.observe.devices SETTINGS OUT`; prints its path.
 #
-# Of a folder the files that were there before are told on standard input. It ends with the process
+# A folder's earlier files are read from standard input. It ends with the process
 # that started it, and so does the device's own program.
 
-_WATCH_S: Final = 0.2
+_PARENT_POLL_S: Final = 0.2
 
 
 def main() -> int:
-    """Acquire; 1 and one line on stderr where it can't."""
-    if hasattr(os, "killpg"):  # elsewhere a process isn't told that its parent is gone
-        threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    """Acquire one picture; return 1 and print one line to stderr if that fails."""
+    if hasattr(os, "killpg"):  # elsewhere a process can't learn that its parent is gone
+        threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     settings, out = DeviceSettings.from_json(sys.argv[1]), Path(sys.argv[2])
     try:
         if settings.kind == "camera":
             picture = take_picture(settings, out)
         elif settings.kind == "folder":
-            told = json.load(sys.stdin).items()
-            before = {name: (int(at), int(size)) for name, (at, size) in told}
+            listing = json.load(sys.stdin).items()
+            before = {name: (int(at), int(size)) for name, (at, size) in listing}
             taken = await_file(Path(settings.source), before, settings.tables)
             picture = keep_file(taken, out)
         elif settings.kind == "command":
@@ -384,10 +386,10 @@ def main() -> int:
     return 0
 
 
-def _end_with(parent: int) -> None:
-    """End this process group once its parent is gone: a scan of nobody's would disturb the next."""
+def _end_with_parent(parent: int) -> None:
+    """End this process group once its parent is gone, so that no scan disturbs the next."""
     while os.getppid() == parent:
-        time.sleep(_WATCH_S)
+        time.sleep(_PARENT_POLL_S)
     if os.getpgrp() == os.getpid():
         os.killpg(os.getpid(), signal.SIGKILL)
     os._exit(1)

@@ -21,20 +21,20 @@ from registration.scan import Scan
 
 FRAME_KEY: Final = "printer_to_scan"
 """Where a frame's file, and a simulated device's own, hold the matrix."""
-_LEAST: Final = 0.5
+_MIN_LINE_SHARE: Final = 0.5
 """Share of the lines that must lie in a scan."""
-_ALONG: Final = np.linspace(0.05, 0.95, 10)
-_FLATTEST, _TALLEST = 0.3, 2.0
+_LINE_STATIONS: Final = np.linspace(0.05, 0.95, 10)
+_MIN_HEIGHT_RATIO, _MAX_HEIGHT_RATIO = 0.3, 2.0
 """Times a layer's height, that its lines stand over the plate: a needle fixes it, and lines of
 slumped or domed ink stood 0.75 to 1.0 over it."""
-_SHOWS: Final = 0.5
-"""Of the way, with ink on it, from which on what stands there is ink."""
-_KEYS: Final = frozenset({FRAME_KEY, "pixel_mm", "count_mm", "lost", "size"})
+_MIN_INK_SEEN_SHARE: Final = 0.5
+"""Share of the way seen with ink above which the map's heights are those of ink."""
+_FRAME_KEYS: Final = frozenset({FRAME_KEY, "pixel_mm", "count_mm", "lost", "size"})
 
 
 @dataclass(frozen=True)
 class ScanSize:
-    """How large a scan or height map is, and where it lies.
+    """Size and place of a scan or height map.
 
     Attributes
     ----------
@@ -64,8 +64,8 @@ class ScanSize:
     placed: bool = False
 
     @staticmethod
-    def of(scan: Scan, to_scan: FloatArray) -> ScanSize:
-        """Size of a scan whose frame takes the printer's places to its own, (4, 4), mm."""
+    def from_scan(scan: Scan, to_scan: FloatArray) -> ScanSize:
+        """Return the size of a scan with frame ``to_scan`` (4, 4), mm, from printer to scan."""
         voxel, shape = scan.geometric_voxel_mm, scan.volume.shape
         last = (np.array(shape[::-1]) - 1) * np.array(voxel[::-1])
         corners = np.stack(np.meshgrid(*([0, n] for n in last)), axis=-1).reshape(-1, 3)
@@ -73,8 +73,8 @@ class ScanSize:
         return ScanSize(voxel, words, to_scan, np.zeros(3), last)
 
     @staticmethod
-    def of_heights(heights: HeightMap, to_map: FloatArray) -> ScanSize:
-        """Size of a height map whose frame takes the printer's places to its own, (4, 4), mm."""
+    def from_heights(heights: HeightMap, to_map: FloatArray) -> ScanSize:
+        """Return the size of a height map with frame ``to_map`` (4, 4), mm, from printer to map."""
         voxel, shape = heights.pixel_mm[::-1], heights.height_mm.shape
         low = np.array(heights.origin_mm)
         high = low + (np.array(shape[::-1]) - 1) * np.array(heights.pixel_mm)
@@ -96,12 +96,12 @@ def refuse_elsewhere(size: ScanSize, lines: ExpectedLines) -> None:
     if not fresh.any():
         return
     start, end, margin = lines.start[fresh], lines.end[fresh], float(np.median(lines.width_mm))
-    places = start + _ALONG[:, None, None] * (end - start)
+    places = start + _LINE_STATIONS[:, None, None] * (end - start)
     at = (places @ size.to_scan[:3, :3].T + size.to_scan[:3, 3])[..., : len(size.low_mm)]
     inside = ((at >= size.low_mm - margin) & (at <= size.high_mm + margin)).all(axis=-1)
     length = np.linalg.norm(end - start, axis=1) + 1e-9
     share = float(np.average(inside.mean(axis=0), weights=length))
-    if share >= _LEAST:
+    if share >= _MIN_LINE_SHARE:
         return
     raise DeviceError(
         f"{share:.0%} of the lines lie in the scan: they are at "
@@ -120,7 +120,7 @@ def _size_words(
 
 
 def _ranges(corners: FloatArray, to_scan: FloatArray, axes: int) -> str:
-    """Which range of the printer's axes corners (n, 3) of a scan's frame cover, in words."""
+    """Return in words the printer's range that a scan's corners (n, 3) cover."""
     at = np.column_stack([corners, np.ones(len(corners))])
     return _range_words((at @ np.linalg.inv(to_scan).T)[:, :axes])
 
@@ -143,21 +143,25 @@ def refuse_other_height(size: ScanSize | None, seen_share: float, coverage: floa
     ------
     DeviceError
     """
-    if size is None or not seen_share * coverage > _SHOWS or not math.isfinite(size.stands):
+    if (
+        size is None
+        or not seen_share * coverage > _MIN_INK_SEEN_SHARE
+        or not math.isfinite(size.stands)
+    ):
         return
-    if _FLATTEST < size.stands < _TALLEST:
+    if _MIN_HEIGHT_RATIO < size.stands < _MAX_HEIGHT_RATIO:
         return
     raise DeviceError(
         f"the lines show, but stand {size.stands:.2g} times their layer's height over the plate "
-        f"beside them ({_FLATTEST:.1g} to {_TALLEST:g} may be): check the heights' unit (count_mm "
-        "in observe.frame: 1 for mm, 0.001 for µm), or how far the needle is from the plate, then "
-        "resume"
+        f"beside them ({_MIN_HEIGHT_RATIO:.1g} to {_MAX_HEIGHT_RATIO:g} may be): check the "
+        "heights' unit (count_mm in observe.frame: 1 for mm, 0.001 for µm), or how far the "
+        "needle is from the plate, then resume"
     )
 
 
 @dataclass(frozen=True)
 class ProfilerFrame:
-    """What a profiler's files don't say themselves.
+    """Frame and units of a laser profiler, which its files lack.
 
     Attributes
     ----------
@@ -212,7 +216,7 @@ def read_profiler_frame(path: Path) -> ProfilerFrame:
     UsageError
         When it can't be read, or a value isn't what it must be.
     """
-    data = read_matrix(path, "a laser profiler", _KEYS)
+    data = read_matrix(path, "a laser profiler", _FRAME_KEYS)
     size = data.get("size")
     try:
         pixel = data.get("pixel_mm")

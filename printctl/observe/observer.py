@@ -1,7 +1,7 @@
 """Handle each inspection hold of a print: acquire a picture, judge, decide, act, record.
 
 The observer is a client of the link process. It may die at any moment: the link holds the needle
-out of the bath until a look is decided, and pauses the print for the operator when nobody decides.
+out of the bath until a look is decided, and pauses the print for the operator without a decision.
 What has been decided is in the link's journal, so a look is never acted on twice; what the flow
 control knew is in the record of each look, so a new observer goes on from there.
 """
@@ -22,18 +22,18 @@ from pydantic import TypeAdapter
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import LinkError, Refused
 from printctl.observe.deciding import Decider, Decision, DecisionKind
-from printctl.observe.deciding.evidence import Thin
-from printctl.observe.devices import DeviceError, picture_of
-from printctl.observe.held_look import Judged, Look, MendLines
+from printctl.observe.deciding.evidence import ThinStretch
+from printctl.observe.devices import DeviceError, find_picture
+from printctl.observe.look_context import Look, LookJudgement, MendLines
 from printctl.observe.records import (
-    LEARNED,
-    POSTPONED,
+    POSTPONED_KEY,
+    STATE_KEY,
     Answer,
     LookRecord,
     amend_look,
-    answer_of,
-    emptied_look_folder,
+    clear_look_folder,
     look_folder,
+    read_answer,
     read_looks,
     save_look,
 )
@@ -41,22 +41,22 @@ from registration.inspection.values import Gap
 
 log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2
-_HARDLY: Final = 0.1
-"""Share of the lines: of a picture taken too early a part may lie over bath."""
-_MOST: Final = 0.5
-"""Of a line's ink, which is missing along `_THIN_MM`: a clog in part, that isn't left untold."""
-_THIN_MM: Final = 2.0
+_MIN_SEEN_SHARE: Final = 0.1
+"""Share of the lines; in a picture taken too early some may seem to lie over bath."""
+_MAX_MISSING_SHARE: Final = 0.5
+"""Of a line's ink, which is missing along `_MIN_CLOG_MM`: a partial clog, which is reported."""
+_MIN_CLOG_MM: Final = 2.0
 
 
 def state_of(decider: Decider) -> dict[str, Any]:
-    """Return what a decider has learned so far, ready for JSON, as each look's record keeps it."""
+    """Return a decider's state, ready for JSON, as each look's record keeps it."""
     state: dict[str, Any] = json.loads(json.dumps(asdict(decider)))
     del state["limits"], state["control"]["limits"]  # the order's
     return state
 
 
 def restore(decider: Decider, state: dict[str, Any]) -> None:
-    """Set a decider to a state of `state_of`, but for its limits; not to an older release's."""
+    """Set a decider to a saved state, except its limits; ignore an older release's state."""
     if "last_shift_mm" not in state or "control" not in state:
         return
     known = TypeAdapter(Decider).validate_python(state)
@@ -67,7 +67,7 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
 
 
 class PrintLink(Protocol):
-    """What the observer asks of a print's link, as `PrintClient` does it."""
+    """Commands of a print's link that the observer uses (`PrintClient`)."""
 
     def insert(
         self, look: int, lines: Sequence[str], why: str, flow: float | None, again: bool
@@ -89,7 +89,7 @@ class PrintLink(Protocol):
 
 @dataclass
 class Observer:
-    """One print's observer.
+    """Observer of one print.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Observer:
         Plans what mends gaps and fills thin lines up, at a flow over the file's.
     decider : Decider
     ended : callable
-        Whether the print is over, or goes on from the look that was asked about.
+        Whether the print is over, or has left the look of this number.
     begun : float, s since 1970
         Of the print: earlier records in the folder are another print's.
     clock : callable
@@ -114,8 +114,8 @@ class Observer:
     folder: Path
     link: PrintLink
     acquire: Callable[[Look, Path], Path]
-    judge: Callable[[Look, Path, Path | None], Judged]
-    mend_lines: Callable[[Look, tuple[Gap, ...], tuple[Thin, ...], float, bool], MendLines]
+    judge: Callable[[Look, Path, Path | None], LookJudgement]
+    mend_lines: Callable[[Look, tuple[Gap, ...], tuple[ThinStretch, ...], float, bool], MendLines]
     decider: Decider
     ended: Callable[[int], bool]
     begun: float = 0.0
@@ -129,73 +129,73 @@ class Observer:
         """Records of this print's looks."""
         return read_looks(self.folder, self.begun)
 
-    def record_of(self, number: int) -> LookRecord | None:
+    def find_record(self, number: int) -> LookRecord | None:
         """Return a look's record; None where there is none."""
         return next((one for one in self.looks if one.number == number), None)
 
-    def remember(self, number: int) -> None:
-        """Know what the looks before one told: those of an observer that died, too, none twice."""
+    def restore_state(self, number: int) -> None:
+        """Set the decider to its state before a look, as the earlier looks' records have it."""
         looks = [one for one in self.looks if one.number < number]
         restore(self.decider, looks[-1].control if looks else self._new)
 
     def look(self, look: Look) -> LookRecord:
-        """Look, judge, decide and act; nothing that a device does raises.
+        """Inspect: acquire, judge, decide and act; device failures become a pause.
 
         Raises
         ------
         LinkError
-            When the link can't be told.
+            When the link can't be reached.
         OSError
             When the record can't be written: the look then stays undecided, and the link pauses.
         """
-        place, begun = emptied_look_folder(self.folder, look.number), self.clock()
+        place, begun = clear_look_folder(self.folder, look.number), self.clock()
         try:
-            judged = self._judged(look, place)
+            judged = self._judge_pictures(look, place)
         except DeviceError as exc:
             record = self._record(look, DecisionKind.PAUSE, f"nothing seen: {exc}", {}, begun)
             save_look(self.folder, record)
             self._end(look, "pause", record.why, again=True)
             return record
-        if self._over(look.number):  # its pictures may show what was written since
-            record = self._record(look, DecisionKind.GO_ON, _NOT_JUDGED, {}, begun)
+        if self._has_ended(look.number):  # its pictures may show what was written since
+            record = self._record(look, DecisionKind.GO_ON, _NOT_JUDGED_REASON, {}, begun)
             save_look(self.folder, record)
             return record
-        decision = self._decided(judged)
-        found = _with_left(judged.found, math.fsum(gap.length_mm for gap in decision.gaps))
+        decision = self._decide(judged)
+        found = _with_left_mm(judged.found, math.fsum(gap.length_mm for gap in decision.gaps))
         record = self._record(look, decision.kind, decision.why, found, begun)
         if judged.learned:
-            record.control[LEARNED] = judged.learned
+            record.control[STATE_KEY] = judged.learned
         asked = decision.ask.value if decision.ask else ""
         record = replace(record, asked=asked, factor=decision.factor)
         save_look(self.folder, record)
         self._act(look, decision)
-        return self.record_of(look.number) or record
+        return self.find_record(look.number) or record
 
-    def _over(self, number: int) -> bool:
-        """Whether somebody else has ended a look; a link that is silent hasn't."""
+    def _has_ended(self, number: int) -> bool:
+        """Return whether the look was ended elsewhere; False if the link doesn't answer."""
         try:
             return self.ended(number)
         except LinkError:
             return False
 
     def note_failure(self, look: Look, why: str) -> None:
-        """Keep a record of a look that failed: what is written there wasn't looked at.
+        """Record a failed look: its ink wasn't inspected.
 
         Raises
         ------
         OSError
             When it can't be written.
         """
-        kept = self.record_of(look.number)
+        kept = self.find_record(look.number)
         if kept is not None:
             amend_look(self.folder, replace(kept, why=f"{kept.why}; {why}", asked=""))
             return
-        self.remember(look.number)
+        self.restore_state(look.number)
         save_look(self.folder, self._record(look, DecisionKind.PAUSE, why, {}, self.clock()))
 
-    def _decided(self, judged: Judged) -> Decision:
+    def _decide(self, judged: LookJudgement) -> Decision:
         self.decider.control.put_in_force(judged.flow)
-        if POSTPONED in judged.found:
+        if POSTPONED_KEY in judged.found:
             share = judged.evidence.seen_share
             why = f"{share:.0%} was seen of a part of a vessel: the next look judges it, too"
             return Decision(DecisionKind.GO_ON, why)
@@ -203,31 +203,31 @@ class Observer:
         unseen = judged.found.get("not_seen")
         return replace(decision, why=f"{decision.why} ({unseen})") if unseen else decision
 
-    def _judged(self, look: Look, place: Path) -> Judged:
-        """Judge one picture; another has the last word on gaps, thin lines and vessels not seen.
+    def _judge_pictures(self, look: Look, place: Path) -> LookJudgement:
+        """Judge one picture; confirm gaps, thin lines and unseen vessels by a second one.
 
         A picture in which hardly anything is seen is taken anew: a device that takes them by itself
         may have begun with it before the needle was held, and one that hangs gives the same again.
-        Where no other comes (a program that takes one at each look), the first alone tells.
+        Where no other comes (a program that takes one at each look), the first alone counts.
         """
         picture = self.acquire(look, place / "picture")
         judged, limits = self.judge(look, picture, None), self.decider.limits
-        if judged.evidence.seen_share < _HARDLY and not look.within_vessel:
+        if judged.evidence.seen_share < _MIN_SEEN_SHARE and not look.within_vessel:
             try:
                 picture = self.acquire(look, place / "picture")
             except DeviceError as exc:
-                return _by_one(judged, exc)
+                return _by_single_picture(judged, exc)
             judged = self.judge(look, picture, None)
         evidence = judged.evidence
         gaps = any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps)
         if look.within_vessel and not gaps and evidence.seen_share < limits.least_seen:
-            return replace(judged, found={**judged.found, POSTPONED: True})
+            return replace(judged, found={**judged.found, POSTPONED_KEY: True})
         if not (gaps or evidence.thin or evidence.unseen):
             return judged
         try:
             again = self.acquire(look, place / "again")
         except DeviceError as exc:
-            return _by_one(judged, exc)
+            return _by_single_picture(judged, exc)
         return self.judge(look, picture, again)
 
     def _record(
@@ -256,30 +256,30 @@ class Observer:
         if decision.ask is not None:
             self._ask(look, decision, decision.why)
         elif kind in (DecisionKind.MEND, DecisionKind.FLOW):
-            self._insert(look, decision)
+            self._mend_or_ask(look, decision)
         elif kind is DecisionKind.PAUSE and decision.factor is not None:
-            self._end(look, kind, f"{decision.why}{self._put_in(look, decision).left}")
+            self._end(look, kind, f"{decision.why}{self._insert_mend(look, decision).left}")
         else:
             self._end(look, kind, decision.why)
 
     def _ask(self, look: Look, decision: Decision, why: str) -> None:
-        """Pause, and wait for the operator's word; the needle stays out of the bath."""
+        """Pause and wait for the operator's answer; the needle stays out of the bath."""
         self._end(look, "pause", why)
-        self._do_as_told(look, decision)
+        self._follow_answer(look, decision)
 
     def ask_again(self, look: Look) -> None:
-        """Go on waiting for the operator's word on a look whose observer died, by its pictures."""
+        """Judge the pictures of a dead observer's look again and wait for its answer."""
         place = look_folder(self.folder, look.number)
-        picture = picture_of(place, "picture")
+        picture = find_picture(place, "picture")
         if picture is None:
             raise DeviceError(f"the look's picture isn't in {place} any more")
-        judged = self.judge(look, picture, picture_of(place, "again"))
-        self._do_as_told(look, self._decided(judged))
+        judged = self.judge(look, picture, find_picture(place, "again"))
+        self._follow_answer(look, self._decide(judged))
 
-    def _do_as_told(self, look: Look, decision: Decision) -> None:
+    def _follow_answer(self, look: Look, decision: Decision) -> None:
         answer = self._await_answer(look.number)
         if answer == "approve":
-            put = self._put_in(look, decision, approved=True)
+            put = self._insert_mend(look, decision, approved=True)
             if put.done:
                 self._amend(look, f"{decision.why}{put.left}", put.left_mm)
                 self.go_on(look.number)
@@ -292,32 +292,32 @@ class Observer:
             self.link.stop()
 
     def go_on(self, number: int) -> None:
-        """Resume as the operator has said; say so where the link waits for something else first."""
+        """Resume as answered; note in the record if the link waits for something else first."""
         try:
             self.link.resume()
         except Refused as exc:
-            record, said = self.record_of(number), f"; not gone on yet: {exc}"
-            log.warning("look %d%s", number, said)
-            if record is not None and said not in record.why:
-                amend_look(self.folder, replace(record, why=record.why + said))
+            record, reason = self.find_record(number), f"; not gone on yet: {exc}"
+            log.warning("look %d%s", number, reason)
+            if record is not None and reason not in record.why:
+                amend_look(self.folder, replace(record, why=record.why + reason))
 
     def _amend(self, look: Look, why: str, left_mm: float | None = None, **changes: Any) -> None:
-        """Say on a look's record what came of its decision, and what it left where that is new."""
-        record = self.record_of(look.number)
+        """Amend a look's record by the outcome of its decision and the length left."""
+        record = self.find_record(look.number)
         if record is not None:
-            found = record.found if left_mm is None else _with_left(record.found, left_mm)
+            found = record.found if left_mm is None else _with_left_mm(record.found, left_mm)
             amend_look(self.folder, replace(record, why=why, found=found, **changes))
 
     def _await_answer(self, number: int) -> Answer | None:
-        """Return the operator's word; None where the print went on or ended without it."""
-        while (answer := answer_of(self.folder, number)) is None:
+        """Wait for the operator's answer; return None if the print left the look without one."""
+        while (answer := read_answer(self.folder, number)) is None:
             if self.ended(number):
                 return None
             time.sleep(_ANSWER_POLL_S)
         return answer
 
-    def _insert(self, look: Look, decision: Decision) -> None:
-        put = self._put_in(look, decision)
+    def _mend_or_ask(self, look: Look, decision: Decision) -> None:
+        put = self._insert_mend(look, decision)
         why = f"{decision.why}{put.left}"
         if put.done:
             self._amend(look, why, put.left_mm)
@@ -330,8 +330,8 @@ class Observer:
             self._amend(look, why, decision="pause")
             self._end(look, "pause", why)
 
-    def _put_in(self, look: Look, decision: Decision, approved: bool = False) -> _Put:
-        """Put mend and flow into the job, and say what is left as it is.
+    def _insert_mend(self, look: Look, decision: Decision, approved: bool = False) -> _Insertion:
+        """Insert mend and flow into the job; return the outcome and what stays unmended.
 
         What was written in vain before is written again where the operator has approved it alone.
         """
@@ -342,13 +342,13 @@ class Observer:
             mend = self.mend_lines(look, gaps, thin, flow, approved)
         left = f"; not mended: {mend.left}" if mend.left else ""
         if mend.given_up:
-            return _Put(False, left, given_up=True)
+            return _Insertion(False, left, given_up=True)
         if not mend.lines and decision.factor is None:
             # The operator is to know where much lacks most of its ink; other thin lines stay.
-            clog_mm = math.fsum(one.length_mm for one in thin if one.missing > _MOST)
-            return _Put(not gaps and clog_mm < _THIN_MM, left, mend.left_mm)
+            clog_mm = math.fsum(one.length_mm for one in thin if one.missing > _MAX_MISSING_SHARE)
+            return _Insertion(not gaps and clog_mm < _MIN_CLOG_MM, left, mend.left_mm)
         try:
-            record = self.record_of(look.number)
+            record = self.find_record(look.number)
             if record is not None and mend.mended:  # another observer looks there
                 found = {**record.found, "mended": list(mend.mended)}
                 amend_look(self.folder, replace(record, found=found))
@@ -356,18 +356,18 @@ class Observer:
             self.link.insert(look.number, mend.lines, decision.why, decision.factor, again)
         except Refused as exc:
             log.warning("look %d: %s", look.number, exc)
-            return _Put(False, f"; the link refused the mend: {exc}")
-        return _Put(True, left, mend.left_mm)
+            return _Insertion(False, f"; the link refused the mend: {exc}")
+        return _Insertion(True, left, mend.left_mm)
 
 
-_NOT_JUDGED: Final = (
+_NOT_JUDGED_REASON: Final = (
     "not judged: by somebody's word the print went on, or ended, before; nothing was mended"
 )
 
 
 @dataclass(frozen=True)
-class _Put:
-    """What came of a mend: whether it is in the job, and what it leaves as it is."""
+class _Insertion:
+    """Outcome of a mend: whether it is in the job, and what it leaves unmended."""
 
     done: bool
     left: str
@@ -375,12 +375,14 @@ class _Put:
     given_up: bool = False
 
 
-def _by_one(judged: Judged, why: DeviceError) -> Judged:
-    """What one picture tells where no other came; thin lines want two."""
-    return replace(judged, evidence=replace(judged.evidence, thin=(), alone=str(why)))
+def _by_single_picture(judged: LookJudgement, why: DeviceError) -> LookJudgement:
+    """Return the judgement by one picture alone, without thin lines, which need two."""
+    return replace(
+        judged, evidence=replace(judged.evidence, thin=(), single_picture_reason=str(why))
+    )
 
 
-def _with_left(found: dict[str, Any], left_mm: float) -> dict[str, Any]:
-    """Figures of a look with the length of its gaps that stay as they are, where there are any."""
+def _with_left_mm(found: dict[str, Any], left_mm: float) -> dict[str, Any]:
+    """Return a look's figures with the length of the gaps left, if any."""
     rest = {name: value for name, value in found.items() if name != "left_mm"}
     return {**rest, "left_mm": round(left_mm, 3)} if left_mm else rest

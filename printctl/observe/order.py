@@ -12,12 +12,12 @@ from pydantic import TypeAdapter, ValidationError
 from design.files import write_text
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings
-from printctl.observe.records import ORDER
+from printctl.observe.records import ORDER_FILE
 
 
 @dataclass(frozen=True)
 class ObserverOrder:
-    """What an observer process is told.
+    """Order of an observer process.
 
     Attributes
     ----------
@@ -68,20 +68,20 @@ class ObserverOrder:
         return self.oct or self.laser
 
     def save(self, folder: Path) -> None:
-        """Write it into a folder of a run or print."""
-        write_text(folder / ORDER, json.dumps(asdict(self), indent=1) + "\n")
+        """Write the order into a folder of a run or print."""
+        write_text(folder / ORDER_FILE, json.dumps(asdict(self), indent=1) + "\n")
 
     @staticmethod
     def load(folder: Path) -> ObserverOrder:
-        """Read `save`.
+        """Read the order that `save` has written.
 
         Raises
         ------
         OSError, ValueError
             When there is none that can be read.
         """
-        text = (folder / ORDER).read_text(encoding="utf-8")
+        text = (folder / ORDER_FILE).read_text(encoding="utf-8")
         try:
             return TypeAdapter(ObserverOrder).validate_json(text)
         except ValidationError as exc:
-            raise ValueError(f"{folder / ORDER} isn't an observer's order: {exc}") from exc
+            raise ValueError(f"{folder / ORDER_FILE} isn't an observer's order: {exc}") from exc

@@ -24,19 +24,19 @@ from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl
-from printctl.observe.devices import PICTURES, DeviceError, DeviceSettings, acquire
+from printctl.observe.devices import PICTURE_TIME_SHARE, DeviceError, DeviceSettings, acquire
 from printctl.observe.height_maps import read_matrix, try_laser_frame
-from printctl.observe.held_look import Look
-from printctl.observe.looking_at import ObservedJob
+from printctl.observe.look_context import Look
+from printctl.observe.observed_job import ObservedJob
 from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import (
     OBSERVER_LOCK,
-    READY,
-    answer_of,
-    emptied_look_folder,
+    READY_FILE,
+    clear_look_folder,
+    read_answer,
 )
-from printctl.observe.views import EMPTY, camera_frame, open_view
+from printctl.observe.views import EMPTY_LOOK_NUMBER, camera_frame, open_view
 from printctl.system_errors import explain
 from sim.devices.camera.laser_line import load_profiler
 from sim.devices.scanner.oct import load_oct
@@ -44,13 +44,13 @@ from sim.devices.scanner.oct import load_oct
 _BEGIN_LIMIT_S: Final = 120.0
 """A print for which its observer was started begins at once, or not at all."""
 _POLL_S: Final = 0.1
-_LEAST_S: Final = 1.0
-"""Time of another picture of a look that has hardly any left."""
+_MIN_PICTURE_S: Final = 1.0
+"""Least time for a look's picture, even if the look's time is up."""
 log = logging.getLogger(__name__)
 
 
 def try_device(order: ObserverOrder, folder: Path) -> None:
-    """Raise where a look couldn't be made; a camera takes a picture, a scanner isn't set going.
+    """Raise if the device can't be used; take a picture by a camera, start no scanner.
 
     Parameters
     ----------
@@ -68,10 +68,10 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
     _try_frame(order)
     device = order.device
     if device.kind == "camera":
-        picture = acquire(device, emptied_look_folder(folder, EMPTY) / "picture")
+        picture = acquire(device, clear_look_folder(folder, EMPTY_LOOK_NUMBER) / "picture")
         open_view(picture, order, 0.0, 0.0)
     elif device.kind == "simulated" and not order.tells_heights:
-        acquire(_before_any_motion(device), emptied_look_folder(folder, EMPTY) / "picture")
+        acquire(_without_record(device), clear_look_folder(folder, EMPTY_LOOK_NUMBER) / "picture")
     elif device.kind == "folder" and not Path(device.source).is_dir():
         raise DeviceError(
             f"folder {device.source} isn't there; the device's program writes into it (a command "
@@ -83,8 +83,8 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
             raise DeviceError(f"the device's program {program} isn't there, or may not be run")
 
 
-def _before_any_motion(device: DeviceSettings) -> DeviceSettings:
-    """A simulated device without the printer's record, which may still be an earlier print's."""
+def _without_record(device: DeviceSettings) -> DeviceSettings:
+    """Return a simulated device without the printer's record, which may be an earlier print's."""
     extra = {name: value for name, value in device.extra.items() if name != "record"}
     return replace(device, extra=extra)
 
@@ -120,10 +120,10 @@ def observe(folder: Path) -> None:
         job = ObservedJob(folder, order)
         job.load()
         try_device(order, folder)
-        write_text(folder / READY, f"{os.getpid()}\n")
+        write_text(folder / READY_FILE, f"{os.getpid()}\n")
         _await_print(folder)
-        with attach(folder) as words, attach(folder) as events:
-            follow(events.events(), _assembled(job, words), lambda: words.status)
+        with attach(folder) as client, attach(folder) as events:
+            follow(events.events(), _build_observer(job, client), lambda: client.status)
 
 
 def _await_print(folder: Path) -> None:
@@ -146,28 +146,27 @@ def _await_print(folder: Path) -> None:
 def follow(events: Iterable[Status], observer: Observer, now: Callable[[], Status]) -> None:
     """Look at each look once, from when the needle is held, until the print is over.
 
-    What was said while a look was made is heard behind it, when the motors may move again: so
-    ``now``, the print's status as it is, has the last word.
+    Events queued during a look arrive after it, when the motors may move again: so ``now``, the
+    current status, decides.
     """
     made: set[int] = set()
-    for heard in events:
-        look = held_look(heard)
+    for event in events:
+        look = active_look(event)
         if look is None or look["number"] in made:
             continue
-        with suppress(LinkError):  # a link that is too busy to answer is believed as heard
-            look = held_look(now())
+        with suppress(LinkError):  # if the link is too busy to answer, the event counts
+            look = active_look(now())
         if look is None or look["number"] in made:
             continue
-        observer.remember(look["number"])
-        if _look(observer, look):
+        observer.restore_state(look["number"])
+        if _handle_look(observer, look):
             made.add(look["number"])
 
 
-def held_look(status: Status) -> dict[str, Any] | None:
+def active_look(status: Status) -> dict[str, Any] | None:
     """Return the look that the print is held for or was decided; None while the motors may move.
 
-    The link tells a look from its begin: while its lines are still being written and the needle is
-    lifted, for as long as the printer takes.
+    The link reports a look while its lines are still being written and the needle is lifted.
     """
     look = status.look
     if look is None or status.state is LinkState.LOOKING or look["decision"]:
@@ -175,91 +174,91 @@ def held_look(status: Status) -> dict[str, Any] | None:
     return None
 
 
-def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
+def _build_observer(job: ObservedJob, client: PrintClient) -> Observer:
     folder, order = job.folder, job.order
     begun = job.begun = read_journal_if_any(folder / JOURNAL).started
     return Observer(
         folder=folder,
-        link=words,
-        acquire=partial(_acquired, job),
+        link=client,
+        acquire=partial(_acquire_in_time, job),
         judge=job.judge,
         mend_lines=job.mend_lines,
         decider=Decider(order.limits, FlowControl(order.limits.flow)),
-        ended=partial(_gone_on, words),
+        ended=partial(_has_left_look, client),
         begun=begun,
     )
 
 
-def _acquired(job: ObservedJob, look: Look, out: Path) -> Path:
+def _acquire_in_time(job: ObservedJob, look: Look, out: Path) -> Path:
     """Take one of a look's pictures within what time it has."""
     device = job.order.device
-    left_s = max(look.until_s - time.monotonic(), _LEAST_S)
+    left_s = max(look.until_s - time.monotonic(), _MIN_PICTURE_S)
     device = replace(device, limit_s=min(device.limit_s, left_s))
     return acquire(device, out, job.region(look) if job.order.tells_heights else None)
 
 
-def _look(observer: Observer, told: dict[str, Any]) -> bool:
-    """Look once; whatever goes wrong here pauses the print for the operator.
+def _handle_look(observer: Observer, reported: dict[str, Any]) -> bool:
+    """Handle a reported look once; any failure pauses the print for the operator.
 
     False where it is to be made again: the link died meanwhile, and the next one holds the print
     for the same look. What an operator approved isn't tried again once the link has refused it: the
-    print would go on at a moment that nobody chose.
+    print would go on at an arbitrary moment.
     """
-    number = int(told["number"])
+    number = int(reported["number"])
     try:
-        if told["decision"]:
-            kept = observer.record_of(number)
-            if told["decision"] == "pause" and kept is not None and kept.asked:
-                if told["insert_sha256"]:  # it was approved, and is in the job already
+        if reported["decision"]:
+            kept = observer.find_record(number)
+            if reported["decision"] == "pause" and kept is not None and kept.asked:
+                if reported["insert_sha256"]:  # it was approved, and is in the job already
                     observer.go_on(number)
                 else:
-                    observer.ask_again(look_of(told, observer))
-        elif told["insert_sha256"]:  # put in at the look before, or by an observer that died
+                    observer.ask_again(build_look(reported, observer))
+        elif reported["insert_sha256"]:  # put in at the look before, or by an observer that died
             observer.link.decide(number, LookDecision.GO_ON, "mended here already")
-        elif _told_to_go_on(observer, told):  # while the syringe was changed
+        elif _was_answered_go_on(observer, reported):  # while the syringe was changed
             why = "the operator's word at the look before (go_on)"
             observer.link.decide(number, LookDecision.GO_ON, why)
         else:
-            record = observer.look(look_of(told, observer))
+            record = observer.look(build_look(reported, observer))
             log.info("look %d: %s: %s", record.number, record.decision, record.why)
     except LinkError as exc:
         log.warning("look %d couldn't be decided: %s", number, exc)
-        return bool(told["decision"]) and isinstance(exc, Refused)
-    except Exception as exc:  # a fault of ours must not leave the needle waiting for nobody
+        return bool(reported["decision"]) and isinstance(exc, Refused)
+    except Exception as exc:  # our own fault must not leave the needle waiting
         log.exception("look %d failed", number)
         reason = explain(exc).message if isinstance(exc, OSError | MemoryError) else exc
         why = f"the observer failed: {reason}"
         with suppress(OSError):  # of a full disk
-            observer.note_failure(look_of(told, observer), why)
+            observer.note_failure(build_look(reported, observer), why)
         with suppress(LinkError):  # it was decided already
             observer.link.decide(number, LookDecision.PAUSE, why, again=True)
     return True
 
 
-def _told_to_go_on(observer: Observer, told: dict[str, Any]) -> bool:
-    """Whether the look before, at the same place, was answered so, and is made again."""
-    before = observer.record_of(int(told["number"]) - 1)
-    if before is None or before.done != told["done"] or not before.asked:
+def _was_answered_go_on(observer: Observer, reported: dict[str, Any]) -> bool:
+    """Return whether the look before, at the same place, was answered ``go_on``."""
+    before = observer.find_record(int(reported["number"]) - 1)
+    if before is None or before.done != reported["done"] or not before.asked:
         return False
-    return answer_of(observer.folder, before.number) == "go_on"
+    return read_answer(observer.folder, before.number) == "go_on"
 
 
-def look_of(told: dict[str, Any], observer: Observer) -> Look:
-    """Return a look as the status tells it, with where the last one that was judged was."""
+def build_look(reported: dict[str, Any], observer: Observer) -> Look:
+    """Return the look of a status, with the position of the last judged one."""
     positions = read_journal(observer.folder / JOURNAL).positions
-    done = int(told["done"])
-    earlier = [one.done for one in observer.looks if one.judged and one.done < done]
+    done = int(reported["done"])
+    earlier = [one.done for one in observer.looks if one.has_judgement and one.done < done]
     return Look(
-        number=int(told["number"]),
+        number=int(reported["number"]),
         done=done,
         job_line=file_count(done, positions),
         before=max(earlier, default=0),
-        mark=str(told["mark"]),
-        until_s=time.monotonic() + PICTURES * float(told["limit_s"]),
+        mark=str(reported["mark"]),
+        until_s=time.monotonic() + PICTURE_TIME_SHARE * float(reported["limit_s"]),
     )
 
 
-def _gone_on(client: PrintClient, number: int) -> bool:
-    """Whether the print isn't held for a look any more."""
+def _has_left_look(client: PrintClient, number: int) -> bool:
+    """Return whether the print has left a look."""
     look = client.status.look
     return look is None or look["number"] != number

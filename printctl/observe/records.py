@@ -23,43 +23,43 @@ from printctl.machine.records.states import LinkState, Status
 
 Answer = Literal["approve", "go_on", "stop"]
 ANSWERS: Final[tuple[Answer, ...]] = ("approve", "go_on", "stop")
-LOOKS: Final = "looks"
-_ANSWER: Final = "answer.json"
+LOOKS_FOLDER: Final = "looks"
+_ANSWER_FILE: Final = "answer.json"
 OBSERVER_LOCK: Final = "observer.lock"
 """Held in the print's folder while an observer is at work."""
-ORDER: Final = "observer.json"
-"""What an observer is told: beside a run's G-code, and in the folder of a print."""
-LOG: Final = "observer.log"
-READY: Final = "observer.pid"
-"""Written by an observer that has all it needs: its process's number."""
-POSTPONED: Final = "postponed"
-"""Noted of a look within a vessel that tells too little: the next one judges its ink."""
-LEARNED: Final = "learned"
-"""Of `LookRecord.control`: ink and scanner as learned from pictures."""
-DRAWN: Final = "seen.png"
-DECIDED: Final = {
+ORDER_FILE: Final = "observer.json"
+"""An observer's order, beside a run's G-code and in a print's folder (`ObserverOrder`)."""
+LOG_FILE: Final = "observer.log"
+READY_FILE: Final = "observer.pid"
+"""Process id of an observer that is ready."""
+POSTPONED_KEY: Final = "postponed"
+"""Key in `LookRecord.found`: too little was seen within a vessel, the next look judges it."""
+STATE_KEY: Final = "learned"
+"""Key in `LookRecord.control`: the saved `InspectionState`."""
+DRAWING_FILE: Final = "seen.png"
+OUTCOMES: Final = {
     "go_on": "gone on",
     "flow": "flow corrected",
     "mend": "mended",
     "pause": "paused",
     "stop": "stopped",
 }
-"""What was done after a look, by its decision."""
-ASKED: Final = {
+"""Words for what was done after a look, by its decision."""
+PROPOSALS: Final = {
     "mend": "write again what is missing",
     "flow": "correct the flow of all that follows",
     "pause": "wait",
 }
-"""What the operator is asked to approve."""
+"""Words for what the operator is to approve, by the proposed decision."""
 
-_LEAST_SEEN: Final = 0.5
-"""Of the way, for a look to tell something of it."""
-_PICTURES: Final = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+_MIN_SEEN_SHARE: Final = 0.5
+"""Share of the way below which a look counts as unseen in the summary."""
+_PICTURE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
 
 @dataclass(frozen=True)
 class LookRecord:
-    """One look, as it is kept.
+    """Record of one look (``look.json``).
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class LookRecord:
     at : float, s since 1970
     decision, why : str
     asked : str
-        What the operator was asked to approve; empty for nothing.
+        Decision that the operator is to approve; empty for none.
     factor : float or None
         Flow factor put in force.
     found : dict
@@ -99,20 +99,20 @@ class LookRecord:
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
-    def judged(self) -> bool:
-        """Whether a picture was judged; False of a look that failed or left it to the next."""
-        return "seen_share" in self.found and not self.found.get(POSTPONED)
+    def has_judgement(self) -> bool:
+        """Whether a picture was judged; False for a failed or postponed look."""
+        return "seen_share" in self.found and not self.found.get(POSTPONED_KEY)
 
 
 def look_folder(print_folder: Path, number: int) -> Path:
-    """Folder of a look, made if it is missing."""
-    path = print_folder / LOOKS / f"{number:04d}"
+    """Return the folder of a look; make it if it is missing."""
+    path = print_folder / LOOKS_FOLDER / f"{number:04d}"
     path.mkdir(parents=True, exist_ok=True)
     return path
 
 
-def emptied_look_folder(print_folder: Path, number: int) -> Path:
-    """Folder of a look that is about to be made, without what an earlier print left there."""
+def clear_look_folder(print_folder: Path, number: int) -> Path:
+    """Return the folder of a new look, emptied of an earlier print's files."""
     path = look_folder(print_folder, number)
     for old in path.iterdir():
         if old.is_dir():  # pictures of a laser's sweep
@@ -123,19 +123,19 @@ def emptied_look_folder(print_folder: Path, number: int) -> Path:
 
 
 def save_look(print_folder: Path, record: LookRecord) -> None:
-    """Write a look's record; an answer to an earlier print's look of this number is taken away.
+    """Write a new look's record and delete the answer to an earlier print's look of its number.
 
     Raises
     ------
     OSError
         When the disk is full.
     """
-    (look_folder(print_folder, record.number) / _ANSWER).unlink(missing_ok=True)
+    (look_folder(print_folder, record.number) / _ANSWER_FILE).unlink(missing_ok=True)
     amend_look(print_folder, record)
 
 
 def amend_look(print_folder: Path, record: LookRecord) -> None:
-    """Write a look's record anew; its answer stays.
+    """Write a look's record again and keep its answer.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def read_looks(print_folder: Path, since: float = 0.0) -> list[LookRecord]:
         Begin of the print: earlier looks are of an earlier print in the folder.
     """
     looks = []
-    for path in sorted((print_folder / LOOKS).glob("*/look.json")):
+    for path in sorted((print_folder / LOOKS_FOLDER).glob("*/look.json")):
         try:
             look = LookRecord(**json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):
@@ -168,16 +168,18 @@ def read_looks(print_folder: Path, since: float = 0.0) -> list[LookRecord]:
 
 def look_picture(print_folder: Path, number: int) -> Path | None:
     """Return a look's picture with what was found drawn in, else as it was taken; None for none."""
-    place = print_folder / LOOKS / f"{number:04d}"
-    drawn = place / DRAWN
+    place = print_folder / LOOKS_FOLDER / f"{number:04d}"
+    drawn = place / DRAWING_FILE
     if drawn.is_file():
         return drawn
-    taken = (path for path in sorted(place.glob("picture.*")) if path.suffix.lower() in _PICTURES)
+    taken = (
+        path for path in sorted(place.glob("picture.*")) if path.suffix.lower() in _PICTURE_SUFFIXES
+    )
     return next(taken, None)
 
 
 def answer_look(print_folder: Path, number: int, answer: str) -> None:
-    """Leave the operator's word on a look for the observer, which waits for it.
+    """Write the operator's answer to a look for the waiting observer.
 
     Raises
     ------
@@ -186,16 +188,16 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
     """
     if answer not in ANSWERS:
         raise ValueError(f"{answer!r} is no answer; say {', '.join(ANSWERS)}")
-    asking = [look for look in read_looks(print_folder) if look.number == number and look.asked]
-    if not asking:
+    open_looks = [one for one in read_looks(print_folder) if one.number == number and one.asked]
+    if not open_looks:
         raise ValueError(f"look {number} asks for nothing; `printctl observe looks` lists them")
-    path = look_folder(print_folder, number) / _ANSWER
+    path = look_folder(print_folder, number) / _ANSWER_FILE
     text = json.dumps({"answer": answer}) + "\n"
     try:
         with path.open("x", encoding="utf-8") as file:  # of two at once one is refused
             file.write(text)
     except FileExistsError:
-        given = answer_of(print_folder, number)
+        given = read_answer(print_folder, number)
         if given is None:  # cut by a full disk
             write_text(path, text)
         elif given != answer:
@@ -205,19 +207,19 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
             ) from None
 
 
-def held_for(status: Status, number: int) -> bool:
-    """Whether a print is paused by a look."""
+def is_paused_by_look(status: Status, number: int) -> bool:
+    """Return whether a print is paused by a look."""
     look = status.look
     return status.state is LinkState.PAUSED and look is not None and look["number"] == number
 
 
-def asking_look(looks: Iterable[LookRecord], status: Status) -> LookRecord | None:
-    """Return the look on which a paused print waits for the operator's word; None for none."""
-    return next((one for one in looks if one.asked and held_for(status, one.number)), None)
+def look_awaiting_answer(looks: Iterable[LookRecord], status: Status) -> LookRecord | None:
+    """Return the look for whose answer a paused print waits; None for none."""
+    return next((one for one in looks if one.asked and is_paused_by_look(status, one.number)), None)
 
 
-def refuse_unheard(print_folder: Path) -> None:
-    """Refuse an answer that no observer would act on.
+def refuse_without_observer(print_folder: Path) -> None:
+    """Refuse an answer if no observer is running to act on it.
 
     Raises
     ------
@@ -230,9 +232,9 @@ def refuse_unheard(print_folder: Path) -> None:
         )
 
 
-def answer_of(print_folder: Path, number: int) -> Answer | None:
-    """Return the operator's word on a look; None while there is none."""
-    path = print_folder / LOOKS / f"{number:04d}" / _ANSWER
+def read_answer(print_folder: Path, number: int) -> Answer | None:
+    """Return the operator's answer to a look; None while there is none."""
+    path = print_folder / LOOKS_FOLDER / f"{number:04d}" / _ANSWER_FILE
     try:
         answer = json.loads(path.read_text(encoding="utf-8"))["answer"]
     except (OSError, ValueError, KeyError):
@@ -241,7 +243,7 @@ def answer_of(print_folder: Path, number: int) -> Answer | None:
 
 
 def seen_words(look: LookRecord) -> str:
-    """How much of the written way was seen, and how much ink there; empty where nothing was."""
+    """Return in words the share of the way seen and its share with ink; empty for nothing seen."""
     seen, ink = look.found.get("seen_share"), look.found.get("coverage")
     if seen is None:
         return ""
@@ -249,34 +251,34 @@ def seen_words(look: LookRecord) -> str:
 
 
 def proposal_words(look: LookRecord) -> str:
-    """What is proposed to the operator; empty where a look asks for nothing."""
+    """Return in words what a look proposes to the operator; empty for nothing."""
     if not look.asked:
         return ""
-    words = ASKED[look.asked]
+    words = PROPOSALS[look.asked]
     if look.factor is None:
         return words
     return f"{words}, flow factor {look.factor:.2f}"
 
 
 def outcome_words(look: LookRecord, answer: Answer | None) -> str:
-    """What came of a look: its decision, or the operator's word where it asked for one."""
+    """Return in words the outcome of a look: its decision, or the operator's answer."""
     if not look.asked:
-        return DECIDED.get(look.decision, look.decision)
+        return OUTCOMES.get(look.decision, look.decision)
     if answer is None:
-        return f"asks to {ASKED[look.asked]}"
+        return f"asks to {PROPOSALS[look.asked]}"
     if answer == "approve":
-        return f"{DECIDED.get(look.asked, look.asked)}, approved"
+        return f"{OUTCOMES.get(look.asked, look.asked)}, approved"
     return "gone on without" if answer == "go_on" else "stopped by the operator"
 
 
 def total_words(looks: Sequence[LookRecord]) -> str:
-    """What came of all looks at a print: how many did what, what is left, and what wasn't seen."""
-    count = Counter(DECIDED.get(one.decision, one.decision) for one in looks)
-    said = ", ".join(f"{number} {what}" for what, number in count.items())
-    words = f"{len(looks)} look{'s' * (len(looks) != 1)}: {said}"
+    """Summarise a print's looks: outcomes, gaps left, and looks that saw too little."""
+    count = Counter(OUTCOMES.get(one.decision, one.decision) for one in looks)
+    outcomes = ", ".join(f"{number} {what}" for what, number in count.items())
+    words = f"{len(looks)} look{'s' * (len(looks) != 1)}: {outcomes}"
     if left_mm := math.fsum(one.found.get("left_mm", 0.0) for one in looks):
         words += f"; {left_mm:.2f} mm of gaps left as they are"
     seen = [one.found.get("seen_share") or 0.0 for one in looks]
-    if dark := sum(share < _LEAST_SEEN for share in seen):
-        words += f"; of {dark} less than {_LEAST_SEEN:.0%} was seen"
+    if dark := sum(share < _MIN_SEEN_SHARE for share in seen):
+        words += f"; of {dark} less than {_MIN_SEEN_SHARE:.0%} was seen"
     return words

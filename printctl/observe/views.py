@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
-from printctl.observe.devices import DeviceError, picture_of
+from printctl.observe.devices import DeviceError, find_picture
 from printctl.observe.height_maps import (
     FRAME_KEY,
     ProfilerFrame,
@@ -22,9 +22,9 @@ from printctl.observe.height_maps import (
     read_profiler_frame,
     refuse_elsewhere,
 )
-from printctl.observe.held_look import Look
+from printctl.observe.look_context import Look
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import LOOKS, read_looks
+from printctl.observe.records import LOOKS_FOLDER, read_looks
 from registration.devices.camera_frame.check import check_frame
 from registration.devices.camera_frame.frame import CameraFrame, read_frame
 from registration.devices.laser_sweep import is_laser_file, read_laser, sweep_heights, trace
@@ -46,24 +46,24 @@ from sim.devices.camera.paint import load_camera
 from sim.devices.camera.scene import Bath
 
 Image = NDArray[Any]
-_PICTURES: Final = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp"})
+_PICTURE_SUFFIXES: Final = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp"})
 _JPEG, _JPEG_DATA, _JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
-_SECTIONS: Final = 16
-_REMEDY: Final = "printctl observe frame"
-_BLACK: Final = 0.02
+_DIGEST_SECTIONS: Final = 16
+_FRAME_COMMAND: Final = "printctl observe frame"
+_MIN_BRIGHTNESS: Final = 0.02
 """Of the range, below which the brightest pixel shows no scene."""
-_ASIDE_MM: Final = 2.0
+_MAP_MARGIN_MM: Final = 2.0
 """Heights are laid out so far beyond the lines."""
-_HIGHEST: Final = 1.5
+_MAX_OVER_LAYERS: Final = 1.5
 """Layers over a layer's top, from which on heights are of something else."""
-EMPTY: Final = 0
+EMPTY_LOOK_NUMBER: Final = 0
 """Number of the look whose folder holds the view before anything was written."""
-_OLDEST_S: Final = 3600.0
+_MAX_AGE_S: Final = 3600.0
 """A picture that is older shows ink and bath as they were before they dried."""
 
 
 def frame_holds(image: NDArray[Any] | None, frame: object) -> bool:
-    """Whether marks in an earlier picture tell that a camera's frame held for it, too.
+    """Return whether marks in an earlier picture show that the camera's frame held for it.
 
     False for other frames, and where a frame was fitted anew in between.
     """
@@ -76,7 +76,7 @@ def frame_holds(image: NDArray[Any] | None, frame: object) -> bool:
 
 
 def refuse_moved(image: NDArray[Any], frame: CameraFrame, path: Path) -> None:
-    """Refuse a picture whose marks say that camera or insert were moved: all would seem shifted.
+    """Refuse a black picture, or one whose marks show that camera or insert were moved.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def refuse_moved(image: NDArray[Any], frame: CameraFrame, path: Path) -> None:
     """
     full = float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else 1.0
     brightest = float(image.max()) / full
-    if brightest < _BLACK:
+    if brightest < _MIN_BRIGHTNESS:
         raise DeviceError(
             f"{path} is black: its brightest pixel has {brightest:.1%} of the range; is the light "
             "on, the lens free, the camera sound?"
@@ -92,7 +92,7 @@ def refuse_moved(image: NDArray[Any], frame: CameraFrame, path: Path) -> None:
     check = check_frame(image, frame, path)
     if not check.holds:
         why = "; ".join(check.why)
-        remedy = "" if _REMEDY in why else f"; else fit it anew ({_REMEDY})"
+        remedy = "" if _FRAME_COMMAND in why else f"; else fit it anew ({_FRAME_COMMAND})"
         raise DeviceError(
             f"the camera's frame doesn't hold any more: {why}{remedy}, before the print goes on "
             "observed"
@@ -101,7 +101,7 @@ def refuse_moved(image: NDArray[Any], frame: CameraFrame, path: Path) -> None:
 
 @dataclass(frozen=True)
 class SimulatedFrame:
-    """Frame of a simulated camera, exact.
+    """Exact frame of a simulated camera.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class SimulatedFrame:
     bath: Bath
 
     def to_pixels(self, points_mm: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of places (n, 3), mm."""
+        """Return the pixels (n, 2) of places (n, 3), mm."""
         surface = self.bath.surface_z_mm
         if surface is None:
             return self.camera.pixels(points_mm)
@@ -124,7 +124,7 @@ class SimulatedFrame:
 
 
 class View(NamedTuple):
-    """What a device gave, as it is judged.
+    """Picture, volume or height map of a look with its frame.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class View(NamedTuple):
     thickness_mm: float = math.nan
 
     def shown_lines(self, lines: ExpectedLines) -> ShownLines:
-        """Lines without older ones that a volume in a bath doesn't show where they lie."""
+        """Return lines without older ones that a volume in a bath shows elsewhere or not at all."""
         if self.scan is None or not lines.fresh.any():
             return ShownLines(lines, np.arange(len(lines)))
         assert isinstance(self.frame, HeightFrame)
@@ -196,16 +196,16 @@ def open_view(
         When the frame can't be read.
     """
     if order.laser and lines is not None:
-        return _surface(path, order.frame, middle_z_mm, thickness_mm, lines)
+        return _open_map(path, order.frame, middle_z_mm, thickness_mm, lines)
     if order.oct:
-        return _volume(path, order, middle_z_mm, thickness_mm, lines)
+        return _open_volume(path, order, middle_z_mm, thickness_mm, lines)
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
         refuse_moved(image, frame, path)
     return View(image, frame, image)
 
 
-def _volume(
+def _open_volume(
     path: Path,
     order: ObserverOrder,
     middle_z_mm: float,
@@ -217,11 +217,11 @@ def _volume(
         scan = read_scan(path)
     except ScanFileError as exc:
         raise DeviceError(" ".join(str(exc).split())) from exc
-    size = ScanSize.of(scan, to_scan)
+    size = ScanSize.from_scan(scan, to_scan)
     if lines is not None:
         refuse_elsewhere(size, lines)
     image, frame = height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
-    taken = np.asarray(scan.volume[:: max(1, len(scan.volume) // _SECTIONS)])
+    taken = np.asarray(scan.volume[:: max(1, len(scan.volume) // _DIGEST_SECTIONS)])
     view = View(image, frame, taken, size)
     if lines is None or not order.embedded:
         return view
@@ -230,24 +230,24 @@ def _volume(
     return view._replace(filaments=filaments, scan=scan)
 
 
-def _surface(
+def _open_map(
     path: Path, frame_file: str, middle_z_mm: float, thickness_mm: float, lines: ExpectedLines
 ) -> View:
-    """A layer's surface by a profiler's heights, or by a camera's sweep of a laser line."""
+    """Open a layer's height map of a profiler, or of a camera's sweep of a laser line."""
     if frame_file and is_laser_file(Path(frame_file)):
-        heights, to_map, whole = _swept(path, Path(frame_file), lines), np.eye(4), None
+        heights, to_map, whole = _sweep_map(path, Path(frame_file), lines), np.eye(4), None
     else:
-        heights, to_map, whole = _read(path, frame_file)
-    size = replace(ScanSize.of_heights(heights, to_map), whole=whole)
+        heights, to_map, whole = _read_map(path, frame_file)
+    size = replace(ScanSize.from_heights(heights, to_map), whole=whole)
     refuse_elsewhere(size, lines)
     try:
         surface = surface_of(heights, to_map, middle_z_mm, thickness_mm, lines)
     except PictureError as exc:
         raise DeviceError(f"{path}: {exc}") from exc
     over = f"{1000.0 * surface.over_mm:+.0f} µm over the layer's top along the lines"
-    if surface.over_mm > _HIGHEST * thickness_mm:
+    if surface.over_mm > _MAX_OVER_LAYERS * thickness_mm:
         raise DeviceError(
-            f"the map lies {over}, more than {_HIGHEST:g} of its layers of "
+            f"the map lies {over}, more than {_MAX_OVER_LAYERS:g} of its layers of "
             f"{1000.0 * thickness_mm:.0f} µm: check the heights' unit (count_mm) and the z of "
             f"{FRAME_KEY} in observe.frame, or see what covers the layer, then resume"
         )
@@ -260,36 +260,36 @@ def _surface(
     )  # fmt: skip
 
 
-def _read(path: Path, frame_file: str) -> tuple[HeightMap, FloatArray, tuple[int, int] | None]:
-    """Heights of a file, what takes the printer's places to them, (4, 4), and a map's usual size.
+def _read_map(path: Path, frame_file: str) -> tuple[HeightMap, FloatArray, tuple[int, int] | None]:
+    """Read a map's heights, its frame (4, 4) from printer to map, and a map's usual size.
 
-    The size is in rows and columns, None where nobody said it.
+    The size is in rows and columns, None if not given.
     """
     frame = read_profiler_frame(Path(frame_file)) if frame_file else ProfilerFrame(np.eye(4))
     try:
         heights = read_heights(path, frame.pixel_mm, frame.count_mm, frame.lost)
     except (ScanFileError, OSError) as exc:
         raise DeviceError(" ".join(str(exc).split())) from exc
-    told = None if frame_file else heights.to_map
+    file_frame = None if frame_file else heights.to_map
     whole = None if frame.size is None or heights.placed else frame.size[::-1]
-    return heights, frame.to_map if told is None else told, whole
+    return heights, frame.to_map if file_frame is None else file_frame, whole
 
 
-def _swept(path: Path, laser_file: Path, lines: ExpectedLines) -> HeightMap:
-    """Heights around the lines by a camera's pictures of a laser line, printer's frame."""
+def _sweep_map(path: Path, laser_file: Path, lines: ExpectedLines) -> HeightMap:
+    """Return heights around the lines from a camera's laser line pictures, printer's frame."""
     laser = read_laser(laser_file)
     places = np.concatenate([lines.start, lines.end])[:, :2]
     try:
         traced = trace(path, laser.frame)
         refuse_moved(traced.ground, laser.frame, path)
-        low, high = places.min(axis=0) - _ASIDE_MM, places.max(axis=0) + _ASIDE_MM
+        low, high = places.min(axis=0) - _MAP_MARGIN_MM, places.max(axis=0) + _MAP_MARGIN_MM
         return sweep_heights(traced, laser, low, high)
     except PictureError as exc:
         raise DeviceError(" ".join(str(exc).split())) from exc
 
 
 def camera_frame(order: ObserverOrder) -> Frame:
-    """Return the camera's frame; a simulated camera's own where nobody calibrated it.
+    """Return the camera's frame; a simulated camera's own if none was calibrated.
 
     One that was fitted anew in a pause counts from then on.
     """
@@ -321,7 +321,7 @@ def read_picture(path: Path) -> Image:
     DeviceError
         When it isn't one, or half of one.
     """
-    known = path.suffix.lower() in _PICTURES
+    known = path.suffix.lower() in _PICTURE_SUFFIXES
     if known and _is_cut(path):
         raise DeviceError(f"{path} is cut off: half of a picture, still being written or copied")
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
@@ -332,7 +332,7 @@ def read_picture(path: Path) -> Image:
 
 
 def _is_cut(path: Path) -> bool:
-    """Whether a JPEG lacks its end; OpenCV fills up what is missing with grey.
+    """Return whether a JPEG lacks its end, which OpenCV would fill with grey.
 
     Within the picture's data neither marker occurs; a small preview lies before them.
     """
@@ -357,12 +357,12 @@ def picture_before(folder: Path, begun: float, look: Look, now: Path) -> Path | 
         The picture that is to be judged; its file may be of another format.
     """
     looks = read_looks(folder, begun)
-    judged = [one for one in looks if one.judged and one.number < look.number]
+    judged = [one for one in looks if one.has_judgement and one.number < look.number]
     there = [one.number for one in judged if one.done == look.before]
     if not there and look.before > 0:
         return None
-    number, latest = (there[-1], math.inf) if there else (EMPTY, begun)
-    path = picture_of(folder / LOOKS / f"{number:04d}", "picture")
+    number, latest = (there[-1], math.inf) if there else (EMPTY_LOOK_NUMBER, begun)
+    path = find_picture(folder / LOOKS_FOLDER / f"{number:04d}", "picture")
     if path is None:
         return None
     try:
@@ -370,7 +370,7 @@ def picture_before(folder: Path, begun: float, look: Look, now: Path) -> Path | 
         age = now.stat().st_mtime - taken
     except OSError:
         return None
-    return path if 0.0 <= age < _OLDEST_S and taken <= latest else None
+    return path if 0.0 <= age < _MAX_AGE_S and taken <= latest else None
 
 
 def image_before(folder: Path, begun: float, look: Look, now: Path, image: Image) -> Image | None:
@@ -384,7 +384,7 @@ def image_before(folder: Path, begun: float, look: Look, now: Path, image: Image
     Raises
     ------
     DeviceError
-        When the two differ in colour or depth: ink as one tells it isn't known in the other.
+        When the two differ in colour or depth: an appearance learned in one doesn't fit both.
     """
     earlier = picture_before(folder, begun, look, now)
     if earlier is None:
@@ -402,7 +402,7 @@ def image_before(folder: Path, begun: float, look: Look, now: Path, image: Image
 
 
 def _kind(image: Image) -> str:
-    """Colour and depth of a picture, in words."""
+    """Return a picture's colour and depth in words."""
     colour = "grey" if image.ndim == 2 else "in colour"
     depth = 8 * image.dtype.itemsize
     return f"{colour} with {depth} bits{'' if image.ndim == 2 else ' a channel'}"

@@ -17,9 +17,9 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.process.simulated import EXECUTED
 from printctl.observe.deciding import Costs, FlowLimits, GapTest, Limits
-from printctl.observe.devices import PICTURES, DeviceSettings
+from printctl.observe.devices import PICTURE_TIME_SHARE, DeviceSettings
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import ORDER
+from printctl.observe.records import ORDER_FILE
 from printctl.pipeline.context import RunContext
 from printctl.recipe.making import Embedded
 from printctl.recipe.observe import ObservePart, look_interval
@@ -84,18 +84,19 @@ def unlooked_words(context: RunContext) -> str:
 def order_observer(context: RunContext) -> None:
     """Write beside a run's G-code how its print is observed, whoever prints it; or that it isn't.
 
-    `printctl run` and the page start the observer with the print (`printctl.observe.starting`).
+    `printctl run` and the page start the observer with the print
+    (`printctl.observe.observer_launch`).
     """
     part, folder = context.recipe.observe, context.folder
     if part is None:
-        (folder / ORDER).unlink(missing_ok=True)
+        (folder / ORDER_FILE).unlink(missing_ok=True)
     elif (folder / GCODE).is_file():
         _order(context, part).save(folder)
 
 
 def observed_otherwise(context: RunContext, print_folder: Path) -> bool:
     """Whether a print that goes on is observed otherwise than the recipe says by now."""
-    begun, now = (folder / ORDER for folder in (print_folder, context.folder))
+    begun, now = (folder / ORDER_FILE for folder in (print_folder, context.folder))
     order_observer(context)
     return begun.is_file() and (not now.is_file() or begun.read_bytes() != now.read_bytes())
 
@@ -141,7 +142,7 @@ def _limits(part: ObservePart) -> Limits:
 
 def device_settings(context: RunContext, part: ObservePart) -> DeviceSettings:
     """Return how an observer takes a picture: by a camera, folder, program or simulated device."""
-    limit_s = PICTURES * part.limit_s
+    limit_s = PICTURE_TIME_SHARE * part.limit_s
     if not part.source:
         return DeviceSettings("simulated", limit_s=limit_s, extra=_twin(context, part))
     tables = part.device == "laser_line"

@@ -14,7 +14,7 @@ from design.measures.morphometry import network_strahler_orders
 from design.network import VesselNetwork
 from design.solids import Solid
 from printctl.machine.records.folders import print_identity
-from printctl.observe.records import LOOKS
+from printctl.observe.records import LOOKS_FOLDER
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.page_parts import PageParts
@@ -163,7 +163,7 @@ class RegisteredScan(DesignRead):
     def _observed(self) -> Path | None:
         """Folder of the print that was scanned, where it was observed."""
         folder = self.model / JOURNAL_FOLDER
-        if self.printed is None or not (folder / LOOKS).is_dir():
+        if self.printed is None or not (folder / LOOKS_FOLDER).is_dir():
             return None
         return folder if print_identity(folder) == self.printed else None
 

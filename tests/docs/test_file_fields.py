@@ -16,9 +16,9 @@ from firmware_profiles.yaml_file import read_yaml
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.records.states import LinkState
 from printctl.observe.deciding.evidence import UnseenPath
-from printctl.observe.expected import ExpectedInk, Mended
-from printctl.observe.judging import ends_of, figures, nothing_seen
-from printctl.observe.records import POSTPONED, LookRecord
+from printctl.observe.expected_ink import ExpectedInk, MendedStretch
+from printctl.observe.look_evidence import empty_evidence, record_figures, stretch_ends
+from printctl.observe.records import POSTPONED_KEY, LookRecord
 from registration.devices.camera_frame import Bath
 from registration.devices.lens import write_lens
 from registration.devices.lens.lens import write_model
@@ -36,7 +36,7 @@ PATH = SimpleNamespace(
 )
 INK = cast(ExpectedInk, SimpleNamespace(paths=(PATH,)))
 GAP = Gap(0, 1.0, 3.0, (101.0, 80.0), (103.0, 80.0), 0.02, 1e-9)
-MADE_BY_OBSERVER = {"about_from": 10, "not_seen": "", "left_mm": 0.1, POSTPONED: True}
+MADE_BY_OBSERVER = {"about_from": 10, "not_seen": "", "left_mm": 0.1, POSTPONED_KEY: True}
 
 
 def documented(heading: str) -> set[str]:
@@ -63,9 +63,9 @@ def found() -> dict[str, Any]:
         (Blob("blob", (101.0, 81.0), np.zeros((3, 2)), 0.1, False, 1e-6),), (), 0.9, 0.1, 1.0, 0.9,
         Shift(0.01, 0.02, np.eye(2)), 40, 9.0, None,
     )  # fmt: skip
-    evidence = replace(nothing_seen(), unseen=(UnseenPath("vessel 1", GAP, 5.0),), level_mm=2.0)
-    mended = asdict(Mended(0, 1.0, 3.0)) | ends_of(0, 1.0, 3.0, INK)
-    return {**figures(findings, evidence, INK), **MADE_BY_OBSERVER, "mended": [mended]}
+    evidence = replace(empty_evidence(), unseen=(UnseenPath("vessel 1", GAP, 5.0),), level_mm=2.0)
+    mended = asdict(MendedStretch(0, 1.0, 3.0)) | stretch_ends(0, 1.0, 3.0, INK)
+    return {**record_figures(findings, evidence, INK), **MADE_BY_OBSERVER, "mended": [mended]}
 
 
 def test_a_finding_has_its_place_in_the_printers_frame():

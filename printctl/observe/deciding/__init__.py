@@ -16,7 +16,7 @@ from printctl.observe.deciding.decision import (
 from printctl.observe.deciding.evidence import (
     Evidence,
     InkSupply,
-    Narrowed,
+    NarrowedLumen,
     SupplyState,
     judge_supply,
 )
@@ -34,7 +34,7 @@ __all__ = [
     "GapTest",
     "InkSupply",
     "Limits",
-    "Narrowed",
+    "NarrowedLumen",
     "SupplyState",
     "confirmed_gaps",
     "judge_supply",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal
 
-from printctl.observe.deciding.evidence import Thin
+from printctl.observe.deciding.evidence import ThinStretch
 from printctl.observe.deciding.flow_control import FlowLimits
 from registration.inspection.values import Gap
 
@@ -21,7 +21,7 @@ from registration.inspection.values import Gap
 
 @dataclass(frozen=True)
 class GapTest:
-    """Rates at which gaps are believed.
+    """Significance test of gaps: least length and false rates.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class GapTest:
     second_rate: float = 0.01
 
     def significant(self, gap: Gap, places: int) -> bool:
-        """Whether a gap is long enough (its ends are unsure), and believed among ``places``."""
+        """Return whether a gap is long enough, given unsure ends, and significant."""
         longest = gap.length_mm + 2.0 * gap.u_tip_mm
         return longest >= self.least_mm and gap.p_value * max(places, 1) <= self.rate
 
@@ -67,13 +67,13 @@ def confirmed_gaps(
         return tuple(significant)
     retested = max(len(significant), 1)
     again = [gap for gap in second if gap.p_value * retested <= test.second_rate]
-    return tuple(part for gap in significant for part in _in_both(gap, again, test.least_mm))
+    return tuple(part for gap in significant for part in _common_parts(gap, again, test.least_mm))
 
 
-def _in_both(gap: Gap, again: Sequence[Gap], least_mm: float) -> list[Gap]:
-    """A gap of which the second picture's cover half at least; else what both show of it.
+def _common_parts(gap: Gap, again: Sequence[Gap], least_mm: float) -> list[Gap]:
+    """Return a gap if the second picture's cover half of it; else the parts that both show.
 
-    That are gaps of the second picture which lie by half at least in this one.
+    Parts are gaps of the second picture of which half or more lies in this one.
     """
     if 2 * sum(_overlap_mm(gap, other) for other in again) >= gap.length_mm:
         return [gap]
@@ -89,7 +89,7 @@ def _in_both(gap: Gap, again: Sequence[Gap], least_mm: float) -> list[Gap]:
 
 
 def _overlap_mm(one: Gap, other: Gap) -> float:
-    """Way that both miss, mm; 0 on different strokes."""
+    """Return the length that two gaps share, mm; 0 on different strokes."""
     if one.stroke != other.stroke:
         return 0.0
     return max(min(one.to_mm, other.to_mm) - max(one.from_mm, other.from_mm), 0.0)
@@ -99,7 +99,7 @@ Mode = Literal["tell", "ask", "mend"]
 
 
 class DecisionKind(StrEnum):
-    """What is done after a look."""
+    """Action after a look."""
 
     GO_ON = "go_on"
     FLOW = "flow"
@@ -110,12 +110,12 @@ class DecisionKind(StrEnum):
 
 @dataclass(frozen=True)
 class Costs:
-    """What goes wrong costs, in minutes of an operator: the action that costs least is taken.
+    """Costs of faults and actions, in minutes of an operator; the cheapest action is taken.
 
     Attributes
     ----------
     operator : float
-        To be asked.
+        Being asked once.
     false_ink_mm : float
         A millimetre of ink on sound ink.
     missed_ink_mm : float
@@ -132,14 +132,14 @@ class Costs:
 
 @dataclass(frozen=True)
 class Limits:
-    """Tolerances, and what may be done unasked.
+    """Tolerances, costs, and the mode that says what needs approval.
 
     Attributes
     ----------
     gap : GapTest
     flow : FlowLimits
     width_percent : float
-        Deviation of a line's width that isn't told.
+        Tolerated deviation of a line's width.
     lumen_percent : float
         By which a lumen may be seen narrower.
     shift_mm : float, mm
@@ -171,7 +171,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Decision:
-    """Outcome of a look.
+    """Decision after a look.
 
     Attributes
     ----------
@@ -180,13 +180,13 @@ class Decision:
     why : str
         For operator and journal.
     gaps : tuple of Gap
-        To be mended; told alone where the print just goes on.
-    thin : tuple of Thin
+        To be mended; only reported where the print goes on.
+    thin : tuple of ThinStretch
         To be filled up.
     factor : float or None
         Flow factor from here on.
     ask : DecisionKind or None
-        What the operator is asked to approve, while the print waits; None for nothing.
+        Action that the operator is to approve while the print waits; None for none.
     """
 
     kind: DecisionKind
@@ -194,4 +194,4 @@ class Decision:
     gaps: tuple[Gap, ...] = ()
     factor: float | None = None
     ask: DecisionKind | None = None
-    thin: tuple[Thin, ...] = ()
+    thin: tuple[ThinStretch, ...] = ()

@@ -14,15 +14,16 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.deciding.flow_control import FlowBlocks
 from registration.inspection.values import Blob, Gap
 
-_ABSENT: Final = 0.5
-_STOPPED: Final = 10.0
+BARE_INK_SHARE: Final = 0.5
+"""Share of ink below which a place counts as bare."""
+_MIN_STOPPED_VOLUMES: Final = 10.0
 """Times the tolerated volume that must be missing at the end: less is the taper of a line's end."""
-_STEADY: Final = 0.8
+_MIN_BARE_SHARE: Final = 0.8
 """Share of a run's seen places that must lack ink."""
 
 
 class SupplyState(StrEnum):
-    """What the missing ink says of needle and syringe."""
+    """State of needle and syringe, inferred from missing ink."""
 
     FLOWING = "flowing"
     BUBBLE = "bubble"
@@ -35,13 +36,13 @@ class SupplyState(StrEnum):
 
 @dataclass(frozen=True)
 class InkSupply:
-    """Outcome of `judge_supply`.
+    """State of the ink supply (`judge_supply`).
 
     Attributes
     ----------
     state : SupplyState
     since_ul : float or None, µL
-        Asked for since the ink last came, where it hasn't come back.
+        Requested since the ink last came, if it hasn't come back.
     """
 
     state: SupplyState
@@ -67,35 +68,36 @@ def judge_supply(
     What is seen along the lines is put in the order of writing. Ink that is missing up to the last
     place written hasn't come back: the syringe is empty if the plunger says so, else something is
     stuck. Only where exactly one path is missing behind sound ones it may as well be a line that
-    didn't stick, and the next look tells. Ink that came back after a while was a bubble, or, where
+    didn't stick; the next look decides. Ink that came back after a while was a bubble, or, where
     exactly one path is missing, a line that didn't stick. A smooth deviation is none of these: the
     flow control's affair.
 
     Parameters
     ----------
     volume_ul : (n,) float64, µL
-        Asked for at each place.
+        Requested at each place.
     present : (n,) float64
         0 (no ink) to 1.
     seen : (n,) bool
-        Places that the picture tells of; the others are passed over.
+        Places that the picture shows; the others are skipped.
     stroke : (n,) int64
         Unbroken path of each place.
     least_ul : float, µL
         Runs of less are within tolerance.
     left_ul : float, optional, µL
-        What the plunger still had before the last of these places; None where nobody knows.
+        What the plunger still had before the last of these places; None if unknown.
     """
     if not seen.any():
         return InkSupply(SupplyState.UNKNOWN)
-    volume, lacks, path = volume_ul[seen], present[seen] < _ABSENT, stroke[seen]
+    volume, lacks, path = volume_ul[seen], present[seen] < BARE_INK_SHARE, stroke[seen]
     runs = [run for run in _runs(lacks) if volume[run].sum() >= least_ul]
     if not runs:
         return InkSupply(SupplyState.FLOWING)
     last = runs[-1]
     empty = left_ul is not None and left_ul <= least_ul
     lost = last.start > 0 and _whole_path(last, path) and not empty
-    if last.stop == len(lacks) and volume[last].sum() >= _STOPPED * least_ul and not lost:
+    stopped = volume[last].sum() >= _MIN_STOPPED_VOLUMES * least_ul
+    if last.stop == len(lacks) and stopped and not lost:
         state = SupplyState.EMPTY if empty else SupplyState.CLOGGED
         return InkSupply(state, float(volume[last].sum()))
     if len(runs) > 2:
@@ -105,24 +107,26 @@ def judge_supply(
 
 
 def _runs(lacks: BoolArray) -> list[slice]:
-    """Stretches without ink; single places with or without don't end one."""
+    """Return stretches without ink; single places with or without don't end one."""
     smooth = lacks.copy()
     if len(lacks) > 2:
         between = (lacks[:-2] == lacks[2:]) & (lacks[1:-1] != lacks[2:])
         smooth[1:-1] = np.where(between, lacks[2:], lacks[1:-1])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], smooth, [False]]).astype(np.int8)))
     runs = [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-    return [run for run in runs if lacks[run].mean() >= _STEADY or run.stop - run.start <= 2]
+    return [
+        run for run in runs if lacks[run].mean() >= _MIN_BARE_SHARE or run.stop - run.start <= 2
+    ]
 
 
 def _whole_path(run: slice, path: IntArray) -> bool:
-    """Whether a run is one path, from its first to its last place."""
+    """Return whether a run is one path, from its first to its last place."""
     own = np.flatnonzero(path == path[run.start])
     return bool(own[0] == run.start and own[-1] == run.stop - 1)
 
 
 @dataclass(frozen=True)
-class Thin:
+class ThinStretch:
     """Stretch of a path with too little ink.
 
     Attributes
@@ -132,7 +136,7 @@ class Thin:
     from_mm, to_mm : float, mm
         Along it.
     missing : float
-        Share of the ink that was asked for, 0 to 1.
+        Share of the requested ink, 0 to 1.
     """
 
     stroke: int
@@ -146,12 +150,14 @@ class Thin:
         return self.to_mm - self.from_mm
 
 
-def seen_twice(first: Sequence[Thin], second: Sequence[Thin]) -> tuple[Thin, ...]:
-    """Return those of the first picture of which the second shows half at least."""
+def confirm_thin(
+    first: Sequence[ThinStretch], second: Sequence[ThinStretch]
+) -> tuple[ThinStretch, ...]:
+    """Return the first picture's thin stretches of which the second shows half or more."""
     return tuple(one for one in first if 2 * _common_mm(one, second) >= one.length_mm)
 
 
-def _common_mm(one: Thin, others: Sequence[Thin]) -> float:
+def _common_mm(one: ThinStretch, others: Sequence[ThinStretch]) -> float:
     own = [other for other in others if other.stroke == one.stroke]
     each = (min(one.to_mm, other.to_mm) - max(one.from_mm, other.from_mm) for other in own)
     return sum(max(0.0, length) for length in each)
@@ -159,14 +165,14 @@ def _common_mm(one: Thin, others: Sequence[Thin]) -> float:
 
 @dataclass(frozen=True)
 class MapCheck:
-    """What tells whether a height map is whole.
+    """Completeness check of a height map.
 
     Attributes
     ----------
     lacks : str
         What it lacks, and against what, in words; empty for nothing.
     unsized : bool
-        Whether nothing tells how many rows and columns it should have.
+        Whether the number of rows and columns that it should have is unknown.
     sunk_mm : float, mm
         By how much the ground of the layer's ink has sunk at most, since it was designed.
     """
@@ -175,8 +181,8 @@ class MapCheck:
     unsized: bool = False
     sunk_mm: float = 0.0
 
-    def worse(self, other: MapCheck) -> MapCheck:
-        """Return what is to be said of two maps of one look."""
+    def combine(self, other: MapCheck) -> MapCheck:
+        """Return the combined check of two maps of one look."""
         return MapCheck(
             self.lacks or other.lacks,
             self.unsized or other.unsized,
@@ -185,8 +191,8 @@ class MapCheck:
 
 
 @dataclass(frozen=True)
-class Narrowed:
-    """Lumen that is seen narrower than designed.
+class NarrowedLumen:
+    """Lumen with its seen width over the designed one.
 
     Attributes
     ----------
@@ -204,7 +210,7 @@ class Narrowed:
 
 @dataclass(frozen=True)
 class UnseenPath:
-    """A path, or a part of one, of which nothing is told.
+    """Path, or part of one, that no picture shows.
 
     Attributes
     ----------
@@ -222,7 +228,7 @@ class UnseenPath:
 
     @property
     def words(self) -> str:
-        """Which path, how much of it and where."""
+        """Name, length and place of the stretch."""
         if self.gap.length_mm > 0.98 * self.path_mm:
             return f"{self.name} ({self.gap.length_mm:.1f} mm)"
         begin, end = (f"X {x:.1f} Y {y:.1f}" for x, y in (self.gap.start_mm, self.gap.end_mm))
@@ -232,14 +238,14 @@ class UnseenPath:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a look has told.
+    """Evidence of one look.
 
     Attributes
     ----------
     places : int
         Places along lines that were tested.
     gaps : tuple of Gap
-    second : tuple of Gap or None
+    second_gaps : tuple of Gap or None
         Those of a second picture; None where there is none.
     supply : InkSupply
     flow : FlowBlocks
@@ -253,12 +259,12 @@ class Evidence:
         Stretches longer than a tolerated gap, that no picture shows.
     shift_mm, u_shift_mm : float, mm
         How far the layer lies beside its place, and the standard uncertainty.
-    narrowed : tuple of Narrowed
+    narrowed : tuple of NarrowedLumen
     stretches : int
         Lines surely thinner or wider than tolerated.
-    thin : tuple of Thin
+    thin : tuple of ThinStretch
         Those surely too thin, which a second pass may fill up.
-    seem_thin : tuple of Thin
+    seem_thin : tuple of ThinStretch
         Those that seem so, by one picture: they are filled up where the flow is proven too small.
     level_mm : float or None, mm
         Height of the layer; None in a bath, where each look stands for itself.
@@ -268,15 +274,15 @@ class Evidence:
         What is known of a height map's rows and columns.
     blobs : tuple of Blob
         What stands over the layer, in a profiler's map.
-    mends : bool
+    mends_only : bool
         Whether the look is about mends alone.
-    alone : str
+    single_picture_reason : str
         Why a second picture that was wanted didn't come; empty where none was, or it came.
     """
 
     places: int
     gaps: tuple[Gap, ...]
-    second: tuple[Gap, ...] | None
+    second_gaps: tuple[Gap, ...] | None
     supply: InkSupply
     flow: FlowBlocks
     seen_share: float
@@ -285,16 +291,16 @@ class Evidence:
     unseen: tuple[UnseenPath, ...] = ()
     shift_mm: float = 0.0
     u_shift_mm: float = 0.0
-    narrowed: tuple[Narrowed, ...] = ()
+    narrowed: tuple[NarrowedLumen, ...] = ()
     stretches: int = 0
-    thin: tuple[Thin, ...] = ()
-    seem_thin: tuple[Thin, ...] = ()
+    thin: tuple[ThinStretch, ...] = ()
+    seem_thin: tuple[ThinStretch, ...] = ()
     level_mm: float | None = None
     turned: str | None = None
     map: MapCheck = field(default_factory=MapCheck)
     blobs: tuple[Blob, ...] = ()
-    mends: bool = False
-    alone: str = ""
+    mends_only: bool = False
+    single_picture_reason: str = ""
 
     @property
     def unseen_mm(self) -> float:

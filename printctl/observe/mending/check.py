@@ -30,19 +30,19 @@ from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE
 from sim.gcode.reading.file import other_lines
 
-_SAME_MM: Final = 1e-4
-"""Places that the text gives alike."""
-_ON_MM: Final = 0.015
+_RETURN_TOLERANCE_MM: Final = 1e-4
+"""Distance below which the insert returns to the held position."""
+_ON_AXIS_TOLERANCE_MM: Final = 0.015
 """Beside an axis, rounding of text and motor steps included, that counts as on it."""
-_STATION_MM: Final = 0.05
-"""Between places of a block at which its ink is held against voids."""
-_SHARES: Final = 5
-"""Places of a block that are looked at."""
+_MAX_STATION_SPACING_MM: Final = 0.05
+"""Largest distance of the places of a block that are checked against voids."""
+_PLACES_PER_BLOCK: Final = 5
+"""Places of a block that are checked for crossings."""
 
 
 @dataclass(frozen=True)
 class MendCheck:
-    """What the inserted lines do.
+    """Effects of a mend's inserted lines.
 
     Attributes
     ----------
@@ -85,16 +85,16 @@ class MendCheck:
 
     @property
     def failures(self) -> str:
-        """What the insert fails by, in words; empty for nothing."""
-        returns = self.off_mm < _SAME_MM and self.same_modes
-        said = [
+        """Failed checks in words; empty for none."""
+        returns = self.off_mm < _RETURN_TOLERANCE_MM and self.same_modes
+        failures = [
             f"{self.lumens_entered} pieces of ink in lumens" if self.lumens_entered else "",
             f"{self.ink_crossed} moves through written ink" if self.ink_crossed else "",
             "" if returns else f"it ends {self.off_mm:.4f} mm off, or at another feed",
             *self.refused,
             *self.beyond_limits,
         ]
-        return "; ".join(one for one in said if one)
+        return "; ".join(one for one in failures if one)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,38 +119,46 @@ class _InsertRun:
     end: FloatArray
 
     @staticmethod
-    def of(held: HeldPrint, lines: Sequence[bytes]) -> _InsertRun:
-        """Run the job that lines are inserted into dry."""
-        text = b"\n".join([*held.lines[: held.done], *lines, *held.lines[held.done :]]) + b"\n"
-        run = dry_run(text, held.printer, held.start_mm, cold_extrusion=True)
-        executed, program, done = run.executed, run.program, held.done
+    def from_lines(held_print: HeldPrint, lines: Sequence[bytes]) -> _InsertRun:
+        """Dry-run the job with the inserted lines."""
+        text = (
+            b"\n".join(
+                [*held_print.lines[: held_print.done], *lines, *held_print.lines[held_print.done :]]
+            )
+            + b"\n"
+        )
+        run = dry_run(text, held_print.printer, held_print.start_mm, cold_extrusion=True)
+        executed, program, done = run.executed, run.program, held_print.done
         block = np.flatnonzero((executed.line >= done) & (executed.line < done + len(lines)))
         way = np.linalg.norm(program.target[:, :3] - program.before[:, :3], axis=1)
         writes = (program.kind == MOVE) & (program.pushed > 0) & (way > WAY_MM)
-        area = np.where(writes, program.pushed * held.ul_per_e / np.maximum(way, WAY_MM), 0.0)
+        area = np.where(writes, program.pushed * held_print.ul_per_e / np.maximum(way, WAY_MM), 0.0)
         row = np.searchsorted(program.command, executed.line[block])
         return _InsertRun(run, block, area[row], executed.start[block], executed.end[block])
 
     def written(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Begin and end (m, 3), mm, and cross-section (m,), mm², of each block that lays ink."""
+        """Return begin and end (m, 3), mm, and section (m,), mm², of each block that lays ink."""
         rows = self.area_mm2 > 0
         return self.start[rows], self.end[rows], self.area_mm2[rows]
 
     def duration_s(self, done: int) -> float:
-        """From the last block before the insert to its own last one, s."""
+        """Return the time from the last block before the insert to its own last one, s."""
         executed = self.run.executed
         before = executed.time_end[executed.line < done].max(initial=0.0)
         return float(executed.time_end[self.block].max(initial=before) - before)
 
 
 def check_mend(
-    held: HeldPrint, lines: Sequence[bytes], gaps: Sequence[Gap] = (), voids: Voids | None = None
+    held_print: HeldPrint,
+    lines: Sequence[bytes],
+    gaps: Sequence[Gap] = (),
+    voids: Voids | None = None,
 ) -> MendCheck:
     """Run the grown job dry and judge what its inserted lines do.
 
     Parameters
     ----------
-    held : HeldPrint
+    held_print : HeldPrint
         The job before it grows.
     lines : sequence of bytes
         Of the insert.
@@ -158,100 +166,107 @@ def check_mend(
         Where no ink lies; all that was written lies there elsewhere.
     voids : Voids, optional
     """
-    paths, behind = written_paths(held), held.done + len(lines)
-    inserted, sound = _InsertRun.of(held, lines), laid_ink(paths)
-    depth = _depths(inserted, voids or Voids.none(), sound, held, _sound(paths, gaps))
+    paths, behind = written_paths(held_print), held_print.done + len(lines)
+    inserted, sound = _InsertRun.from_lines(held_print, lines), laid_ink(paths)
+    depth = _void_depths(
+        inserted, voids or Voids.none(), sound, held_print, _overlap_ink(paths, gaps)
+    )
     start, end, _ = inserted.written()
     program = inserted.run.program
     reached = program.target[int(np.searchsorted(program.command, behind)) - 1]
-    read = other_lines(b"\n".join(lines) + b"\n", held.printer)
-    refused = refused_lines(read, held.printer)
+    read = other_lines(b"\n".join(lines) + b"\n", held_print.printer)
+    refused = refused_lines(read, held_print.printer)
     return MendCheck(
         lumens_entered=int((depth > VOID_TOLERANCE_MM).sum()),
         deepest_mm=float(depth.max(initial=-np.inf)),
-        ink_crossed=_crossed(inserted, held, len(lines), paths, gaps),
-        off_mm=float(np.abs(reached - np.append(held.at_mm, held.e_mm)).max()),
+        ink_crossed=_count_crossings(inserted, held_print, len(lines), paths, gaps),
+        off_mm=float(np.abs(reached - np.append(held_print.at_mm, held_print.e_mm)).max()),
         outside_mm=float(sound.nearest((start + end) / 2)[1].max(initial=0.0)),
-        covered=_covered(start, end, gaps, paths),
+        covered=_covered_share(start, end, gaps, paths),
         refused=tuple(f"line {number}: {why}" for number, _, why in refused),
-        beyond_limits=_beyond(inserted.run, held),
-        same_modes=modal_state([*held.lines[: held.done], *lines], behind).f == held.place.f,
-        duration_s=inserted.duration_s(held.done),
+        beyond_limits=_new_findings(inserted.run, held_print),
+        same_modes=modal_state([*held_print.lines[: held_print.done], *lines], behind).f
+        == held_print.place.f,
+        duration_s=inserted.duration_s(held_print.done),
     )
 
 
-def _sound(paths: Sequence[WrittenPath], gaps: Sequence[Gap]) -> LaidInk:
-    """Ink that patches overlap with.
+def _overlap_ink(paths: Sequence[WrittenPath], gaps: Sequence[Gap]) -> LaidInk:
+    """Return the sound ink that patches overlap with.
 
     Gaps count a little longer, so that what ends at sound ink isn't taken for lying on it. Of a
     thin stretch the second pass alone counts: with what is there it is as wide as the job's.
     """
     wider = [
-        replace(gap, missing=1.0, from_mm=gap.from_mm - 2 * _ON_MM, to_mm=gap.to_mm + 2 * _ON_MM)
+        replace(
+            gap,
+            missing=1.0,
+            from_mm=gap.from_mm - 2 * _ON_AXIS_TOLERANCE_MM,
+            to_mm=gap.to_mm + 2 * _ON_AXIS_TOLERANCE_MM,
+        )
         for gap in gaps
     ]
     return laid_ink(paths, wider)
 
 
-def _depths(
-    inserted: _InsertRun, voids: Voids, planned: LaidInk, held: HeldPrint, sound: LaidInk
+def _void_depths(
+    inserted: _InsertRun, voids: Voids, planned: LaidInk, held_print: HeldPrint, sound: LaidInk
 ) -> FloatArray:
-    """How deep each written block reaches into a void, (k,), mm.
+    """Return how deep each written block reaches into a void, (k,), mm.
 
-    With the sound ink of its own path that it lies on; what other paths lay, the job, too, writes
-    onto.
+    Includes the sound ink of its own path beneath it; the job itself writes onto other paths.
     """
     start, end, area = inserted.written()
     depths = np.full(len(start), -np.inf)
     if not len(start) or not len(voids):
         return depths
     wide = float(planned.width_mm.max(initial=0.0))
-    voids = open_voids(voids, held, np.concatenate([start, end]), wide)
+    voids = open_voids(voids, held_print, np.concatenate([start, end]), wide)
     nearest = planned.nearest((start + end) / 2)[0]
     high = planned.height_mm[nearest]
-    if held.layered:
-        width = held.ink.bead_section.width(area, high)
+    if held_print.layered:
+        width = held_print.ink.bead_section.width(area, high)
     else:
-        width = high = np.sqrt(4 / np.pi * area) * (held.ink.swell_factor or 1.0)
+        width = high = np.sqrt(4 / np.pi * area) * (held_print.ink.swell_factor or 1.0)
     for k, (a, b) in enumerate(zip(start, end, strict=True)):
-        count = max(2, int(np.ceil(np.linalg.norm(b - a) / _STATION_MM)) + 1)
+        count = max(2, int(np.ceil(np.linalg.norm(b - a) / _MAX_STATION_SPACING_MM)) + 1)
         places = np.linspace(a, b, count)
         alone, tall = np.full(count, width[k]), np.full(count, high[k])
         own = sound.where(sound.path == planned.path[nearest[k]])
         piece, away = own.nearest(places)
         times = np.ones(count)
-        on = away < _ON_MM
-        times[on] += section_mm2(own.width_mm, own.height_mm, held)[piece[on]] / area[k]
-        both = width_with_more(alone, tall, times, held)
-        depths[k] = ink_in_voids_mm(voids, places, both, tall, layered=held.layered).max()
+        on = away < _ON_AXIS_TOLERANCE_MM
+        times[on] += section_mm2(own.width_mm, own.height_mm, held_print)[piece[on]] / area[k]
+        both = width_with_more(alone, tall, times, held_print)
+        depths[k] = ink_in_voids_mm(voids, places, both, tall, layered=held_print.layered).max()
     return depths
 
 
-def _crossed(
+def _count_crossings(
     inserted: _InsertRun,
-    held: HeldPrint,
+    held_print: HeldPrint,
     count: int,
     paths: Sequence[WrittenPath],
     gaps: Sequence[Gap],
 ) -> int:
-    """Moves of the needle through ink that was written, or that the insert has written before."""
+    """Count needle moves through written ink, or through ink of the insert itself."""
     ink = laid_ink(paths, gaps)
-    if not held.layered:
-        rows = needle_rows(inserted.run.program, held, count, paths)
-        return len(shaft_contacts(rows, ink, paths, held.needle, 0.0, held.at_mm))
-    if under_higher_ink(held.at_mm[None], ink, held.needle, 0.0)[0]:
+    if not held_print.layered:
+        rows = needle_rows(inserted.run.program, held_print, count, paths)
+        return len(shaft_contacts(rows, ink, paths, held_print.needle, 0.0, held_print.at_mm))
+    if under_higher_ink(held_print.at_mm[None], ink, held_print.needle, 0.0)[0]:
         # The job itself has the needle stand in that ink.
-        away = np.linalg.norm((ink.start + ink.end)[:, :2] / 2 - held.at_mm[:2], axis=1)
-        ink = ink.where(away > ink.length_mm / 2 + ink.width_mm + held.needle.outer_mm)
+        away = np.linalg.norm((ink.start + ink.end)[:, :2] / 2 - held_print.at_mm[:2], axis=1)
+        ink = ink.where(away > ink.length_mm / 2 + ink.width_mm + held_print.needle.outer_mm)
     crossed = np.zeros(len(inserted.block), dtype=bool)
-    for share in np.linspace(0.0, 1.0, _SHARES):
+    for share in np.linspace(0.0, 1.0, _PLACES_PER_BLOCK):
         place = inserted.start + share * (inserted.end - inserted.start)
-        crossed |= under_higher_ink(place, ink, held.needle, 0.0)
+        crossed |= under_higher_ink(place, ink, held_print.needle, 0.0)
     return int(crossed.sum())
 
 
 def needle_rows(
-    program: Program, held: HeldPrint, count: int, paths: Sequence[WrittenPath]
+    program: Program, held_print: HeldPrint, count: int, paths: Sequence[WrittenPath]
 ) -> NeedleRows:
     """Return so many lines of an insert as moves, each written one on the nearest path.
 
@@ -259,25 +274,27 @@ def needle_rows(
     ----------
     program : Program
         Of the job with the insert, or up to its end.
-    held : HeldPrint
+    held_print : HeldPrint
     count : int
     paths : sequence of WrittenPath
     """
-    done = held.done
+    done = held_print.done
     rows = np.flatnonzero((program.command >= done) & (program.command < done + count))
-    tips = np.vstack([held.at_mm, program.target[rows, :3]])
+    tips = np.vstack([held_print.at_mm, program.target[rows, :3]])
     way = np.linalg.norm(np.diff(tips, axis=0), axis=1)
-    volume = np.where(way > WAY_MM, np.maximum(program.pushed[rows], 0.0) * held.ul_per_e, 0.0)
+    volume = np.where(
+        way > WAY_MM, np.maximum(program.pushed[rows], 0.0) * held_print.ul_per_e, 0.0
+    )
     path = np.full(len(rows), -1, dtype=np.int64)
     writes, sound = np.flatnonzero(volume > 0), laid_ink(paths)
     path[writes] = sound.path[sound.nearest(((tips[1:] + tips[:-1]) / 2)[writes])[0]]
     return NeedleRows(tips, volume, path)
 
 
-def _covered(
+def _covered_share(
     start: FloatArray, end: FloatArray, gaps: Sequence[Gap], paths: Sequence[WrittenPath]
 ) -> float:
-    """Share of the gaps' length over which a written block, (m, 3) mm, goes."""
+    """Return the share of the gaps' length that written blocks, (m, 3) mm, cover."""
     none = np.zeros(len(start))
     laid = LaidInk(start, end, none, none, none.astype(np.int64))
     covered = [np.ones(1, dtype=bool)] if not gaps else []
@@ -288,8 +305,8 @@ def _covered(
     return float(np.concatenate(covered).mean())
 
 
-def _beyond(run: DryRun, held: HeldPrint) -> tuple[str, ...]:
-    """What is wrong with the grown job and not with the job."""
-    alone = dry_run(held.text, held.printer, held.start_mm, cold_extrusion=True)
+def _new_findings(run: DryRun, held_print: HeldPrint) -> tuple[str, ...]:
+    """Return the dry run's findings in the grown job that the job lacks."""
+    alone = dry_run(held_print.text, held_print.printer, held_print.start_mm, cold_extrusion=True)
     known = {finding.code: finding.count for finding in alone.findings}
     return tuple(one.message for one in run.findings if one.count > known.get(one.code, 0))

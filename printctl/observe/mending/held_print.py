@@ -24,19 +24,19 @@ from sim.gcode.reading.comments import declared_start
 
 
 class MendError(PrintctlError):
-    """No mend can be planned; the message says why, and what to do."""
+    """Refusal to plan a mend; the message says why, and what to do."""
 
 
 Style = Literal["layered", "embedded"]
 WAY_MM: Final = 1e-6
-"""A shorter way is none."""
-_TRAVEL_MM_S: Final = 10.0
-"""Of travels, and below it of lifts, where the job has none to follow."""
+"""Moves shorter than this count as no move."""
+_DEFAULT_TRAVEL_MM_S: Final = 10.0
+"""Speed of travels where the job has none; lifts take half of it."""
 
 
 @dataclass(frozen=True)
 class HeldPrint:
-    """Job that stands still after ``done`` of its lines.
+    """Job held after ``done`` of its lines.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class HeldPrint:
             raise MendError(f"{self.done} lines done of {len(self.lines)}; nothing can be mended")
         at = self.place
         if at.x is None or at.y is None or at.z is None or at.e is None:
-            raise MendError("the job hasn't said yet where needle and plunger stand; go on first")
+            raise MendError("the job hasn't placed needle and plunger yet; go on first")
         native = self.program.target[int(np.searchsorted(self.program.command, self.done)) - 1]
         off = np.abs(native - np.array([at.x, at.y, at.z, at.e])).max()
         if off > WAY_MM:
@@ -162,22 +162,22 @@ class HeldPrint:
     def travel_mm_s(self) -> float:
         """Speed of travels across: the job's own, mm/s."""
         limit = min(self.printer.max_speed_mm_s.x, self.printer.max_speed_mm_s.y)
-        return min(self._travelled(upright=False), limit)
+        return min(self._usual_travel_mm_s(upright=False), limit)
 
     @cached_property
     def lift_mm_s(self) -> float:
         """Speed of lifts and descents: the job's own, mm/s."""
-        return min(self._travelled(upright=True), self.printer.max_speed_mm_s.z)
+        return min(self._usual_travel_mm_s(upright=True), self.printer.max_speed_mm_s.z)
 
-    def _travelled(self, *, upright: bool) -> float:
-        """Usual feed of the job's travels; of several equally usual ones the slowest."""
+    def _usual_travel_mm_s(self, *, upright: bool) -> float:
+        """Return the most common feed of the job's travels, mm/s; the slowest of equals."""
         program = self.program
         step = np.abs(program.target[:, :3] - program.before[:, :3])
         flat = np.hypot(step[:, 0], step[:, 1])
         chosen = (program.kind == MOVE) & (program.pushed == 0) & (self.way > WAY_MM)
         chosen &= (flat <= WAY_MM) if upright else (flat > WAY_MM)
         if not chosen.any():
-            return _TRAVEL_MM_S / 2 if upright else _TRAVEL_MM_S
+            return _DEFAULT_TRAVEL_MM_S / 2 if upright else _DEFAULT_TRAVEL_MM_S
         feeds, counts = np.unique(program.feed[chosen], return_counts=True)
         return float(feeds[counts.argmax()])
 
@@ -186,12 +186,12 @@ LEAST_MM: Final = 0.1
 """Shorter moves at a patch's ends aren't made: firmware adds them to the next one."""
 _ROUNDING_MM: Final = 1e-9
 """A corner as far away as `LEAST_MM`, but for rounding, isn't nearer."""
-_NO: Final = (0.0, 0.0)
+_NO_SPARE_MM: Final = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class WrittenPath:
-    """One path that is written without a travel in between.
+    """Path that is written without a travel in between.
 
     Attributes
     ----------
@@ -219,32 +219,36 @@ class WrittenPath:
 
     @cached_property
     def arc(self) -> FloatArray:
-        """Way before each point, (k + 1,), mm."""
+        """Arc length to each point, (k + 1,), mm."""
         return arc_lengths(self.points)
 
     @property
     def length_mm(self) -> float:
-        """Of the whole path."""
+        """Length of the whole path, mm."""
         return float(self.arc[-1])
 
     def at(self, along: FloatArray) -> FloatArray:
-        """Places at ways along the path (m,), mm: (m, 3)."""
+        """Return the places (m, 3), mm, at ways along the path (m,), mm."""
         return places_along(self.points, self.arc, along)
 
     def piece(self, along: FloatArray) -> IntArray:
-        """Piece at ways along the path, (m,); at a corner the one behind it."""
+        """Return the piece at ways along the path, (m,); at a corner the one behind it."""
         piece = np.searchsorted(self.arc, along, side="right") - 1
         return np.clip(piece, 0, len(self.command) - 1)
 
     def usual_width(self, from_mm: float, to_mm: float) -> float:
-        """Mean width between two places along it, mm."""
+        """Return the mean width between two places along the path, mm."""
         middle = np.linspace(from_mm, to_mm, 9)
         return float(self.width_mm[self.piece(middle)].mean())
 
     def cuts(
-        self, from_mm: float, to_mm: float, least_mm: float = 0.0, spare: tuple[float, float] = _NO
+        self,
+        from_mm: float,
+        to_mm: float,
+        least_mm: float = 0.0,
+        spare: tuple[float, float] = _NO_SPARE_MM,
     ) -> FloatArray:
-        """Ways at which a stretch begins, turns and ends, (m + 1,), mm; corners are kept.
+        """Return ways at which a stretch begins, turns and ends, (m + 1,), mm.
 
         Where a corner within the stretch is nearer than ``least_mm`` to an end, that end is moved
         to it by up to ``spare`` (mm at the begin, at the end); else the corner is left out.
@@ -267,7 +271,7 @@ class WrittenPath:
         return max(0.0, float(low)), min(self.length_mm, float(high))
 
     def nearest_mm(self, place: FloatArray) -> tuple[float, float]:
-        """Way along the path of the point nearest to a place, and its distance, mm."""
+        """Return the way along the path of the point nearest to a place, and its distance, mm."""
         begin, step = self.points[:-1], np.diff(self.points, axis=0)
         square = (step**2).sum(axis=1)
         share = np.clip(((place - begin) * step).sum(axis=1) / square, 0.0, 1.0)
@@ -276,24 +280,24 @@ class WrittenPath:
         return float(self.arc[k] + share[k] * np.sqrt(square[k])), float(away[k])
 
 
-def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPath, ...]:
+def written_paths(held_print: HeldPrint, until: int | None = None) -> tuple[WrittenPath, ...]:
     """Return the paths that the job has written where it is held.
 
     Parameters
     ----------
-    held : HeldPrint
+    held_print : HeldPrint
     until : int or None
-        Lines to look at; those done where None. Paths to come are cut there.
+        Lines to read; those done if None. Later paths are cut there.
     """
-    program = held.program
-    taken = program.command < (held.done if until is None else until)
-    chosen = np.flatnonzero(held.writes & taken)
+    program = held_print.program
+    taken = program.command < (held_print.done if until is None else until)
+    chosen = np.flatnonzero(held_print.writes & taken)
     if not len(chosen):
         return ()
-    breaks = (program.kind == MOVE) & ~held.writes & (held.way > WAY_MM)
+    breaks = (program.kind == MOVE) & ~held_print.writes & (held_print.way > WAY_MM)
     number = np.cumsum(breaks)[chosen]
-    width, height = _sections(held, chosen)
-    e_per_mm = program.pushed[chosen] / held.way[chosen]
+    width, height = _sections(held_print, chosen)
+    e_per_mm = program.pushed[chosen] / held_print.way[chosen]
     paths: list[WrittenPath] = []
     for own in np.split(np.arange(len(chosen)), np.flatnonzero(np.diff(number)) + 1):
         row = chosen[own]
@@ -312,23 +316,23 @@ def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPat
     return tuple(paths)
 
 
-def _sections(held: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Width and height of written rows, (n,) each, mm."""
-    every = np.flatnonzero(held.writes)
-    area = held.program.pushed[every] / held.way[every] * held.ul_per_e
-    if held.style == "embedded":
-        swell = held.ink.swell_factor or 1.0
+def _sections(held_print: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return width and height of written rows, (n,) each, mm."""
+    every = np.flatnonzero(held_print.writes)
+    area = held_print.program.pushed[every] / held_print.way[every] * held_print.ul_per_e
+    if held_print.style == "embedded":
+        swell = held_print.ink.swell_factor or 1.0
         wide = np.sqrt(4 / np.pi * area)[np.searchsorted(every, rows)] * swell
         return wide, wide
-    height = layer_heights(held, every, area)
-    width = held.ink.bead_section.width(area, height)
+    height = layer_heights(held_print, every, area)
+    width = held_print.ink.bead_section.width(area, height)
     own = np.searchsorted(every, rows)
     return width[own], height[own]
 
 
-def layer_heights(held: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> FloatArray:
-    """Height of each written row's layer, (n,), mm; round lines where there is but one layer."""
-    from_z = held.program.target[rows, 2]
+def layer_heights(held_print: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> FloatArray:
+    """Return each written row's layer height, (n,), mm; a single layer has round lines."""
+    from_z = held_print.program.target[rows, 2]
     levels = written_levels(from_z)
     round_mm = float(np.median(np.sqrt(4 / np.pi * area_mm2)))
     height = level_heights(levels, level_areas(levels, from_z, area_mm2), single_mm=round_mm)

@@ -13,7 +13,7 @@ from printctl.observe.mending.held_print import HeldPrint, MendError, WrittenPat
 
 @dataclass(frozen=True)
 class Gap:
-    """Stretch without ink, or with too little.
+    """Stretch of a path without ink, or with too little.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Gap:
         return self.missing >= 1.0
 
     def left(self, reason: str) -> NotMended:
-        """Return it as a stretch that stays as it is."""
+        """Return the gap as a stretch that stays unmended."""
         return NotMended(self.path, self.from_mm, self.to_mm, reason)
 
 
@@ -90,7 +90,7 @@ def check_gaps(gaps: Sequence[Gap], paths: Sequence[WrittenPath]) -> None:
             )
 
 
-def merged(gaps: Sequence[Gap], paths: Sequence[WrittenPath], widths: float) -> list[Gap]:
+def merge_gaps(gaps: Sequence[Gap], paths: Sequence[WrittenPath], widths: float) -> list[Gap]:
     """Join gaps of one path that lie nearer to each other than so many widths of the line.
 
     Gaps of different kinds (whole and thin) stay apart, cut where they overlap.
@@ -145,12 +145,12 @@ class LaidInk:
         return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
 
     def top_mm(self, *, layered: bool) -> float:
-        """Highest ink, mm; -inf without any."""
+        """Return the top of the highest ink, mm; -inf without any."""
         above = 0.0 if layered else self.width_mm / 2
         return float((np.maximum(self.start[:, 2], self.end[:, 2]) + above).max(initial=-np.inf))
 
     def where(self, rows: BoolArray) -> LaidInk:
-        """The pieces of a mask."""
+        """Return the pieces of a mask."""
         return LaidInk(*(getattr(self, one.name)[rows] for one in fields(self)))
 
     def nearest(self, places: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -186,7 +186,7 @@ def _stretch(path: WrittenPath, from_mm: float, to_mm: float) -> LaidInk:
 
 
 def _sound_spans(path: WrittenPath, gaps: Sequence[Gap]) -> list[tuple[float, float]]:
-    """Stretches of a path outside its whole gaps, mm along it."""
+    """Return the stretches of a path outside its whole gaps, mm along it."""
     spans, begin = [], 0.0
     own = sorted((g.from_mm, g.to_mm) for g in gaps if g.path == path.number and g.whole)
     for low, high in [*own, (path.length_mm, np.inf)]:
@@ -197,20 +197,22 @@ def _sound_spans(path: WrittenPath, gaps: Sequence[Gap]) -> list[tuple[float, fl
 
 
 def width_with_more(
-    width_mm: FloatArray, height_mm: FloatArray, times: FloatArray, held: HeldPrint
+    width_mm: FloatArray, height_mm: FloatArray, times: FloatArray, held_print: HeldPrint
 ) -> FloatArray:
     """Return the width of lines with so many times their ink (2 on a sound line), (m,), mm.
 
     A line of a layer stands no higher under the needle, so more ink goes to its sides, as the bead
     model says of it.
     """
-    if not held.layered:
+    if not held_print.layered:
         return width_mm * np.sqrt(times)
-    return held.ink.bead_section.width(times * section_mm2(width_mm, height_mm, held), height_mm)
+    return held_print.ink.bead_section.width(
+        times * section_mm2(width_mm, height_mm, held_print), height_mm
+    )
 
 
-def section_mm2(width_mm: FloatArray, height_mm: FloatArray, held: HeldPrint) -> FloatArray:
+def section_mm2(width_mm: FloatArray, height_mm: FloatArray, held_print: HeldPrint) -> FloatArray:
     """Return the cross-section of lines as they are dosed, (m,), mm²."""
-    if not held.layered:
-        return np.pi / 4 * (width_mm / (held.ink.swell_factor or 1.0)) ** 2
-    return held.ink.bead_section.area(width_mm, height_mm)
+    if not held_print.layered:
+        return np.pi / 4 * (width_mm / (held_print.ink.swell_factor or 1.0)) ** 2
+    return held_print.ink.bead_section.area(width_mm, height_mm)

@@ -30,8 +30,8 @@ from sim.gcode.clearance import (
 )
 from sim.gcode.deposit.written import LEVEL_TOLERANCE_MM
 
-_AROUND = 16
-"""Places on the rim of a line that are looked at."""
+_RIM_PLACES = 16
+"""Places on the rim of a line that are checked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +63,11 @@ class Voids:
 
     @staticmethod
     def none() -> Voids:
-        """No void."""
+        """Return an empty set of voids."""
         return Voids(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)))
 
     @staticmethod
-    def of_network(network: VesselNetwork, place_mm: ArrayLike) -> Voids:
+    def from_network(network: VesselNetwork, place_mm: ArrayLike) -> Voids:
         """Return a network's lumens, moved by ``place_mm`` from the part's frame."""
         inner = np.ones(len(network.points) - 1, dtype=bool)
         inner[network.offset[1:-1] - 1] = False
@@ -80,18 +80,18 @@ class Voids:
         return len(self.start)
 
     def near(self, low: FloatArray, high: FloatArray) -> Voids:
-        """Those that reach into a box, corners (3,) mm."""
+        """Return the voids that reach into a box, corners (3,) mm."""
         wide = self.radius.max(axis=1, initial=0.0)[:, None]
         below = np.minimum(self.start, self.end) - wide <= high
         above = np.maximum(self.start, self.end) + wide >= low
         return self.where((below & above).all(axis=1))
 
     def where(self, rows: BoolArray) -> Voids:
-        """Those of a mask."""
+        """Return the voids of a mask."""
         return Voids(self.start[rows], self.end[rows], self.radius[rows])
 
     def depth_mm(self, places: FloatArray) -> FloatArray:
-        """How deep places (m, 3) lie in the nearest void, (m,), mm; below 0 outside.
+        """Return how deep places (m, 3) lie in the nearest void, (m,), mm; below 0 outside.
 
         Of a tapered tube the radius beside the place's foot on the axis counts: exact for
         straight tubes, to (Δr / length)² / 2 of the radius for others.
@@ -116,9 +116,9 @@ def ink_in_voids_mm(
     *,
     layered: bool,
 ) -> FloatArray:
-    """How deep ink around tip places reaches into a void, (m,), mm; below 0 for none.
+    """Return how deep ink around tip places reaches into a void, (m,), mm; below 0 for none.
 
-    A line of a layer is looked at in the middle of its height, where the design's layers are cut
+    A line of a layer is checked in the middle of its height, where the design's layers are cut
     (`design.toolpath.fresh.section`), as a disc of its width; a filament as a ball.
 
     Parameters
@@ -137,45 +137,45 @@ def ink_in_voids_mm(
         return close.depth_mm(places) + width_mm / 2
     middle = places - np.array([0.0, 0.0, 0.5]) * height_mm[:, None]
     deepest = close.depth_mm(middle)
-    for angle in np.linspace(0.0, 2 * np.pi, _AROUND, endpoint=False):
+    for angle in np.linspace(0.0, 2 * np.pi, _RIM_PLACES, endpoint=False):
         side = np.array([np.cos(angle), np.sin(angle), 0.0])
         np.maximum(deepest, close.depth_mm(middle + width_mm[:, None] / 2 * side), out=deepest)
     return deepest
 
 
-_ON_AXIS: Final = 0.5
+_MAX_AXIS_OFFSET_RADII: Final = 0.5
 """Share of a void's radius within which a written axis is the void's own."""
 
 
-def open_voids(voids: Voids, held: HeldPrint, places: FloatArray, reach_mm: float) -> Voids:
+def open_voids(voids: Voids, held_print: HeldPrint, places: FloatArray, reach_mm: float) -> Voids:
     """Return the voids near places (m, 3), mm, that ink must keep out of.
 
     An embedded print writes sacrificial ink where its lumens are to be, so a network's vessels are
     voids to it only where no path of the job, written or to come, goes along them.
     """
-    if held.layered or not len(voids) or not len(places):
+    if held_print.layered or not len(voids) or not len(places):
         return voids
     close = voids.near(places.min(axis=0) - reach_mm, places.max(axis=0) + reach_mm)
-    planned = laid_ink(written_paths(held, len(held.lines)))
+    planned = laid_ink(written_paths(held_print, len(held_print.lines)))
     own = np.ones(len(close), dtype=bool)
     for share in (0.1, 0.5, 0.9):
         axis = close.start + share * (close.end - close.start)
-        own &= planned.nearest(axis)[1] <= _ON_AXIS * close.radius.mean(axis=1)
+        own &= planned.nearest(axis)[1] <= _MAX_AXIS_OFFSET_RADII * close.radius.mean(axis=1)
     return close.where(~own)
 
 
 OVERLAP_RADII: Final = 0.5
 """Of joints, as the embedded planner has it."""
 _NODE_DECIMALS: Final = 4
-_SAME_MM: Final = 1e-6
-_HIGH_MM: Final = 50.0
-"""Above all ink, where the needle comes from."""
+_SAME_PLACE_MM: Final = 1e-6
+_APPROACH_HEIGHT_MM: Final = 50.0
+"""Height above all ink of a travel to the held position."""
 
 
 def under_higher_ink(
     places: FloatArray, ink: LaidInk, needle: Needle, clearance_mm: float
 ) -> BoolArray:
-    """Which tip places (m, 3) the needle can't reach because ink of a higher layer lies there."""
+    """Return the mask of tip places (m, 3) that ink of a higher layer blocks."""
     blocked = np.zeros(len(places), dtype=bool)
     if not len(places):
         return blocked
@@ -241,8 +241,8 @@ def shaft_contacts(
     """
     if not len(rows.path):
         return ()
-    past, volumes, which = _past(ink)
-    bridge = _bridge(past[-1, 1] if len(past) else rows.tips[0], rows.tips[0], ink)
+    past, volumes, which = _past_rows(ink)
+    bridge = _bridge_rows(past[-1, 1] if len(past) else rows.tips[0], rows.tips[0], ink)
     own = np.stack([rows.tips[:-1], rows.tips[1:]], axis=1)
     tips = np.concatenate([past, bridge, own])
     vessel = np.concatenate([which, np.full(len(bridge), -1), rows.path]).astype(np.int64)
@@ -270,24 +270,24 @@ def shaft_contacts(
         (row, one)
         for row, one in contacts
         if stood_mm is None
-        or not (_stands(rows, row, stood_mm) and _known(one, stood_mm, first, joint))
+        or not (_is_at_hold(rows, row, stood_mm) and _was_in_ink(one, stood_mm, first, joint))
     )
 
 
-def _stands(rows: NeedleRows, row: int, stood_mm: FloatArray) -> bool:
-    """Whether a row only rises from where the print is held, or comes back to it from above."""
+def _is_at_hold(rows: NeedleRows, row: int, stood_mm: FloatArray) -> bool:
+    """Return whether a row only rises from the held position, or descends to it."""
     off = rows.tips[row : row + 2] - stood_mm
-    return bool(np.abs(off[:, :2]).max() < _SAME_MM and off[:, 2].min() > -_SAME_MM)
+    return bool(np.abs(off[:, :2]).max() < _SAME_PLACE_MM and off[:, 2].min() > -_SAME_PLACE_MM)
 
 
-def _known(contact: ShaftContact, held_mm: FloatArray, first: int, joint_mm: float) -> bool:
-    """Whether the shaft stood in that ink already while the print was held, or in its joint."""
+def _was_in_ink(contact: ShaftContact, held_mm: FloatArray, first: int, joint_mm: float) -> bool:
+    """Return whether the shaft stood in that ink, or in its joint, while the print was held."""
     near = np.linalg.norm(np.array(contact.place_mm) - held_mm) <= joint_mm
     return contact.crossed_line < first or bool(near)
 
 
 def _network_of(paths: Sequence[WrittenPath]) -> WrittenNetwork:
-    """Written paths as a network: a vessel each, nodes where ends meet."""
+    """Return written paths as a network: a vessel each, nodes where ends meet."""
     ends = np.array([end for path in paths for end in (path.points[0], path.points[-1])])
     nodes, which = np.unique(ends.round(_NODE_DECIMALS), axis=0, return_inverse=True)
     count = [len(path.points) for path in paths]
@@ -301,8 +301,8 @@ def _network_of(paths: Sequence[WrittenPath]) -> WrittenNetwork:
     )
 
 
-def _past(ink: LaidInk) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Written pieces as rows of motion, with a row between those that don't follow each other."""
+def _past_rows(ink: LaidInk) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return written pieces as rows of motion, with travel rows between separate ones."""
     if not len(ink):
         return np.zeros((0, 2, 3)), np.zeros(0), np.zeros(0, np.int64)
     volume = np.pi / 4 * ink.width_mm**2 * ink.length_mm
@@ -316,8 +316,8 @@ def _past(ink: LaidInk) -> tuple[FloatArray, FloatArray, IntArray]:
     )
 
 
-def _bridge(start: FloatArray, end: FloatArray, ink: LaidInk) -> FloatArray:
-    """Rows that bring the needle from one place to another above all ink, (k, 2, 3)."""
-    high = max(ink.top_mm(layered=False), float(start[2]), float(end[2])) + _HIGH_MM
+def _bridge_rows(start: FloatArray, end: FloatArray, ink: LaidInk) -> FloatArray:
+    """Return travel rows from one place to another above all ink, (k, 2, 3)."""
+    high = max(ink.top_mm(layered=False), float(start[2]), float(end[2])) + _APPROACH_HEIGHT_MM
     corners = np.array([start, [*start[:2], high], [*end[:2], high], end])
     return np.stack([corners[:-1], corners[1:]], axis=1)

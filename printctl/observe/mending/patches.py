@@ -25,31 +25,31 @@ VOID_TOLERANCE_MM: Final = 0.05
 """How far ink may reach into a void, rounding of motor steps included."""
 CLEARANCE_MM: Final = 0.05
 """Kept between the needle and ink that stands in its way."""
-_ASIDE_MM: Final = 0.02
-"""How far a patch may lie beside what was seen."""
-_LEAST_PATCH_MM: Final = 0.05
+_MAX_PATCH_OFFSET_MM: Final = 0.02
+"""Largest offset of a patch from the seen line."""
+_MIN_PATCH_MM: Final = 0.05
 """Shorter stretches aren't worth a descent of the needle."""
-_STATION_MM: Final = 0.1
-"""Farthest between places that are looked at, and at most half a line's width."""
-_FEW_STEPS: Final = 40
-"""Of the plunger, below which a patch is made of whole ones: one more or less is seen."""
-_SPARE_STEP: Final = 0.1
-"""Of a step that may be missing."""
+_MAX_STATION_SPACING_MM: Final = 0.1
+"""Largest distance between checked places; half a line's width if that is less."""
+_MAX_ROUNDED_STEPS: Final = 40
+"""Plunger steps below which a patch is rounded to whole ones: one step shows."""
+_MAX_MISSING_STEP: Final = 0.1
+"""Share of a step that may be missing."""
 
-_VOID: Final = (
+_VOID_REASON: Final = (
     "ink there would reach into a lumen by more than the tolerance; the lumen stays open instead: "
     "judge by the final scan whether the wall holds"
 )
-_SHORT: Final = "what could be reached of it is shorter than a patch is worth (least_mm)"
-_UNDER_LAYER: Final = (
+_SHORT_REASON: Final = "what could be reached of it is shorter than a patch is worth (least_mm)"
+_UNDER_LAYER_REASON: Final = (
     "ink of a later layer lies above it, and the needle would go through: mend by hand, or print "
     "the part again; look at every layer to find gaps sooner"
 )
-_UNDER_OTHER: Final = (
+_UNDER_OTHER_REASON: Final = (
     "another filament lies above it, and the needle would go through: mend by hand, or print the "
     "part again; look at every vessel to find gaps sooner"
 )
-_UNDER_OWN: Final = (
+_UNDER_OWN_REASON: Final = (
     "sound ink of the same path stands above it, too steep for the needle: mend by hand, or print "
     "the part again"
 )
@@ -57,7 +57,7 @@ _UNDER_OWN: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Stretch of a path that is written again.
+    """Stretch of a path to write again.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Patch:
         return self.path.cuts(self.from_mm, self.to_mm, LEAST_MM, spare)
 
     def moves(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Points (m + 1, 3) mm, E (m,) mm and feed (m,) mm/s, in the order of writing."""
+        """Return points (m + 1, 3) mm, E (m,) mm and feed (m,) mm/s, in the order of writing."""
         cuts = self.cuts
         piece = self.path.piece((cuts[:-1] + cuts[1:]) / 2)
         points = self.path.at(cuts)
@@ -107,7 +107,7 @@ class Patch:
         return points, e, feed
 
     def in_whole_steps(self, steps_per_mm: float, low: float, high: float) -> list[Patch]:
-        """Return it with whole motor steps of the plunger, the best first.
+        """Return the patch in variants of whole plunger steps, the best first.
 
         A gap of 0.2 mm is about one step of a usual plunger: between two patches of equal E the
         motor makes one step more or less. Overlaps of a whole gap's patch grow up to ``low`` and
@@ -115,9 +115,9 @@ class Patch:
         comes nearer.
         """
         steps = float(self.moves()[1].sum()) * steps_per_mm
-        if not 0 < steps < _FEW_STEPS:
+        if not 0 < steps < _MAX_ROUNDED_STEPS:
             return [self]
-        whole = max(1.0, np.ceil(steps - _SPARE_STEP))
+        whole = max(1.0, np.ceil(steps - _MAX_MISSING_STEP))
         last = float(self.path.e_per_mm[self.path.piece(np.array([self.to_mm]))[0]])
         wanted = max(0.0, (whole - steps) / steps_per_mm / (last * self.flow * self.gap.flow))
         begin = max(low, self.from_mm - wanted / 2)
@@ -132,11 +132,11 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """What a patch is planned against.
+    """Surroundings of a patch: print, paths, ink, voids and gaps.
 
     Attributes
     ----------
-    held : HeldPrint
+    held_print : HeldPrint
     paths : tuple of WrittenPath
     ink : LaidInk
         What lies there: paths without their gaps.
@@ -145,7 +145,7 @@ class Site:
         As they were seen, not joined: what lies between them is sound.
     """
 
-    held: HeldPrint
+    held_print: HeldPrint
     paths: Sequence[WrittenPath]
     ink: LaidInk
     voids: Voids
@@ -155,39 +155,42 @@ class Site:
 def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
     """Return the patches that mend a gap, and the stretches that stay as they are."""
     path = site.paths[gap.path]
-    if why := _refused_second_pass(gap, path, site.held):
+    if why := _refused_second_pass(gap, path, site.held_print):
         return [], [gap.left(why)]
     overlap = OVERLAP_WIDTHS * path.usual_width(gap.from_mm, gap.to_mm) * gap.whole
     low, high = path.clear_of_corners(
         max(0.0, gap.from_mm - overlap), min(path.length_mm, gap.to_mm + overlap)
     )
     # In layers overlaps may grow to whole motor steps; in a bath flow alone makes them whole.
-    spare = OVERLAP_WIDTHS * float(path.width_mm.max()) * (gap.whole and site.held.layered)
+    spare = OVERLAP_WIDTHS * float(path.width_mm.max()) * (gap.whole and site.held_print.layered)
     along = _stations(path, max(0.0, low - spare), min(path.length_mm, high + spare), site)
     in_void = _in_voids(along, path, site)
     blocked, backwards, reach = _out_of_reach(along, path, site)
-    left = [*_left(gap, along, in_void, _VOID), *_left(gap, along, blocked & ~in_void, reach)]
+    left = [
+        *_remaining(gap, along, in_void, _VOID_REASON),
+        *_remaining(gap, along, blocked & ~in_void, reach),
+    ]
     patches = []
     for begin, end in _runs(~in_void & ~blocked):
         first, last = float(along[begin]), float(along[end])
         inner = replace(gap, from_mm=max(first, gap.from_mm), to_mm=min(last, gap.to_mm))
-        if inner.length_mm < min(_LEAST_PATCH_MM, gap.length_mm) * (1 - 1e-9):
+        if inner.length_mm < min(_MIN_PATCH_MM, gap.length_mm) * (1 - 1e-9):
             continue
         flow = 1.0 if gap.whole else gap.missing
         one = Patch(inner, path, max(first, low), min(last, high), flow, backwards)
-        steps = one.in_whole_steps(site.held.printer.steps_per_mm.e, first, last)
+        steps = one.in_whole_steps(site.held_print.printer.steps_per_mm.e, first, last)
         free = (each for each in steps if not _reaches_void(each, site))
         if (made := next(free, None)) is not None:
             patches.append(made)
         else:
-            left.append(inner.left(_VOID))
+            left.append(inner.left(_VOID_REASON))
     if not patches and not left:
-        left = [gap.left(_SHORT)]
+        left = [gap.left(_SHORT_REASON)]
     return patches, left
 
 
-def _refused_second_pass(gap: Gap, path: WrittenPath, held: HeldPrint) -> str:
-    """Why a thin stretch can't be filled up; empty where it can.
+def _refused_second_pass(gap: Gap, path: WrittenPath, held_print: HeldPrint) -> str:
+    """Return why a thin stretch can't be filled up; empty if it can.
 
     A line that is wider than high stands as high as the tip: what a second pass brings goes to its
     sides, which is what the bead model says of more ink. A narrower one may stand lower.
@@ -195,14 +198,14 @@ def _refused_second_pass(gap: Gap, path: WrittenPath, held: HeldPrint) -> str:
     do = "correct the flow of what is still to be written"
     if gap.whole:
         return ""
-    if not held.layered:
+    if not held_print.layered:
         return (
             f"{gap.missing:.0%} of the ink is missing, and the rest is in the way of a second "
             f"pass: a second filament would lie beside the first; {do}"
         )
     piece = path.piece(np.array([gap.from_mm, gap.to_mm]))
     width, height = path.width_mm[piece].min(), path.height_mm[piece].min()
-    section = held.ink.bead_section
+    section = held_print.ink.bead_section
     if section.width((1.0 - gap.missing) * section.area(width, height), height) >= height:
         return ""
     return (
@@ -212,25 +215,25 @@ def _refused_second_pass(gap: Gap, path: WrittenPath, held: HeldPrint) -> str:
 
 
 def _stations(path: WrittenPath, low: float, high: float, site: Site) -> FloatArray:
-    """Ways along a stretch, those where gaps in it begin and end among them, (m,), mm."""
-    step = min(_STATION_MM, path.usual_width(low, high) / 2)
+    """Return ways along a stretch, including the ends of its gaps, (m,), mm."""
+    step = min(_MAX_STATION_SPACING_MM, path.usual_width(low, high) / 2)
     even = np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
     ends = [(one.from_mm, one.to_mm) for one in site.gaps if one.path == path.number]
     return np.unique(np.concatenate([even, np.clip(np.ravel(ends), low, high)]))
 
 
 def _in_voids(along: FloatArray, path: WrittenPath, site: Site, flow: float = 1.0) -> BoolArray:
-    """Stations where ink would reach too far into a void, (m,); sound ink there counts, too."""
+    """Return stations where ink, sound ink included, would reach into a void, (m,)."""
     piece = path.piece(along)
     width, height = path.width_mm[piece], path.height_mm[piece]
     sound = np.ones(len(along), dtype=bool)
     for one in site.gaps:
         if one.path == path.number:
             sound &= (along < one.from_mm) | (along > one.to_mm)
-    width = width_with_more(width, height, flow + sound, site.held)
-    layered = site.held.layered
+    width = width_with_more(width, height, flow + sound, site.held_print)
+    layered = site.held_print.layered
     depth = ink_in_voids_mm(site.voids, path.at(along), width, height, layered=layered)
-    return np.asarray(depth + _ASIDE_MM > VOID_TOLERANCE_MM)
+    return np.asarray(depth + _MAX_PATCH_OFFSET_MM > VOID_TOLERANCE_MM)
 
 
 def _reaches_void(patch: Patch, site: Site) -> bool:
@@ -240,39 +243,39 @@ def _reaches_void(patch: Patch, site: Site) -> bool:
 
 
 def _out_of_reach(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArray, bool, str]:
-    """Stations out of the needle's reach, (m,), whether it goes backwards, and what is in its way.
+    """Return stations out of the needle's reach, (m,), whether to go backwards, and why.
 
     In a bath the shaft stands above the tip, so that one direction may be free where the other
     isn't; the path's own is taken where both are alike.
     """
-    if site.held.layered:
-        needle = site.held.needle
+    if site.held_print.layered:
+        needle = site.held_print.needle
         blocked = under_higher_ink(path.at(along), site.ink, needle, CLEARANCE_MM)
-        return blocked, False, _UNDER_LAYER
-    ahead, said = _crossed(along, path, site)
+        return blocked, False, _UNDER_LAYER_REASON
+    ahead, reason = _crossed_stations(along, path, site)
     if not ahead.any():
-        return ahead, False, said
-    back, other = _crossed(along[::-1], path, site)
+        return ahead, False, reason
+    back, other = _crossed_stations(along[::-1], path, site)
     turned = bool(back.sum() < ahead.sum())
-    return (back[::-1], True, other) if turned else (ahead, False, said)
+    return (back[::-1], True, other) if turned else (ahead, False, reason)
 
 
-def _crossed(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArray, str]:
-    """Stations from or to which the shaft crosses written ink, in the order of writing, (m,)."""
+def _crossed_stations(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArray, str]:
+    """Return stations at which the shaft crosses written ink, in the order of writing, (m,)."""
     piece = path.piece((along[:-1] + along[1:]) / 2)
     volume = np.pi / 4 * path.width_mm[piece] ** 2 * np.abs(np.diff(along))
     own = np.full(len(volume), path.number, dtype=np.int64)
     rows = NeedleRows(path.at(along), volume, own)
     crossed, others = np.zeros(len(along), dtype=bool), False
-    needle = site.held.needle
+    needle = site.held_print.needle
     for row, contact in shaft_contacts(rows, site.ink, site.paths, needle, CLEARANCE_MM):
         crossed[row : row + 2] = True
         others |= contact.crossed != path.number
-    return crossed, _UNDER_OTHER if others else _UNDER_OWN
+    return crossed, _UNDER_OTHER_REASON if others else _UNDER_OWN_REASON
 
 
-def _left(gap: Gap, along: FloatArray, bad: BoolArray, reason: str) -> list[NotMended]:
-    """Stretches of the gap itself that stay, each to the middle between its stations."""
+def _remaining(gap: Gap, along: FloatArray, bad: BoolArray, reason: str) -> list[NotMended]:
+    """Return the stretches of a gap that stay, each to the middle between its stations."""
     edges = np.concatenate([along[:1], (along[1:] + along[:-1]) / 2, along[-1:]])
     spans = [
         (max(gap.from_mm, float(edges[begin])), min(gap.to_mm, float(edges[end + 1])))
@@ -282,7 +285,7 @@ def _left(gap: Gap, along: FloatArray, bad: BoolArray, reason: str) -> list[NotM
 
 
 def _runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """First and last place of each run of True."""
+    """Return first and last index of each run of True."""
     edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
     first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1
     return list(zip(first.tolist(), last.tolist(), strict=True))
@@ -298,9 +301,9 @@ def wipe_way(patch: Patch, others: Sequence[Patch], site: Site) -> FloatArray:
     wanted = begin + OVERLAP_WIDTHS * float(path.width_mm.max())
     ahead = [one.from_mm for one in others if one.path is path and one.from_mm >= begin]
     end = min([wanted, path.length_mm, *ahead])
-    if not site.held.layered or patch.backwards or end - begin < WAY_MM:
+    if not site.held_print.layered or patch.backwards or end - begin < WAY_MM:
         return none
-    along = np.linspace(begin, end, max(2, int((end - begin) / _STATION_MM) + 1))
-    if under_higher_ink(path.at(along), site.ink, site.held.needle, CLEARANCE_MM).any():
+    along = np.linspace(begin, end, max(2, int((end - begin) / _MAX_STATION_SPACING_MM) + 1))
+    if under_higher_ink(path.at(along), site.ink, site.held_print.needle, CLEARANCE_MM).any():
         return none
     return path.at(path.cuts(begin, end)[1:])

@@ -14,7 +14,7 @@ from design.toolpath.gcode.numbers import decimals_for, dialect_of
 from kernels.arrays import FloatArray
 from printctl.observe.mending.check import MendCheck, check_mend, needle_rows
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint, written_paths
-from printctl.observe.mending.laid_ink import Gap, NotMended, check_gaps, laid_ink, merged
+from printctl.observe.mending.laid_ink import Gap, NotMended, check_gaps, laid_ink, merge_gaps
 from printctl.observe.mending.obstacles import Voids, open_voids, shaft_contacts
 from printctl.observe.mending.patches import CLEARANCE_MM, Patch, Site, patches_of, wipe_way
 from sim.gcode.clearance import ShaftContact
@@ -24,15 +24,15 @@ _MERGE_WIDTHS: Final = 2.0
 """Gaps of a path nearer to each other, in widths of its line, are one."""
 _SAME_DEPTH_MM: Final = 0.05
 """Patches that lie no deeper than this are ordered by their travel."""
-_NOTHING_E: Final = 1e-6
-_LEAST_LIFT_MM: Final = 0.2
+_MIN_PUSH_E_MM: Final = 1e-6
+_MIN_LIFT_MM: Final = 0.2
 _BATH_LIFT_MM: Final = 0.5
 """Height of travels above all ink; of layers two of them, if that is more."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mend:
-    """Insert that mends gaps.
+    """G-code insert that mends gaps.
 
     Attributes
     ----------
@@ -51,15 +51,15 @@ class Mend:
     volume_ul: float
 
     def sentences(self) -> list[str]:
-        """Return the mend in words, for the operator."""
-        said = [
+        """Return sentences on the mend for the operator."""
+        sentences = [
             f"path {p.path.number}: {p.gap.length_mm:.2f} mm written again, with {p.before_mm:.2f} "
             f"and {p.beyond_mm:.2f} mm on sound ink"
             for p in self.patches
         ]
         if self.patches:
-            said.append(f"{self.volume_ul:.3f} µL of ink")
-        return said + [
+            sentences.append(f"{self.volume_ul:.3f} µL of ink")
+        return sentences + [
             f"path {one.path}: {one.length_mm:.2f} mm not mended: {one.reason}" for one in self.left
         ]
 
@@ -72,17 +72,17 @@ class Mend:
 
 
 def checked_mend(
-    held: HeldPrint, gaps: Sequence[Gap], voids: Voids | None = None
+    held_print: HeldPrint, gaps: Sequence[Gap], voids: Voids | None = None
 ) -> tuple[Mend, MendCheck | None]:
     """Return a mend that may be inserted, and its check; no check where nothing is mended.
 
     A mend that fails its check has no lines: all of its patches are left, with the reason.
     Parameters and errors are those of `plan_mend`.
     """
-    mend = plan_mend(held, gaps, voids)
+    mend = plan_mend(held_print, gaps, voids)
     if not mend.lines:
         return mend, None
-    check = check_mend(held, mend.lines, gaps, voids)
+    check = check_mend(held_print, mend.lines, gaps, voids)
     if check.passed:
         return mend, check
     why = f"the check of its insert failed ({check.failures}); mend by hand, and report this"
@@ -90,7 +90,7 @@ def checked_mend(
     return Mend((), (), (*mend.left, *own), 0.0), check
 
 
-def plan_mend(held: HeldPrint, gaps: Sequence[Gap], voids: Voids | None = None) -> Mend:
+def plan_mend(held_print: HeldPrint, gaps: Sequence[Gap], voids: Voids | None = None) -> Mend:
     """Plan the insert that mends gaps of a held print.
 
     Each patch is the job's own path of the missing stretch: its height, corners, speed and
@@ -99,7 +99,7 @@ def plan_mend(held: HeldPrint, gaps: Sequence[Gap], voids: Voids | None = None) 
 
     Parameters
     ----------
-    held : HeldPrint
+    held_print : HeldPrint
     gaps : sequence of Gap
     voids : Voids, optional
         What the design keeps open.
@@ -109,34 +109,36 @@ def plan_mend(held: HeldPrint, gaps: Sequence[Gap], voids: Voids | None = None) 
     MendError
         For gaps that aren't on written paths.
     """
-    paths = written_paths(held)
+    paths = written_paths(held_print)
     check_gaps(gaps, paths)
-    joined = merged(gaps, paths, _MERGE_WIDTHS)
+    joined = merge_gaps(gaps, paths, _MERGE_WIDTHS)
     ink = laid_ink(paths, gaps)  # what lies between joined gaps is in the needle's way
     around = np.vstack([np.zeros((0, 3)), *(paths[gap.path].points for gap in joined)])
-    kept_open = open_voids(voids or Voids.none(), held, around, float(ink.width_mm.max(initial=0)))
-    site = Site(held, paths, ink, kept_open, gaps)
+    kept_open = open_voids(
+        voids or Voids.none(), held_print, around, float(ink.width_mm.max(initial=0))
+    )
+    site = Site(held_print, paths, ink, kept_open, gaps)
     each = [patches_of(gap, site) for gap in joined]
-    patches = _ordered([patch for own, _ in each for patch in own], held)
+    patches = _order_patches([patch for own, _ in each for patch in own], held_print)
     left = [one for _, own in each for one in own]
     while patches:
-        lines, ends = _written(patches, site)
-        found = None if held.layered else _crossing(lines, patches, ends, site)
+        lines, ends = _write_insert(patches, site)
+        found = None if held_print.layered else _first_crossing(lines, patches, ends, site)
         if found is None:
-            volume = sum(float(one.moves()[1].sum()) for one in patches) * held.ul_per_e
+            volume = sum(float(one.moves()[1].sum()) for one in patches) * held_print.ul_per_e
             return Mend(tuple(lines), tuple(patches), tuple(left), volume)
         number, reason = found
         left.append(patches.pop(number).gap.left(reason))
     return Mend((), (), tuple(left), 0.0)
 
 
-def _ordered(patches: Sequence[Patch], held: HeldPrint) -> list[Patch]:
-    """Patches in their order: nearest next; in a bath the deepest first."""
-    rest, in_order, at = list(patches), [], held.at_mm
+def _order_patches(patches: Sequence[Patch], held_print: HeldPrint) -> list[Patch]:
+    """Return patches in order: nearest next; in a bath the deepest first."""
+    rest, in_order, at = list(patches), [], held_print.at_mm
     low = {id(one): float(one.path.at(one.cuts)[:, 2].min()) for one in rest}
     while rest:
         near = rest
-        if not held.layered:
+        if not held_print.layered:
             deepest = min(low[id(one)] for one in rest)
             near = [one for one in rest if low[id(one)] <= deepest + _SAME_DEPTH_MM]
         begins = [one.moves()[0][0] for one in near]
@@ -147,31 +149,33 @@ def _ordered(patches: Sequence[Patch], held: HeldPrint) -> list[Patch]:
     return in_order
 
 
-def _written(patches: Sequence[Patch], site: Site) -> tuple[list[bytes], list[int]]:
-    """Lines of the insert of patches, and the line behind each patch."""
-    held = site.held
+def _write_insert(patches: Sequence[Patch], site: Site) -> tuple[list[bytes], list[int]]:
+    """Return the insert's lines and the line behind each patch."""
+    held_print = site.held_print
     layer = max(float(one.path.height_mm.max()) for one in patches)
     tops = [float(one.path.points[:, 2].max()) for one in patches]
-    top = max(site.ink.top_mm(layered=held.layered), float(held.at_mm[2]), *tops)
-    lift = max(_LEAST_LIFT_MM, 2 * layer) if held.layered else _BATH_LIFT_MM
-    writer = _InsertWriter(held, min(top + lift, held.printer.z_mm.high))
+    top = max(site.ink.top_mm(layered=held_print.layered), float(held_print.at_mm[2]), *tops)
+    lift = max(_MIN_LIFT_MM, 2 * layer) if held_print.layered else _BATH_LIFT_MM
+    writer = _InsertWriter(held_print, min(top + lift, held_print.printer.z_mm.high))
     ends = [writer.patch(one, wipe_way(one, patches, site)) for one in patches]
     writer.end()
     return writer.lines, ends
 
 
-def _crossing(
+def _first_crossing(
     lines: Sequence[bytes], patches: Sequence[Patch], ends: Sequence[int], site: Site
 ) -> tuple[int, str] | None:
-    """Patch on whose account an insert first takes the needle through ink in a bath, and why.
+    """Return the first patch whose way takes the needle through ink in a bath, and why.
 
-    None where its whole way is free.
+    None if the whole way is free.
     """
-    held = site.held
-    text = b"\n".join([*held.lines[: held.done], *lines]) + b"\n"
-    program = read_written(text, held.printer, held.start_mm).program
-    rows = needle_rows(program, held, len(lines), site.paths)
-    contacts = shaft_contacts(rows, site.ink, site.paths, held.needle, CLEARANCE_MM, held.at_mm)
+    held_print = site.held_print
+    text = b"\n".join([*held_print.lines[: held_print.done], *lines]) + b"\n"
+    program = read_written(text, held_print.printer, held_print.start_mm).program
+    rows = needle_rows(program, held_print, len(lines), site.paths)
+    contacts = shaft_contacts(
+        rows, site.ink, site.paths, held_print.needle, CLEARANCE_MM, held_print.at_mm
+    )
     if not contacts:
         return None
     row, contact = min(contacts, key=lambda one: one[0])
@@ -191,17 +195,17 @@ def _contact_words(contact: ShaftContact) -> str:
 
 
 class _InsertWriter:
-    """Writes the lines of an insert, travelling at a height, mm."""
+    """Writer of an insert's lines, travelling at a height, mm."""
 
-    def __init__(self, held: HeldPrint, high_mm: float) -> None:
+    def __init__(self, held_print: HeldPrint, high_mm: float) -> None:
         self.lines: list[bytes] = []
-        self._held, self._high = held, high_mm
-        self._digits = decimals_for(held.printer)
-        self._dialect = dialect_of(held.printer)
-        self._at, self._e = held.at_mm.copy(), held.e_mm
-        self._relief = max(held.relief_e, held.relieved_e)
+        self._held, self._high = held_print, high_mm
+        self._digits = decimals_for(held_print.printer)
+        self._dialect = dialect_of(held_print.printer)
+        self._at, self._e = held_print.at_mm.copy(), held_print.e_mm
+        self._relief = max(held_print.relief_e, held_print.relieved_e)
         self._feed = ""
-        self._push(held.relieved_e - self._relief)
+        self._push(held_print.relieved_e - self._relief)
         self._rise()
 
     def patch(self, patch: Patch, wipe: FloatArray) -> int:
@@ -223,14 +227,14 @@ class _InsertWriter:
         return end
 
     def end(self) -> None:
-        """Come back to where the print is held, with plunger, count and feed as they were."""
-        held = self._held
-        self._go_xy(held.at_mm)
-        self._go_z(float(held.at_mm[2]))
-        self._push(self._relief - held.relieved_e)
-        self.lines.append(b"G92 E%b" % self._number(held.e_mm, self._digits.e))
-        if held.place.f is not None:
-            self.lines.append(b"G1 F%b" % f"{held.place.f:.10g}".encode())
+        """Return to the held position, with plunger, count and feed as they were."""
+        held_print = self._held
+        self._go_xy(held_print.at_mm)
+        self._go_z(float(held_print.at_mm[2]))
+        self._push(self._relief - held_print.relieved_e)
+        self.lines.append(b"G92 E%b" % self._number(held_print.e_mm, self._digits.e))
+        if held_print.place.f is not None:
+            self.lines.append(b"G1 F%b" % f"{held_print.place.f:.10g}".encode())
 
     def _rise(self) -> None:
         self._go_z(max(self._high, self._at[2]))
@@ -246,7 +250,7 @@ class _InsertWriter:
 
     def _push(self, e_mm: float) -> None:
         """Move the plunger while the needle stands; back where it is below 0."""
-        if abs(e_mm) > _NOTHING_E:
+        if abs(e_mm) > _MIN_PUSH_E_MM:
             self._e += e_mm
             self._add(1, b"E%b" % self._number(self._e, self._digits.e), self._held.plunger_mm_s)
 

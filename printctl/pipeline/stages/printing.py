@@ -21,13 +21,13 @@ from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import is_complete_record, simulated_printer
 from printctl.machine.process.starting import find_or_start, finished, stop_and_leave
 from printctl.machine.records.replay import grown_in
-from printctl.observe.order import ObserverOrder
-from printctl.observe.starting import (
+from printctl.observe.observer_launch import (
     ObserverError,
     end_idle_observer,
     ensure_observer,
     start_observer,
 )
+from printctl.observe.order import ObserverOrder
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.observing import (
     look_care,

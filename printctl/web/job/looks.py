@@ -18,13 +18,13 @@ from printctl.observe.records import (
     Answer,
     LookRecord,
     answer_look,
-    answer_of,
-    held_for,
+    is_paused_by_look,
     look_picture,
     outcome_words,
     proposal_words,
+    read_answer,
     read_looks,
-    refuse_unheard,
+    refuse_without_observer,
     seen_words,
 )
 from printctl.web.core import Core
@@ -129,7 +129,7 @@ class LookService:
                 "while it is paused by that look"
             )
         try:
-            refuse_unheard(heard.folder)
+            refuse_without_observer(heard.folder)
             answer_look(heard.folder, number, word)
         except ValueError as exc:
             raise ConflictError(str(exc)) from exc
@@ -138,12 +138,14 @@ class LookService:
 
 def _reported(heard: PrintReport, record: LookRecord) -> LookReport:
     """Return a look with the operator's word and what is read."""
-    answer = answer_of(heard.folder, record.number) if record.asked else None
+    answer = read_answer(heard.folder, record.number) if record.asked else None
     picture = look_picture(heard.folder, record.number)
     return LookReport(
         **vars(record),
         answer=answer,
-        waits=bool(record.asked) and answer is None and held_for(heard.status, record.number),
+        waits=bool(record.asked)
+        and answer is None
+        and is_paused_by_look(heard.status, record.number),
         pictured=0.0 if picture is None else picture.stat().st_mtime,
         seen=seen_words(record),
         proposed=proposal_words(record),

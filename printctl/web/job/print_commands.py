@@ -22,7 +22,7 @@ from printctl.observe.continue_print import (
     new_syringe_of,
     restart,
 )
-from printctl.observe.starting import ensure_observer
+from printctl.observe.observer_launch import ensure_observer
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
 from printctl.web.job.jobs import JobId

@@ -24,9 +24,9 @@ from printctl.machine.process.orders import Order
 from printctl.machine.process.starting import running
 from printctl.machine.records.record import load_record
 from printctl.machine.records.replay import grown_in
+from printctl.observe.observer_launch import end_idle_observer, start_observer
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import ORDER
-from printctl.observe.starting import end_idle_observer, start_observer
+from printctl.observe.records import ORDER_FILE
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
@@ -321,9 +321,9 @@ def observer_order(job: Path, set_up: JobSetUp, mounted: SetUp) -> ObserverOrder
         order = ObserverOrder.load(folder)
     except (OSError, ValueError) as exc:
         raise ConflictError(
-            f"the recipe of {folder.name} has its print observed, and {ORDER} in its folder, which "
-            f"says how, can't be read ({exc}): make the run anew (`printctl run RECIPE --until "
-            "toolpath`); nothing was moved"
+            f"the recipe of {folder.name} has its print observed, and {ORDER_FILE} in its folder, "
+            f"which says how, can't be read ({exc}): make the run anew (`printctl run RECIPE "
+            "--until toolpath`); nothing was moved"
         ) from exc
     syringe = load(Syringe, set_up.syringe)
     return replace(

@@ -4,7 +4,7 @@ import pytest
 
 from printctl.cli.running_print import answer, looks, status
 from printctl.errors import UsageError
-from printctl.observe.records import answer_of, look_folder
+from printctl.observe.records import look_folder, read_answer
 from printctl.web.workspace import Workspace
 from tests.printctl.web.job.looks.held import JOB, print_held_for_a_look
 
@@ -24,7 +24,7 @@ def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsy
         assert "look 1 asks to" in capsys.readouterr().out
         with pytest.raises(UsageError, match="look 2 isn't the last, which is look 1"):
             answer(folder, "approve", 2)
-        assert answer_of(folder, 1) is None
+        assert read_answer(folder, 1) is None
         answer(folder, "go_on", 1)
         looks(folder)
         said = capsys.readouterr().out
@@ -39,7 +39,7 @@ def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsy
         client.wait(300)
         with pytest.raises(UsageError, match="doesn't wait for a word on look 1"):
             answer(folder, "approve")
-        assert answer_of(folder, 1) is None
+        assert read_answer(folder, 1) is None
         looks(folder)
         assert "asks to" not in capsys.readouterr().out
 

@@ -18,7 +18,7 @@ from printctl.observe.deciding import (
     SupplyState,
 )
 from printctl.observe.devices import DeviceError
-from printctl.observe.held_look import Judged, Look, MendLines
+from printctl.observe.look_context import Look, LookJudgement, MendLines
 from printctl.observe.observer import Observer
 from printctl.observe.records import answer_look
 from registration.inspection.values import Gap
@@ -59,7 +59,7 @@ def flow(ratio, count=30):
 
 def evidence(**changed):
     """Evidence of a sound layer, changed as a test says."""
-    given = {"places": 400, "gaps": (), "second": None, "supply": FLOWING, "seen_share": 0.95}
+    given = {"places": 400, "gaps": (), "second_gaps": None, "supply": FLOWING, "seen_share": 0.95}
     return Evidence(**{**given, "flow": flow(1.0), "way_mm": 100.0, **changed})
 
 
@@ -127,9 +127,9 @@ class Bench:
         found |= {"not_seen": self.not_seen} if self.not_seen else {}
         told = evidence(
             gaps=self.gaps, flow=flow(self.ratio), seen_share=self.seen_share, thin=self.thin,
-            second=None if again is None else seen,
+            second_gaps=None if again is None else seen,
         )  # fmt: skip
-        return Judged(told, found)
+        return LookJudgement(told, found)
 
 
 def answering(bench, word):

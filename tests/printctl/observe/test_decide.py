@@ -16,7 +16,7 @@ from printctl.observe.deciding import (
     Limits,
     SupplyState,
 )
-from printctl.observe.deciding.evidence import MapCheck, Narrowed, Thin, UnseenPath
+from printctl.observe.deciding.evidence import MapCheck, NarrowedLumen, ThinStretch, UnseenPath
 from printctl.observe.observer import restore, state_of
 from registration.inspection.values import Blob, Gap
 from tests.printctl.observe.observer_bench import GAP, LOOK, Bench, decided, evidence, flow
@@ -30,7 +30,7 @@ GO_ON, PAUSE, MEND, FLOW = (
 LACKS = MapCheck("lacks 20 of 300 rows (400 µm) against the last look's")
 CLOG = InkSupply(SupplyState.CLOGGED, 3.0)
 TORN = "moved by +0.4 mm along x and +0.0 mm along y at one end against the other"
-THIN = (Thin(3, 0.0, 7.0, 0.3),)
+THIN = (ThinStretch(3, 0.0, 7.0, 0.3),)
 LONG = replace(GAP, to_mm=40.0)
 
 
@@ -51,22 +51,32 @@ CASES = [
     ({}, GO_ON, None, "as expected, within tolerance"),
     ({"seen_share": 0.25, "unseen": (SHORT,)}, GO_ON, None, "of the 25% that was seen: as"),
     ({"seen_share": 0.0006, "level_mm": 0.1, "way_mm": 20.0}, GO_ON, None, "nothing was seen"),
-    ({"unseen": (WHOLE,), "seen_share": 0.0}, PAUSE, MEND, "nothing is told of vessel 2 (6.6 mm)"),
+    ({"unseen": (WHOLE,), "seen_share": 0.0}, PAUSE, MEND, "no picture shows vessel 2 (6.6 mm)"),
     ({"unseen": (WHOLE,), "seen_share": 0.0, "mode": "tell"}, GO_ON, None, "vessel 2"),
     ({"unseen": (PART,), "seen_share": 0.5}, PAUSE, MEND, "2.5 of 5.0 mm of vessel 3"),
     # gaps
     ({"gaps": (GAP,)}, MEND, None, "1 gap, 1.00 mm in all (X 0.0 Y 0.0 to X 1.0 Y 0.0, 1.00 mm)"),
     ({"gaps": (GAP,), "mode": "ask"}, PAUSE, MEND, ""),
-    ({"gaps": (GAP,), "mode": "tell"}, GO_ON, None, "only told"),
-    ({"gaps": (GAP,), "second": ()}, GO_ON, None, "in one of two pictures alone"),
+    ({"gaps": (GAP,), "mode": "tell"}, GO_ON, None, "only reported"),
+    ({"gaps": (GAP,), "second_gaps": ()}, GO_ON, None, "in one of two pictures alone"),
     ({"gaps": (LONG,)}, PAUSE, MEND, "40% of what was written would be missing"),
     ({"gaps": (LONG,), "way_mm": 4000.0}, MEND, None, ""),
-    ({"gaps": (replace(GAP, to_mm=30.0),), "alone": "hangs", "way_mm": 4e3}, PAUSE, MEND, "hangs"),
-    ({"gaps": (GAP,), "alone": "hangs"}, MEND, None, "by one picture"),
+    (
+        {"gaps": (replace(GAP, to_mm=30.0),), "single_picture_reason": "hangs", "way_mm": 4e3},
+        PAUSE,
+        MEND,
+        "hangs",
+    ),
+    ({"gaps": (GAP,), "single_picture_reason": "hangs"}, MEND, None, "by one picture"),
     # lumens and place
-    ({"narrowed": (Narrowed("5", 0.0, 0.02),)}, PAUSE, None, "lumen 5 is closed"),
-    ({"narrowed": (Narrowed("5", 0.85, 0.05),)}, GO_ON, None, ""),
-    ({"narrowed": (Narrowed("5", 0.4, 0.02),), "gaps": (GAP,), "second": (GAP,)}, PAUSE, MEND, ""),
+    ({"narrowed": (NarrowedLumen("5", 0.0, 0.02),)}, PAUSE, None, "lumen 5 is closed"),
+    ({"narrowed": (NarrowedLumen("5", 0.85, 0.05),)}, GO_ON, None, ""),
+    (
+        {"narrowed": (NarrowedLumen("5", 0.4, 0.02),), "gaps": (GAP,), "second_gaps": (GAP,)},
+        PAUSE,
+        MEND,
+        "",
+    ),
     ({"shift_mm": 0.3, "u_shift_mm": 0.02}, PAUSE, None, "0.30 mm beside its place"),
     ({"shift_mm": 0.2, "u_shift_mm": 0.1}, GO_ON, None, ""),
     ({"turned": "turned by 180°", "gaps": (GAP,)}, PAUSE, None, "turned by 180°"),
@@ -105,7 +115,7 @@ def test_one_look_is_decided_by_its_evidence(changed, kind, ask, words):
         ({"unseen": (WHOLE,), "seen_share": 0.0, "gaps": (GAP,)}, (WHOLE.gap, GAP), (), None),
         ({"unseen": (PART,), "seen_share": 0.5}, (PART.gap,), (), None),
         ({"gaps": (GAP,), "turned": "turned by 180°", "flow": flow(0.8)}, (), (), None),
-        ({"gaps": (GAP,), "second": ()}, (), (), None),
+        ({"gaps": (GAP,), "second_gaps": ()}, (), (), None),
     ],
 )
 def test_a_decision_has_what_is_written_again_and_the_flow(changed, gaps, thin, factor):

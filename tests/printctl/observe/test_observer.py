@@ -13,15 +13,15 @@ from printctl.machine.errors import LinkError, NoLink, Refused
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe import process
 from printctl.observe.deciding import Decider, FlowControl, Limits
-from printctl.observe.deciding.evidence import Thin
+from printctl.observe.deciding.evidence import ThinStretch
 from printctl.observe.devices import DeviceSettings
-from printctl.observe.held_look import Look
+from printctl.observe.look_context import Look
 from printctl.observe.observer import Observer
 from printctl.observe.process import follow
 from printctl.observe.records import (
     LookRecord,
     answer_look,
-    answer_of,
+    read_answer,
     read_looks,
     save_look,
     total_words,
@@ -30,7 +30,7 @@ from tests.printctl.observe.observer_bench import GAP, LOOK, Bench
 
 GO_ON, PAUSE, INSERT = ("go_on", 1), ("pause", 1), ("insert", 1, ("G1 X1 E1",), None)
 MENDED = {"path": 2, "from_mm": 0.0, "to_mm": 1.0, "tries": 1}
-THIN, CLOG_IN_PART = (Thin(2, 0.0, 3.0, 0.3),), (Thin(2, 0.0, 3.0, 0.6),)
+THIN, CLOG_IN_PART = (ThinStretch(2, 0.0, 3.0, 0.3),), (ThinStretch(2, 0.0, 3.0, 0.6),)
 ABOVE = "0.40 mm (another layer lies above)"
 
 
@@ -65,13 +65,13 @@ def test_a_part_of_a_vessel_that_tells_little_is_left_to_the_next_look(tmp_path)
     records = [bench.observer.look(look) for look in part]
     assert bench.link.said == [("go_on", k) for k in range(1, 6)]
     assert "the next look judges it" in records[-1].why
-    assert not any(one.judged for one in read_looks(tmp_path))
+    assert not any(one.has_judgement for one in read_looks(tmp_path))
     whole = bench.observer.look(replace(LOOK, number=6, mark="end of vessel 3, reload point"))
-    assert whole.judged
+    assert whole.has_judgement
     broken = Bench(tmp_path, seen_share=0.1, gaps=(GAP,), over=True).observer.look(
         replace(part[0], number=7)
     )
-    assert broken.judged
+    assert broken.has_judgement
     assert broken.decision != "go_on"
 
 
@@ -97,7 +97,7 @@ def test_a_look_that_somebody_ends_while_it_is_judged_keeps_nothing_of_its_pictu
     assert bench.link.said == []
     (record,) = read_looks(tmp_path)
     assert "not judged" in record.why
-    assert not record.judged
+    assert not record.has_judgement
 
 
 @pytest.mark.parametrize("seen_share", [0.9, 0.04])
@@ -112,7 +112,7 @@ def test_a_gap_of_which_no_second_picture_comes_is_written_by_one(tmp_path, mode
     asked = [("pause", 1)] * (mode == "ask")
     assert bench.link.said[: len(asked) + 1] == [*asked, ("insert", 1, ("G1 X1 E1",), None)]
     (record,) = read_looks(tmp_path)
-    assert record.judged
+    assert record.has_judgement
     assert "1 gap, 1.00 mm" in record.why
     assert "by one picture: no new picture came into pics" in record.why
 
@@ -132,7 +132,7 @@ def test_a_look_that_failed_is_recorded_and_leaves_the_control_as_it_was(tmp_pat
     bench.observer.decider.control.log_flow = 9.0  # decided, but not to be saved
     bench.observer.note_failure(again, "the observer failed: the disk is full")
     failed = read_looks(tmp_path)[-1]
-    assert (failed.decision, failed.judged) == ("pause", False)
+    assert (failed.decision, failed.has_judgement) == ("pause", False)
     assert failed.control == before.control
 
 
@@ -159,7 +159,7 @@ def test_what_a_mend_leaves_is_told(tmp_path, mode):
     assert record.why.endswith("; not mended: 0.22 mm (ink would reach into a lumen)")
     assert record.found["left_mm"] == 0.22
     assert read_looks(tmp_path) == [record]
-    assert answer_of(tmp_path, 1) == ("approve" if mode == "ask" else None)
+    assert read_answer(tmp_path, 1) == ("approve" if mode == "ask" else None)
 
 
 def test_looks_belong_to_their_print_when_the_clock_is_set_back(tmp_path):
@@ -169,7 +169,7 @@ def test_looks_belong_to_their_print_when_the_clock_is_set_back(tmp_path):
     bench.observer.look(LOOK)
     other = bench.another()
     other.begun = now
-    other.remember(2)
+    other.restore_state(2)
     assert other.decider.control.flow == bench.observer.decider.control.flow != 1.0
 
 
@@ -178,7 +178,7 @@ def test_what_an_earlier_print_left_is_no_part_of_this_one(tmp_path):
     (tmp_path / "looks" / "0001" / "picture.tif").touch()
     bench = Bench(tmp_path)
     bench.observer.begun = read_looks(tmp_path)[0].at + 1.0
-    bench.observer.remember(2)
+    bench.observer.restore_state(2)
     assert bench.observer.decider.control.flow == 1.0
     bench.observer.look(LOOK)
     assert not (tmp_path / "looks" / "0001" / "picture.tif").exists()
@@ -205,7 +205,7 @@ def test_a_look_has_one_answer(tmp_path):
     answer_look(tmp_path, 1, "approve")
     with pytest.raises(ValueError, match="answered before: approve"):
         answer_look(tmp_path, 1, "stop")
-    assert answer_of(tmp_path, 1) == "approve"
+    assert read_answer(tmp_path, 1) == "approve"
 
 
 def test_an_answer_that_a_full_disk_cut_is_written_again(tmp_path):
@@ -214,7 +214,7 @@ def test_an_answer_that_a_full_disk_cut_is_written_again(tmp_path):
     (cut,) = tmp_path.glob("looks/*/answer.json")
     cut.write_text("")
     answer_look(tmp_path, 1, "go_on")
-    assert answer_of(tmp_path, 1) == "go_on"
+    assert read_answer(tmp_path, 1) == "go_on"
 
 
 def test_a_print_that_went_on_by_itself_is_let_be(tmp_path):
@@ -228,7 +228,7 @@ def test_another_observer_asks_again_by_the_pictures(tmp_path):
     bench.observer.look(LOOK)
     answer_look(tmp_path, 1, "approve")
     other = bench.another()
-    other.remember(1)
+    other.restore_state(1)
     other.ask_again(LOOK)
     assert bench.link.said[1:] == [("insert", 1, ("G1 X1 E1",), None), ("resume",)]
     assert bench.pictures == ["picture", "again"]
@@ -455,5 +455,5 @@ def test_pictures_of_a_look_share_the_time_that_it_has(monkeypatch, tmp_path):
     job = SimpleNamespace(order=order)
     now = time.monotonic()
     for left_s in (math.inf, 300.0, 30.0, -5.0):
-        process._acquired(job, Look(1, 9, 9, 0, "end of layer 0", now + left_s), tmp_path)
+        process._acquire_in_time(job, Look(1, 9, 9, 0, "end of layer 0", now + left_s), tmp_path)
     assert limits == [80.0, 80.0, pytest.approx(30.0, abs=5.0), 1.0]

@@ -23,8 +23,8 @@ from printctl.observe.height_maps import (
     refuse_other_height,
     try_laser_frame,
 )
-from printctl.observe.last_map import LastMap
-from printctl.observe.looking_at import Learned
+from printctl.observe.map_history import MapHistory
+from printctl.observe.observed_job import InspectionState
 from printctl.observe.views import View, open_view
 from registration.devices.lens.lens import write_model as write_frame_laser_sweep
 from registration.devices.lens.lens import write_model as write_laser
@@ -172,7 +172,7 @@ def _look(
     if block is not None:
         heights[block, 100:200] += top
     given = HeightMap(heights, (cell_mm, cell_mm))
-    size = replace(ScanSize.of_heights(given, to_map), **cast(Any, changes))
+    size = replace(ScanSize.from_heights(given, to_map), **cast(Any, changes))
     at = SimpleNamespace(
         look=SimpleNamespace(number=number),
         layer=SimpleNamespace(lines=lines, row=np.zeros(1, np.int64)),
@@ -188,7 +188,7 @@ def _look(
 
 
 def test_a_map_with_fewer_rows_than_the_last_looks_lacks_them() -> None:
-    maps = LastMap()
+    maps = MapHistory()
     assert not maps.check(*_look(1, 300)).lacks
     assert (
         maps.check(*_look(2, 280)).lacks == "lacks 20 of 300 rows (400 µm) against the last look's"
@@ -200,16 +200,16 @@ def test_a_map_with_fewer_rows_than_the_last_looks_lacks_them() -> None:
 
 
 def test_a_first_map_is_compared_with_the_size_that_its_frame_names() -> None:
-    assert LastMap().check(*_look(1, 300)) == MapCheck(unsized=True)
-    assert LastMap().check(*_look(1, 300, placed=True)) == MapCheck()
-    assert LastMap().check(*_look(1, 300, whole=(300, 300))) == MapCheck()
-    lacks = LastMap().check(*_look(1, 280, whole=(300, 300))).lacks
+    assert MapHistory().check(*_look(1, 300)) == MapCheck(unsized=True)
+    assert MapHistory().check(*_look(1, 300, placed=True)) == MapCheck()
+    assert MapHistory().check(*_look(1, 300, whole=(300, 300))) == MapCheck()
+    lacks = MapHistory().check(*_look(1, 280, whole=(300, 300))).lacks
     assert lacks == "lacks 20 of 300 rows (400 µm) that observe.frame names"
-    assert not LastMap().check(*_look(1, 298, whole=(300, 300))).lacks
+    assert not MapHistory().check(*_look(1, 298, whole=(300, 300))).lacks
 
 
 def test_what_stood_there_and_is_gone_tells_of_rows_that_were_filled_up() -> None:
-    maps = LastMap()
+    maps = MapHistory()
     maps.check(*_look(1, 300, block=slice(50, 100)))
     assert not maps.check(*_look(2, 300, block=slice(50, 100))).lacks
     moved = maps.check(*_look(3, 300, block=slice(38, 88))).lacks
@@ -219,14 +219,14 @@ def test_what_stood_there_and_is_gone_tells_of_rows_that_were_filled_up() -> Non
 @pytest.mark.parametrize("below", [0.1, 0.2])
 def test_ink_is_lifted_by_the_map_of_the_layer_below_alone(below: float) -> None:
     """Of a look at mends alone the last map shows the same layer."""
-    maps = LastMap()
+    maps = MapHistory()
     maps.check(*_look(1, 300, top=below))
     at, view = _look(2, 300, block=slice(100, 200))
     view.taken[100:200, 100:200] -= 0.1
     view.image[100:200, 100:200, 1] -= 0.1
     maps.check(at, view)
     at.map = MapCheck()
-    image = maps.judged(at, view)
+    image = maps.lift_sunken_ground(at, view)
     lifted = float(np.median(image[110:190, 110:190, 1] - view.image[110:190, 110:190, 1]))
     assert (lifted, at.map.sunk_mm) == pytest.approx(
         (0.09, 0.1) if below == 0.1 else (0.0, 0.0), abs=0.015
@@ -262,17 +262,21 @@ def test_a_scan_of_other_spacing_or_size_says_what_it_holds(
     voxel_mm: tuple[float, float, float], shape: tuple[int, int, int], share: str
 ) -> None:
     with pytest.raises(DeviceError, match="of the lines lie in the scan: they are at x 101") as no:
-        refuse_elsewhere(ScanSize.of(scan(voxel_mm, shape), TO_SCAN), lines())
+        refuse_elsewhere(ScanSize.from_scan(scan(voxel_mm, shape), TO_SCAN), lines())
     assert str(no.value).startswith(share)
     assert "correct the voxel size" in str(no.value)
 
 
 def test_a_scan_that_tells_nothing_of_another_spacing_than_the_last_is_refused() -> None:
-    sizes = [ScanSize.of(scan((0.02, y, 0.03), (100, 200, 200)), TO_SCAN) for y in (0.03, 0.06)]
+    sizes = [
+        ScanSize.from_scan(scan((0.02, y, 0.03), (100, 200, 200)), TO_SCAN) for y in (0.03, 0.06)
+    ]
     assert (
-        Learned().size_words(sizes[1]).startswith("the scan has 200 × 200 × 100 voxels of 30 × 60")
+        InspectionState()
+        .size_words(sizes[1])
+        .startswith("the scan has 200 × 200 × 100 voxels of 30 × 60")
     )
-    known = Learned(None, sizes[0].voxel_mm, sizes[0].words)
+    known = InspectionState(None, sizes[0].voxel_mm, sizes[0].words)
     assert known.size_words(sizes[0]).startswith("the scan has")
     with pytest.raises(DeviceError, match=r"30 × 60 × 20 .* the last one that did had .* 30 × 30"):
         known.size_words(sizes[1])

@@ -24,7 +24,7 @@ from design.tissue.surface import tissue_from_surface
 from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.machine.job.marks import MarkKind
-from printctl.observe.records import ORDER
+from printctl.observe.records import ORDER_FILE
 from printctl.pipeline import observing
 from printctl.pipeline.heads import layer_lines_um, vessel_heads
 from printctl.pipeline.observing import look_care, unlooked_words
@@ -310,7 +310,7 @@ def test_what_changed_in_observe_while_a_print_goes_on_is_told(tmp_path, monkeyp
 
     class Order:
         def save(self, folder):
-            (folder / ORDER).write_text(said[0])
+            (folder / ORDER_FILE).write_text(said[0])
 
     monkeypatch.setattr(observing, "_order", lambda context, part: Order())
     context = SimpleNamespace(recipe=recipe_observing({"device": "oct"}), folder=tmp_path)
@@ -320,7 +320,7 @@ def test_what_changed_in_observe_while_a_print_goes_on_is_told(tmp_path, monkeyp
     told = []
     for said[0], kept in (("ask", ""), ("ask", "ask"), ("mend", "ask")):
         if kept:
-            (begun / ORDER).write_text(kept)
+            (begun / ORDER_FILE).write_text(kept)
         told.append(observing.observed_otherwise(context, begun))
     assert told == [False, False, True]
     context.recipe = recipe_observing(None)

@@ -39,8 +39,8 @@ from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.continue_print import continue_print
-from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, LookRecord, save_look
-from printctl.observe.starting import ObserverError
+from printctl.observe.observer_launch import ObserverError
+from printctl.observe.records import OBSERVER_LOCK, ORDER_FILE, READY_FILE, LookRecord, save_look
 from printctl.progress import StageBars
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
@@ -267,10 +267,10 @@ def test_it_is_refused_with_the_way_to_change(tmp_path, wanted, then):
 
 def test_a_print_with_looks_does_not_go_on_without_an_observer_unless_told_so(tmp_path):
     broken_off(tmp_path, "", look_after=MarkKind.LAYER)
-    (tmp_path / ORDER).write_text("{}")
+    (tmp_path / ORDER_FILE).write_text("{}")
     with pytest.raises(ObserverError, match=r"Nothing was moved.*--unobserved"):
         continue_print(tmp_path)
-    assert not (tmp_path / READY).exists()
+    assert not (tmp_path / READY_FILE).exists()
     with pytest.raises(PortMissing):  # so far it comes
         continue_print(tmp_path, unobserved=True)
 

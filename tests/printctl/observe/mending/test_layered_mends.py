@@ -284,7 +284,7 @@ def test_gaps_beside_the_channels_of_planar_fresh_are_mended(tmp_path):
     mark = job.marks.of(MarkKind.LAYER)[25]
     held = held_at(job, mark, "collagen_fresh", "fresh_150um")
     network = read_network_csv(tmp_path / "network.csv", "mm")
-    voids = Voids.of_network(network, (92.0, 96.0, 1.0))
+    voids = Voids.from_network(network, (92.0, 96.0, 1.0))
     paths = written_paths(held)
     top = max(path.points[0, 2] for path in paths)
     longest = sorted((p for p in paths if p.points[0, 2] == top), key=lambda p: p.length_mm)[-5:]

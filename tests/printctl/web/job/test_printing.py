@@ -37,9 +37,9 @@ from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings
+from printctl.observe.observer_launch import ObserverError
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import ORDER, READY, read_looks
-from printctl.observe.starting import ObserverError
+from printctl.observe.records import ORDER_FILE, READY_FILE, read_looks
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import ConflictError, NotInControlError
@@ -283,13 +283,13 @@ def test_a_print_from_the_page_is_looked_at_and_after_a_resume_as_well(
     service.start(OPERATOR, JOB, ready(service, JOB), WORDS)
     assert load_record(folder).care["look_after"] == MarkKind.LAYER
     heard((folder / "looks" / "0002").is_dir, 60.0)
-    first = int((folder / READY).read_text())
+    first = int((folder / READY_FILE).read_text())
     os.kill(first, signal.SIGKILL)
     held = until(service, JOB, LinkState.PAUSED)
     assert "nobody decided" in held.status.message
     (tmp_path / "works").touch()
     service.hands.resume(OPERATOR, JOB, ResumeRequest())
-    assert int((folder / READY).read_text()) != first
+    assert int((folder / READY_FILE).read_text()) != first
     assert until(service, JOB, LinkState.DONE).status.alarms == 1
     looks = [(one.number, one.done, one.decision) for one in read_looks(folder)]
     assert looks == [(1, 27, "go_on"), (3, 51, "go_on"), (4, 75, "go_on")], "each layer's end"
@@ -308,7 +308,7 @@ def test_nothing_moves_where_the_observer_cannot_be_started(service, station, or
 
 def test_nothing_moves_where_nobody_says_how_to_observe(service, station, order):
     said = ready(service, JOB)
-    (service.core.workspace.root / "runs" / "observed" / ORDER).unlink()
+    (service.core.workspace.root / "runs" / "observed" / ORDER_FILE).unlink()
     with pytest.raises(SafetyError, match="make the run anew"):
         service.start(OPERATOR, JOB, said, WORDS)
     assert service.prints.heard(JOB) is None

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from printctl.machine.control.look_book import LookDecision
-from printctl.observe.records import answer_of, look_folder, save_look
+from printctl.observe.records import look_folder, read_answer, save_look
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.job.looks import AnswerRequest, LookReport
 from printctl.web.workspace import Workspace
@@ -43,7 +43,7 @@ def test_a_look_that_asks_is_answered_once_by_who_holds_the_controls(core, servi
             said = service.looks.answer(OPERATOR, JOB, 1, AnswerRequest(answer="approve"))
             assert said.answer == "approve"
             assert not said.waits
-        assert answer_of(folder, 1) == "approve"
+        assert read_answer(folder, 1) == "approve"
         with pytest.raises(ConflictError, match="answered before: approve"):
             service.looks.answer(OPERATOR, JOB, 1, AnswerRequest(answer="go_on"))
         assert client.status.state == "paused"  # the observer acts, not the page
@@ -59,15 +59,15 @@ def test_an_answer_that_nobody_hears_is_refused(core, service):
         until(lambda: service.prints.heard(JOB).status.ended)
         with pytest.raises(ConflictError, match="doesn't wait for a word on look 1"):
             service.looks.answer(OPERATOR, JOB, 1, AnswerRequest(answer="go_on"))
-        assert answer_of(folder, 1) is None
+        assert read_answer(folder, 1) is None
 
 
 def test_a_look_taken_anew_waits_for_a_new_answer(tmp_path: Path) -> None:
     save_look(tmp_path, record(1, "pause", "mend"))
     (look_folder(tmp_path, 1) / "answer.json").write_text('{"answer": "approve"}')
-    assert answer_of(tmp_path, 1) == "approve"
+    assert read_answer(tmp_path, 1) == "approve"
     save_look(tmp_path, record(1, "pause", "flow"))
-    assert answer_of(tmp_path, 1) is None
+    assert read_answer(tmp_path, 1) is None
 
 
 def test_looks_and_small_pictures_come_by_rest_and_answers_only_with_a_token(tmp_path: Path):
@@ -119,7 +119,7 @@ def test_a_look_that_asks_is_shown_and_approved(browser: Any, tmp_path: Path) ->
         page.screenshot(path=str(tmp_path / "looks.png"), full_page=True)
         page.get_by_role("button", name="Approve").click()
         page.get_by_text("Approved. If the print is still paused").wait_for()
-        assert answer_of(folder, 1) == "approve"
+        assert read_answer(folder, 1) == "approve"
         assert not page.get_by_role("button", name="Go on without").is_visible()
         client.resume()  # as the observer does
         page.get_by_text(": a picture is taken and judged").wait_for()

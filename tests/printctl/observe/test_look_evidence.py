@@ -14,10 +14,10 @@ from printctl.observe.deciding import (
     confirmed_gaps,
     judge_supply,
 )
-from printctl.observe.deciding.evidence import Thin, seen_twice
-from printctl.observe.expected import ExpectedInk
-from printctl.observe.judging import (
-    _flow,
+from printctl.observe.deciding.evidence import ThinStretch, confirm_thin
+from printctl.observe.expected_ink import ExpectedInk
+from printctl.observe.look_evidence import (
+    _flow_blocks,
     thin_lines,
 )
 from registration.inspection import Stations, Stretch
@@ -48,7 +48,7 @@ def seen(lines, ratio, stations=40, noise=0.04, u_ratio=0.01, style="layered"):
         (), none, none, each * WIDTH, each * HEIGHT, each * wanted, np.arange(lines),
         np.arange(lines), 0.35 * (np.arange(lines) + 0.5), each, style, each < 0,
     )  # fmt: skip
-    return _flow(found, ink, row, u_ratio, section)
+    return _flow_blocks(found, ink, row, u_ratio, section)
 
 
 @pytest.mark.parametrize("lines", [1, 3, 40])
@@ -246,5 +246,7 @@ def test_a_thin_stretch_goes_as_far_as_the_line_is_thin():
 
 
 def test_what_one_picture_alone_shows_isnt_filled_up():
-    one, other = Thin(1, 2.0, 4.0, 0.3), Thin(1, 6.0, 8.0, 0.3)
-    assert seen_twice((one, other), (Thin(1, 3.0, 5.0, 0.3), Thin(2, 6.0, 8.0, 0.3))) == (one,)
+    one, other = ThinStretch(1, 2.0, 4.0, 0.3), ThinStretch(1, 6.0, 8.0, 0.3)
+    assert confirm_thin(
+        (one, other), (ThinStretch(1, 3.0, 5.0, 0.3), ThinStretch(2, 6.0, 8.0, 0.3))
+    ) == (one,)

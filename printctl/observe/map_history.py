@@ -11,7 +11,7 @@ import numpy as np
 from kernels.arrays import BoolArray
 from printctl.observe.deciding.evidence import MapCheck
 from printctl.observe.height_maps import ScanSize
-from printctl.observe.held_look import HeldLook
+from printctl.observe.look_context import LookContext
 from printctl.observe.views import View
 from registration.inspection import ExpectedLines, HeightFrame
 from registration.inspection.pictures.heights.lost_rows import LEAST_MM, gone_mm2, lost_rows
@@ -20,13 +20,13 @@ from registration.inspection.pictures.heights.sunk import lifted
 from registration.inspection.pictures.picture import drawn_lines
 from registration.inspection.values import FloatImage
 
-_WIDER = 2.0
-"""Widths of a line, beside which its ink and its shadow change a map."""
-_GONE_MM2: Final = 0.1
-_LEVELS: Final = 2
-"""Of which maps are kept: of a look at mends alone the ground lies two looks back."""
-_NEXT: Final = 0.25
-"""Of a layer, by which the one below may lie nearer or farther than one layer."""
+_CHANGED_WIDTHS = 2.0
+"""Width of the band, in line widths, in which ink and its shadow change a map."""
+_MAX_GONE_MM2: Final = 0.1
+_MAX_KEPT_LEVELS: Final = 2
+"""Levels whose maps are kept: a look at mends alone has its ground two looks back."""
+_LEVEL_TOLERANCE_LAYERS: Final = 0.25
+"""Share of a layer by which the distance to the one below may differ from one layer."""
 
 
 class _Map(NamedTuple):
@@ -36,76 +36,77 @@ class _Map(NamedTuple):
 
 
 @dataclass
-class LastMap:
-    """The last looks' maps, and the one of the look in hand."""
+class MapHistory:
+    """Height maps of the last looks and of the current one."""
 
     _look: int = -1
     _own: _Map | None = None
     _earlier: list[_Map] = field(default_factory=list)
 
-    def check(self, at: HeldLook, view: View) -> MapCheck:
-        """Say what is known of a map's rows and columns, by its frame and the last look's map."""
+    def check(self, context: LookContext, view: View) -> MapCheck:
+        """Check a map for lost rows and columns, by its frame and the last look's map."""
         if view.hidden is None or view.size is None:
             return MapCheck()
-        if at.look.number != self._look:
-            self._look = at.look.number
-            self._keep()
-        middle, thick = at.slab_mm
+        if context.look.number != self._look:
+            self._look = context.look.number
+            self._keep_last()
+        middle, thick = context.slab_mm
         now = _Map(view.taken, view.size, middle + thick / 2)
-        found = self._checked(now, at, view)
+        found = self._compare(now, context, view)
         if not found.lacks:  # else the last whole one stays what the next look's is compared with
             self._own = now
         return found
 
-    def judged(self, at: HeldLook, view: View) -> FloatImage:
-        """Return a map's picture with ink on sunken ground lifted, and note by how much."""
+    def lift_sunken_ground(self, context: LookContext, view: View) -> FloatImage:
+        """Return a map's picture with ink on sunken ground lifted; note the depth in `context`."""
         if view.hidden is None or view.size is None or self._own is None:
             return view.image
         now, thick = self._own, view.thickness_mm
         ground = [
             one
             for one in self._earlier
-            if abs(now.top_mm - one.top_mm - thick) < _NEXT * thick and _has_same_cells(now, one)
+            if abs(now.top_mm - one.top_mm - thick) < _LEVEL_TOLERANCE_LAYERS * thick
+            and _has_same_cells(now, one)
         ]
         if not ground or now.heights is not view.taken:
             return view.image
-        rise = now.heights - _laid_over(ground[-1], now)
+        rise = now.heights - _resampled(ground[-1], now)
         size = (view.image.shape[1], view.image.shape[0])
         rise = cv2.resize(rise, size, interpolation=cv2.INTER_LINEAR)
         assert isinstance(view.frame, HeightFrame)
         px = float(np.sqrt(abs(np.linalg.det(view.frame.matrix[:2, :2]))))
-        width = float(np.median(at.layer.lines.width_mm[at.layer.lines.fresh]))
+        width = float(np.median(context.layer.lines.width_mm[context.layer.lines.fresh]))
         image, sunk_mm = lifted(view.image, view.hidden, rise, thick, width * px)
-        at.map = at.map.worse(MapCheck(sunk_mm=sunk_mm))
+        context.map = context.map.combine(MapCheck(sunk_mm=sunk_mm))
         return image
 
-    def _keep(self) -> None:
+    def _keep_last(self) -> None:
         """Keep the last look's map beside those of other levels."""
         if self._own is None:
             return
         top = self._own.top_mm
         others = [one for one in self._earlier if abs(one.top_mm - top) > 1e-3]
-        self._earlier, self._own = [*others, self._own][-_LEVELS:], None
+        self._earlier, self._own = [*others, self._own][-_MAX_KEPT_LEVELS:], None
 
-    def _checked(self, now: _Map, at: HeldLook, view: View) -> MapCheck:
+    def _compare(self, now: _Map, context: LookContext, view: View) -> MapCheck:
         last = self._earlier[-1] if self._earlier else None
-        last = last if last is not None and _of_one_place(now, last) else None
+        last = last if last is not None and _has_same_origin(now, last) else None
         if last is None and now.size.whole is None:
-            in_place = now.size.placed or is_in_place(view.image, view.frame, at.layer.lines)
+            in_place = now.size.placed or is_in_place(view.image, view.frame, context.layer.lines)
             return MapCheck(unsized=not in_place)
         if last is None:
             assert now.size.whole is not None
-            words = _count_words(_fewer(now, now.size.whole), now.size.whole, now.size)
+            words = _count_words(_missing_counts(now, now.size.whole), now.size.whole, now.size)
             return MapCheck(f"lacks {words} that observe.frame names" if words else "")
-        still = ~_changed(last, at.layer.lines, at.since)
+        still = ~_changed_cells(last, context.layer.lines, context.since)
         y, x = now.size.voxel_mm
         lost = lost_rows(now.heights, last.heights, still, (y, x))
         if words := _count_words(lost, last.heights.shape, now.size):
             return MapCheck(f"lacks {words} against the last look's")
         if now.size.placed:
             return MapCheck()
-        gone = gone_mm2(now.heights - _laid_over(last, now), view.thickness_mm, (y, x))
-        if gone > _GONE_MM2:
+        gone = gone_mm2(now.heights - _resampled(last, now), view.thickness_mm, (y, x))
+        if gone > _MAX_GONE_MM2:
             return MapCheck(
                 f"lacks {gone:.2f} mm² of what stood there at the last look: rows were lost and "
                 "filled up, or it was moved"
@@ -113,8 +114,8 @@ class LastMap:
         return MapCheck()
 
 
-def _fewer(now: _Map, whole: tuple[int, int]) -> tuple[int, int]:
-    """Rows and columns that a map has less than a whole one; 0 for hardly any."""
+def _missing_counts(now: _Map, whole: tuple[int, int]) -> tuple[int, int]:
+    """Return how many rows and columns a map lacks; 0 for hardly any."""
     each = zip(whole, now.heights.shape, now.size.voxel_mm, strict=True)
     rows, columns = (n - own if n - own >= max(2, LEAST_MM / mm) else 0 for n, own, mm in each)
     return rows, columns
@@ -123,8 +124,8 @@ def _fewer(now: _Map, whole: tuple[int, int]) -> tuple[int, int]:
 def _count_words(lost: tuple[int, int], whole: tuple[int, ...], size: ScanSize) -> str:
     """Say how many rows and columns are lost; empty for none."""
     each = zip(lost, whole, ("rows", "columns"), size.voxel_mm, strict=True)
-    told = [f"{n} of {all_} {what} ({1e3 * n * mm:.0f} µm)" for n, all_, what, mm in each if n]
-    return " and ".join(told)
+    counts = [f"{n} of {all_} {what} ({1e3 * n * mm:.0f} µm)" for n, all_, what, mm in each if n]
+    return " and ".join(counts)
 
 
 def _has_same_cells(now: _Map, last: _Map) -> bool:
@@ -132,14 +133,14 @@ def _has_same_cells(now: _Map, last: _Map) -> bool:
     return bool(same and np.allclose(now.size.to_scan, last.size.to_scan))
 
 
-def _of_one_place(now: _Map, last: _Map) -> bool:
-    """Whether two maps begin at one place and have the same cells."""
+def _has_same_origin(now: _Map, last: _Map) -> bool:
+    """Return whether two maps have the same origin and cells."""
     off = np.abs(now.size.low_mm - last.size.low_mm)
     return _has_same_cells(now, last) and bool(np.all(off < 0.5 * min(now.size.voxel_mm)))
 
 
-def _laid_over(last: _Map, now: _Map) -> FloatImage:
-    """Heights of a map where another one's cells lie, NaN beyond it, (rows, columns)."""
+def _resampled(last: _Map, now: _Map) -> FloatImage:
+    """Return a map's heights at another one's cells, NaN beyond it, (rows, columns)."""
     step = np.array(now.size.voxel_mm[::-1])
     by = (now.size.low_mm - last.size.low_mm) / step
     move = np.array([[1.0, 0.0, by[0]], [0.0, 1.0, by[1]]])
@@ -154,12 +155,14 @@ def _laid_over(last: _Map, now: _Map) -> FloatImage:
     )  # fmt: skip
 
 
-def _changed(last: _Map, lines: ExpectedLines, since: BoolArray) -> BoolArray:
-    """Where lines written ``since`` (n,) lie in the last map, (rows, columns)."""
+def _changed_cells(last: _Map, lines: ExpectedLines, since: BoolArray) -> BoolArray:
+    """Return the last map's cells under lines written ``since`` (n,), (rows, columns)."""
     y, x = last.size.voxel_mm
     to_cells = np.diag([1 / x, 1 / y, 1.0, 1.0])
     to_cells[:2, 3] = -last.size.low_mm / (x, y)
     frame = HeightFrame(to_cells @ last.size.to_scan)
     ends = np.stack([frame.to_pixels(one[since]) for one in (lines.start, lines.end)], axis=1)
-    drawn = drawn_lines(last.heights.shape, ends, _WIDER * lines.width_mm[since] / min(x, y))
+    drawn = drawn_lines(
+        last.heights.shape, ends, _CHANGED_WIDTHS * lines.width_mm[since] / min(x, y)
+    )
     return np.asarray(drawn > 0)

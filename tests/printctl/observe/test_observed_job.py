@@ -16,21 +16,21 @@ from printctl.machine.job.job import Insert, parse_job
 from printctl.machine.job.marks import Marks
 from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.devices import DeviceError
-from printctl.observe.expected import (
-    Mended,
+from printctl.observe.expected_ink import (
+    MendedStretch,
+    count_tries,
     expected_ink,
-    ink_to_judge,
+    inspected_ink,
     is_mended,
     last_mends,
-    slab_of,
-    tries_of,
+    layer_slab,
     unseen_words,
 )
-from printctl.observe.held_look import HeldLook, unseen_stretches
-from printctl.observe.judging import evidence_of, without_rest
-from printctl.observe.looking_at import Learned, ObservedJob, _of_mends
+from printctl.observe.look_context import LookContext, unseen_stretches
+from printctl.observe.look_evidence import build_evidence, keep_mends_only
 from printctl.observe.mending import Gap as MendGap
 from printctl.observe.mending import HeldPrint, plan_mend
+from printctl.observe.observed_job import InspectionState, ObservedJob, _keep_mended_gaps
 from printctl.observe.views import frame_holds
 from registration.inspection import (
     Appearance,
@@ -85,7 +85,7 @@ def test_the_slab_of_filaments_holds_where_they_begin() -> None:
         height_mm=np.array([0.4, 0.8]),
     )
     layer = SimpleNamespace(fresh_row=np.arange(2))
-    middle, thick = slab_of(cast(Any, ink), cast(Any, layer))
+    middle, thick = layer_slab(cast(Any, ink), cast(Any, layer))
     assert (middle - thick / 2, middle + thick / 2) == pytest.approx((1.8, 7.4))
 
 
@@ -93,12 +93,12 @@ def test_the_slab_of_filaments_holds_where_they_begin() -> None:
 def test_an_observer_that_begins_anew_knows_what_the_last_look_had_learned() -> None:
     """The first look after a restart learned ink anew, and told nothing of a layer without ink."""
     look = Appearance(np.random.default_rng(1).normal(0.0, 1.0, (3, 5, 16, 2)))
-    known = Learned(look, (0.02, 0.03), "200 × 100 pixels")
-    found = Learned.of_state(json.loads(json.dumps(known.state())))
+    known = InspectionState(look, (0.02, 0.03), "200 × 100 pixels")
+    found = InspectionState.from_state(json.loads(json.dumps(known.state())))
     assert (found.voxel_mm, found.size) == ((0.02, 0.03), "200 × 100 pixels")
     assert found.appearance is not None
     assert np.array_equal(found.appearance.profile, look.profile)
-    assert Learned.of_state(None) == Learned()
+    assert InspectionState.from_state(None) == InspectionState()
 
 
 # --- whether an earlier picture was taken where a camera's frame holds
@@ -127,11 +127,11 @@ def test_a_short_mend_that_failed_is_seen(missing):
     grown = bath_print((2.0, 2.4))
     held = HeldPrint(grown.lines, len(grown), PRINTER, SYRINGE, INK, NEEDLE, "embedded")
     ink = expected_ink(held, grown)
-    mended = [Mended(0, 2.0, 2.4)]
-    again = ink_to_judge(ink, 0, held.done)
+    mended = [MendedStretch(0, 2.0, 2.4)]
+    again = inspected_ink(ink, 0, held.done)
     picture, frame = picture_of(ink, (2.0, 2.4) if missing else None)
     findings = see_layer(picture, frame, again.lines)
-    gaps = _of_mends(findings, tuple(mended)).gaps
+    gaps = _keep_mended_gaps(findings, tuple(mended)).gaps
     assert [(one.stroke, one.from_mm, one.to_mm) for one in gaps] == [
         (0, pytest.approx(2.0, abs=0.12), pytest.approx(2.4, abs=0.12))
     ] * missing
@@ -144,15 +144,15 @@ def test_a_mend_that_failed_is_mended_again_unasked_unless_a_third_of_all_is_mis
     grown = bath_print(gap)
     held = HeldPrint(grown.lines, len(grown), PRINTER, SYRINGE, INK, NEEDLE, "embedded")
     ink = expected_ink(held, grown)
-    again = ink_to_judge(ink, 0, held.done)
+    again = inspected_ink(ink, 0, held.done)
     picture, frame = picture_of(ink, gap)
     findings = see_layer(picture, frame, again.lines)
-    evidence = evidence_of(
+    evidence = build_evidence(
         again, ink, findings, findings, section=held.ink.bead_section, least_gap_mm=0.2,
         left_ul=None,
     )  # fmt: skip
     assert evidence.way_mm == pytest.approx(12.0, abs=0.5)
-    assert Decider(Limits(mend="mend")).decide(without_rest(evidence)).kind is DecisionKind.MEND
+    assert Decider(Limits(mend="mend")).decide(keep_mends_only(evidence)).kind is DecisionKind.MEND
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def picture_of(ink, bare):
 def test_what_was_mended_is_known_by_the_last_look_that_was_judged():
     mended = {"path": 3, "from_mm": 2.0, "to_mm": 2.4, "tries": 1}
     found = {"seen_share": 1.0, "mended": [mended], "about_from": 10}
-    assert last_mends(found) == ((Mended(**mended),), 10)
+    assert last_mends(found) == ((MendedStretch(**mended),), 10)
     assert last_mends(None) == ((), 0)
 
 
@@ -193,7 +193,7 @@ def gap_on(stroke, low, high):
 
 def test_gaps_are_of_a_mend_where_half_of_one_lies_in_the_other():
     """What was left bare on purpose beside a mend isn't a mend that failed."""
-    mended = (Mended(0, 1.0, 2.6), Mended(0, 3.4, 5.0))
+    mended = (MendedStretch(0, 1.0, 2.6), MendedStretch(0, 3.4, 5.0))
     assert is_mended(gap_on(0, 1.5, 1.9), mended)
     assert is_mended(gap_on(0, 1.0, 5.0), mended)
     assert not is_mended(gap_on(0, 2.5, 3.5), mended)
@@ -205,16 +205,16 @@ def test_mends_are_no_lines_of_their_own():
     held = HeldPrint(grown.lines, len(grown), PRINTER, SYRINGE, INK, NEEDLE, "embedded")
     ink = expected_ink(held, grown)
     assert ink.inserted.any()
-    layer = ink_to_judge(ink, 0, held.done)
+    layer = inspected_ink(ink, 0, held.done)
     assert not ink.inserted[layer.row].any()
     assert layer.lines.fresh.all()
 
 
 def test_tries_are_counted_where_gaps_overlap():
-    mended = (Mended(3, 2.0, 4.0, 2),)
-    assert tries_of(MendGap(3, 3.5, 5.0), mended) == 2
-    assert tries_of(MendGap(3, 4.0, 5.0), mended) == 0
-    assert tries_of(MendGap(4, 2.0, 4.0), mended) == 0
+    mended = (MendedStretch(3, 2.0, 4.0, 2),)
+    assert count_tries(MendGap(3, 3.5, 5.0), mended) == 2
+    assert count_tries(MendGap(3, 4.0, 5.0), mended) == 0
+    assert count_tries(MendGap(4, 2.0, 4.0), mended) == 0
 
 
 @pytest.mark.parametrize(("sees", "told"), [(False, [(1.0, 1.8)]), (True, [])])
@@ -230,5 +230,5 @@ def test_a_stretch_that_no_picture_sees_is_told_by_its_length(sees, told):
     path = SimpleNamespace(length_mm=4.0, command=np.array([0]))
     at = SimpleNamespace(ink=SimpleNamespace(paths=(path,)), marks=Marks([]), mended=())
     each = [picture(~hidden), picture(np.full(len(along), sees))]
-    found = unseen_stretches(cast(HeldLook, at), cast(list[LayerFindings], each), 0.2)
+    found = unseen_stretches(cast(LookContext, at), cast(list[LayerFindings], each), 0.2)
     assert [(round(one.gap.from_mm, 6), round(one.gap.to_mm, 6)) for one in found] == told

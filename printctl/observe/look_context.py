@@ -1,4 +1,4 @@
-"""A look at a held print: the values it hands on, its ink, and stretches that no picture shows."""
+"""Values of a look at a held print: context, judgement, mend, unseen stretches."""
 
 from __future__ import annotations
 
@@ -14,18 +14,16 @@ from kernels.arrays import BoolArray
 from printctl.machine.job.marks import Mark, MarkKind, Marks
 from printctl.observe.deciding import Evidence
 from printctl.observe.deciding.evidence import MapCheck, UnseenPath
-from printctl.observe.expected import ExpectedInk, LayerInk, Mended, is_mended
+from printctl.observe.expected_ink import ExpectedInk, LayerInk, MendedStretch, is_mended
 from printctl.observe.height_maps import ScanSize
-from printctl.observe.judging import seen_in
+from printctl.observe.look_evidence import seen_in
 from printctl.observe.mending import HeldPrint
 from registration.inspection import Gap, LayerFindings, Lumen, Unseen
-
-"""Share of ink below which a place counts as bare."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """A look that the link waits for.
+    """Look for which the link holds the print.
 
     Attributes
     ----------
@@ -55,8 +53,8 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """What the pictures of a look have told.
+class LookJudgement:
+    """Judgement of a look's pictures.
 
     Attributes
     ----------
@@ -66,7 +64,7 @@ class Judged:
     flow : float
         Factor in force, as the job's inserts have it.
     learned : dict
-        Of ink and scanner, for the records.
+        State of `InspectionState`, for the records.
     """
 
     evidence: Evidence
@@ -77,7 +75,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class MendLines:
-    """What mends the gaps and thin lines of a look.
+    """G-code lines that mend a look's gaps and thin lines.
 
     Attributes
     ----------
@@ -87,7 +85,7 @@ class MendLines:
         What isn't mended by them, and why; empty for nothing.
     left_mm : float, mm
     mended : tuple of dict
-        Gaps that they write again (`Mended`) with both ends, mm; they are looked at once more.
+        Gaps that they write again (`MendedStretch`) with both ends, mm; inspected once more.
     given_up : bool
         Whether a gap was written so often in vain that the operator alone has it written again.
     """
@@ -100,14 +98,14 @@ class MendLines:
 
 
 @dataclass
-class HeldLook:
-    """Print as it is held at a look: what is worked out once for its pictures and its mend.
+class LookContext:
+    """Held print, expected ink and findings of one look, shared by its pictures and its mend.
 
     Attributes
     ----------
     look : Look
         With ``before`` where the ink begins that is judged.
-    held : HeldPrint
+    held_print : HeldPrint
     flow : float
         Factor in force.
     ink : ExpectedInk
@@ -118,7 +116,7 @@ class HeldLook:
         Of the grown job.
     slab_mm : (float, float), mm
         Middle and thickness of the layer; of all filaments in a bath.
-    mended : tuple of Mended
+    mended : tuple of MendedStretch
         Gaps that the last look had written again, if nothing else was written since: they alone are
         judged, among the ink that it was about.
     found : dict
@@ -132,14 +130,14 @@ class HeldLook:
     """
 
     look: Look
-    held: HeldPrint
+    held_print: HeldPrint
     flow: float
     ink: ExpectedInk
     layer: LayerInk
     lumens: tuple[Lumen, ...]
     marks: Marks
     slab_mm: tuple[float, float] = (0.0, 1.0)
-    mended: tuple[Mended, ...] = ()
+    mended: tuple[MendedStretch, ...] = ()
     found: dict[Path, LayerFindings] = field(default_factory=dict)
     turned: str | None = None
     map: MapCheck = field(default_factory=MapCheck)
@@ -147,16 +145,16 @@ class HeldLook:
 
     @property
     def since(self) -> BoolArray:
-        """Lines of the layer written since the look before, (n,)."""
+        """Mask of the layer's lines written since the look before, (n,)."""
         return np.asarray(self.ink.command[self.layer.row] >= self.look.before)
 
 
 def unseen_stretches(
-    at: HeldLook, each: Sequence[LayerFindings], least_mm: float
+    context: LookContext, each: Sequence[LayerFindings], least_mm: float
 ) -> tuple[UnseenPath, ...]:
-    """Return the stretches, so long at least, that aren't seen.
+    """Return the stretches, ``least_mm`` or longer, that weren't seen.
 
-    Of a look at mends alone those in the mends; of the rest the last look has told.
+    A look at mends alone returns those in the mends only: the last look has reported the rest.
     """
     stations, unseen = each[0].stations, list[UnseenPath]()
     all_seen = seen_in([one.stations for one in each])
@@ -169,15 +167,15 @@ def unseen_stretches(
             low, high = float(middle[0] - half[0]), float(middle[-1] + half[-1])
             begin, end = ((float(x), float(y)) for x, y in stations.at_mm[own[[0, -1]]])
             gap = Gap(stroke, low, high, begin, end, 0.0, 1.0)
-            about = not at.mended or is_mended(gap, at.mended)
+            about = not context.mended or is_mended(gap, context.mended)
             if gap.length_mm >= least_mm and about:
-                unseen.append(_named(at, gap))
+                unseen.append(_named(context, gap))
     return tuple(unseen)
 
 
-def _named(at: HeldLook, part: Gap) -> UnseenPath:
-    """A part of a path with the name of the vessel that it writes."""
-    path = at.ink.paths[part.stroke]
-    mark = at.marks.next(MarkKind.VESSEL, int(path.command[-1]))
+def _named(context: LookContext, part: Gap) -> UnseenPath:
+    """Return a part of a path with the name of the vessel that it writes."""
+    path = context.ink.paths[part.stroke]
+    mark = context.marks.next(MarkKind.VESSEL, int(path.command[-1]))
     name = f"vessel {mark.number}" if mark and mark.number >= 0 else f"path {part.stroke}"
-    return UnseenPath("the mend in " * bool(at.mended) + name, part, path.length_mm)
+    return UnseenPath("the mend in " * bool(context.mended) + name, part, path.length_mm)

@@ -21,16 +21,23 @@ from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
 from printctl.machine.process.contact import alive, has_ended, hold_folder
 from printctl.machine.records.record import RECORD
-from printctl.observe import starting, views
+from printctl.observe import observer_launch, views
 from printctl.observe import views as camera_holds
 from printctl.observe.deciding import Limits
-from printctl.observe.devices import DeviceError, DeviceSettings, acquire, files_in, picture_of
+from printctl.observe.devices import DeviceError, DeviceSettings, acquire, find_picture, list_files
 from printctl.observe.height_maps import read_matrix
-from printctl.observe.held_look import Look
+from printctl.observe.look_context import Look
 from printctl.observe.order import ObserverOrder
 from printctl.observe.process import try_device
-from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, LookRecord, look_folder, save_look
-from printctl.observe.views import EMPTY, image_before, picture_before
+from printctl.observe.records import (
+    OBSERVER_LOCK,
+    ORDER_FILE,
+    READY_FILE,
+    LookRecord,
+    look_folder,
+    save_look,
+)
+from printctl.observe.views import EMPTY_LOOK_NUMBER, image_before, picture_before
 from registration.devices.camera_frame.frame import CameraFrame
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.waiting import wait_for
@@ -53,12 +60,12 @@ with hold_folder(folder, OBSERVER_LOCK):
 def scanning(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Folder of an observer whose device's program takes long, until the last test ends it."""
     folder = tmp_path_factory.mktemp("scanning")
-    (folder / ORDER).touch()
+    (folder / ORDER_FILE).touch()
     (folder / "scan.sh").write_text(f"echo $$ >{folder}/program.new\n"
                                     f"mv {folder}/program.new {folder}/program\n"
                                     "sleep 600\n")  # fmt: skip
     process = subprocess.Popen([sys.executable, "-c", _OBSERVER, str(folder)])
-    (folder / READY).write_text(f"{process.pid}\n")
+    (folder / READY_FILE).write_text(f"{process.pid}\n")
     while not (folder / "program").exists():
         assert process.poll() is None
         time.sleep(0.02)
@@ -72,13 +79,15 @@ def test_an_observer_is_replaced_once_its_link_is_dead(
     scanning: Path, monkeypatch: pytest.MonkeyPatch, link: str
 ) -> None:
     started = list[bool]()
-    monkeypatch.setattr(starting, "has_looks", lambda _: True)
+    monkeypatch.setattr(observer_launch, "has_looks", lambda _: True)
     monkeypatch.setattr(
-        starting, "start_observer", lambda folder, _: started.append(alive(folder, OBSERVER_LOCK))
+        observer_launch,
+        "start_observer",
+        lambda folder, _: started.append(alive(folder, OBSERVER_LOCK)),
     )
     _begin(scanning, seconds_after_ready=-1 if link == "awaited" else 1)
     with hold_folder(scanning) if link == "alive" else nullcontext():
-        starting.ensure_observer(scanning)
+        observer_launch.ensure_observer(scanning)
     assert started == [True] * (link == "dead")
 
 
@@ -92,21 +101,21 @@ def test_a_left_over_observer_is_ended_with_its_devices_program(
         free.append(not alive(scanning, OBSERVER_LOCK))
         raise LinkError("far enough")
 
-    monkeypatch.setattr(starting, "spawn", spawned)
+    monkeypatch.setattr(observer_launch, "spawn", spawned)
     _begin(scanning, seconds_after_ready=-1)
-    with pytest.raises(starting.ObserverError, match="at work"):
-        starting.start_observer(scanning)
+    with pytest.raises(observer_launch.ObserverError, match="at work"):
+        observer_launch.start_observer(scanning)
     os.kill(program, 0)
     _begin(scanning, seconds_after_ready=1)
-    with pytest.raises(starting.ObserverError, match="far enough"):
-        starting.start_observer(scanning)
+    with pytest.raises(observer_launch.ObserverError, match="far enough"):
+        observer_launch.start_observer(scanning)
     assert free == [True]
     assert _gone(program)
 
 
 def _begin(folder: Path, seconds_after_ready: float) -> None:
     """Leave a link's record as of a print that began before or after the observer was ready."""
-    ready, record = folder / READY, folder / RECORD
+    ready, record = folder / READY_FILE, folder / RECORD
     record.touch()
     at = ready.stat().st_mtime + seconds_after_ready
     os.utime(record, (at, at))
@@ -149,7 +158,9 @@ def test_a_simulated_camera_shows_no_ink_of_the_print_before(tmp_path: Path) -> 
         device=DeviceSettings("simulated", extra=extra), limits=Limits(),
     )  # fmt: skip
     try_device(order, tmp_path)
-    seen = cv2.imread(str(look_folder(tmp_path, EMPTY) / "picture.png"), cv2.IMREAD_UNCHANGED)
+    seen = cv2.imread(
+        str(look_folder(tmp_path, EMPTY_LOOK_NUMBER) / "picture.png"), cv2.IMREAD_UNCHANGED
+    )
     assert np.ptp(cv2.GaussianBlur(seen, (0, 0), 3)) < 40
 
 
@@ -171,19 +182,19 @@ def test_a_new_file_of_a_folder_is_kept_with_the_look(tmp_path, monkeypatch, ahe
     write("old.png", b"old")
 
     def listed_then_written(path, tables):
-        listed = files_in(path, tables)
+        listed = list_files(path, tables)
         write("new.json", b'{"voxel_mm": [0.01, 0.01, 0.01]}')
         write("new.TIF", b"new")
         write("new.log", b"written last")
         return listed
 
-    monkeypatch.setattr(sys.modules[acquire.__module__], "files_in", listed_then_written)
+    monkeypatch.setattr(sys.modules[acquire.__module__], "list_files", listed_then_written)
     found = acquire(DeviceSettings("folder", str(folder)), look / "picture")
     assert found == look / "picture.TIF"
     assert found.read_bytes() == b"new"
     assert sorted(one.name for one in look.iterdir()) == ["picture.TIF", "picture.json"]
     assert len(list(folder.iterdir())) == 4
-    assert picture_of(look, "picture") == found
+    assert find_picture(look, "picture") == found
 
 
 def test_a_command_writes_the_file(tmp_path):
@@ -341,7 +352,9 @@ def test_a_picture_in_a_file_of_another_format_counts(folder: Path) -> None:
 
 
 def test_the_first_look_has_the_view_of_the_empty_dish(tmp_path: Path) -> None:
-    empty, first = (look_folder(tmp_path, number) / "picture.png" for number in (EMPTY, 1))
+    empty, first = (
+        look_folder(tmp_path, number) / "picture.png" for number in (EMPTY_LOOK_NUMBER, 1)
+    )
     for number, path in enumerate((empty, first)):
         path.touch()
         os.utime(path, (1000.0 + 60.0 * number,) * 2)

@@ -18,26 +18,26 @@ from printctl.machine.job.care import Care
 from printctl.machine.process.contact import alive, has_ended, stays_alive
 from printctl.machine.process.launch import spawn
 from printctl.machine.records.record import RECORD, load_record
-from printctl.observe.records import LOG, OBSERVER_LOCK, ORDER, READY
+from printctl.observe.records import LOG_FILE, OBSERVER_LOCK, ORDER_FILE, READY_FILE
 from printctl.sources import python_command
 
 _READY_LIMIT_S: Final = 300.0
 """Loading takes some seconds; a camera's first picture has a limit of its own."""
 _END_LIMIT_S: Final = 10.0
-"""For an observer that is told to end: a picture that it judges isn't left at once."""
-_BY_FORCE: Final = getattr(signal, "SIGKILL", signal.SIGTERM)
-_WITHOUT: Final = "print without the recipe's section observe"
+"""Time for an observer to end, which may be judging a picture."""
+_KILL_SIGNAL: Final = getattr(signal, "SIGKILL", signal.SIGTERM)
+_DEFAULT_REMEDY: Final = "print without the recipe's section observe"
 
 
 class ObserverError(PrintctlError):
-    """A print can't be observed as its recipe asks."""
+    """Failure to observe a print as its recipe requests."""
 
 
-def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
+def start_observer(folder: Path, remedy: str = _DEFAULT_REMEDY) -> None:
     """Start the observer of the print that is about to begin or go on in ``folder``.
 
     Returns once it has loaded all that it needs and has tried its device; it then waits for the
-    print. The folder has its order (`ORDER`).
+    print. The folder has its order (`ORDER_FILE`).
 
     Parameters
     ----------
@@ -51,10 +51,10 @@ def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
         When it can't observe; nothing has moved then.
     """
     if stays_alive(folder, OBSERVER_LOCK):
-        if not _is_left_over(folder):
+        if not _has_lost_link(folder):
             raise ObserverError(f"an observer is at work in {folder} already; end its print first")
-        _end_at_last(folder)
-    ready = folder / READY
+        _end_and_wait(folder)
+    ready = folder / READY_FILE
     ready.unlink(missing_ok=True)
     try:
         pid = spawn([*python_command("printctl.observe"), str(folder.resolve()), "--detach"])
@@ -66,7 +66,7 @@ def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
         if _ready_pid(folder) == pid:
             return
         if over:
-            raise ObserverError(_refusal(_last_line(folder / LOG), remedy))
+            raise ObserverError(_refusal(_last_line(folder / LOG_FILE), remedy))
         time.sleep(0.05)
     _end(pid)
     raise ObserverError(_refusal(f"it wasn't ready after {_READY_LIMIT_S:g} s", remedy))
@@ -87,16 +87,16 @@ def ensure_observer(folder: Path) -> bool:
     ObserverError
         When none can be started.
     """
-    if not has_looks(folder) or not (folder / ORDER).is_file():
+    if not has_looks(folder) or not (folder / ORDER_FILE).is_file():
         return False
-    if stays_alive(folder, OBSERVER_LOCK) and not _is_left_over(folder):
+    if stays_alive(folder, OBSERVER_LOCK) and not _has_lost_link(folder):
         return False
     start_observer(folder, f"go on without by `printctl resume {folder} --unobserved`")
     return True
 
 
 def has_looks(folder: Path) -> bool:
-    """Whether the print in ``folder`` is held for looks; False where there is no print."""
+    """Return whether the print in ``folder`` is held for looks; False without a print."""
     try:
         return Care.from_dict(load_record(folder).care).looks
     except LinkError:
@@ -110,25 +110,25 @@ def end_idle_observer(folder: Path) -> None:
         _end(pid)
 
 
-def _is_left_over(folder: Path) -> bool:
-    """Whether an observer's link has begun and is gone: the observer still waits for its device.
+def _has_lost_link(folder: Path) -> bool:
+    """Return whether an observer's link has begun and is gone, and it waits for its device.
 
     It would end behind that, perhaps once the print goes on.
     """
     try:
-        begun = (folder / RECORD).stat().st_mtime_ns > (folder / READY).stat().st_mtime_ns
+        begun = (folder / RECORD).stat().st_mtime_ns > (folder / READY_FILE).stat().st_mtime_ns
     except OSError:
         return False
     return begun and not alive(folder)
 
 
-def _end_at_last(folder: Path) -> None:
-    """End the observer in a folder: it ends its device's program first, if it can."""
+def _end_and_wait(folder: Path) -> None:
+    """End the observer in a folder, by force if it doesn't end in time."""
     pid, limit = _ready_pid(folder), time.monotonic() + _END_LIMIT_S
     _end(pid)
     while alive(folder, OBSERVER_LOCK):
         if time.monotonic() > limit:
-            _end(pid, _BY_FORCE)
+            _end(pid, _KILL_SIGNAL)
             return
         time.sleep(0.05)
 
@@ -141,7 +141,7 @@ def _end(pid: int, how: signal.Signals = signal.SIGTERM) -> None:
 
 def _ready_pid(folder: Path) -> int:
     try:
-        return int((folder / READY).read_text(encoding="ascii"))
+        return int((folder / READY_FILE).read_text(encoding="ascii"))
     except (OSError, ValueError):
         return 0
 

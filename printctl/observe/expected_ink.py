@@ -18,11 +18,11 @@ from printctl.observe.mending import Gap as MendGap
 from printctl.observe.mending import HeldPrint, Style, WrittenPath, written_paths
 from registration.inspection import ExpectedLines, Gap, Stations
 
-_BELOW: Final = 3
+_LEVELS_BELOW: Final = 3
 """Levels below the judged one that may show through."""
-_LEVEL_MM: Final = 1e-3
-_SAME_MM: Final = 0.05
-"""Of two stretches, by which they must overlap to be of one gap."""
+_LEVEL_TOLERANCE_MM: Final = 1e-3
+_MIN_OVERLAP_MM: Final = 0.05
+"""Overlap above which two stretches belong to one gap."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ExpectedInk:
     start, end : (n, 3) float64, mm
         Of the tip.
     width_mm : (n,) float64, mm
-        Of a line in a layer, or diameter of a filament, as the job asks for it: without the
+        Of a line in a layer, or diameter of a filament, as the job requests it: without the
         correction of the flow.
     height_mm : (n,) float64, mm
         Thickness of the layer, or the diameter again.
@@ -46,7 +46,7 @@ class ExpectedInk:
     stroke : (n,) int64
         Number of the path.
     time_s : (n,) float64, s
-        Of its middle, by the speeds that the job asks for, writing alone.
+        Of its middle, by the job's own speeds, writing alone.
     factor : (n,) float64
         Ink that the grown job pushes there over what its file says.
     style : "layered" or "embedded"
@@ -73,20 +73,20 @@ class ExpectedInk:
         return self.style == "layered"
 
     def between(self, first: int, last: int) -> BoolArray:
-        """Which pieces the job's own commands ``first`` up to, not including, ``last`` write."""
+        """Return the mask of pieces written by the job's own commands ``first`` to ``last`` - 1."""
         return (self.command >= first) & (self.command < last) & ~self.inserted
 
 
-def expected_ink(held: HeldPrint, job: Job) -> ExpectedInk:
+def expected_ink(held_print: HeldPrint, job: Job) -> ExpectedInk:
     """Return all ink of a job up to the place where it is held.
 
     Parameters
     ----------
-    held : HeldPrint
+    held_print : HeldPrint
     job : Job
-        The same job with its inserts, which tell where the flow was corrected.
+        The same job with its inserts, which correct the flow.
     """
-    paths, none = written_paths(held), np.zeros(0)
+    paths, none = written_paths(held_print), np.zeros(0)
 
     def joined(name: str) -> FloatArray:
         return np.concatenate([none, *(getattr(one, name) for one in paths)])
@@ -98,11 +98,11 @@ def expected_ink(held: HeldPrint, job: Job) -> ExpectedInk:
     for after, count in job.positions:
         inserted[after : after + count], flow[after : after + count] = True, 1.0
     factor = flow[command]
-    area, height = joined("e_per_mm") * held.ul_per_e / factor, joined("height_mm")
-    if held.layered:
-        width = held.ink.bead_section.width(area, height) if len(area) else area
+    area, height = joined("e_per_mm") * held_print.ul_per_e / factor, joined("height_mm")
+    if held_print.layered:
+        width = held_print.ink.bead_section.width(area, height) if len(area) else area
     else:
-        width = height = np.sqrt(4 / np.pi * area) * (held.ink.swell_factor or 1.0)
+        width = height = np.sqrt(4 / np.pi * area) * (held_print.ink.swell_factor or 1.0)
     start = np.vstack([np.zeros((0, 3)), *(one.points[:-1] for one in paths)])
     end = np.vstack([np.zeros((0, 3)), *(one.points[1:] for one in paths)])
     seconds = np.linalg.norm(end - start, axis=1) / np.maximum(joined("feed_mm_s"), 1e-9)
@@ -110,13 +110,13 @@ def expected_ink(held: HeldPrint, job: Job) -> ExpectedInk:
     time_s = np.cumsum(seconds) - seconds / 2
     return ExpectedInk(
         paths, start, end, width, height, area, command, stroke.astype(np.int64), time_s, factor,
-        held.style, inserted[command],
+        held_print.style, inserted[command],
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LayerInk:
-    """Ink that a look is about.
+    """Ink that a look inspects.
 
     Attributes
     ----------
@@ -131,11 +131,11 @@ class LayerInk:
 
     @property
     def fresh_row(self) -> IntArray:
-        """Of the expected ink, of each judged line."""
+        """Row of the expected ink of each inspected line."""
         return self.row[self.lines.fresh]
 
 
-def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
+def inspected_ink(ink: ExpectedInk, first: int, last: int) -> LayerInk:
     """Return the ink that a look after commands ``first`` to ``last`` is about.
 
     In layers: the topmost level written since, and what shows through from below. Embedded: all
@@ -144,8 +144,8 @@ def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
     written, fresh = ink.between(0, last), ink.between(first, last)
     if ink.layered and fresh.any():
         top = ink.end[fresh, 2].max()
-        fresh &= ink.end[:, 2] > top - _LEVEL_MM
-        depth = _BELOW * float(ink.height_mm[fresh].max())
+        fresh &= ink.end[:, 2] > top - _LEVEL_TOLERANCE_MM
+        depth = _LEVELS_BELOW * float(ink.height_mm[fresh].max())
         written &= ink.end[:, 2] > top - depth
     row = np.flatnonzero(written)
     start, end, width = ink.start[row], ink.end[row], ink.width_mm[row]
@@ -154,8 +154,8 @@ def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
     )
 
 
-def slab_of(ink: ExpectedInk, layer: LayerInk) -> tuple[float, float]:
-    """Middle and thickness of the layer that is looked at, mm; of all filaments in a bath."""
+def layer_slab(ink: ExpectedInk, layer: LayerInk) -> tuple[float, float]:
+    """Return middle and thickness of the inspected layer, mm; of all filaments in a bath."""
     rows = layer.fresh_row
     if not len(rows):
         return 0.0, 1.0
@@ -169,7 +169,7 @@ def slab_of(ink: ExpectedInk, layer: LayerInk) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Mended:
+class MendedStretch:
     """Stretch of a path, mm along it, that was written again, and how often."""
 
     path: int
@@ -178,32 +178,34 @@ class Mended:
     tries: int = 1
 
     def overlap_mm(self, path: int, from_mm: float, to_mm: float) -> float:
-        """How much of it a stretch of a path covers, mm; 0 or less for nothing."""
+        """Return the length shared with a stretch of a path, mm; 0 or less for none."""
         if path != self.path:
             return 0.0
         return min(self.to_mm, to_mm) - max(self.from_mm, from_mm)
 
 
-def tries_of(gap: MendGap, mended: Sequence[Mended]) -> int:
-    """How often a gap, or a part of it, was mended before."""
+def count_tries(gap: MendGap, mended: Sequence[MendedStretch]) -> int:
+    """Return how often a gap, or a part of it, was mended before."""
     each = (
-        one.tries for one in mended if one.overlap_mm(gap.path, gap.from_mm, gap.to_mm) > _SAME_MM
+        one.tries
+        for one in mended
+        if one.overlap_mm(gap.path, gap.from_mm, gap.to_mm) > _MIN_OVERLAP_MM
     )
     return max(each, default=0)
 
 
-def is_mended(gap: Gap, mended: Sequence[Mended]) -> bool:
-    """Whether a gap lies in what was written again: half of one is in the other."""
+def is_mended(gap: Gap, mended: Sequence[MendedStretch]) -> bool:
+    """Return whether a gap and a mended stretch share half of the shorter one."""
     for one in mended:
         overlap = one.overlap_mm(gap.stroke, gap.from_mm, gap.to_mm)
         least = min(gap.length_mm, one.to_mm - one.from_mm)
-        if overlap > _SAME_MM and 2 * overlap >= least:
+        if overlap > _MIN_OVERLAP_MM and 2 * overlap >= least:
             return True
     return False
 
 
-def unseen_words(stations: Stations, mended: Sequence[Mended]) -> str:
-    """Say how much of what was mended isn't seen, where that is half of it or more; else empty."""
+def unseen_words(stations: Stations, mended: Sequence[MendedStretch]) -> str:
+    """Return in words how much of the mends is unseen, if half or more; else empty."""
     unseen_mm, whole_mm = 0.0, sum(one.to_mm - one.from_mm for one in mended)
     for one in mended:
         along = stations.along_mm
@@ -215,12 +217,12 @@ def unseen_words(stations: Stations, mended: Sequence[Mended]) -> str:
     return f"{unseen_mm:.2f} of {whole_mm:.2f} mm that were mended can't be seen: look yourself"
 
 
-def last_mends(found: dict[str, Any] | None) -> tuple[tuple[Mended, ...], int]:
-    """Return what the last look that was judged had written again, and since when it judged.
+def last_mends(found: dict[str, Any] | None) -> tuple[tuple[MendedStretch, ...], int]:
+    """Return the mends of the last judged look and the command from which it judged.
 
-    By the figures of its record; None where there was no such look.
+    Read from its record's figures; empty and 0 without such a look.
     """
     found = found or {}
-    names = [one.name for one in fields(Mended)]
-    each = (Mended(**{name: one[name] for name in names}) for one in found.get("mended", ()))
+    names = [one.name for one in fields(MendedStretch)]
+    each = (MendedStretch(**{name: one[name] for name in names}) for one in found.get("mended", ()))
     return tuple(each), int(found.get("about_from", 0))

@@ -21,27 +21,39 @@ from kernels.arrays import FloatArray
 from printctl.machine.job.job import Job, load_job
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal
-from printctl.observe.deciding.evidence import Thin
+from printctl.observe.deciding.evidence import ThinStretch
 from printctl.observe.devices import DeviceError, Place, Region
-from printctl.observe.expected import (
+from printctl.observe.expected_ink import (
     ExpectedInk,
-    Mended,
+    MendedStretch,
+    count_tries,
     expected_ink,
-    ink_to_judge,
+    inspected_ink,
     is_mended,
     last_mends,
-    slab_of,
-    tries_of,
+    layer_slab,
     unseen_words,
 )
 from printctl.observe.height_maps import ScanSize, refuse_other_height
-from printctl.observe.held_look import HeldLook, Judged, Look, MendLines, unseen_stretches
-from printctl.observe.judging import ends_of, evidence_of, figures, nothing_seen, without_rest
-from printctl.observe.last_map import LastMap
+from printctl.observe.look_context import (
+    Look,
+    LookContext,
+    LookJudgement,
+    MendLines,
+    unseen_stretches,
+)
+from printctl.observe.look_evidence import (
+    build_evidence,
+    empty_evidence,
+    keep_mends_only,
+    record_figures,
+    stretch_ends,
+)
+from printctl.observe.map_history import MapHistory
 from printctl.observe.mending import Gap as MendGap
 from printctl.observe.mending import HeldPrint, Style, Voids, checked_mend
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import DRAWN, LEARNED, read_looks
+from printctl.observe.records import DRAWING_FILE, STATE_KEY, read_looks
 from printctl.observe.views import Image, frame_holds, image_before, open_view
 from registration.errors import PictureError
 from registration.inspection import (
@@ -57,19 +69,19 @@ from registration.inspection import (
 from registration.inspection.values import LineShapes
 
 log = logging.getLogger(__name__)
-MOST_TRIES: Final = 2
-_ASIDE_MM: Final = 1.5
+MAX_TRIES: Final = 2
+_REGION_MARGIN_MM: Final = 1.5
 """Blobs are looked for within 1.2 mm of a line."""
-_ABOVE_MM: Final = 0.3
-_BELOW: Final = 8.0
-"""Layers below the middle of the one looked at: what shines through a gap is one layer lower."""
-_STEP: Final = 0.25
-"""Distance of the spheres that a tube is made of, in radii."""
-_ROUND: Final = 24
+_REGION_ABOVE_MM: Final = 0.3
+_REGION_BELOW_LAYERS: Final = 8.0
+"""Layers below the middle of the inspected one; one layer lower shines through a gap."""
+_SPHERE_SPACING_RADII: Final = 0.25
+"""Distance of the spheres that approximate a tube, in radii."""
+_CIRCLE_CORNERS: Final = 24
 """Corners of a circle."""
 
 
-def lumens_at(network: VesselNetwork, z_mm: float, least_mm: float) -> tuple[Lumen, ...]:
+def lumen_sections(network: VesselNetwork, z_mm: float, least_mm: float) -> tuple[Lumen, ...]:
     """Return the sections of all vessels at one height; narrower ones than ``least_mm`` left out.
 
     Parameters
@@ -80,13 +92,13 @@ def lumens_at(network: VesselNetwork, z_mm: float, least_mm: float) -> tuple[Lum
         Middle of the layer.
     least_mm : float, mm
     """
-    angle, lumens = np.linspace(0.0, 2 * np.pi, _ROUND, endpoint=False), list[Lumen]()
+    angle, lumens = np.linspace(0.0, 2 * np.pi, _CIRCLE_CORNERS, endpoint=False), list[Lumen]()
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     for vessel, (points, radius) in enumerate(network.polylines()):
         if (np.abs(points[:, 2] - z_mm) - radius).min() > np.ptp(points[:, 2]):
             continue
         way = arc_lengths(points)
-        count = max(int(np.ceil(way[-1] / (_STEP * float(radius.min())))) + 1, 2)
+        count = max(int(np.ceil(way[-1] / (_SPHERE_SPACING_RADII * float(radius.min())))) + 1, 2)
         at = np.linspace(0.0, way[-1], count)
         middle, wide = places_along(points, way, at), np.interp(at, way, radius)
         half = np.sqrt(np.maximum(wide**2 - (middle[:, 2] - z_mm) ** 2, 0.0))
@@ -105,8 +117,8 @@ def lumens_at(network: VesselNetwork, z_mm: float, least_mm: float) -> tuple[Lum
 
 
 @dataclass(frozen=True)
-class Learned:
-    """What the next look goes on from; each look's record keeps it.
+class InspectionState:
+    """Ink appearance and scan size that a look hands to the next; saved in its record.
 
     Attributes
     ----------
@@ -123,7 +135,7 @@ class Learned:
     size: str = ""
 
     def state(self) -> dict[str, Any]:
-        """Return it ready for JSON."""
+        """Return the state ready for JSON."""
         look = self.appearance
         shapes = None if look is None or look.shapes is None else vars(look.shapes)
         return {
@@ -134,20 +146,20 @@ class Learned:
         }
 
     @staticmethod
-    def of_state(state: dict[str, Any] | None) -> Learned:
-        """Return it from `state`; what knows nothing from None."""
+    def from_state(state: dict[str, Any] | None) -> InspectionState:
+        """Return the state of `state`; an empty one from None."""
         if state is None:
-            return Learned()
+            return InspectionState()
         profile, shapes, look = state["appearance"], state.get("shapes"), None
         if isinstance(profile, list):  # an older state has none
             known = shapes and LineShapes(
                 np.array(shapes["misfits"]), np.array(shapes["log_ratio"]), int(shapes["looks"])
             )
             look = Appearance(np.array(profile), known or None)
-        return Learned(look, tuple(state["voxel_mm"]), state["size"])
+        return InspectionState(look, tuple(state["voxel_mm"]), state["size"])
 
     def size_words(self, size: ScanSize) -> str:
-        """Where a scan that tells little lies.
+        """Return in words the size and place of a scan in which little is seen.
 
         Raises
         ------
@@ -166,7 +178,7 @@ class Learned:
 
 @dataclass
 class ObservedJob:
-    """A job as it stands at a look, and how its layers are seen.
+    """Job under observation: judges its looks and plans their mends.
 
     Attributes
     ----------
@@ -180,14 +192,14 @@ class ObservedJob:
     folder: Path
     order: ObserverOrder
     begun: float = 0.0
-    _learned: Learned | None = None  # None until the records of another observer were read
+    _kept_state: InspectionState | None = None  # until another observer's records were read
     _digest: bytes = b""  # of what was taken last
-    _last: HeldLook | None = None
-    _map: LastMap = field(default_factory=LastMap)
+    _last: LookContext | None = None
+    _map: MapHistory = field(default_factory=MapHistory)
 
     @cached_property
     def network(self) -> VesselNetwork | None:
-        """Designed lumens, printer's frame; None where nobody said."""
+        """Designed lumens, printer's frame; None if not given."""
         if not self.order.network:
             return None
         return read_network_csv(Path(self.order.network), "mm").moved(np.array(self.order.place_mm))
@@ -197,7 +209,7 @@ class ObservedJob:
         return load(Printer, self.order.profile)
 
     @cached_property
-    def _poured(self) -> tuple[Syringe, Ink, Needle]:
+    def _fluidics(self) -> tuple[Syringe, Ink, Needle]:
         order = self.order
         return load(Syringe, order.syringe), load(Ink, order.ink), load(Needle, order.needle)
 
@@ -206,36 +218,36 @@ class ObservedJob:
         return load_job(Path(self.order.job), self._printer)
 
     def load(self) -> None:
-        """Read job, profiles and network, so that what is wrong with them is told at once.
+        """Read job, profiles and network, so that their errors show at once.
 
         Raises
         ------
         ProfileError, LinkError, DesignError, OSError
         """
-        _ = self._job, self._poured, self.network
+        _ = self._job, self._fluidics, self.network
 
-    def _held(self, look: Look) -> HeldLook:
-        """The print as it is held, with all that was put into its job so far."""
+    def _context(self, look: Look) -> LookContext:
+        """Return the look's context: the print as held, with its job's inserts."""
         if self._last is None or self._last.look.number != look.number:
             inserts = read_journal(self.folder / JOURNAL).inserts
             job = self._job.grown_by([one for one in inserts if one.after < look.done])
             style: Style = "embedded" if self.order.embedded else "layered"
-            held = HeldPrint(job.lines, look.done, self._printer, *self._poured, style)
-            ink = expected_ink(held, job)
+            held_print = HeldPrint(job.lines, look.done, self._printer, *self._fluidics, style)
+            ink = expected_ink(held_print, job)
             judged = [
                 one
                 for one in read_looks(self.folder, self.begun)
-                if one.judged and one.done < look.done
+                if one.has_judgement and one.done < look.done
             ]
             mended, before = last_mends(judged[-1].found if judged else None)
             if mended and not ink.between(look.before, look.done).any():
                 look = replace(look, before=before)
             else:
                 mended = ()
-            layer = ink_to_judge(ink, look.before, look.done)
-            self._last = HeldLook(
-                look, held, job.flow, ink, layer, self._lumens(ink, look), job.marks,
-                slab_of(ink, layer), mended,
+            layer = inspected_ink(ink, look.before, look.done)
+            self._last = LookContext(
+                look, held_print, job.flow, ink, layer, self._lumens(ink, look), job.marks,
+                layer_slab(ink, layer), mended,
             )  # fmt: skip
         return self._last
 
@@ -245,24 +257,26 @@ class ObservedJob:
         Up to above all ink, down to some layers below the ones looked at (in a bath to below the
         lowest filament), and as far aside as ink is looked for beside lines.
         """
-        at = self._held(look)
-        lines, (middle, thick) = at.layer.lines, at.slab_mm
+        context = self._context(look)
+        lines, (middle, thick) = context.layer.lines, context.slab_mm
         ends = np.concatenate([lines.start, lines.end])
         if not len(ends):
-            ends = at.ink.end
-        below = _BELOW * thick if at.ink.layered else thick / 2 + _ABOVE_MM
-        low = np.append(ends[:, :2].min(axis=0) - _ASIDE_MM, middle - below)
-        top = max(float(at.ink.end[:, 2].max()), middle + thick / 2)
-        high = np.append(ends[:, :2].max(axis=0) + _ASIDE_MM, top + _ABOVE_MM)
+            ends = context.ink.end
+        below = (
+            _REGION_BELOW_LAYERS * thick if context.ink.layered else thick / 2 + _REGION_ABOVE_MM
+        )
+        low = np.append(ends[:, :2].min(axis=0) - _REGION_MARGIN_MM, middle - below)
+        top = max(float(context.ink.end[:, 2].max()), middle + thick / 2)
+        high = np.append(ends[:, :2].max(axis=0) + _REGION_MARGIN_MM, top + _REGION_ABOVE_MM)
         return _place(low), _place(high)
 
     # --- judging ---------------------------------------------------------------------------------
 
     @property
-    def _known(self) -> Learned:
-        return self._learned or Learned()
+    def _state(self) -> InspectionState:
+        return self._kept_state or InspectionState()
 
-    def judge(self, look: Look, picture: Path, again: Path | None) -> Judged:
+    def judge(self, look: Look, picture: Path, again: Path | None) -> LookJudgement:
         """Judge one or two pictures.
 
         Raises
@@ -270,108 +284,123 @@ class ObservedJob:
         DeviceError
             When a picture can't be read, or is the last one to the last bit.
         """
-        at = self._held(look)
-        if self._learned is None:
+        context = self._context(look)
+        if self._kept_state is None:
             each = read_looks(self.folder, self.begun)
-            states = [one.control.get(LEARNED) for one in each if one.number < look.number]
-            self._learned = Learned.of_state(next(filter(None, reversed(states)), None))
+            states = [one.control.get(STATE_KEY) for one in each if one.number < look.number]
+            self._kept_state = InspectionState.from_state(
+                next(filter(None, reversed(states)), None)
+            )
         if again is None:  # a first picture, or one that was taken anew
-            at.found.clear()
+            context.found.clear()
         try:
-            first = self._findings(at, picture)
+            first = self._findings(context, picture)
         except PictureError as exc:
-            nothing = replace(nothing_seen(), turned=at.turned)
-            none = {"seen_share": 0.0, "not_seen": str(exc), "about_from": at.look.before}
-            return Judged(nothing, none, at.flow, self._known.state())
-        judged = self._judged(at, first, None if again is None else self._findings(at, again))
-        return replace(judged, learned=self._known.state())
+            nothing = replace(empty_evidence(), turned=context.turned)
+            none = {"seen_share": 0.0, "not_seen": str(exc), "about_from": context.look.before}
+            return LookJudgement(nothing, none, context.flow, self._state.state())
+        judged = self._judge_findings(
+            context, first, None if again is None else self._findings(context, again)
+        )
+        return replace(judged, learned=self._state.state())
 
-    def _judged(self, at: HeldLook, first: LayerFindings, second: LayerFindings | None) -> Judged:
+    def _judge_findings(
+        self, context: LookContext, first: LayerFindings, second: LayerFindings | None
+    ) -> LookJudgement:
         limits = self.order.limits
         least = limits.gap.least_mm
         each = [one for one in (first, second) if one is not None]
-        unseen = unseen_stretches(at, each, least)
-        if at.mended:
-            each = [_of_mends(one, at.mended) for one in each]
-        evidence = evidence_of(
-            at.layer, at.ink, each[0], each[1] if second is not None else None,
-            section=at.held.ink.bead_section, least_gap_mm=least, left_ul=self._left_ul(at.ink),
-            unseen=unseen, tolerated=limits.width_percent / 100,
+        unseen = unseen_stretches(context, each, least)
+        if context.mended:
+            each = [_keep_mended_gaps(one, context.mended) for one in each]
+        evidence = build_evidence(
+            context.layer, context.ink, each[0], each[1] if second is not None else None,
+            section=context.held_print.ink.bead_section, least_gap_mm=least,
+            left_ul=self._left_ul(context.ink), unseen=unseen, tolerated=limits.width_percent / 100,
         )  # fmt: skip
-        evidence = replace(evidence, turned=at.turned, map=at.map)
-        if at.mended:  # of the rest the last look has told
-            evidence = without_rest(evidence)
-        found = {**figures(each[0], evidence, at.ink), "about_from": at.look.before}
-        if at.size and first.seen_share < limits.least_seen:
-            found["not_seen"] = self._known.size_words(at.size)
-        elif at.size:
-            self._learned = replace(self._known, voxel_mm=at.size.voxel_mm, size=at.size.words)
-        if words := unseen_words(first.stations, at.mended):
+        evidence = replace(evidence, turned=context.turned, map=context.map)
+        if context.mended:  # the last look has reported the rest
+            evidence = keep_mends_only(evidence)
+        found = {
+            **record_figures(each[0], evidence, context.ink),
+            "about_from": context.look.before,
+        }
+        if context.size and first.seen_share < limits.least_seen:
+            found["not_seen"] = self._state.size_words(context.size)
+        elif context.size:
+            self._kept_state = replace(
+                self._state, voxel_mm=context.size.voxel_mm, size=context.size.words
+            )
+        if words := unseen_words(first.stations, context.mended):
             found["not_seen"] = words
-        return Judged(evidence, found, at.flow)
+        return LookJudgement(evidence, found, context.flow)
 
-    def _findings(self, at: HeldLook, path: Path) -> LayerFindings:
-        """Findings of a picture; of the first one a drawing is left beside it."""
-        if path in at.found:
-            return at.found[path]
-        view = open_view(path, self.order, *at.slab_mm, at.layer.lines)
-        image, frame, at.size = view.image, view.frame, view.size
+    def _findings(self, context: LookContext, path: Path) -> LayerFindings:
+        """Return a picture's findings; draw those of the first one beside it."""
+        if path in context.found:
+            return context.found[path]
+        view = open_view(path, self.order, *context.slab_mm, context.layer.lines)
+        image, frame, context.size = view.image, view.frame, view.size
         heights = self.order.tells_heights
         before = None  # a camera's of the same view
         if not heights:
-            before = image_before(self.folder, self.begun, at.look, path, image)
+            before = image_before(self.folder, self.begun, context.look, path, image)
         self._check_new(view.taken, before)
-        at.map = at.map.worse(self._map.check(at, view))
+        context.map = context.map.combine(self._map.check(context, view))
         if heights:  # a camera's marks hold its frame themselves
             laser = view.hidden is not None
-            at.turned = better_turned(image, frame, at.layer.lines, view.scan, in_parts=laser)
-        is_height = heights and at.ink.layered
-        if is_height and not at.map.lacks:
-            image = self._map.judged(at, view)
-        shown = view.shown_lines(at.layer.lines)
+            context.turned = better_turned(
+                image, frame, context.layer.lines, view.scan, in_parts=laser
+            )
+        is_height = heights and context.ink.layered
+        if is_height and not context.map.lacks:
+            image = self._map.lift_sunken_ground(context, view)
+        shown = view.shown_lines(context.layer.lines)
         findings = see_layer(
             image if view.filaments is None else view.filaments,
             frame,
             shown.lines,
-            lumens=at.lumens,
+            lumens=context.lumens,
             before=before,
             stood_still=partial(frame_holds, before, frame),
-            since=at.since[shown.row],
+            since=context.since[shown.row],
             hidden=() if view.hidden is None else view.hidden,
             # In a bath ink is as dark as it is thick and near: each look learns its own.
-            known=self._known.appearance if at.ink.layered else None,
-            thickness_mm=at.slab_mm[1] if is_height else None,
+            known=self._state.appearance if context.ink.layered else None,
+            thickness_mm=context.slab_mm[1] if is_height else None,
             options=self._options(),
         )
         findings = shown.as_given(findings)
-        refuse_other_height(at.size, findings.seen_share, findings.coverage)
-        if not at.found:
+        refuse_other_height(context.size, findings.seen_share, findings.coverage)
+        if not context.found:
             self._learn(findings)
-            self._draw(at, view.image if view.shown is None else view.shown, frame, findings, path)
-        at.found[path] = findings
+            self._draw(
+                context, view.image if view.shown is None else view.shown, frame, findings, path
+            )
+        context.found[path] = findings
         return findings
 
     def _learn(self, findings: LayerFindings) -> None:
-        """Learn what ink looks like; a look that saw little of the way tells it only at first.
+        """Update the ink's appearance; a look that saw little of the way does so only at first.
 
         Where hardly any ink lies, what would be learned is how older ink and bath differ.
         """
-        known, least = self._known, self.order.limits.least_seen
+        known, least = self._state, self.order.limits.least_seen
         if known.appearance is None or findings.seen_share >= least:
-            self._learned = replace(known, appearance=findings.appearance or known.appearance)
+            self._kept_state = replace(known, appearance=findings.appearance or known.appearance)
 
     def _draw(
-        self, at: HeldLook, image: Image, frame: Any, findings: LayerFindings, path: Path
+        self, context: LookContext, image: Image, frame: Any, findings: LayerFindings, path: Path
     ) -> None:
-        """Leave a drawing of what was found, narrowed lumens among it, beside a picture."""
+        """Draw findings and narrowed lumens into a copy of a picture beside it."""
         least = self.order.limits.least_open
         narrowed = [
             lumen
-            for lumen, seen in zip(at.lumens, findings.lumens, strict=True)
+            for lumen, seen in zip(context.lumens, findings.lumens, strict=True)
             if seen.seen and seen.width_mm < least * seen.expected_mm
         ]
         drawn = annotated(image, frame, findings, narrowed)
-        cv2.imwrite(str(path.with_name(DRAWN)), drawn)
+        cv2.imwrite(str(path.with_name(DRAWING_FILE)), drawn)
 
     def _check_new(self, taken: Image, before: Image | None) -> None:
         """Raise `DeviceError` for the very picture or volume taken last, or the one before."""
@@ -395,13 +424,13 @@ class ObservedJob:
         )
 
     def _lumens(self, ink: ExpectedInk, look: Look) -> tuple[Lumen, ...]:
-        """Lumens in the topmost layer; an embedded print writes its vessels."""
+        """Return lumens in the topmost layer; none for an embedded print, which writes vessels."""
         fresh = ink.between(look.before, look.done)
         if self.network is None or not ink.layered or not fresh.any():
             return ()
         top = int(np.flatnonzero(fresh)[ink.end[fresh, 2].argmax()])
         middle = float(ink.end[top, 2] - ink.height_mm[top] / 2)
-        return lumens_at(self.network, middle, float(np.median(ink.width_mm[fresh])) / 2)
+        return lumen_sections(self.network, middle, float(np.median(ink.width_mm[fresh])) / 2)
 
     def _left_ul(self, ink: ExpectedInk) -> float | None:
         if self.order.capacity_ul is None:
@@ -416,36 +445,40 @@ class ObservedJob:
         self,
         look: Look,
         gaps: tuple[Gap, ...],
-        thin: tuple[Thin, ...],
+        thin: tuple[ThinStretch, ...],
         flow: float,
         approved: bool = False,
     ) -> MendLines:
-        """Plan what mends gaps and fills thin lines up, and say what can't be from here.
+        """Plan the lines that mend gaps and fill up thin lines; report what stays unmended.
 
         Parameters
         ----------
         look : Look
         gaps : tuple of Gap
-        thin : tuple of Thin
+        thin : tuple of ThinStretch
         flow : float
             Ink that is to be pushed, over what the job's file says.
         approved : bool
             By the operator: what was written in vain before is written once more, too.
         """
-        at = self._held(look)
-        voids = None if self.network is None else Voids.of_network(self.network, np.zeros(3))
-        wanted = [_as_mend(one, at.ink, flow) for one in gaps]
-        wanted += [_as_mend(one, at.ink, flow) for one in thin]
-        in_vain = [one for one in wanted if tries_of(one, at.mended) >= MOST_TRIES]
+        context = self._context(look)
+        voids = None if self.network is None else Voids.from_network(self.network, np.zeros(3))
+        wanted = [_mend_gap(one, context.ink, flow) for one in gaps]
+        wanted += [_mend_gap(one, context.ink, flow) for one in thin]
+        in_vain = [one for one in wanted if count_tries(one, context.mended) >= MAX_TRIES]
         given_up = [] if approved else in_vain
-        mend, check = checked_mend(at.held, [one for one in wanted if one not in given_up], voids)
-        mend = replace(mend, left=(*mend.left, *(one.left(_IN_VAIN) for one in given_up)))
-        for said in mend.sentences():
-            log.info("look %d: %s", look.number, said)
+        mend, check = checked_mend(
+            context.held_print, [one for one in wanted if one not in given_up], voids
+        )
+        mend = replace(mend, left=(*mend.left, *(one.left(_IN_VAIN_REASON) for one in given_up)))
+        for sentence in mend.sentences():
+            log.info("look %d: %s", look.number, sentence)
         if check is not None:
             log.info("look %d: the insert takes %.0f s", look.number, check.duration_s)
         again = [
-            Mended(one.path, float(one.from_mm), float(one.to_mm), tries_of(one, at.mended) + 1)
+            MendedStretch(
+                one.path, float(one.from_mm), float(one.to_mm), count_tries(one, context.mended) + 1
+            )
             for one in (patch.gap for patch in mend.patches)
             if one.whole
         ]
@@ -454,28 +487,29 @@ class ObservedJob:
             left=mend.left_words(),
             left_mm=sum(one.length_mm for one in mend.left),
             mended=tuple(
-                asdict(one) | ends_of(one.path, one.from_mm, one.to_mm, at.ink) for one in again
+                asdict(one) | stretch_ends(one.path, one.from_mm, one.to_mm, context.ink)
+                for one in again
             ),
             given_up=bool(given_up),
         )
 
 
-_IN_VAIN: Final = (
-    f"written {MOST_TRIES} times more, and no ink lies there; see to needle and bath, then "
+_IN_VAIN_REASON: Final = (
+    f"written {MAX_TRIES} times more, and no ink lies there; see to needle and bath, then "
     "approve to have it written once more"
 )
 
 
-def _of_mends(findings: LayerFindings, mended: tuple[Mended, ...]) -> LayerFindings:
-    """Findings with gaps in mends alone."""
+def _keep_mended_gaps(findings: LayerFindings, mended: tuple[MendedStretch, ...]) -> LayerFindings:
+    """Return findings with the gaps in mends only."""
     return replace(findings, gaps=tuple(one for one in findings.gaps if is_mended(one, mended)))
 
 
-def _as_mend(one: Gap | Thin, ink: ExpectedInk, flow: float) -> MendGap:
-    """A gap on its path, with what the flow was corrected by since it was to be written."""
+def _mend_gap(one: Gap | ThinStretch, ink: ExpectedInk, flow: float) -> MendGap:
+    """Return a gap on its path, with the flow correction since its line was written."""
     before = float(ink.factor[ink.stroke == one.stroke][0])
     end = min(one.to_mm, ink.paths[one.stroke].length_mm)
-    missing = one.missing if isinstance(one, Thin) else 1.0
+    missing = one.missing if isinstance(one, ThinStretch) else 1.0
     return MendGap(one.stroke, max(one.from_mm, 0.0), end, missing, flow / before)
 
 
