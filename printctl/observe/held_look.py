@@ -171,7 +171,8 @@ def unseen_stretches(
             begin, end = ((float(x), float(y)) for x, y in stations.at_mm[own[[0, -1]]])
             gap = Gap(stroke, low, high, begin, end, 0.0, 1.0)
             seen = any(
-                other.stations.tell(gap) and np.nanmean(other.stations.present[own]) >= _BARE
+                other.stations.shows_half_of(gap)
+                and np.nanmean(other.stations.present[own]) >= _BARE
                 for other in each[1:]
             )
             about = not at.mended or is_mended(gap, at.mended)

@@ -51,7 +51,7 @@ from registration.inspection import (
     Lumen,
     SeeingOptions,
     annotated,
-    better_turned,
+    find_better_orientation,
     see_layer,
 )
 from registration.inspection.values import LineShapes
@@ -324,7 +324,9 @@ class ObservedJob:
         at.map = at.map.worse(self._map.check(at, view))
         if heights:  # a camera's marks hold its frame themselves
             laser = view.hidden is not None
-            at.turned = better_turned(image, frame, at.layer.lines, view.scan, in_parts=laser)
+            at.turned = find_better_orientation(
+                image, frame, at.layer.lines, view.scan, in_parts=laser
+            )
         is_height = heights and at.ink.layered
         if is_height and not at.map.lacks:
             image = self._map.judged(at, view)
@@ -343,7 +345,7 @@ class ObservedJob:
             thickness_mm=at.slab_mm[1] if is_height else None,
             options=self._options(),
         )
-        findings = shown.as_given(findings)
+        findings = shown.with_given_rows(findings)
         refuse_other_height(at.size, findings.seen_share, findings.coverage)
         if not at.found:
             self._learn(findings)

@@ -18,27 +18,27 @@ from registration.inspection.inputs import (
     check_picture,
     check_type,
 )
+from registration.inspection.pictures.picture import SUBPIXEL_BITS
 from registration.inspection.values import Frame, Image, Lumen, Stations, Unseen
 
-_SHIFT: Final = 4
 # Blue, green, red.
-_EXPECTED: Final = (230, 170, 60)
-_SEEN: Final = (60, 200, 40)
-_GAP: Final = (30, 30, 235)
-_UNSEEN: Final = (0, 215, 255)
-_BLOB: Final = (220, 40, 220)
-_THIN: Final = (0, 130, 255)
-_SMALL_PX: Final = 1400
+_EXPECTED_BGR: Final = (230, 170, 60)
+_SEEN_BGR: Final = (60, 200, 40)
+_GAP_BGR: Final = (30, 30, 235)
+_UNSEEN_BGR: Final = (0, 215, 255)
+_BLOB_BGR: Final = (220, 40, 220)
+_THIN_BGR: Final = (0, 130, 255)
+_MIN_SIDE_PX: Final = 1400
 """Pictures with shorter sides are drawn larger."""
-_LEAST_MARGIN_PX: Final = 40.0
+_MIN_MARGIN_PX: Final = 40.0
 """Around the lines."""
 _LEGEND: Final = (
-    ("expected", _EXPECTED),
-    ("seen", _SEEN),
-    ("gap, lumen narrowed", _GAP),
-    ("not seen", _UNSEEN),
-    ("thin or thick", _THIN),
-    ("ink where none should be", _BLOB),
+    ("expected", _EXPECTED_BGR),
+    ("seen", _SEEN_BGR),
+    ("gap, lumen narrowed", _GAP_BGR),
+    ("not seen", _UNSEEN_BGR),
+    ("thin or thick", _THIN_BGR),
+    ("ink where none should be", _BLOB_BGR),
 )
 
 
@@ -65,7 +65,7 @@ def annotated(
     stations = findings.stations
     check_frame(frame, np.column_stack([stations.at_mm, stations.z_mm]))
     picture, frame = _around_lines(picture, frame, stations)
-    grow = max(1, -(-_SMALL_PX // max(picture.shape[:2])))
+    grow = max(1, -(-_MIN_SIDE_PX // max(picture.shape[:2])))
     out = _as_bytes(picture)
     out = cv2.resize(out, None, fx=grow, fy=grow, interpolation=cv2.INTER_LINEAR)
     pen = _Pen(out, frame, grow, max(1, round(max(out.shape) / 1600)))
@@ -75,20 +75,20 @@ def annotated(
     _draw_unseen(pen, stations, by)
     for stretch in findings.stretches:
         rows = _along(stations, stretch.stroke, stretch.from_mm, stretch.to_mm)
-        pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], _THIN, 2)
+        pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], _THIN_BGR, 2)
     for gap in findings.gaps:
         rows = _along(stations, gap.stroke, gap.from_mm, gap.to_mm)
         inner = stations.at_mm[rows[1:-1]] if len(rows) > 2 else np.empty((0, 2))
         places = np.vstack([gap.start_mm, inner, gap.end_mm])
         nearest = rows[:1] if len(rows) else np.flatnonzero(stations.stroke == gap.stroke)[:1]
-        pen.path(places, np.full(len(places), float(stations.z_mm[nearest[0]])), _GAP, 4)
+        pen.path(places, np.full(len(places), float(stations.z_mm[nearest[0]])), _GAP_BGR, 4)
     for lumen in narrowed:
         closed = np.vstack([lumen.outline, lumen.outline[:1]])
-        pen.path(closed[:, :2] + by, closed[:, 2], _GAP, 4)
+        pen.path(closed[:, :2] + by, closed[:, 2], _GAP_BGR, 4)
     z = float(np.median(stations.z_mm))
     for blob in findings.blobs:
         closed = np.vstack([blob.outline_mm, blob.outline_mm[:1]])
-        pen.path(closed, np.full(len(closed), z), _BLOB, 2)
+        pen.path(closed, np.full(len(closed), z), _BLOB_BGR, 2)
     _legend(out, findings)
     return out
 
@@ -112,7 +112,7 @@ def _around_lines(picture: Image, frame: Frame, stations: Stations) -> tuple[Ima
     if not len(seen):
         return picture, frame
     low, high = seen.min(axis=0), seen.max(axis=0)
-    margin = max(_LEAST_MARGIN_PX, float((high - low).max()) / 2)
+    margin = max(_MIN_MARGIN_PX, float((high - low).max()) / 2)
     size = np.array(picture.shape[1::-1])
     begin = np.clip(np.floor(low - margin), 0, size).astype(int)
     end = np.clip(np.ceil(high + margin), 0, size).astype(int)
@@ -132,7 +132,7 @@ class _Pen:
         """In parts of a pixel, as OpenCV draws them."""
         seen = self.frame.to_pixels(np.column_stack([xy_mm, z_mm]))
         placed = (np.nan_to_num(seen, nan=-1e4) + 0.5) * self.grow - 0.5
-        return np.rint(np.clip(placed, -1e5, 1e5) * (1 << _SHIFT)).astype(np.int32)
+        return np.rint(np.clip(placed, -1e5, 1e5) * (1 << SUBPIXEL_BITS)).astype(np.int32)
 
     def path(
         self, xy_mm: FloatArray, z_mm: FloatArray, colour: tuple[int, int, int], times: int = 1
@@ -142,7 +142,7 @@ class _Pen:
             return
         cv2.polylines(
             self.out, [self.pixels(xy_mm, z_mm)], False, colour, self.thick * times, cv2.LINE_AA,
-            _SHIFT,
+            SUBPIXEL_BITS,
         )  # fmt: skip
 
     def pieces(
@@ -157,7 +157,7 @@ class _Pen:
         if len(begin_mm):
             both = np.stack([self.pixels(begin_mm, z_mm), self.pixels(end_mm, z_mm)], axis=1)
             cv2.polylines(
-                self.out, list(both), False, colour, self.thick * times, cv2.LINE_AA, _SHIFT
+                self.out, list(both), False, colour, self.thick * times, cv2.LINE_AA, SUBPIXEL_BITS
             )
 
 
@@ -167,7 +167,7 @@ def _draw_expected(pen: _Pen, s: Stations) -> None:
     half = 0.5 * s.length_mm[:, None] * ahead
     for side in (-0.5, 0.5):
         edge = s.at_mm + side * s.expected_mm[:, None] * s.normal
-        pen.pieces(edge - half, edge + half, s.z_mm, _EXPECTED)
+        pen.pieces(edge - half, edge + half, s.z_mm, _EXPECTED_BGR)
 
 
 def _draw_seen(pen: _Pen, s: Stations, by: FloatArray) -> None:
@@ -178,10 +178,10 @@ def _draw_seen(pen: _Pen, s: Stations, by: FloatArray) -> None:
     pair &= s.along_mm[1:] - s.along_mm[:-1] < 2.5 * s.length_mm[1:]
     for side in (-0.5, 0.5):
         edge = middle + side * np.nan_to_num(s.width_mm)[:, None] * s.normal
-        pen.pieces(edge[:-1][pair], edge[1:][pair], s.z_mm[1:][pair], _SEEN)
+        pen.pieces(edge[:-1][pair], edge[1:][pair], s.z_mm[1:][pair], _SEEN_BGR)
     alone = s.seen & ~told & (s.present > 0.5)
     ahead = np.column_stack([s.normal[:, 1], -s.normal[:, 0]]) * 0.3 * s.length_mm[:, None]
-    pen.pieces((middle - ahead)[alone], (middle + ahead)[alone], s.z_mm[alone], _SEEN)
+    pen.pieces((middle - ahead)[alone], (middle + ahead)[alone], s.z_mm[alone], _SEEN_BGR)
 
 
 def _draw_unseen(pen: _Pen, s: Stations, by: FloatArray) -> None:
@@ -190,7 +190,7 @@ def _draw_unseen(pen: _Pen, s: Stations, by: FloatArray) -> None:
     slant = s.normal + np.column_stack([s.normal[:, 1], -s.normal[:, 0]])
     half = 0.35 * s.expected_mm[:, None] * slant
     place = s.at_mm + by
-    pen.pieces((place - half)[rows], (place + half)[rows], s.z_mm[rows], _UNSEEN)
+    pen.pieces((place - half)[rows], (place + half)[rows], s.z_mm[rows], _UNSEEN_BGR)
 
 
 def _along(s: Stations, stroke: int, begin: float, end: float) -> NDArray[np.int64]:

@@ -9,7 +9,7 @@ from registration.inspection.values import (
     Appearance,
     Blob,
     Gap,
-    LumenSeen,
+    LumenFinding,
     Shift,
     Stations,
     Stretch,
@@ -26,7 +26,7 @@ class LayerFindings:
     gaps : tuple of Gap
     stretches : tuple of Stretch
     blobs : tuple of Blob
-    lumens : tuple of LumenSeen
+    lumens : tuple of LumenFinding
     width_ratio, u_width_ratio : float
         Width seen over expected where there is ink, common doubt included; NaN and inf without.
     seen_share : float
@@ -50,7 +50,7 @@ class LayerFindings:
     gaps: tuple[Gap, ...]
     stretches: tuple[Stretch, ...]
     blobs: tuple[Blob, ...]
-    lumens: tuple[LumenSeen, ...]
+    lumens: tuple[LumenFinding, ...]
     width_ratio: float
     u_width_ratio: float
     seen_share: float

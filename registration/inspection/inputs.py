@@ -17,11 +17,11 @@ NUMBERS: Final = "fiu"
 BOOLS: Final = "b"
 _WHOLE: Final = "iu"
 _WORDS: Final = {NUMBERS: "numbers", BOOLS: "bool", _WHOLE: "whole numbers"}
-_FLATTENED: Final = 1e-9
+_MIN_DETERMINANT: Final = 1e-9
 """Determinant of a matrix that can't be undone."""
-_FARTHEST_MM: Final = 1e4
-_THICKNESS_MM: Final = (1e-3, 100.0)
-PIXEL_MM: Final = (1e-6, 100.0)
+_MAX_PLACE_MM: Final = 1e4
+_THICKNESS_LIMITS_MM: Final = (1e-3, 100.0)
+PIXEL_LIMITS_MM: Final = (1e-6, 100.0)
 """Sides of a height map's cells."""
 
 
@@ -70,18 +70,18 @@ def check_number(value: Any, name: str, limits: tuple[float, float], unit: str) 
 def check_slab(to_scan: Any, middle_z_mm: Any, thickness_mm: Any) -> None:
     """Raise `PictureError` unless a matrix can be undone and a layer has a height."""
     check_finite(to_scan, "the matrix from the printer to the scan", (4, 4))
-    if abs(np.linalg.det(np.asarray(to_scan, dtype=np.float64))) < _FLATTENED:
+    if abs(np.linalg.det(np.asarray(to_scan, dtype=np.float64))) < _MIN_DETERMINANT:
         raise PictureError(
             "the matrix from the printer to the scan can't be inverted: a row or column is 0, or "
             "two are alike; check printer_to_scan"
         )
-    check_number(middle_z_mm, "middle_z_mm", (-_FARTHEST_MM, _FARTHEST_MM), "mm")
+    check_number(middle_z_mm, "middle_z_mm", (-_MAX_PLACE_MM, _MAX_PLACE_MM), "mm")
     check_thickness(thickness_mm)
 
 
 def check_thickness(thickness_mm: Any) -> None:
     """Raise `PictureError` unless it is that of a layer."""
-    check_number(thickness_mm, "thickness_mm", _THICKNESS_MM, "mm")
+    check_number(thickness_mm, "thickness_mm", _THICKNESS_LIMITS_MM, "mm")
 
 
 def check_picture(picture: Any, name: str) -> None:
@@ -151,7 +151,7 @@ def check_lumens(lumens: Any, name: str) -> None:
         if outline is None:
             raise PictureError(f"{name} holds {_described(lumen)}; expected Lumen")
         check_finite(outline, f"lumen {lumen.name}: outline", ("k", 3))
-        check_number(lumen.width_mm, f"lumen {lumen.name}: width_mm", (1e-6, _FARTHEST_MM), "mm")
+        check_number(lumen.width_mm, f"lumen {lumen.name}: width_mm", (1e-6, _MAX_PLACE_MM), "mm")
 
 
 def check_hidden(hidden: Any, shape: tuple[int, ...]) -> None:

@@ -10,12 +10,12 @@ from registration.inspection.inputs import check_number
 IN_PART: Final = "at one end against the other"
 """How words on a move end that one part of a picture shows alone."""
 
-GAP_MM: Final = (0.02, 20)
-WIDTH_PERCENT: Final = (1, 100)
+GAP_LIMITS_MM: Final = (0.02, 20)
+WIDTH_LIMITS_PERCENT: Final = (1, 100)
 """Limits of tolerances, here and in a recipe."""
-SHIFT_MM: Final = (0.01, 10)
+SHIFT_LIMITS_MM: Final = (0.01, 10)
 """A look searches twice as far as a recipe tolerates."""
-FALSE_RATE: Final = (1e-9, 0.5)
+FALSE_RATE_LIMITS: Final = (1e-9, 0.5)
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class SeeingOptions:
     round_lines: bool = False
 
     def __post_init__(self) -> None:
-        check_number(self.gap_mm, "gap_mm", GAP_MM, "mm")
-        check_number(self.width_percent, "width_percent", WIDTH_PERCENT, "%")
-        check_number(self.shift_mm, "shift_mm", SHIFT_MM, "mm")
-        check_number(self.false_rate, "false_rate", FALSE_RATE, "per layer")
+        check_number(self.gap_mm, "gap_mm", GAP_LIMITS_MM, "mm")
+        check_number(self.width_percent, "width_percent", WIDTH_LIMITS_PERCENT, "%")
+        check_number(self.shift_mm, "shift_mm", SHIFT_LIMITS_MM, "mm")
+        check_number(self.false_rate, "false_rate", FALSE_RATE_LIMITS, "per layer")

@@ -156,7 +156,7 @@ class Stations:
         own = (self.stroke == gap.stroke) & (along >= gap.from_mm) & (along <= gap.to_mm)
         return np.asarray(own)
 
-    def tell(self, gap: Gap) -> bool:
+    def shows_half_of(self, gap: Gap) -> bool:
         """Whether half of a stretch at least is seen."""
         return 2.0 * float(self.length_mm[self.within(gap) & self.seen].sum()) >= gap.length_mm
 
@@ -205,7 +205,7 @@ class Gap:
         """Standard uncertainty of the length, mm."""
         return math.sqrt(2.0) * self.u_tip_mm
 
-    def meets(self, other: Gap, apart_mm: float = 0.0) -> bool:
+    def overlaps(self, other: Gap, apart_mm: float = 0.0) -> bool:
         """Whether another stretch of the stroke overlaps it, or lies nearer than that."""
         low, high = other.from_mm - apart_mm, other.to_mm + apart_mm
         return self.stroke == other.stroke and self.from_mm < high and low < self.to_mm
@@ -268,7 +268,7 @@ class Blob:
 
 
 @dataclass(frozen=True)
-class LumenSeen:
+class LumenFinding:
     """What is seen of a lumen.
 
     Attributes

@@ -405,8 +405,8 @@ def _joined(gaps: tuple[Gap, ...], evidence: Evidence) -> tuple[Gap, ...]:
     """Gaps, with stretches that aren't told and join them."""
     out = list(gaps)
     for one in evidence.unseen:
-        joins = any(one.gap.meets(gap, _STEP_MM) for gap in gaps)
-        if joins and not any(one.gap.meets(other) for other in out):
+        joins = any(one.gap.overlaps(gap, _STEP_MM) for gap in gaps)
+        if joins and not any(one.gap.overlaps(other) for other in out):
             out.append(one.gap)
     return tuple(out)
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from kernels.arrays import FloatArray
+from registration.inspection.path_samples import PathSamples
 from registration.inspection.values import Frame
-from registration.inspection.ways import Ways
 
 _MARGIN_MM = 2.5
-_POINTS = 15
+_POINTS_PER_SIDE = 15
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,15 @@ class PlaneMap:
     px_mm: float
 
     @staticmethod
-    def of(frame: Frame, ways: Ways, px_mm: float) -> PlaneMap:
+    def of(frame: Frame, samples: PathSamples, px_mm: float) -> PlaneMap:
         """Fit it around the layer."""
-        low, high = ways.point.min(axis=0), ways.point.max(axis=0)
-        x, y = (np.linspace(low[k] - _MARGIN_MM, high[k] + _MARGIN_MM, _POINTS) for k in range(2))
+        low, high = samples.point.min(axis=0), samples.point.max(axis=0)
+        x, y = (
+            np.linspace(low[k] - _MARGIN_MM, high[k] + _MARGIN_MM, _POINTS_PER_SIDE)
+            for k in range(2)
+        )
         u, v = (each.ravel() for each in np.meshgrid(x, y))
-        points = np.column_stack([u, v, np.full(len(u), np.median(ways.point[:, 2]))])
+        points = np.column_stack([u, v, np.full(len(u), np.median(samples.point[:, 2]))])
         pixels = frame.to_pixels(points)
         good = np.isfinite(pixels).all(axis=1)
         pixels, points = pixels[good], points[good]

@@ -17,23 +17,23 @@ from kernels.compile import jit
 from registration.inspection.ink.noise import Noise
 
 FULL, THIN, BARE, HIDDEN = range(4)
-_TAIL: Final = 4.0
+_STUDENT_DOF: Final = 4.0
 """Degrees of freedom of noise: texture and bubbles have heavier tails than a normal law."""
-_THIN_LOW, _THIN_HIGH = 0.25, 0.85
+_MIN_THIN_SHARE, _MAX_THIN_SHARE = 0.25, 0.85
 """Share of ink in thin stretches, all equally likely."""
-_BEGINS_PER_MM: Final = (0.0, 1 / 500, 1 / 300, 1 / 300)
+_ONSETS_PER_MM: Final = (0.0, 1 / 500, 1 / 300, 1 / 300)
 """How often each state begins on full lines: some faults in a print of metres."""
-_LASTS_MM: Final = (math.inf, 5.0, 1.0, 0.5)
-_STRANGE: Final = 6.0
+_MEAN_LENGTHS_MM: Final = (math.inf, 5.0, 1.0, 0.5)
+_HIDDEN_MISFIT_RANGE_LOG: Final = 6.0
 """Natural logarithms over which a hidden place's misfit is equally likely."""
-_USUAL_ODDS: Final = 2.0
+_USUAL_MISFIT_LOG_ODDS: Final = 2.0
 """Natural logarithm of how much rarer a usual misfit is on a hidden place."""
-_ANY_SHARE: Final = 5.0
+_HIDDEN_SHARE_RANGE: Final = 5.0
 """Shares over which what a hidden place seems to hold is equally likely."""
 
 
 def _stationary() -> FloatArray:
-    begins, lasts = np.array(_BEGINS_PER_MM[1:]), np.array(_LASTS_MM[1:])
+    begins, lasts = np.array(_ONSETS_PER_MM[1:]), np.array(_MEAN_LENGTHS_MM[1:])
     odds = begins * lasts
     return np.asarray(np.append(1.0, odds) / (1.0 + odds.sum()))
 
@@ -62,15 +62,15 @@ def posterior(
     out = np.empty((len(share), 4))
     cut = np.flatnonzero(np.diff(run)) + 1
     bounds = np.concatenate([[0], cut, [len(run)]])
-    _forward_backward(emit, bounds, _moves(float(np.median(step_mm))), _stationary(), out)
+    _forward_backward(emit, bounds, _transitions(float(np.median(step_mm))), _stationary(), out)
     return out
 
 
-def expected_ink(states: FloatArray, share: FloatArray) -> FloatArray:
+def expected_ink(probability: FloatArray, share: FloatArray) -> FloatArray:
     """Return the share of ink expected at each place, (n,): thin ink as measured, full ink as 1."""
-    there = np.maximum(1.0 - states[:, HIDDEN], 1e-9)
-    thin = states[:, THIN] * np.clip(share, 0.0, 1.0)
-    return np.asarray((states[:, FULL] + thin) / there)
+    there = np.maximum(1.0 - probability[:, HIDDEN], 1e-9)
+    thin = probability[:, THIN] * np.clip(share, 0.0, 1.0)
+    return np.asarray((probability[:, FULL] + thin) / there)
 
 
 def log_odds_of_bare(
@@ -89,14 +89,14 @@ def log_odds_of_bare(
     return float(bare - alone[0] - np.maximum(tied, alone)[1:].sum())
 
 
-def _moves(step_mm: float) -> FloatArray:
+def _transitions(step_mm: float) -> FloatArray:
     """Chance of each state behind each, one step on, (4, 4)."""
     moves = np.zeros((4, 4))
-    begins = np.array(_BEGINS_PER_MM) * step_mm
+    begins = np.array(_ONSETS_PER_MM) * step_mm
     moves[FULL] = begins
     moves[FULL, FULL] = 1.0 - begins[1:].sum()
     for k in (THIN, BARE, HIDDEN):
-        ends = min(step_mm / _LASTS_MM[k], 0.5)
+        ends = min(step_mm / _MEAN_LENGTHS_MM[k], 0.5)
         moves[k] = 0.1 * ends / 2
         moves[k, FULL] = 0.9 * ends
         moves[k, k] = 1.0 - ends
@@ -113,8 +113,12 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     )
     worst = np.maximum(noise.misfit_full.sum(axis=1), noise.misfit_bare.sum(axis=1))
     usual = np.maximum(full, bare)
-    strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - _USUAL_ODDS)
-    alone = _own_news(noise.tie)
+    strange = np.where(
+        misfit > worst,
+        np.maximum(usual, -math.log(_HIDDEN_MISFIT_RANGE_LOG)),
+        usual - _USUAL_MISFIT_LOG_ODDS,
+    )
+    alone = _independent_weight(noise.correlation)
     out[:, (FULL, THIN)] += (alone * full)[:, None, None]
     out[:, BARE] += (alone * usual)[:, None]
     out[:, HIDDEN] += (alone * strange)[:, None]
@@ -126,53 +130,57 @@ def _of_shares(x: FloatArray, last: FloatArray, noise: Noise) -> FloatArray:
     """Those of shares (n,) alone, behind ``last`` (n,) ones, NaN for none."""
     out = np.zeros((len(x), 4, 5))
     out[:, FULL] = _log_t(x - 1.0, noise.full)[:, None]
-    out[:, FULL, FULL] = _tied(x, last, 1.0, noise.full, noise.tie)
+    out[:, FULL, FULL] = _log_correlated(x, last, 1.0, noise.full, noise.correlation)
     # A bare place holds nothing, or what the shade of ink beside it seems to be.
     shade, spread = noise.shaded.T
     nothing, shaded = (
         np.repeat(_log_t(x - level, wide)[:, None], 5, axis=1)
         for level, wide in ((0.0, noise.bare), (shade, spread))
     )
-    nothing[:, BARE] = _tied(x, last, 0.0, noise.bare, noise.tie)
-    shaded[:, BARE] = _tied(x, last, shade, spread, noise.tie)
+    nothing[:, BARE] = _log_correlated(x, last, 0.0, noise.bare, noise.correlation)
+    shaded[:, BARE] = _log_correlated(x, last, shade, spread, noise.correlation)
     out[:, BARE] = np.logaddexp(nothing, shaded) - math.log(2.0)
     out[:, THIN] = _log_between(x, noise.full)[:, None]
     # What is thin may have any level, but it keeps to that.
-    steady = _log_t(x - np.nan_to_num(last), noise.full * np.sqrt(1.0 - noise.tie**2))
-    keeps = np.isfinite(last) & (x > _THIN_LOW) & (x < _THIN_HIGH)
+    steady = _log_t(x - np.nan_to_num(last), noise.full * np.sqrt(1.0 - noise.correlation**2))
+    keeps = np.isfinite(last) & (x > _MIN_THIN_SHARE) & (x < _MAX_THIN_SHARE)
     out[keeps, THIN, THIN] = np.maximum(out[keeps, THIN, THIN], steady[keeps])
-    out[:, HIDDEN] = -math.log(_ANY_SHARE)
+    out[:, HIDDEN] = -math.log(_HIDDEN_SHARE_RANGE)
     return out
 
 
-def _own_news(tie: FloatArray) -> FloatArray:
+def _independent_weight(correlation: FloatArray) -> FloatArray:
     """How much a place tells that its neighbours, correlated with it, don't."""
-    return (1.0 - tie) / (1.0 + tie)
+    return (1.0 - correlation) / (1.0 + correlation)
 
 
-def _tied(
-    x: FloatArray, last: FloatArray, middle: FloatArray | float, spread: FloatArray, tie: FloatArray
+def _log_correlated(
+    x: FloatArray,
+    last: FloatArray,
+    middle: FloatArray | float,
+    spread: FloatArray,
+    correlation: FloatArray,
 ) -> FloatArray:
     """Logarithm of the density behind a place of the same state."""
-    rest = x - middle - tie * np.nan_to_num(last - middle)
+    rest = x - middle - correlation * np.nan_to_num(last - middle)
     alone = _log_t(x - middle, spread)
-    news = _own_news(tie)
-    tied = _log_t(rest, spread * np.sqrt(1.0 - tie**2))
+    news = _independent_weight(correlation)
+    tied = _log_t(rest, spread * np.sqrt(1.0 - correlation**2))
     return np.where(np.isfinite(last), news * alone + (1.0 - news) * tied, alone)
 
 
 def _log_t(rest: FloatArray, spread: FloatArray) -> FloatArray:
     """Logarithm of Student's t density."""
-    nu = _TAIL
+    nu = _STUDENT_DOF
     norm = math.lgamma((nu + 1) / 2) - math.lgamma(nu / 2) - 0.5 * math.log(nu * math.pi)
     return np.asarray(norm - np.log(spread) - 0.5 * (nu + 1) * np.log1p((rest / spread) ** 2 / nu))
 
 
 def _log_between(x: FloatArray, spread: FloatArray) -> FloatArray:
     """Logarithm of the density of a share that is thin, blurred by noise."""
-    low = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _THIN_LOW) / spread, -300, 300)))
-    high = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _THIN_HIGH) / spread, -300, 300)))
-    return np.asarray(np.log(np.maximum(low - high, 1e-12) / (_THIN_HIGH - _THIN_LOW)))
+    low = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _MIN_THIN_SHARE) / spread, -300, 300)))
+    high = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _MAX_THIN_SHARE) / spread, -300, 300)))
+    return np.asarray(np.log(np.maximum(low - high, 1e-12) / (_MAX_THIN_SHARE - _MIN_THIN_SHARE)))
 
 
 @jit

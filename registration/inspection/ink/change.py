@@ -15,26 +15,30 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.ink.noise import Scatter, level_of, spread_of, tie_of
-from registration.inspection.ink.shares import ACROSS, covariance
+from registration.inspection.ink.noise import (
+    MIN_FULL_SPREAD,
+    Scatter,
+    median_and_spread,
+    neighbour_correlation,
+    robust_spread,
+)
+from registration.inspection.ink.shares import ACROSS_WIDTHS, covariance
 
-_CORE: Final = np.abs(ACROSS) <= 0.4
+_CORE_SAMPLES: Final = np.abs(ACROSS_WIDTHS) <= 0.4
 """Samples around a line's middle, in which its own change is looked for."""
-_LOW: Final = 10.0
+_LOW_PERCENTILE: Final = 10.0
 """Percentile of places below the usual by which they are said to scatter; few may be bare."""
-_LOW_AT: Final = 1.2816
+_LOW_PERCENTILE_SDS: Final = 1.2816
 """Standard deviations that this lies below the median."""
-_SHADED: Final = 0.1
+_SHADE_SPREAD: Final = 0.1
 """Of the scale: what neighbours' shade and slopes change on a bare place."""
-_LEAST: Final = 0.02
-"""Of the scale: least spread of places with ink."""
-_APART: Final = 0.3
+_MIN_LOG_CHANGE: Final = 0.3
 """Natural logarithm of the least change that ink is told by."""
-_UNKNOWN: Final = 0.5
+_UNSEEN_SHADE: Final = 0.5
 """Of the scale: what shade changes where no bare place beside ink can be seen."""
-_FEWEST: Final = 20
+_MIN_PLACES: Final = 20
 """Places or strips by which a level is learned."""
-_TOLD: Final = 3.0
+_MIN_SEPARATION_SDS: Final = 3.0
 """Standard deviations that places with and without ink must lie apart."""
 
 
@@ -57,7 +61,7 @@ class Change:
     scatter: Scatter
 
 
-def change_of(
+def measure_change(
     strips: FloatArray,
     own: FloatArray,
     lost: BoolArray,
@@ -85,33 +89,45 @@ def change_of(
     run : (n,) int64
         Number of the unbroken way that each belongs to.
     """
-    if good.sum() < _FEWEST or len(ground) < _FEWEST:
+    if good.sum() < _MIN_PLACES or len(ground) < _MIN_PLACES:
         return None
     log, still = _energy(strips, lost), _energy(ground)
     low, usual = float(np.median(still)), float(np.median(log[good]))
     apart = usual - low
-    if apart < _APART:
+    if apart < _MIN_LOG_CHANGE:
         return None
-    full = max((usual - float(np.percentile(log[good], _LOW))) / _LOW_AT / apart, _LEAST)
-    noise = spread_of(still) / apart
-    if float(np.hypot(full, noise)) > 1.0 / _TOLD:
+    full = max(
+        (usual - float(np.percentile(log[good], _LOW_PERCENTILE))) / _LOW_PERCENTILE_SDS / apart,
+        MIN_FULL_SPREAD,
+    )
+    noise = robust_spread(still) / apart
+    if float(np.hypot(full, noise)) > 1.0 / _MIN_SEPARATION_SDS:
         return None
-    shaded = (_UNKNOWN, _UNKNOWN / 2.0)
-    if len(beside) >= _FEWEST:
-        middle, high = np.percentile((_energy(beside) - low) / apart, [50.0, 100.0 - _LOW])
-        shaded = (float(middle), max(float(high - middle) / _LOW_AT, noise))
-    bare = max(float(np.hypot(noise, _SHADED)), full)
+    shaded = (_UNSEEN_SHADE, _UNSEEN_SHADE / 2.0)
+    if len(beside) >= _MIN_PLACES:
+        middle, high = np.percentile(
+            (_energy(beside) - low) / apart, [50.0, 100.0 - _LOW_PERCENTILE]
+        )
+        shaded = (float(middle), max(float(high - middle) / _LOW_PERCENTILE_SDS, noise))
+    bare = max(float(np.hypot(noise, _SHADE_SPREAD)), full)
     like = np.arange(len(ground)) % len(own)
     misfit, on_ground = _misfits(strips - own, ground - own[like], good)
     share = (log - low) / apart
-    tie = tie_of(share, full, good, run)
-    scatter = Scatter(full, bare, level_of(misfit[good]), level_of(on_ground), shaded, tie)
+    correlation = neighbour_correlation(share, full, good, run)
+    scatter = Scatter(
+        full,
+        bare,
+        median_and_spread(misfit[good]),
+        median_and_spread(on_ground),
+        shaded,
+        correlation,
+    )
     return Change(share, misfit, scatter)
 
 
 def _misfits(rest: FloatArray, ground: FloatArray, good: BoolArray) -> tuple[FloatArray, ...]:
     """Logarithms of mean squares of rests, (n,) and (k,), by how those of good places scatter."""
-    rest, ground = (one[:, _CORE].reshape(len(one), -1) for one in (rest, ground))
+    rest, ground = (one[:, _CORE_SAMPLES].reshape(len(one), -1) for one in (rest, ground))
     middle = np.median(rest[good], axis=0)
     inverse = np.linalg.inv(covariance(rest[good] - middle))
     return tuple(
@@ -122,9 +138,9 @@ def _misfits(rest: FloatArray, ground: FloatArray, good: BoolArray) -> tuple[Flo
 
 def _energy(strips: FloatArray, lost: BoolArray | None = None) -> FloatArray:
     """Logarithm of the root mean square of what changed, (n,)."""
-    square = (strips[:, _CORE] ** 2).mean(axis=2)
+    square = (strips[:, _CORE_SAMPLES] ** 2).mean(axis=2)
     if lost is None:
         return np.asarray(0.5 * np.log(np.maximum(square.mean(axis=1), 1e-9)))
-    shown = (~lost[:, _CORE]).astype(np.float64)
+    shown = (~lost[:, _CORE_SAMPLES]).astype(np.float64)
     mean = (square * shown).sum(axis=1) / np.maximum(shown.sum(axis=1), 1e-9)
     return np.asarray(0.5 * np.log(np.maximum(mean, 1e-9)))

@@ -20,42 +20,42 @@ from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from kernels.compile import jit
-from registration.inspection.ink.passes import REACH, Passes
+from registration.inspection.ink.passes import REACH_WIDTHS, Passes
+from registration.inspection.path_samples import PathSamples, from_stroke_begin
 from registration.inspection.values import ExpectedLines, FloatImage
-from registration.inspection.ways import Ways, from_stroke_begin
 
 NODES: Final = 15
-"""Of a profile, from the middle to `REACH`, where it is 0: a tenth of a width apart."""
+"""Of a profile, from the middle to `REACH_WIDTHS`, where it is 0: a tenth of a width apart."""
 PARTS: Final = 5
 EVEN: Final = (0, 3, 4)
 ODD: Final = (1, 2)
 CLASSES: Final = 3
-_OLDER: Final = 2
+_OLDER_CLASS: Final = 2
 """Of profiles: fresh over the ground, fresh over older ink, older ink."""
-_GROUPS: Final = ((0, 1, 2), (1, 2), (0, 2))
+_GROUP_SUMS: Final = ((0, 1, 2), (1, 2), (0, 2))
 """Of places: all; those that judge group 0, and group 1."""
-_ENOUGH_PX: Final = 150_000
+_MAX_FITTED_PX: Final = 150_000
 """Pixels near lines that are fitted; of more, evenly spread ones."""
-_SKEW: Final = 7
+_ROW_SKEW_PX: Final = 7
 """Pixels by which those of a row are set off against the last row's."""
-_NOTHING: Final = 1e-4
+_MIN_DRAWN_NOISES: Final = 1e-4
 """Of the ground's noise: smaller parts of profiles aren't drawn."""
-_UNKNOWNS: Final = CLASSES * PARTS * NODES
-_RIDGE: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
+_UNKNOWN_COUNT: Final = CLASSES * PARTS * NODES
+_RIDGE_SHARES: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
 """Of a node's usual share of pixels, that pulls each part to 0 where nothing tells it."""
-_KNOWN: Final = 100.0
+_KNOWN_RIDGE_FACTOR: Final = 100.0
 """Times that, of a profile that an earlier look or the layer's height tells."""
-_HARDER: Final = (1.0, 10.0, 0.01)
+_CLASS_RIDGE_FACTORS: Final = (1.0, 10.0, 0.01)
 """Times that, by class: where fresh ink lies over older ink alone, the older explains it."""
-_EDGE, _SOFT = 0.5, 0.15
+_EDGE_WIDTHS, _EDGE_BLUR_WIDTHS = 0.5, 0.15
 """Widths from the middle where a line ends, and half of what its edge is blurred over."""
-_BESIDE: Final = 30.0
+_BESIDE_RIDGE_FACTOR: Final = 30.0
 """Times the ridge beyond a line's edge: what lines that touch have in common is each one's own."""
-_ALIKE: Final = 1.5
+_CORRELATION_NODES: Final = 1.5
 """Nodes over which a profile is alike, before anything is known of it."""
-_NONE: Final = 1e6
+_ABSENT_PART_RIDGE: Final = 1e6
 """The same of a part that isn't there."""
-_SMOOTH: Final = 3e-3
+_CURVATURE_RIDGE: Final = 3e-3
 """The same on second differences along a profile."""
 
 
@@ -67,27 +67,29 @@ class InkModel:
     ----------
     profile : (3, 5, 16, c) float64
         By class, part, node of distance.
-    doubt : (3, 16, 16) float64
+    node_covariance : (3, 16, 16) float64
         Covariance of even parts' nodes, by class; mean of all channels.
     """
 
     profile: FloatArray
-    doubt: FloatArray = field(default_factory=lambda: np.zeros((CLASSES, NODES + 1, NODES + 1)))
+    node_covariance: FloatArray = field(
+        default_factory=lambda: np.zeros((CLASSES, NODES + 1, NODES + 1))
+    )
 
-    def doubt_across(self, which: int, distance: FloatArray) -> FloatArray:
+    def covariance_across(self, which: int, distance: FloatArray) -> FloatArray:
         """Covariance (u, u) of what full ink of a class adds at distances (u,), widths."""
-        size = np.minimum(np.abs(distance) * (NODES / REACH), NODES - 1e-9)
+        size = np.minimum(np.abs(distance) * (NODES / REACH_WIDTHS), NODES - 1e-9)
         low = size.astype(np.int64)
         hat = np.zeros((len(distance), NODES + 1))
         row = np.arange(len(distance))
         hat[row, low], hat[row, low + 1] = 1.0 - (size - low), size - low
-        return np.asarray(hat @ self.doubt[which] @ hat.T)
+        return np.asarray(hat @ self.node_covariance[which] @ hat.T)
 
     @staticmethod
     def cover(height: float) -> InkModel:
         """Return fresh ink that adds as much over a line's width, and nothing beside it."""
         profile = np.zeros((CLASSES, PARTS, NODES + 1, 1))
-        profile[:2, 0, :, 0] = height * cover_at(np.arange(NODES + 1) * (REACH / NODES))
+        profile[:2, 0, :, 0] = height * cover_at(np.arange(NODES + 1) * (REACH_WIDTHS / NODES))
         return InkModel(profile)
 
     def at(self, which: int, distance: FloatArray, normal: FloatArray) -> FloatArray:
@@ -95,7 +97,7 @@ class InkModel:
 
         At distances (u,), widths, towards normals (n, 2), unit vectors in the picture.
         """
-        size = np.minimum(np.abs(distance) * (NODES / REACH), NODES - 1e-9)
+        size = np.minimum(np.abs(distance) * (NODES / REACH_WIDTHS), NODES - 1e-9)
         low = size.astype(np.int64)
         part = (size - low)[:, None]
         weight = _weights(normal)
@@ -109,9 +111,9 @@ class InkModel:
 
     def parts(self) -> IntArray:
         """Which parts profiles have."""
-        return np.flatnonzero(np.abs(self.profile).max(axis=(0, 2, 3)) > _NOTHING)
+        return np.flatnonzero(np.abs(self.profile).max(axis=(0, 2, 3)) > _MIN_DRAWN_NOISES)
 
-    def drawn(self, passes: Passes, over: FloatImage, share: ShareOfPiece) -> FloatImage:
+    def render(self, passes: Passes, over: FloatImage, share: ShareOfPiece) -> FloatImage:
         """Return the modelled ink, (h, w, c), 0 where there is only ground."""
         out = np.zeros((*passes.number.shape, self.profile.shape[3]), dtype=np.float32)
         _draw(passes, over, share, self.parts(), np.ascontiguousarray(self.profile), out)
@@ -125,7 +127,7 @@ class ShareOfPiece(NamedTuple):
     ----------
     kind : (n,) int64
         0 of the layer, 1 older.
-    first, many : (n,) float64
+    first, sample_count : (n,) float64
         Number of the place where a piece begins, and places along it.
     low, high : (n,) int64
         First and last place of its run.
@@ -135,29 +137,29 @@ class ShareOfPiece(NamedTuple):
 
     kind: IntArray
     first: FloatArray
-    many: FloatArray
+    sample_count: FloatArray
     low: IntArray
     high: IntArray
     value: FloatArray
 
     @staticmethod
-    def along(ways: Ways, lines: ExpectedLines, value: FloatArray) -> ShareOfPiece:
+    def along(samples: PathSamples, lines: ExpectedLines, value: FloatArray) -> ShareOfPiece:
         """Return shares (m - 1,) of places by the pieces that they lie on."""
-        count, n = len(ways), len(lines)
+        count, n = len(samples), len(lines)
         length = np.linalg.norm(lines.end - lines.start, axis=1)
         begin = from_stroke_begin(lines.stroke, length)
-        first, many = np.full(n, float(count)), np.zeros(n)
+        first, sample_count = np.full(n, float(count)), np.zeros(n)
         low = np.full(n, count)
         high = low.copy()
-        starts = np.flatnonzero(np.concatenate([[True], np.diff(ways.run) != 0]))
+        starts = np.flatnonzero(np.concatenate([[True], np.diff(samples.run) != 0]))
         for a, past in zip(starts, np.append(starts[1:], count), strict=True):
-            rows = np.arange(ways.piece[a], ways.piece[past - 1] + 1)
-            zero = ways.along[a] - 0.5 * ways.step[a]
-            first[rows] = a + (begin[rows] - zero) / ways.step[a]
-            many[rows] = length[rows] / ways.step[a]
+            rows = np.arange(samples.piece[a], samples.piece[past - 1] + 1)
+            zero = samples.along[a] - 0.5 * samples.step[a]
+            first[rows] = a + (begin[rows] - zero) / samples.step[a]
+            sample_count[rows] = length[rows] / samples.step[a]
             low[rows], high[rows] = a, past - 1
         kind = np.where(lines.fresh, 0, 1).astype(np.int64)
-        return ShareOfPiece(kind, first, many, low, high, np.append(value, 1.0))
+        return ShareOfPiece(kind, first, sample_count, low, high, np.append(value, 1.0))
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,7 @@ class CrossFit:
     other: tuple[InkModel, InkModel]
 
 
-def fitted(
+def fit_profiles(
     image: FloatImage,
     use: BoolArray,
     passes: Passes,
@@ -217,26 +219,26 @@ def fitted(
         Pixels that tell the same.
     """
     channels = image.shape[2]
-    every = 1 + int((passes.number > 0).sum()) // _ENOUGH_PX
-    power = np.zeros((3, _UNKNOWNS, _UNKNOWNS))
-    score = np.zeros((3, _UNKNOWNS, channels))
+    every = 1 + int((passes.number > 0).sum()) // _MAX_FITTED_PX
+    power = np.zeros((3, _UNKNOWN_COUNT, _UNKNOWN_COUNT))
+    score = np.zeros((3, _UNKNOWN_COUNT, channels))
     _accumulate(image, use, passes, over, share, np.array(parts), every, group, power, score)
     power = power + np.tril(power, -1).transpose(0, 2, 1)
-    sums = [(power[list(k)].sum(axis=0), score[list(k)].sum(axis=0)) for k in _GROUPS]
-    whole, *other = (_solved(*one, parts, known, plain, inkless) for one in sums)
+    sums = [(power[list(k)].sum(axis=0), score[list(k)].sum(axis=0)) for k in _GROUP_SUMS]
+    whole, *other = (_solve(*one, parts, known, plain, inkless) for one in sums)
     seen = use & (passes.number > 0)
     square = float((image[seen][:, inkless:] ** 2).sum()) / every
     left = square - float((_flat(whole)[:, inkless:] * sums[0][1][:, inkless:]).sum())
     noise = max(left, 0.0) * every / max(float(seen.sum()) * (channels - inkless), 1.0)
     scale = max(noise, 1e-9) * max(1.0, cell_px / every)
-    return CrossFit(_with_doubt(whole, sums[0][0] / scale, inkless), (other[0], other[1]))
+    return CrossFit(_with_covariance(whole, sums[0][0] / scale, inkless), (other[0], other[1]))
 
 
 def _flat(model: InkModel) -> FloatArray:
-    return model.profile[:, :, :-1].reshape(_UNKNOWNS, -1)
+    return model.profile[:, :, :-1].reshape(_UNKNOWN_COUNT, -1)
 
 
-def _with_doubt(model: InkModel, power: FloatArray, inkless: int) -> InkModel:
+def _with_covariance(model: InkModel, power: FloatArray, inkless: int) -> InkModel:
     """Return profiles with their covariance, before which they may be anything of their size.
 
     ``power`` (u, u) is what the view tells of them.
@@ -244,22 +246,22 @@ def _with_doubt(model: InkModel, power: FloatArray, inkless: int) -> InkModel:
     shown = model.profile[:, 0, : NODES // 2, inkless:]
     size = np.maximum((shown**2).mean(axis=(1, 2)), 1e-6)
     apart = np.abs(np.subtract.outer(np.arange(NODES), np.arange(NODES)))
-    alike = np.exp(-0.5 * (apart / _ALIKE) ** 2) + 1e-3 * np.eye(NODES)
-    doubt = np.zeros((CLASSES, NODES + 1, NODES + 1))
+    alike = np.exp(-0.5 * (apart / _CORRELATION_NODES) ** 2) + 1e-3 * np.eye(NODES)
+    node_covariance = np.zeros((CLASSES, NODES + 1, NODES + 1))
     even = np.concatenate([np.arange(NODES) + k * PARTS * NODES for k in range(CLASSES)])
-    told = power[np.ix_(even, even)]
-    before = np.zeros_like(told)
+    information = power[np.ix_(even, even)]
+    before = np.zeros_like(information)
     for k in range(CLASSES):
         own = slice(k * NODES, (k + 1) * NODES)
         before[own, own] = np.linalg.inv(size[k] * alike)
-    whole = np.linalg.inv(told + before)
+    whole = np.linalg.inv(information + before)
     for k in range(CLASSES):
         own = slice(k * NODES, (k + 1) * NODES)
-        doubt[k, :NODES, :NODES] = whole[own, own]
-    return replace(model, doubt=doubt)
+        node_covariance[k, :NODES, :NODES] = whole[own, own]
+    return replace(model, node_covariance=node_covariance)
 
 
-def _solved(
+def _solve(
     power: FloatArray,
     score: FloatArray,
     parts: tuple[int, ...],
@@ -269,13 +271,13 @@ def _solved(
 ) -> InkModel:
     """Solve normal equations (u, u), (u, c) with what is known beforehand."""
     channels = score.shape[1]
-    prior = _prior(power, parts) * (1.0 if known is None else _KNOWN)
-    mean = _plain(power, score) if plain else np.zeros_like(score)
+    prior = _prior(power, parts) * (1.0 if known is None else _KNOWN_RIDGE_FACTOR)
+    mean = _fit_covers(power, score) if plain else np.zeros_like(score)
     if known is not None:
-        mean = known.profile[:, :, :-1].reshape(_UNKNOWNS, channels)
+        mean = known.profile[:, :, :-1].reshape(_UNKNOWN_COUNT, channels)
     solved = np.linalg.solve(power + prior, score + prior @ mean)
     if inkless:
-        older = slice(_OLDER * PARTS * NODES, None)
+        older = slice(_OLDER_CLASS * PARTS * NODES, None)
         own = power[older, older] + prior[older, older]
         solved[:, :inkless] = 0.0
         solved[older, :inkless] = np.linalg.solve(own, score[older, :inkless])
@@ -285,22 +287,24 @@ def _solved(
 
 def cover_at(distance: NDArray[Any]) -> NDArray[Any]:
     """How much a line's own width with soft edges covers at distances, widths."""
-    return np.clip((_EDGE + _SOFT - np.abs(distance)) / (2.0 * _SOFT), 0.0, 1.0)
+    return np.clip(
+        (_EDGE_WIDTHS + _EDGE_BLUR_WIDTHS - np.abs(distance)) / (2.0 * _EDGE_BLUR_WIDTHS), 0.0, 1.0
+    )
 
 
-def _plain(power: FloatArray, score: FloatArray) -> FloatArray:
+def _fit_covers(power: FloatArray, score: FloatArray) -> FloatArray:
     """Return the even profile that covers a line's width and no more, as strong as it fits.
 
     Lines that touch fit any profile whose copies, a pitch apart, add up to the same.
     """
-    basis = np.zeros((_UNKNOWNS, CLASSES))
-    cover = cover_at(np.arange(NODES) * (REACH / NODES))
+    basis = np.zeros((_UNKNOWN_COUNT, CLASSES))
+    cover = cover_at(np.arange(NODES) * (REACH_WIDTHS / NODES))
     for k in range(CLASSES):
         first = k * PARTS * NODES
         basis[first : first + NODES, k] = cover
     own = basis.T @ power @ basis
     scale = max(float(np.trace(own)) / CLASSES, 1e-9)
-    own += scale * np.diag(np.array(_HARDER) * _RIDGE[0])
+    own += scale * np.diag(np.array(_CLASS_RIDGE_FACTORS) * _RIDGE_SHARES[0])
     return np.asarray(basis @ np.linalg.solve(own, basis.T @ score))
 
 
@@ -314,14 +318,20 @@ def _prior(power: FloatArray, parts: tuple[int, ...]) -> FloatArray:
         if j + 1 < NODES:
             row[j + 1] = 1.0
         bend += np.outer(row, row)
-    at = np.arange(NODES) * (REACH / NODES)
-    beside = np.diag(np.where(at > _EDGE + 1.5 * _SOFT, _BESIDE, 1.0))
+    at = np.arange(NODES) * (REACH_WIDTHS / NODES)
+    beside = np.diag(
+        np.where(at > _EDGE_WIDTHS + 1.5 * _EDGE_BLUR_WIDTHS, _BESIDE_RIDGE_FACTOR, 1.0)
+    )
     prior = np.zeros_like(power)
     for k in range(CLASSES * PARTS):
         own = slice(k * NODES, (k + 1) * NODES)
         own_part, which = k % PARTS, k // PARTS
-        stiff = _RIDGE[own_part] * _HARDER[which] if own_part in parts else _NONE
-        prior[own, own] = usual * (stiff * beside + _SMOOTH * bend)
+        stiff = (
+            _RIDGE_SHARES[own_part] * _CLASS_RIDGE_FACTORS[which]
+            if own_part in parts
+            else _ABSENT_PART_RIDGE
+        )
+        prior[own, own] = usual * (stiff * beside + _CURVATURE_RIDGE * bend)
     return prior
 
 
@@ -332,9 +342,9 @@ def _weights(normal: FloatArray) -> tuple[FloatArray, ...]:
 
 
 @jit
-def _place(share: ShareOfPiece, k: int, t: float) -> int:
+def _sample_index(share: ShareOfPiece, k: int, t: float) -> int:
     """Number of the place at a part of the way along a piece."""
-    at = int(share.first[k] + t * share.many[k])
+    at = int(share.first[k] + t * share.sample_count[k])
     return int(min(max(at, share.low[k]), share.high[k]))
 
 
@@ -353,15 +363,15 @@ def _terms(
     n = 0
     for m in range(passes.number[y, x]):
         d = passes.distance[y, x, m]
-        size = abs(d) * (NODES / REACH)
+        size = abs(d) * (NODES / REACH_WIDTHS)
         j = int(size)
         if j >= NODES:
             continue
         f = size - j
         sign = -1.0 if d < 0 else 1.0
-        u, v = passes.turn[y, x, m, 0], passes.turn[y, x, m, 1]
+        u, v = passes.normal[y, x, m, 0], passes.normal[y, x, m, 1]
         k = passes.piece[y, x, m]
-        own = share.value[_place(share, k, passes.part[y, x, m])]
+        own = share.value[_sample_index(share, k, passes.part[y, x, m])]
         for c in range(CLASSES):
             if share.kind[k] == 0:
                 amount = own * (1.0 - over if c == 0 else over) if c < 2 else 0.0
@@ -410,16 +420,16 @@ def _accumulate(
     index = np.empty(200, dtype=np.int64)
     weight = np.empty(200)
     for y in range(image.shape[0]):
-        for x in range(y * _SKEW % every, image.shape[1], every):
+        for x in range(y * _ROW_SKEW_PX % every, image.shape[1], every):
             if not use[y, x] or passes.number[y, x] == 0:
                 continue
             n = _terms(y, x, passes, over[y, x], share, parts, index, weight)
-            own, least = 2, REACH
+            own, least = 2, REACH_WIDTHS
             for m in range(passes.number[y, x]):
                 k, away = passes.piece[y, x, m], abs(passes.distance[y, x, m])
                 if share.kind[k] == 0 and away < least:
                     least = away
-                    own = group[_place(share, k, passes.part[y, x, m])]
+                    own = group[_sample_index(share, k, passes.part[y, x, m])]
             for a in range(n):
                 ia, wa = index[a], weight[a]
                 for b in range(a + 1):

@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from kernels.arrays import BoolArray
 from registration.inspection.values import Image
 
-_BLOCK: Final = 8
+_MIN_BLOCK_PX: Final = 8
 """Pixels of one value each way: the smallest part that a JPEG loses."""
-_RUN: Final = 48
+_MIN_RUN_PX: Final = 48
 """Pixels of one value in a row or column."""
-_TILES: Final = 8
+_TILES_PER_SIDE: Final = 8
 """Each way, by which it is told whether blocks of one value are common in a picture."""
-_COMMON: Final = 0.02
+_COMMON_TILE_SHARE: Final = 0.02
 """Share of a tile, from which on they are."""
-_CEILINGS: Final = (255, 1023, 4095, 16383, 65535)
+_SENSOR_MAXIMA: Final = (255, 1023, 4095, 16383, 65535)
 """Highest values of sensors of 8 to 16 bits."""
-_SATURATED: Final = 0.98
+_SATURATED_SHARE: Final = 0.98
 """Of a sensor's highest value: what is clipped there was measured, though too bright."""
 
 
@@ -81,13 +81,13 @@ def unmeasured_pixels(part: Image) -> BoolArray:
     below = _all([one[1:] == one[:-1] for one in channels])
     long, short = (
         (_in_runs(beside, (1, count - 1), shape), _in_runs(below, (count - 1, 1), shape))
-        for count in (_RUN, _BLOCK)
+        for count in (_MIN_RUN_PX, _MIN_BLOCK_PX)
     )
-    out = long[0] | long[1] | opened(short[0] & short[1], (_BLOCK, _BLOCK))
+    out = long[0] | long[1] | opened(short[0] & short[1], (_MIN_BLOCK_PX, _MIN_BLOCK_PX))
     if not out.any():
         return out
-    ceiling = next(one for one in _CEILINGS if one >= part.max())
-    out &= ~_all([one >= _SATURATED * ceiling for one in channels])
+    ceiling = next(one for one in _SENSOR_MAXIMA if one >= part.max())
+    out &= ~_all([one >= _SATURATED_SHARE * ceiling for one in channels])
     return np.zeros_like(out) if _is_common(out) else out
 
 
@@ -98,7 +98,7 @@ def _all(each: list[BoolArray]) -> BoolArray:
     return out
 
 
-def measured_alone(part: Image, unmeasured: BoolArray) -> Image:
+def fill_unmeasured(part: Image, unmeasured: BoolArray) -> Image:
     """Return a picture with the usual value in place of what wasn't measured: it would spill."""
     if not unmeasured.any():
         return part
@@ -140,7 +140,7 @@ def _is_common(flat: BoolArray) -> bool:
         return True
     rows, columns = (np.flatnonzero(~flat.all(axis=axis)) for axis in (1, 0))
     flat = flat[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    size = (min(_TILES, flat.shape[1]), min(_TILES, flat.shape[0]))
+    size = (min(_TILES_PER_SIDE, flat.shape[1]), min(_TILES_PER_SIDE, flat.shape[0]))
     share = cv2.resize(flat.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     some = share[share < 0.999]
-    return bool(not len(some) or np.median(some) > _COMMON)
+    return bool(not len(some) or np.median(some) > _COMMON_TILE_SHARE)

@@ -17,13 +17,13 @@ from registration.inspection.findings import LayerFindings
 from registration.inspection.pictures.heights.height import HeightFrame
 from registration.inspection.values import ExpectedLines
 
-_STEP_MM: Final = 0.1
-_CLEAR_MM: Final = 0.1
+_CUT_MM: Final = 0.1
+_MIN_BATH_MM: Final = 0.1
 """Of bath between two filaments, for the lower one not to show: blur, and the frame's errors."""
 
 
 @dataclass(frozen=True)
-class ShownLines:
+class VisibleLines:
     """Lines of which older ink shows at the depths of fresh ones.
 
     Attributes
@@ -38,7 +38,7 @@ class ShownLines:
     row: IntArray
 
     @staticmethod
-    def of(lines: ExpectedLines, frame: HeightFrame, depth_down: bool) -> ShownLines:
+    def of(lines: ExpectedLines, frame: HeightFrame, depth_down: bool) -> VisibleLines:
         """Cut older lines, and leave out what lies clearly below the fresh one next to it.
 
         Strokes of which a part is fresh are kept whole.
@@ -52,14 +52,14 @@ class ShownLines:
         """
         old = ~np.isin(lines.stroke, lines.stroke[lines.fresh])
         length = np.linalg.norm(lines.end - lines.start, axis=1)
-        count = np.where(old, np.maximum(1, np.ceil(length / _STEP_MM)), 1).astype(np.int64)
+        count = np.where(old, np.maximum(1, np.ceil(length / _CUT_MM)), 1).astype(np.int64)
         row = np.repeat(np.arange(len(lines)), count)
         number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
         cut = _parts(lines, row, number / count[row], (number + 1) / count[row])
         shown = ~(old[row] & _below(cut, lines, frame, depth_down))
-        return ShownLines(_some(cut, shown), row[shown])
+        return VisibleLines(_some(cut, shown), row[shown])
 
-    def as_given(self, findings: LayerFindings) -> LayerFindings:
+    def with_given_rows(self, findings: LayerFindings) -> LayerFindings:
         """Return findings with the lines' own rows."""
         stations = replace(findings.stations, piece=self.row[findings.stations.piece])
         return replace(findings, stations=stations)
@@ -71,7 +71,7 @@ def _below(
     """Which lines have bath between themselves and the fresh one above them, (n,)."""
     fresh = np.flatnonzero(lines.fresh)
     length = np.linalg.norm((lines.end - lines.start)[fresh], axis=1)
-    count = np.maximum(1, np.ceil(length / _STEP_MM)).astype(np.int64)
+    count = np.maximum(1, np.ceil(length / _CUT_MM)).astype(np.int64)
     own = np.repeat(fresh, count)
     number = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
     share = (number + 0.5) / np.repeat(count, count)
@@ -81,7 +81,7 @@ def _below(
     sign = 1.0 if depth_down else -1.0
     deeper_mm = sign * (here[:, 2] - above[near, 2]) / abs(float(frame.matrix[2, 2]))
     apart_mm = 0.5 * (cut.width_mm + lines.width_mm[own[near]])
-    return np.asarray(deeper_mm > apart_mm + _CLEAR_MM)
+    return np.asarray(deeper_mm > apart_mm + _MIN_BATH_MM)
 
 
 def _at(lines: ExpectedLines, row: IntArray, share: FloatArray) -> FloatArray:

@@ -13,24 +13,24 @@ from numpy.typing import NDArray
 from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
 from registration.inspection.inputs import check_lines, check_slab, check_type
-from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.pictures.picture import draw_lines
 from registration.inspection.pictures.unmeasured import unmeasured_scans
 from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 
-_SPECKLE: Final = 3
+_SPECKLE_VOXELS: Final = 3
 """Voxels over which a surface is looked for, each way."""
-_LEAST_SLAB: Final = 2
-_EDGE: Final = 0.5
+_MIN_SLAB_VOXELS: Final = 2
+_SURFACE_LEVEL: Final = 0.5
 """Of the way from bath to ink at which a surface lies."""
-FLOOR: Final = 0.1
+DARK_FLOOR_SHARE: Final = 0.1
 """Of the brighter of both, added before the logarithm: dark noise mustn't count."""
-_AROUND_MM: Final = 1.5
+_BATH_MARGIN_MM: Final = 1.5
 """From lines, so far bath is looked at."""
-_FEWEST: Final = 100
-_USUAL_INK: Final = 80
+_MIN_PIXELS: Final = 100
+_INK_PERCENTILE: Final = 80
 """Percentile: some of the lines may be missing."""
-FARTHEST: Final = 2.0
+MAX_HEIGHT_THICKNESSES: Final = 2.0
 """Thicknesses from the layer's middle: how much farther off a surface is tells nothing."""
 
 
@@ -99,8 +99,8 @@ def height_map(
     frame = HeightFrame(matrix, (depth_per_mm < 0) == scan.depth_down)
     if abs(depth_per_mm) < 1e-9:
         raise PictureError("the scan's depth doesn't run along the printer's z; check its frame")
-    level = depth_of(frame, middle_z_mm, scan.volume.shape)
-    half = max(_LEAST_SLAB / 2, 0.5 * thickness_mm * abs(depth_per_mm))
+    level = depth_at(frame, middle_z_mm, scan.volume.shape)
+    half = max(_MIN_SLAB_VOXELS / 2, 0.5 * thickness_mm * abs(depth_per_mm))
     deepest = scan.volume.shape[0] - 1
     if level.max() + half < 0 or level.min() - half > deepest:
         raise PictureError(
@@ -108,19 +108,19 @@ def height_map(
             f"{deepest + 1} voxels; check the scan's frame"
         )
     unmeasured = unmeasured_scans(scan.volume)
-    volume = speckle_less(scan.volume, scan.scale, unmeasured)
+    volume = average_speckle(scan.volume, scan.scale, unmeasured)
     slab = slab_mean(volume, level, half)
     slab[unmeasured] = np.nan
     bath, ink = _bath_and_ink(slab, frame, float(1.0 / np.sqrt(dx * dy)), lines)
-    bright = np.log(slab + np.float32(FLOOR * max(bath, ink) + 1e-6))
-    edge = np.float32(bath + _EDGE * (ink - bath))
+    bright = np.log(slab + np.float32(DARK_FLOOR_SHARE * max(bath, ink) + 1e-6))
+    edge = np.float32(bath + _SURFACE_LEVEL * (ink - bath))
     height = (_surface(volume, depth_per_mm < 0, edge) - level) / depth_per_mm
     height[unmeasured] = np.nan
-    most = FARTHEST * thickness_mm
+    most = MAX_HEIGHT_THICKNESSES * thickness_mm
     return np.stack([bright, np.clip(height, -most, most).astype(np.float32)], axis=2), frame
 
 
-def depth_of(frame: HeightFrame, z_mm: float | FloatArray, shape: tuple[int, ...]) -> FloatArray:
+def depth_at(frame: HeightFrame, z_mm: float | FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Depth, voxels, of a height, or that of each, below columns and rows, (rows, columns)."""
     inverse = np.linalg.inv(frame.matrix)
     column, row = np.meshgrid(np.arange(shape[2]), np.arange(shape[1]))
@@ -129,10 +129,10 @@ def depth_of(frame: HeightFrame, z_mm: float | FloatArray, shape: tuple[int, ...
     return np.asarray(rest / inverse[2, 2])
 
 
-def speckle_less(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray) -> FloatImage:
+def average_speckle(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray) -> FloatImage:
     """Linear intensity averaged over neighbouring voxels that were measured."""
     out = np.empty(volume.shape, dtype=np.float32)
-    size = (_SPECKLE, _SPECKLE)
+    size = (_SPECKLE_VOXELS, _SPECKLE_VOXELS)
     share = cv2.blur((~unmeasured).astype(np.float32), size)
     share = np.maximum(share, np.float32(1e-6))
     for k in range(len(volume)):
@@ -173,12 +173,12 @@ def _bath_and_ink(
     if lines is not None:
         ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
         wide = lines.width_mm * px_per_mm
-        near = drawn_lines(slab.shape, ends, wide + 2 * _AROUND_MM * px_per_mm) > 0
-        taken = drawn_lines(slab.shape, ends, 1.7 * wide + 4.0) > 0
-        core = drawn_lines(slab.shape, ends[lines.fresh], 0.5 * wide[lines.fresh]) > 0
+        near = draw_lines(slab.shape, ends, wide + 2 * _BATH_MARGIN_MM * px_per_mm) > 0
+        taken = draw_lines(slab.shape, ends, 1.7 * wide + 4.0) > 0
+        core = draw_lines(slab.shape, ends[lines.fresh], 0.5 * wide[lines.fresh]) > 0
         bath, ink = slab[near & ~taken & known], slab[core & known]
-        if min(len(bath), len(ink)) >= _FEWEST:
-            return float(np.median(bath)), float(np.percentile(ink, _USUAL_INK))
+        if min(len(bath), len(ink)) >= _MIN_PIXELS:
+            return float(np.median(bath)), float(np.percentile(ink, _INK_PERCENTILE))
     low, high = np.percentile(slab[known], [10, 98]) if known.any() else (0.0, 0.0)
     return float(low), float(high)
 

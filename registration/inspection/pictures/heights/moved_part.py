@@ -16,33 +16,29 @@ import cv2
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.pictures.heights.lost_rows import END_SHARE, MAX_MOVE_MM, MIN_MOVE_MM
+from registration.inspection.pictures.picture import draw_lines
 from registration.inspection.values import ExpectedLines, FloatImage, Frame
 
-_PIXELS: Final = 2e5
-_PART: Final = 0.3
-"""Of the lines' extent: each end of it is a part."""
-_REACH_MM: Final = 2.0
-_LEAST_MM: Final = 0.1
-"""Parts may lie so far apart, as a layer may lie beside its place."""
-_BESIDE: Final = 0.2
+_MAX_PIXELS: Final = 2e5
+_MIN_BESIDE_SHARE: Final = 0.2
 """Share of the ink that lies beside lines at the best common place, and not at each part's own,
 summed over both parts."""
-_BETTER: Final = 0.3
+_MIN_MISFIT_GAIN: Final = 0.3
 """The same of ink beside and ink missing together."""
-_SHADED: Final = -0.45
+_SHADED_THICKNESSES: Final = -0.45
 """Thicknesses from the layer's middle: what is as low as the ground and stands higher is hidden."""
-_OLDER: Final = -1.0
+_OLDER_INK_THICKNESSES: Final = -1.0
 """Thicknesses from the layer's middle, above which the layer or the one below shows."""
-_FITS: Final = 1.2
+_MAX_OWN_MISFIT: Final = 1.2
 """The most of it at both parts' own places: else nothing is known of where they lie."""
-_IN_PLACE: Final = 0.25
+_MAX_MISFIT_IN_PLACE: Final = 0.25
 """The most ink beside and missing, of an end that lies in place: 0.3 in 24 sound first layers of a
 stranger's painter."""
-_NOT_BETTER: Final = 0.035
+_MAX_MISFIT_GAIN_ELSEWHERE: Final = 0.035
 """By so much less of both elsewhere at most: 0.03 in these, 0.04 to 1.9 where rows were lost."""
-_FEWEST: Final = 100
-_BELOW: Final = 0.5
+_MIN_CELLS: Final = 100
+_BELOW_USUAL_THICKNESSES: Final = 0.5
 """Thicknesses from ink's usual height, down to which a surface is the layer's ink."""
 
 
@@ -70,7 +66,7 @@ class _Fit:
         return int(row), int(column)
 
 
-def moved_part(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> FloatArray | None:
+def find_moved_part(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> FloatArray | None:
     """Return by how much one end of a map lies moved against the other, (2,) px; None for not.
 
     Parameters
@@ -84,19 +80,26 @@ def moved_part(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> Float
     shown: BoolArray = (
         (level > level.min() + 0.1) & (level < level.max() - 0.1) & (np.abs(level) > 0.2)
     )
-    if shown.sum() < _FEWEST:
+    if shown.sum() < _MIN_CELLS:
         return None
     thickness_mm = float(np.median(height[shown] / level[shown]))
-    known = (level > level.min()) | (height < _SHADED * thickness_mm)
+    known = (level > level.min()) | (height < _SHADED_THICKNESSES * thickness_mm)
     top = float(lines.end[lines.fresh, 2].max())
     below = ~lines.fresh & (lines.end[:, 2] > top - 1.5 * thickness_mm)
     usual = _usual(level, frame, lines, lines.fresh)
     moved = None
     if usual is not None:
-        moved = _by(level > usual - _BELOW, known, frame, lines, lines.fresh, _BESIDE)
+        moved = _by(
+            level > usual - _BELOW_USUAL_THICKNESSES,
+            known,
+            frame,
+            lines,
+            lines.fresh,
+            _MIN_BESIDE_SHARE,
+        )
     if moved is None and below.any():
         # Older ink was there: what lacks of it is elsewhere.
-        any_ink = height > _OLDER * thickness_mm
+        any_ink = height > _OLDER_INK_THICKNESSES * thickness_mm
         moved = _by(any_ink, known, frame, lines, below, -1.0)
     return moved
 
@@ -118,7 +121,9 @@ def is_in_place(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> bool
     usual = _usual(level, frame, lines, lines.fresh)
     if usual is None:
         return False
-    planes = _planes(level > usual - _BELOW, level > level.min(), frame, lines, lines.fresh)
+    planes = _planes(
+        level > usual - _BELOW_USUAL_THICKNESSES, level > level.min(), frame, lines, lines.fresh
+    )
     if planes is None:
         return False
     (ink, known, drawn), _, reach, least = planes
@@ -136,14 +141,16 @@ def _fits_here(off: FloatArray, axis: int, reach: int, least_px: float) -> bool:
     move = np.abs(np.arange(-reach, reach + 1))
     near = move < max(least_px, 1.0)
     here = float(by[near].min())
-    return bool(here < _IN_PLACE and float(by[~near].min()) > here - _NOT_BETTER)
+    return bool(
+        here < _MAX_MISFIT_IN_PLACE and float(by[~near].min()) > here - _MAX_MISFIT_GAIN_ELSEWHERE
+    )
 
 
 def _usual(level: FloatImage, frame: Frame, lines: ExpectedLines, use: BoolArray) -> float | None:
     """Height of most ink in the middle of lines, thicknesses; None for too little of it."""
     ends, px_per_mm = _ends(frame, lines, use)
-    core = drawn_lines(level.shape, ends, 0.3 * lines.width_mm[use] * px_per_mm) > 0
-    return float(np.percentile(level[core], 80)) if core.sum() >= _FEWEST else None
+    core = draw_lines(level.shape, ends, 0.3 * lines.width_mm[use] * px_per_mm) > 0
+    return float(np.percentile(level[core], 80)) if core.sum() >= _MIN_CELLS else None
 
 
 def _ends(frame: Frame, lines: ExpectedLines, use: BoolArray) -> tuple[FloatArray, float]:
@@ -180,13 +187,13 @@ def _planes(
 ) -> tuple[list[FloatImage], float, int, float] | None:
     """Ink, what is known and lines, shrunk; by how much; reach and least move, px. None for few."""
     ends, px_per_mm = _ends(frame, lines, use)
-    drawn = drawn_lines(ink.shape, ends, lines.width_mm[use] * px_per_mm) > 0
-    if drawn.sum() < _FEWEST:
+    drawn = draw_lines(ink.shape, ends, lines.width_mm[use] * px_per_mm) > 0
+    if drawn.sum() < _MIN_CELLS:
         return None
-    shrink = max(1.0, float(np.sqrt(ink.size / _PIXELS)))
+    shrink = max(1.0, float(np.sqrt(ink.size / _MAX_PIXELS)))
     planes = [_shrunk(one, shrink) for one in (ink & known, known, drawn)]
-    reach = max(2, round(_REACH_MM * px_per_mm / shrink))
-    return planes, shrink, reach, _LEAST_MM * px_per_mm / shrink
+    reach = max(2, round(MAX_MOVE_MM * px_per_mm / shrink))
+    return planes, shrink, reach, MIN_MOVE_MM * px_per_mm / shrink
 
 
 def _shrunk(mask: BoolArray, by: float) -> FloatImage:
@@ -199,7 +206,7 @@ def _parts(drawn: FloatImage, axis: int) -> list[slice]:
     """Both ends of the lines' extent."""
     where = np.flatnonzero(drawn.any(axis=1 - axis))
     first, last = int(where[0]), int(where[-1]) + 1
-    size = round(_PART * (last - first))
+    size = round(END_SHARE * (last - first))
     return [slice(first, first + size), slice(last - size, last)]
 
 
@@ -222,7 +229,7 @@ def _fit(planes: list[FloatImage], part: slice, axis: int, reach: int) -> _Fit |
     on_ink, on_known, at_all = (
         _moved_sums(image, mask, reach) for image, mask in ((ink, own), (known, own), (seen, grown))
     )
-    if total < _FEWEST or float(own.sum()) < _FEWEST:
+    if total < _MIN_CELLS or float(own.sum()) < _MIN_CELLS:
         return None
     missing = 1.0 - on_ink / np.maximum(on_known, 1.0)
     return _Fit(1.0 - at_all / total, np.where(on_known < 0.5 * own.sum(), 1.0, missing))
@@ -248,6 +255,10 @@ def _apart(fits: list[_Fit], least_px: float, least_beside: float) -> FloatArray
         for values in ([one.off for one in fits], [one.beside for one in fits])
     )
     beside = float(both.beside[common]) - own_beside
-    if float(both.off[common]) - own < _BETTER or beside < least_beside or own > _FITS:
+    if (
+        float(both.off[common]) - own < _MIN_MISFIT_GAIN
+        or beside < least_beside
+        or own > _MAX_OWN_MISFIT
+    ):
         return None
     return moved

@@ -20,27 +20,27 @@ import numpy as np
 from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.options import IN_PART
 from registration.inspection.pictures.heights.height import HeightFrame
-from registration.inspection.pictures.heights.moved_part import moved_part
+from registration.inspection.pictures.heights.moved_part import find_moved_part
 from registration.inspection.pictures.heights.own_depth import ScanByDepth, TurnedMaps
-from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.pictures.picture import draw_lines
 from registration.inspection.values import ExpectedLines, FloatImage, Frame
 from registration.scan import Scan
 
-_PIXELS: Final = 1e5
-_SAME_MM: Final = 1e-3
-_REACH_MM: Final = 0.5
+_MAX_PIXELS: Final = 1e5
+_HEIGHT_TOLERANCE_MM: Final = 1e-3
+_MAX_SHIFT_MM: Final = 0.5
 """By which the layer may lie beside its place."""
-_FAR_MM: Final = 2.0
+_FAR_SEARCH_MM: Final = 2.0
 """By which a layer is looked for that isn't there."""
-_FITS: Final = 0.5
+_MIN_CORRELATION: Final = 0.5
 """Correlation that ink and lines have at least where they belong together."""
-_BETTER: Final = 0.1
-_SIGN: Final = 0.25
+_MIN_CORRELATION_GAIN: Final = 0.1
+_MIN_SIGN_CORRELATION: Final = 0.25
 """Correlation as it is, from which on it says whether ink is bright or dark."""
 
-_DARK: Final = 3.0
+_DEAD_LINE_FACTOR: Final = 3.0
 """Times what a quarter of the picture is darker by: two standard deviations of a bath."""
-_NEARLY_ALL: Final = 90
+_DEAD_LINE_PERCENTILE: Final = 90
 """Percentile of a row or column."""
 
 _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
@@ -54,7 +54,7 @@ _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
 }
 
 
-def better_turned(
+def find_better_orientation(
     picture: FloatImage,
     frame: Frame,
     lines: ExpectedLines,
@@ -82,7 +82,7 @@ def better_turned(
     ends = np.stack([frame.to_pixels(one[rows]) for one in (lines.start, lines.end)], axis=1)
     flat = np.linalg.norm((lines.end - lines.start)[rows, :2], axis=1)
     px_per_mm = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() / max(flat.sum(), 1e-9)
-    shrink = max(1.0, float(np.sqrt(picture[:, :, 0].size / _PIXELS)))
+    shrink = max(1.0, float(np.sqrt(picture[:, :, 0].size / _MAX_PIXELS)))
     maps = None
     if scan is not None and isinstance(frame, HeightFrame):
         by_depth = ScanByDepth.of(scan)
@@ -90,16 +90,16 @@ def better_turned(
         by_depth = replace(by_depth, unmeasured=by_depth.unmeasured | shaded)
         picture = np.where(shaded[:, :, None], np.float32(np.nan), picture)
         maps = TurnedMaps(*by_depth.smaller(shrink, frame), lines, rows)
-    reach = max(1, round(_REACH_MM * px_per_mm / shrink))
+    reach = max(1, round(_MAX_SHIFT_MM * px_per_mm / shrink))
     fit = partial(_fit, ends, lines.width_mm[rows] * px_per_mm, reach, shrink)
     flat_ink = _shrunk(picture[:, :, 0], shrink)
-    far_px = round((_FAR_MM - _REACH_MM) * px_per_mm / shrink)
+    far_px = round((_FAR_SEARCH_MM - _MAX_SHIFT_MM) * px_per_mm / shrink)
     found = _best_place(fit, flat_ink, maps, far_px)
     if isinstance(found, str):
         return found
     if found is not None:
         return _moved_words(found, frame, lines)
-    off = moved_part(picture, frame, lines) if in_parts and picture.shape[2] == 2 else None
+    off = find_moved_part(picture, frame, lines) if in_parts and picture.shape[2] == 2 else None
     return None if off is None else f"{_moved_words(off, frame, lines)} {IN_PART}"
 
 
@@ -122,7 +122,7 @@ def _best_place(
     sign = max(here, key=lambda one: here[one][0])
     as_it_is = here[sign][0]
     # Lines followed in depth fit by their own sign far better than by chance.
-    signs = (sign,) if as_it_is > _SIGN and maps is None else (1, -1)
+    signs = (sign,) if as_it_is > _MIN_SIGN_CORRELATION and maps is None else (1, -1)
     flat = here if maps is None else fit(flat_ink)  # what lies far off shows at no one's depth
     own = tuple(one for one in signs if maps is None or flat[one][0] >= flat[-one][0])
     fits = dict[str, float]()
@@ -134,8 +134,10 @@ def _best_place(
     far, off_px = max((moved[one] for one in own), key=lambda found: found[0])
     best = max(fits, key=lambda name: fits[name])
     # Ink of bright rims fits in one slab far better than at its own depth.
-    needed = max(_FITS, max(as_it_is, *(flat[one][0] for one in own)) + _BETTER)
-    if far > max(needed, fits[best] - _BETTER):
+    needed = max(
+        _MIN_CORRELATION, max(as_it_is, *(flat[one][0] for one in own)) + _MIN_CORRELATION_GAIN
+    )
+    if far > max(needed, fits[best] - _MIN_CORRELATION_GAIN):
         return off_px
     return best if fits[best] > needed else None
 
@@ -153,7 +155,7 @@ def _fit(
     Moved by ``more`` pixels more than ``reach``.
     """
     shape = tuple(round(count * shrink) for count in turned.shape)
-    drawn = drawn_lines((shape[0], shape[1]), ends, width_px).astype(np.float32)
+    drawn = draw_lines((shape[0], shape[1]), ends, width_px).astype(np.float32)
     mask = cv2.resize(drawn, turned.shape[::-1], interpolation=cv2.INTER_AREA)
     inner = mask[reach:-reach, reach:-reach]
     if min(inner.shape, default=0) < 8 or inner.std() < 1e-3:
@@ -187,15 +189,15 @@ def _shaded(
     middle = sign * 0.5 * (lines.start[:, 2] + lines.end[:, 2])
     over = ~rows & (middle > middle[lines.fresh].max())
     ends = np.stack([frame.to_pixels(one[over]) for one in (lines.start, lines.end)], axis=1)
-    return drawn_lines((shape[0], shape[1]), ends, lines.width_mm[over] * scale) > 0
+    return draw_lines((shape[0], shape[1]), ends, lines.width_mm[over] * scale) > 0
 
 
 def _at_its_height(lines: ExpectedLines) -> BoolArray:
     """Fresh lines, and older ones that reach between their lowest and highest place, (n,)."""
     ends = np.stack([lines.start[:, 2], lines.end[:, 2]])
     low, high = ends.min(axis=0), ends.max(axis=0)
-    above = high >= low[lines.fresh].min() - _SAME_MM
-    return np.asarray(above & (low <= high[lines.fresh].max() + _SAME_MM))
+    above = high >= low[lines.fresh].min() - _HEIGHT_TOLERANCE_MM
+    return np.asarray(above & (low <= high[lines.fresh].max() + _HEIGHT_TOLERANCE_MM))
 
 
 def _shrunk(image: FloatImage, by: float) -> FloatImage:
@@ -210,7 +212,7 @@ def _shrunk(image: FloatImage, by: float) -> FloatImage:
 def _without_dead_lines(image: FloatImage) -> FloatImage:
     """Image in which rows and columns that are dark from end to end show what is usual."""
     out, usual = image.copy(), float(np.median(image))
-    dark = usual - _DARK * (usual - float(np.percentile(image, 25)))
-    out[:, np.percentile(image, _NEARLY_ALL, axis=0) < dark] = usual
-    out[np.percentile(image, _NEARLY_ALL, axis=1) < dark] = usual
+    dark = usual - _DEAD_LINE_FACTOR * (usual - float(np.percentile(image, 25)))
+    out[:, np.percentile(image, _DEAD_LINE_PERCENTILE, axis=0) < dark] = usual
+    out[np.percentile(image, _DEAD_LINE_PERCENTILE, axis=1) < dark] = usual
     return out

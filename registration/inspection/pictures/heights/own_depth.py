@@ -19,33 +19,33 @@ from scipy.stats import siegelslopes
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.pictures.heights.height import (
-    FLOOR,
+    DARK_FLOOR_SHARE,
     HeightFrame,
-    depth_of,
+    average_speckle,
+    depth_at,
     slab_mean,
-    speckle_less,
 )
-from registration.inspection.pictures.heights.line_places import LinePlaces
+from registration.inspection.pictures.heights.line_samples import LineSamples
 from registration.inspection.pictures.unmeasured import unmeasured_scans
 from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 
-_LEAST_HALF: Final = 1.0
+_MIN_HALF_VOXELS: Final = 1.0
 """Voxels of depth to either side."""
-_HEIGHT: Final = 0.7
+_CORE_HEIGHT_WIDTHS: Final = 0.7
 """Of a round filament's width, over which it is averaged: beyond, its sides are bath."""
-_MORE: Final = 1.6
+_RIM_HEIGHT_FACTOR: Final = 1.6
 """Times that, for ink that shows by its rim: upper and lower one are among it."""
-HEIGHTS: Final = (_HEIGHT, _HEIGHT * _MORE)
-_BETTER: Final = 1.5
+AVERAGED_HEIGHT_WIDTHS: Final = (_CORE_HEIGHT_WIDTHS, _CORE_HEIGHT_WIDTHS * _RIM_HEIGHT_FACTOR)
+_MIN_CONTRAST_RATIO: Final = 1.5
 """Times as much as it must stand out then: an average over more has less noise."""
-_LEAST_FLOOR: Final = 0.05
+_MIN_FLOOR_SHARE: Final = 0.05
 """Of what the bath sends back, below which nothing is told apart."""
-_BRIGHT: Final = 4.0
+_MIN_INK_OVER_BATH: Final = 4.0
 """Times the bath, from which on ink tells how light fades with depth."""
-_FEWEST: Final = 20
+_MIN_BRIGHT_SAMPLES: Final = 20
 """Places by which that is known."""
-_MOST: Final = 400
+_MAX_BRIGHT_SAMPLES: Final = 400
 """And about as many are enough."""
 
 
@@ -67,7 +67,7 @@ class ScanByDepth:
     def of(scan: Scan) -> ScanByDepth:
         """Divide each depth by its usual value."""
         unmeasured = unmeasured_scans(scan.volume)
-        planes = speckle_less(scan.volume, scan.scale, unmeasured)
+        planes = average_speckle(scan.volume, scan.scale, unmeasured)
         usual = np.array([np.median(one[~unmeasured]) for one in planes]) if planes.size else 1.0
         planes /= np.maximum(usual, 1e-6 * float(np.max(usual)) + 1e-12)[:, None, None].astype("f4")
         return ScanByDepth(planes, unmeasured)
@@ -84,7 +84,7 @@ class ScanByDepth:
         return ScanByDepth(np.stack(planes), np.asarray(share > 0.5)), HeightFrame(matrix)
 
     def depths(
-        self, frame: HeightFrame, places: LinePlaces, shape: tuple[int, ...]
+        self, frame: HeightFrame, places: LineSamples, shape: tuple[int, ...]
     ) -> tuple[FloatArray, FloatArray]:
         """Return depths of filaments, and half of the heights to average over, (rows, columns).
 
@@ -95,9 +95,9 @@ class ScanByDepth:
         pixel = frame.to_pixels(places.at)
         near = cKDTree(pixel).query(np.column_stack([column.ravel(), row.ravel()]))[1]
         near = places.upper(near.reshape(column.shape), pixel, frame)
-        level = depth_of(frame, places.at[near, 2], (len(self.planes), *shape))
-        half = 0.5 * _HEIGHT * places.width[near] * abs(float(frame.matrix[2, 2]))
-        return level, np.maximum(half, _LEAST_HALF)
+        level = depth_at(frame, places.at[near, 2], (len(self.planes), *shape))
+        half = 0.5 * _CORE_HEIGHT_WIDTHS * places.width[near] * abs(float(frame.matrix[2, 2]))
+        return level, np.maximum(half, _MIN_HALF_VOXELS)
 
     def along(
         self,
@@ -134,10 +134,10 @@ class TurnedMaps:
         """Return the logarithm at each filament's own depth, (rows, columns)."""
         shape = turn(self.by_depth.unmeasured).shape
         if shape not in self._depths:
-            places = LinePlaces.of(self.lines, self.use)
+            places = LineSamples.of(self.lines, self.use)
             self._depths[shape] = self.by_depth.depths(self.frame, places, shape)
         return np.asarray(
-            np.log(self.by_depth.along(*self._depths[shape], turn) + np.float32(FLOOR))
+            np.log(self.by_depth.along(*self._depths[shape], turn) + np.float32(DARK_FLOOR_SHARE))
         )
 
 
@@ -152,18 +152,20 @@ def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatI
     lines : ExpectedLines
         Those written last (``fresh``) are followed.
     """
-    places = LinePlaces.of(lines, lines.fresh)
+    places = LineSamples.of(lines, lines.fresh)
     by_depth = ScanByDepth.of(scan)
     level, half = by_depth.depths(frame, places, by_depth.unmeasured.shape)
     at = frame.to_pixels(places.at)
-    inner, whole = (_logarithm(by_depth.along(level, k * half), level, at) for k in (1.0, _MORE))
+    inner, whole = (
+        _logarithm(by_depth.along(level, k * half), level, at) for k in (1.0, _RIM_HEIGHT_FACTOR)
+    )
     shown = [_stands_out(one, at) for one in (inner, whole)]
-    return (whole if shown[1] > _BETTER * shown[0] else inner)[:, :, None]
+    return (whole if shown[1] > _MIN_CONTRAST_RATIO * shown[0] else inner)[:, :, None]
 
 
 def _logarithm(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
-    floor = np.float32(FLOOR) * _ink_level(slab, level, at)
-    floor = np.maximum(floor, np.float32(_LEAST_FLOOR))
+    floor = np.float32(DARK_FLOOR_SHARE) * _ink_level(slab, level, at)
+    floor = np.maximum(floor, np.float32(_MIN_FLOOR_SHARE))
     return np.asarray(np.log((slab + floor) / (1 + floor)))
 
 
@@ -190,12 +192,12 @@ def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImag
     A logarithm without a floor makes the blurred rim of such ink as wide as the ink itself.
     """
     row, column = _inside(at, slab.shape)
-    bright = slab[row, column] > _BRIGHT
+    bright = slab[row, column] > _MIN_INK_OVER_BATH
     row, column = row[bright], column[bright]
-    if len(row) < _FEWEST:
+    if len(row) < _MIN_BRIGHT_SAMPLES:
         return np.zeros_like(slab)
     ink, depth = np.log(slab[row, column]), level[row, column]
-    few = slice(None, None, 1 + len(row) // _MOST)
+    few = slice(None, None, 1 + len(row) // _MAX_BRIGHT_SAMPLES)
     fade = siegelslopes(ink[few], depth[few]) if np.ptp(depth[few]) > 2.0 else None
     slope, begin = (fade.slope, fade.intercept) if fade else (0.0, float(np.median(ink)))
     known = np.clip(level, depth.min(), depth.max())

@@ -13,21 +13,23 @@ import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.pictures.heights.height import HeightFrame
-from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.pictures.picture import draw_lines
 from registration.inspection.values import ExpectedLines, FloatImage
 
-_MOST: Final = 40_000
-_FEWEST: Final = 400
-_ROUNDS: Final = 6
-_NEAR: Final = 3.0
+_MAX_POINTS: Final = 40_000
+_MIN_POINTS: Final = 400
+_ITERATIONS: Final = 6
+_OUTLIER_SPREADS: Final = 3.0
 """Standard deviations, beyond which a height is of something else than the bare surface."""
-_EVEN: Final = 0.25
+_MAX_SCATTER_THICKNESSES: Final = 0.25
 """Of a thickness, by which a bare surface scatters at most around its tilt and bow."""
-_ASIDE: Final = (1.7, 4.0)
-"""Widths, and cells, within which a line's foot and shadow may lie."""
+BARE_WIDTHS: Final = 1.7
+"""Width of the band around a line's middle beyond which the surface is bare of its foot."""
+_MARGIN_CELLS: Final = 4.0
+"""Cells added to that band for the profiler's shadow."""
 
 
-def levelled(
+def remove_tilt(
     above: FloatImage, frame: HeightFrame, thickness_mm: float, lines: ExpectedLines
 ) -> FloatImage:
     """Return heights without tilt and bow, the same as before in the middle of fresh lines.
@@ -57,22 +59,21 @@ def _bare_surface(
     """Surface of second order through what lies beside all lines; None where that isn't one."""
     ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
     px = float(np.hypot(*frame.matrix[:2, 0]) * np.hypot(*frame.matrix[:2, 1])) ** 0.5
-    times, more = _ASIDE
-    taken = drawn_lines(above.shape, ends, times * lines.width_mm * px + more) > 0
+    taken = draw_lines(above.shape, ends, BARE_WIDTHS * lines.width_mm * px + _MARGIN_CELLS) > 0
     row, column = np.nonzero(~taken & np.isfinite(above))
-    step = max(1, len(row) // _MOST)
+    step = max(1, len(row) // _MAX_POINTS)
     row, column = row[::step], column[::step]
-    if len(row) < _FEWEST:
+    if len(row) < _MIN_POINTS:
         return None
     x, y = _scaled(column, above.shape[1]), _scaled(row, above.shape[0])
     z, basis = above[row, column].astype(np.float64), _basis(x, y)
     near = np.ones(len(z), dtype=np.bool_)
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         best = np.asarray(np.linalg.lstsq(basis[near], z[near], rcond=1e-6)[0], dtype=np.float64)
         off = np.abs(z - basis @ best)
         spread = 1.4826 * float(np.median(off)) + 1e-9
-        near = off < _NEAR * spread
-    if spread > _EVEN * thickness_mm:
+        near = off < _OUTLIER_SPREADS * spread
+    if spread > _MAX_SCATTER_THICKNESSES * thickness_mm:
         return None
     x, y = (_scaled(np.arange(count), count) for count in above.shape[::-1])
     one, by_x, by_y, by_xx, by_xy, by_yy = best
@@ -94,7 +95,7 @@ def _places(above: FloatImage, frame: HeightFrame, lines: ExpectedLines) -> Bool
     """Cells in the middle of fresh lines that were measured, (rows, columns)."""
     fresh = lines.fresh
     ends = np.stack([frame.to_pixels(one[fresh]) for one in (lines.start, lines.end)], axis=1)
-    core = drawn_lines(above.shape, ends, np.ones(int(fresh.sum())))
+    core = draw_lines(above.shape, ends, np.ones(int(fresh.sum())))
     return np.asarray((core > 0) & np.isfinite(above))
 
 

@@ -9,41 +9,43 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.ink.ink_model import CrossFit, InkModel, ShareOfPiece, fitted
+from registration.inspection.ink.ink_model import CrossFit, InkModel, ShareOfPiece, fit_profiles
 from registration.inspection.ink.passes import Passes, Pieces
-from registration.inspection.ink.shares import ACROSS, own_profile, strips_of
+from registration.inspection.ink.shares import ACROSS_WIDTHS, full_ink_profile, sample_strips
 from registration.inspection.options import SeeingOptions
+from registration.inspection.path_samples import PathSamples, ProjectedSamples
 from registration.inspection.pictures.picture import View, ViewFrame
 from registration.inspection.values import ExpectedLines, FloatImage, Shift
-from registration.inspection.ways import Seen, Ways
 
-_OVER: Final = (0.65, 0.35)
-"""Widths from the middle of older ink at which there is none of it, and all."""
-_OLD: Final = 0.05
+_NO_OLD_INK_WIDTHS: Final = 0.65
+"""Distance from an older line's middle beyond which there is none of its ink."""
+_FULL_OLD_INK_WIDTHS: Final = 0.35
+"""Distance from an older line's middle within which all of its ink lies."""
+_MIN_OLD_INK_SHARE: Final = 0.05
 """Of a place's width over older ink: more, and it is judged against that."""
-_CELL: Final = 0.4
+_INDEPENDENT_WIDTHS: Final = 0.4
 """Of a width: pixels nearer to each other tell the same."""
-_PIECE: Final = 2.0
+_GROUP_WIDTHS: Final = 2.0
 """Widths along a line that are judged by a profile that others tell."""
-_FEWEST_PIECES: Final = 4
+_MIN_GROUPS: Final = 4
 """Of a layer: those of a short one are shorter."""
 
 
 @dataclass(frozen=True)
-class Placed:
+class ShiftedLines:
     """Lines and places at one shift.
 
     Attributes
     ----------
-    ways : Ways
+    samples : PathSamples
         Moved by the shift.
-    seen : Seen
+    projected : ProjectedSamples
     pieces : Pieces
     passes : Passes
     """
 
-    ways: Ways
-    seen: Seen
+    samples: PathSamples
+    projected: ProjectedSamples
     pieces: Pieces
     passes: Passes
 
@@ -51,32 +53,36 @@ class Placed:
     def over(self) -> FloatImage:
         """How much older ink lies at each pixel, 0 to 1, (h, w)."""
         older = self.passes.near[:, :, 1]
-        over = np.clip((_OVER[0] - older) / (_OVER[0] - _OVER[1]), 0.0, 1.0)
+        over = np.clip(
+            (_NO_OLD_INK_WIDTHS - older) / (_NO_OLD_INK_WIDTHS - _FULL_OLD_INK_WIDTHS), 0.0, 1.0
+        )
         return np.asarray(over, dtype=np.float32)
 
     @cached_property
     def over_across(self) -> FloatArray:
         """The same across each place, (n, u)."""
-        return strips_of(self.over[:, :, None], self.seen, self.ways)[:, :, 0]
+        return sample_strips(self.over[:, :, None], self.projected, self.samples)[:, :, 0]
 
     @cached_property
     def old(self) -> BoolArray:
         """Places over older ink, (n,)."""
-        return np.asarray(self.over_across[:, np.abs(ACROSS) <= 0.5].mean(axis=1) > _OLD)
+        return np.asarray(
+            self.over_across[:, np.abs(ACROSS_WIDTHS) <= 0.5].mean(axis=1) > _MIN_OLD_INK_SHARE
+        )
 
     @cached_property
     def crossed(self) -> BoolArray:
         """Places over or under which the view shows another of the layer's lines, (n,)."""
-        return self.ways.crossed_in(self.seen)
+        return self.samples.crossed_in(self.projected)
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ViewFit:
     """A view's model at one shift.
 
     Attributes
     ----------
-    placed : Placed
+    shifted : ShiftedLines
     present : (n,) float64
         Share of its ink that each place was drawn with.
     model : InkModel
@@ -90,7 +96,7 @@ class Drawn:
         The view across each place, without everything else.
     """
 
-    placed: Placed
+    shifted: ShiftedLines
     present: FloatArray
     model: InkModel
     ink: FloatImage
@@ -110,7 +116,7 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class Drawing:
+class ViewFitter:
     """What a look is drawn by, the same in all rounds.
 
     Attributes
@@ -118,7 +124,7 @@ class Drawing:
     view : View
     frame : ViewFrame
     lines : ExpectedLines
-    ways : Ways
+    samples : PathSamples
         Places along the fresh lines, as designed.
     options : SeeingOptions
     prior : InkModel or None
@@ -132,7 +138,7 @@ class Drawing:
     view: View
     frame: ViewFrame
     lines: ExpectedLines
-    ways: Ways
+    samples: PathSamples
     options: SeeingOptions
     prior: InkModel | None
     odd: bool
@@ -141,75 +147,86 @@ class Drawing:
     @cached_property
     def group(self) -> IntArray:
         """Pieces of places some widths long, by turns of group 0 and 1, (n + 1,); 2 at the end."""
-        at = self.ways.along / self.ways.width
-        length = float((self.ways.step / self.ways.width).sum())
-        piece = min(_PIECE, length / _FEWEST_PIECES)
-        return np.append(((at / piece).astype(np.int64) + self.ways.stroke) % 2, 2)
+        at = self.samples.along / self.samples.width
+        length = float((self.samples.step / self.samples.width).sum())
+        piece = min(_GROUP_WIDTHS, length / _MIN_GROUPS)
+        return np.append(((at / piece).astype(np.int64) + self.samples.stroke) % 2, 2)
 
-    def placed(self, shift: Shift, last: Placed | None = None) -> Placed:
+    def lines_at(self, shift: Shift, last: ShiftedLines | None = None) -> ShiftedLines:
         """Return lines at a shift: those of the ``last`` round where they haven't moved."""
         by = np.array([shift.dx_mm, shift.dy_mm])
-        there = self.ways.moved(by)
-        if last is not None and np.array_equal(there.point, last.ways.point):
+        there = self.samples.moved(by)
+        if last is not None and np.array_equal(there.point, last.samples.point):
             return last
         off = np.where(self.lines.fresh[:, None], np.append(by, 0.0), 0.0)
         moved = replace(self.lines, start=self.lines.start + off, end=self.lines.end + off)
         pieces = Pieces.of(moved, self.frame)
-        seen = Seen.of(there, self.frame, self.options.round_lines)
-        return Placed(there, seen, pieces, Passes.of(pieces, self.view.shape))
+        projected = ProjectedSamples.of(there, self.frame, self.options.round_lines)
+        return ShiftedLines(there, projected, pieces, Passes.of(pieces, self.view.shape))
 
-    def present(self, image: FloatImage, placed: Placed) -> FloatArray:
+    def initial_share(self, image: FloatImage, shifted: ShiftedLines) -> FloatArray:
         """Which places have ink, (n,), by the level in their middle where a profile is known.
 
         Of lines that touch and are bare together each looks full beside others that are drawn.
         """
         if self.prior is None:
-            return np.ones(len(self.ways))
-        ways, seen, core = placed.ways, placed.seen, np.abs(ACROSS) <= _OVER[1]
-        shown = strips_of((~self.view.lost)[:, :, None].astype(np.float32), seen, ways)[:, core]
-        nothing_below = np.zeros((len(ways), len(ACROSS)))
-        own = own_profile(self.prior, nothing_below, seen)[:, core] * shown
+            return np.ones(len(self.samples))
+        samples, projected, core = (
+            shifted.samples,
+            shifted.projected,
+            np.abs(ACROSS_WIDTHS) <= _FULL_OLD_INK_WIDTHS,
+        )
+        shown = sample_strips((~self.view.lost)[:, :, None].astype(np.float32), projected, samples)[
+            :, core
+        ]
+        nothing_below = np.zeros((len(samples), len(ACROSS_WIDTHS)))
+        own = full_ink_profile(self.prior, nothing_below, projected)[:, core] * shown
         power = (own**2).sum(axis=(1, 2))
-        share = (strips_of(image, seen, ways)[:, core] * own).sum(axis=(1, 2))
+        share = (sample_strips(image, projected, samples)[:, core] * own).sum(axis=(1, 2))
         return np.asarray((share > 0.5 * power) | (power <= 0.0), dtype=np.float64)
 
-    def drawn(
+    def fit(
         self,
         image: FloatImage,
-        placed: Placed,
+        shifted: ShiftedLines,
         present: FloatArray,
         level: FloatArray,
         parts: tuple[int, ...] | None,
-    ) -> Drawn:
+    ) -> ViewFit:
         """Fit profiles of these parts, or take those that are known (None), and draw by them.
 
         Parameters
         ----------
         image : (h, w, c) float32
             The view without light.
-        placed : Placed
+        shifted : ShiftedLines
         present, level : (n,) float64
             Share of its ink at each place, and how strongly ink of its width and depth shows.
         parts : tuple of int, or None
         """
-        pieces, passes, view = placed.pieces, placed.passes, self.view
-        share = ShareOfPiece.along(self.ways, self.lines, present * level)
+        pieces, passes, view = shifted.pieces, shifted.passes, self.view
+        share = ShareOfPiece.along(self.samples, self.lines, present * level)
         if parts is None and self.prior is not None:
             fit = CrossFit(self.prior, (self.prior, self.prior))
         else:
-            fit = fitted(
-                image, ~view.lost, passes, placed.over, share, self.group, parts or (),
+            fit = fit_profiles(
+                image, ~view.lost, passes, shifted.over, share, self.group, parts or (),
                 self.prior, not self.odd, view.inkless,
-                (_CELL * float(np.median(pieces.width))) ** 2,
+                (_INDEPENDENT_WIDTHS * float(np.median(pieces.width))) ** 2,
             )  # fmt: skip
-        ink = fit.whole.drawn(passes, placed.over, share)
+        ink = fit.whole.render(passes, shifted.over, share)
 
         def own_by(model: InkModel) -> FloatArray:
-            return level[:, None, None] * own_profile(model, placed.over_across, placed.seen)
+            return level[:, None, None] * full_ink_profile(
+                model, shifted.over_across, shifted.projected
+            )
 
         own = by_others = own_by(fit.whole)
         if self.prior is None:
             first = (self.group[:-1] == 0)[:, None, None]
             by_others = np.where(first, own_by(fit.other[0]), own_by(fit.other[1]))
-        strips = strips_of(image - ink, placed.seen, placed.ways) + present[:, None, None] * own
-        return Drawn(placed, present, fit.whole, ink, own, by_others, strips)
+        strips = (
+            sample_strips(image - ink, shifted.projected, shifted.samples)
+            + present[:, None, None] * own
+        )
+        return ViewFit(shifted, present, fit.whole, ink, own, by_others, strips)

@@ -13,14 +13,14 @@ from registration.inspection.pictures.heights.height import HeightFrame
 from registration.inspection.values import ExpectedLines
 
 _STEP_MM: Final = 0.05
-OVER: Final = 0.75
+OVERLAP_WIDTHS: Final = 0.75
 """Widths from a line's middle, so far it is shown where it lies over another."""
-CLEARLY: Final = 0.5
+MIN_HEIGHT_DIFFERENCE_WIDTHS: Final = 0.5
 """Of its width, by which it lies higher then."""
 
 
 @dataclass(frozen=True)
-class LinePlaces:
+class LineSamples:
     """Places along lines.
 
     Attributes
@@ -35,7 +35,7 @@ class LinePlaces:
     stroke: IntArray
 
     @staticmethod
-    def of(lines: ExpectedLines, use: BoolArray) -> LinePlaces:
+    def of(lines: ExpectedLines, use: BoolArray) -> LineSamples:
         """Lay them closely along lines ``use`` (m,)."""
         rows = np.flatnonzero(use)
         length = np.linalg.norm((lines.end - lines.start)[rows], axis=1)
@@ -44,7 +44,7 @@ class LinePlaces:
         number = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
         share = (number / np.repeat(count - 1, count))[:, None]
         at = lines.start[own] * (1 - share) + lines.end[own] * share
-        return LinePlaces(at, lines.width_mm[own], lines.stroke[own])
+        return LineSamples(at, lines.width_mm[own], lines.stroke[own])
 
     def upper(self, near: IntArray, pixel: FloatArray, frame: HeightFrame) -> IntArray:
         """Replace the place next to each column, (rows, columns), by one that lies over it.
@@ -54,23 +54,28 @@ class LinePlaces:
         out, sign = near.copy(), 1.0 if frame.from_above else -1.0
         px = self.width * np.sqrt(abs(np.linalg.det(frame.matrix[:2, :2])))
         for one in self._over_others(pixel, px, sign):
-            low = np.maximum(np.floor(pixel[one] - OVER * px[one]).astype(int), 0)
-            high = np.maximum(np.ceil(pixel[one] + OVER * px[one]).astype(int) + 1, 0)
+            low = np.maximum(np.floor(pixel[one] - OVERLAP_WIDTHS * px[one]).astype(int), 0)
+            high = np.maximum(np.ceil(pixel[one] + OVERLAP_WIDTHS * px[one]).astype(int) + 1, 0)
             own = out[low[1] : high[1], low[0] : high[0]]
             row, column = np.indices(own.shape)
             away = np.hypot(column + low[0] - pixel[one, 0], row + low[1] - pixel[one, 1])
-            above = sign * (self.at[one, 2] - self.at[own, 2]) > CLEARLY * self.width[one]
+            above = (
+                sign * (self.at[one, 2] - self.at[own, 2])
+                > MIN_HEIGHT_DIFFERENCE_WIDTHS * self.width[one]
+            )
             other = self.stroke[own] != self.stroke[one]
-            own[(away < OVER * px[one]) & above & other] = one
+            own[(away < OVERLAP_WIDTHS * px[one]) & above & other] = one
         return out
 
     def _over_others(self, pixel: FloatArray, px: FloatArray, sign: float) -> list[int]:
         """Places near which the picture shows a lower line, the lowest first."""
-        pair = cKDTree(pixel).query_pairs(2 * OVER * float(px.max()), output_type="ndarray")
+        pair = cKDTree(pixel).query_pairs(
+            2 * OVERLAP_WIDTHS * float(px.max()), output_type="ndarray"
+        )
         pair = pair[self.stroke[pair[:, 0]] != self.stroke[pair[:, 1]]]
         height = sign * self.at[:, 2]
         first = height[pair[:, 0]] > height[pair[:, 1]]
         upper = np.where(first, pair[:, 0], pair[:, 1])
         apart = np.abs(height[pair[:, 0]] - height[pair[:, 1]])
-        found = np.unique(upper[apart > CLEARLY * self.width[upper]])
+        found = np.unique(upper[apart > MIN_HEIGHT_DIFFERENCE_WIDTHS * self.width[upper]])
         return found[np.argsort(height[found])].tolist()
