@@ -1,6 +1,6 @@
-"""Evaluate a picture or height map of a printed layer against the lines expected there.
+"""Inspection of a printed layer's picture or height map against its expected lines.
 
-Names are loaded when first asked for.
+Names are imported on first use.
 
 Goes in: a picture, its frame, expected lines. Comes out: widths along every line, gaps, blobs,
 lumens, the layer's shift, or "not seen". Begin with `see.py`, which calls the rooms in this order:

@@ -1,4 +1,4 @@
-"""Draw expected lines, measured edges, gaps and unseen parts over a layer's picture."""
+"""Draw expected lines, measured edges, gaps and unseen parts over a picture."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _UNSEEN_BGR: Final = (0, 215, 255)
 _BLOB_BGR: Final = (220, 40, 220)
 _THIN_BGR: Final = (0, 130, 255)
 _MIN_SIDE_PX: Final = 1400
-"""Pictures with shorter sides are drawn larger."""
+"""Pictures whose longer side is below this are enlarged."""
 _MIN_MARGIN_PX: Final = 40.0
-"""Around the lines."""
+"""Least margin around the lines."""
 _LEGEND: Final = (
     ("expected", _EXPECTED_BGR),
     ("seen", _SEEN_BGR),
@@ -47,8 +47,8 @@ def annotated(
 ) -> NDArray[np.uint8]:
     """Return the picture (rows, columns, 3), blue-green-red, with findings drawn in.
 
-    Of a view more than twice as large as the lines and half of their extent around them only that
-    is shown: a part of 8 mm in a view of 90 is a spot, in which nobody can judge a gap.
+    A view more than twice as large as the lines and their margin is cropped to these: a part of
+    8 mm in a view of 90 mm is too small to judge a gap in.
     Outlines of the expected lines; edges as seen; gaps and the outlines of ``narrowed`` lumens red;
     hatched what wasn't seen; thin and thick stretches orange; blobs magenta. Small pictures are
     enlarged; one of two channels is drawn
@@ -95,7 +95,7 @@ def annotated(
 
 @dataclass(frozen=True)
 class _Cut:
-    """Frame of a part of a picture that begins at a pixel (x, y)."""
+    """Frame of a crop that begins at a pixel (x, y) of a picture."""
 
     whole: Frame
     begin_px: tuple[int, int]
@@ -106,7 +106,7 @@ class _Cut:
 
 
 def _around_lines(picture: Image, frame: Frame, stations: Stations) -> tuple[Image, Frame]:
-    """Cut off what lies farther from the lines than half of their extent."""
+    """Crop to the lines and a margin of half of their extent."""
     seen = frame.to_pixels(np.column_stack([stations.at_mm, stations.z_mm]))
     seen = seen[np.isfinite(seen).all(axis=1)]
     if not len(seen):
@@ -123,13 +123,13 @@ def _around_lines(picture: Image, frame: Frame, stations: Stations) -> tuple[Ima
 
 
 class _Pen:
-    """Draws places of the printer into a picture."""
+    """Pen that draws at printer coordinates into a picture."""
 
     def __init__(self, out: NDArray[np.uint8], frame: Frame, grow: int, thick: int) -> None:
         self.out, self.frame, self.grow, self.thick = out, frame, grow, thick
 
     def pixels(self, xy_mm: FloatArray, z_mm: FloatArray) -> NDArray[np.int32]:
-        """In parts of a pixel, as OpenCV draws them."""
+        """Return fixed-point pixels (n, 2) for OpenCV."""
         seen = self.frame.to_pixels(np.column_stack([xy_mm, z_mm]))
         placed = (np.nan_to_num(seen, nan=-1e4) + 0.5) * self.grow - 0.5
         return np.rint(np.clip(placed, -1e5, 1e5) * (1 << SUBPIXEL_BITS)).astype(np.int32)
@@ -162,7 +162,7 @@ class _Pen:
 
 
 def _draw_expected(pen: _Pen, s: Stations) -> None:
-    """Both edges of the expected lines, unmoved."""
+    """Draw both edges of the expected lines, without the shift."""
     ahead = np.column_stack([s.normal[:, 1], -s.normal[:, 0]])
     half = 0.5 * s.length_mm[:, None] * ahead
     for side in (-0.5, 0.5):
@@ -171,21 +171,21 @@ def _draw_expected(pen: _Pen, s: Stations) -> None:
 
 
 def _draw_seen(pen: _Pen, s: Stations, by: FloatArray) -> None:
-    """Edges as seen, from station to station; the middle where no width is told."""
-    told = np.isfinite(s.width_mm)
+    """Draw measured edges from station to station; the middle where no width is known."""
+    measured = np.isfinite(s.width_mm)
     middle = s.at_mm + by + np.nan_to_num(s.offset_mm)[:, None] * s.normal
-    pair = told[1:] & told[:-1] & (s.stroke[1:] == s.stroke[:-1])
+    pair = measured[1:] & measured[:-1] & (s.stroke[1:] == s.stroke[:-1])
     pair &= s.along_mm[1:] - s.along_mm[:-1] < 2.5 * s.length_mm[1:]
     for side in (-0.5, 0.5):
         edge = middle + side * np.nan_to_num(s.width_mm)[:, None] * s.normal
         pen.pieces(edge[:-1][pair], edge[1:][pair], s.z_mm[1:][pair], _SEEN_BGR)
-    alone = s.seen & ~told & (s.present > 0.5)
+    alone = s.seen & ~measured & (s.present > 0.5)
     ahead = np.column_stack([s.normal[:, 1], -s.normal[:, 0]]) * 0.3 * s.length_mm[:, None]
     pen.pieces((middle - ahead)[alone], (middle + ahead)[alone], s.z_mm[alone], _SEEN_BGR)
 
 
 def _draw_unseen(pen: _Pen, s: Stations, by: FloatArray) -> None:
-    """Hatching across what wasn't seen (not where it lies outside the picture)."""
+    """Hatch stations that weren't seen, except outside the picture."""
     rows = ~s.seen & (s.why != Unseen.OUTSIDE)
     slant = s.normal + np.column_stack([s.normal[:, 1], -s.normal[:, 0]])
     half = 0.35 * s.expected_mm[:, None] * slant
@@ -213,18 +213,18 @@ def _as_bytes(picture: Image) -> NDArray[np.uint8]:
 
 
 def _legend(out: NDArray[np.uint8], findings: LayerFindings) -> None:
-    """Colours and the main figures in the upper left corner."""
+    """Draw colours and the main figures in the upper left corner."""
     size = max(out.shape[:2]) / 2400
     row = round(42 * size)
     ratio = findings.width_ratio
-    told = (
+    width = (
         "width not told"
         if np.isnan(ratio)
         else (f"width {100 * ratio:.0f} +- {200 * findings.u_width_ratio:.0f} %")
     )
     count = len(findings.gaps)
     lines = [
-        f"seen {100 * findings.seen_share:.0f} %, {told}, {count} gap{'s' * (count != 1)}, shift "
+        f"seen {100 * findings.seen_share:.0f} %, {width}, {count} gap{'s' * (count != 1)}, shift "
         f"{1e3 * findings.shift.dx_mm:.0f}, {1e3 * findings.shift.dy_mm:.0f} um",
         *(name for name, _ in _LEGEND),
     ]

@@ -1,4 +1,4 @@
-"""Tolerances of a look at a layer, and how often a sound one may be faulted."""
+"""Tolerances and rate of false findings of a look at a layer."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Final
 from registration.inspection.inputs import check_number
 
 IN_PART: Final = "at one end against the other"
-"""How words on a move end that one part of a picture shows alone."""
+"""End of a message on a move of one part of a picture."""
 
 GAP_LIMITS_MM: Final = (0.02, 20)
 WIDTH_LIMITS_PERCENT: Final = (1, 100)
 """Limits of tolerances, here and in a recipe."""
 SHIFT_LIMITS_MM: Final = (0.01, 10)
-"""A look searches twice as far as a recipe tolerates."""
+"""Limits of the search, which goes twice as far as a recipe tolerates."""
 FALSE_RATE_LIMITS: Final = (1e-9, 0.5)
 
 
 @dataclass(frozen=True)
 class SeeingOptions:
-    """Tolerances of a look, and how often a sound layer may be faulted.
+    """Tolerances of a look at a layer, and its rate of false findings.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Sample points along a layer's new lines; their pixels and cross-profiles in a picture."""
+"""Sample points along fresh lines, and their projection into a picture."""
 
 from __future__ import annotations
 
@@ -14,24 +14,26 @@ from registration.errors import PictureError
 from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
 
 _MIN_FLAT_SHARE = 0.3
-"""A piece whose way as seen from above is a smaller part of its length can't be judged."""
+"""Least share of a piece's length that shows from above; steeper pieces aren't judged."""
 _OVERLAP_WIDTHS = 0.85
-"""Of the mean width: lines whose middles are nearer lie over each other."""
+"""Distance in mean widths below which two lines overlap."""
 _RETURN_RATIO = 1.25
-"""Way along a line over the distance of two of its places, from which on it has turned back."""
+"""Path length over distance of two places above which a line has turned back."""
 _ROUNDING_MM = 1e-6
+"""Tolerance for rounding of path lengths."""
 _MIN_RAY_SINE = 0.2
-"""Sine of a line's angle to the ray that shows it, below which it is seen end on."""
+"""Least sine of the angle between a line and its ray; below it is seen end on."""
 _MIN_DEPTH_RANGE_WIDTHS = 0.5
-"""Of a width, from which on places lie at different depths."""
+"""Range of depths, in widths, above which lines differ in depth."""
 _MIN_WIDTH_RATIO = 1.15
+"""Largest over smallest width above which lines differ in width."""
 _MAX_REMAP_ROWS = 20_000
-"""OpenCV takes pictures of at most 2^15 samples a side."""
+"""Rows of one `cv2.remap`, which takes at most 2^15 samples a side."""
 
 
 @dataclass(frozen=True)
 class PathSamples:
-    """Places along unbroken runs of fresh pieces, equally spaced in each.
+    """Sample points along unbroken runs of fresh pieces, equally spaced in each run.
 
     Attributes
     ----------
@@ -64,9 +66,9 @@ class PathSamples:
 
     @cached_property
     def varied(self) -> bool:
-        """Whether lines differ in depth or width: then each has a level and hue of its own.
+        """True if lines differ in depth or width, so that their levels and hues differ.
 
-        Translucent ink is as dark as it is thick, and the bath above veils it.
+        The darkness of translucent ink grows with its thickness, and the bath above veils it.
         """
         deep = float(np.ptp(self.point[:, 2])) > _MIN_DEPTH_RANGE_WIDTHS * float(
             np.median(self.width)
@@ -74,7 +76,7 @@ class PathSamples:
         return deep or float(self.width.max()) > _MIN_WIDTH_RATIO * float(self.width.min())
 
     def crossed_in(self, projected: ProjectedSamples) -> BoolArray:
-        """Places over which a view shows another line, or the line's own way back, (n,).
+        """Return places (n,) over which a view shows another line, or the same line's way back.
 
         The density of translucent ink adds there: crossings, overlaps, sharp corners.
         """
@@ -92,18 +94,18 @@ class PathSamples:
 
     @cached_property
     def _from_above(self) -> FloatArray:
-        """Way along all lines as seen from above, (n,), mm: a steep one hasn't turned back."""
+        """Path length along all lines as seen from above, (n,), mm."""
         steps = np.linalg.norm(np.diff(self.point[:, :2], axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def only(self, rows: IntArray) -> PathSamples:
-        """Return some of the places."""
+        """Return the samples of some rows."""
         return PathSamples(
             **{name: value[rows] for name, value in vars(self).items() if name in _FIELDS}
         )
 
     def moved(self, by_mm: FloatArray) -> PathSamples:
-        """Return the same, moved by (2,) mm."""
+        """Return the samples moved by (2,) mm."""
         return replace(self, point=self.point + np.append(by_mm, 0.0))
 
 
@@ -111,7 +113,7 @@ _FIELDS = tuple(field.name for field in fields(PathSamples))
 
 
 def _rim_directions(samples: PathSamples, frame: Frame, left: FloatArray) -> FloatArray:
-    """Directions, (n, 3), from round lines' middles to the rims that a frame shows on their left.
+    """Return directions (n, 3) from round lines' middles to the rims seen on their left.
 
     They are at right angles to the line and to the ray through its middle.
     """
@@ -126,12 +128,12 @@ def _rim_directions(samples: PathSamples, frame: Frame, left: FloatArray) -> Flo
     ray *= np.where(ray[:, 2:] < 0, -1.0, 1.0)
     rim = np.cross(ray, _line_directions(samples))
     size = np.linalg.norm(rim, axis=1, keepdims=True)
-    told = size > _MIN_RAY_SINE * np.linalg.norm(ray, axis=1, keepdims=True)
-    return np.asarray(np.where(told, rim / np.maximum(size, 1e-12), left))
+    oblique = size > _MIN_RAY_SINE * np.linalg.norm(ray, axis=1, keepdims=True)
+    return np.asarray(np.where(oblique, rim / np.maximum(size, 1e-12), left))
 
 
 def _line_directions(samples: PathSamples) -> FloatArray:
-    """Directions of lines in space, (n, 3), unit vectors."""
+    """Return the lines' directions in space, (n, 3), unit vectors."""
     ahead = np.column_stack([samples.normal[:, 1], -samples.normal[:, 0], np.zeros(len(samples))])
     step = np.diff(samples.point, axis=0)
     flat = np.linalg.norm(step[:, :2], axis=1)
@@ -144,7 +146,7 @@ def _line_directions(samples: PathSamples) -> FloatArray:
 
 
 def sample_paths(lines: ExpectedLines, step_mm: float) -> PathSamples:
-    """Return places each ``step_mm`` or so along all fresh runs."""
+    """Return sample points about each ``step_mm`` along all fresh runs."""
     length = np.linalg.norm(lines.end - lines.start, axis=1)
     flat = np.linalg.norm((lines.end - lines.start)[:, :2], axis=1)
     before = from_stroke_begin(lines.stroke, length)
@@ -195,7 +197,7 @@ def sample_paths(lines: ExpectedLines, step_mm: float) -> PathSamples:
 
 
 def from_stroke_begin(stroke: IntArray, length: FloatArray) -> FloatArray:
-    """Way along its stroke up to each piece, (n,), mm; a stroke's pieces follow each other."""
+    """Return the path length from a stroke's begin to each piece, (n,), mm."""
     end = np.cumsum(length)
     fresh_stroke = np.concatenate([[True], np.diff(stroke) != 0])
     first = np.maximum.accumulate(np.where(fresh_stroke, np.arange(len(stroke)), 0))
@@ -212,13 +214,13 @@ def _points_at(
 
 @dataclass(frozen=True)
 class ProjectedSamples:
-    """Places in the working picture.
+    """Sample points projected into the working picture.
 
     Attributes
     ----------
     at : (n, 2) float64, px
     across, along : (n, 2) float64, px/mm
-        Of a step to the left, and of one ahead.
+        Derivatives by a step to the left, and by one ahead.
     """
 
     at: FloatArray
@@ -227,10 +229,10 @@ class ProjectedSamples:
 
     @staticmethod
     def of(samples: PathSamples, frame: Frame, round_lines: bool = False) -> ProjectedSamples:
-        """Look up where a frame shows places (its lens is straight over a width).
+        """Project sample points by a frame, taken as linear over a line's width.
 
-        Of ``round_lines`` the rim is where rays touch them: seen aslant they are wider than a flat
-        line of their width.
+        The rim of ``round_lines`` is where rays touch them: viewed obliquely they are wider than a
+        flat line of their width.
         """
         left = np.column_stack([samples.normal, np.zeros(len(samples))])
         if round_lines:
@@ -246,7 +248,7 @@ class ProjectedSamples:
 
     @property
     def px_per_mm(self) -> float:
-        """Root of the pixels in a square millimetre, median."""
+        """Square root of the median number of pixels in a square millimetre."""
         area = np.abs(self.across[:, 0] * self.along[:, 1] - self.across[:, 1] * self.along[:, 0])
         return float(np.sqrt(np.nanmedian(area)))
 
@@ -264,7 +266,7 @@ class ProjectedSamples:
         return np.concatenate(parts)
 
     def inside(self, shape: tuple[int, ...], across_mm: FloatArray) -> BoolArray:
-        """Which places lie in a picture of that shape, with so much to either side, (n,)."""
+        """Return which places (n,) lie in a picture with ``across_mm`` to either side."""
         ok = np.ones(len(self.at), dtype=np.bool_)
         for side in (-1.0, 1.0):
             place = self.at + side * across_mm[:, None] * self.across
@@ -273,7 +275,7 @@ class ProjectedSamples:
 
 
 def stretches_of(low: BoolArray, run: IntArray) -> list[tuple[int, int]]:
-    """First and last row of each unbroken stretch of one run."""
+    """Return first and last row of each unbroken stretch of ``low`` within one run."""
     cut = np.concatenate([[True], run[1:] != run[:-1]])
     before = np.concatenate([[False], low[:-1]]) & ~cut
     after = np.concatenate([low[1:], [False]]) & ~np.append(cut[1:], True)

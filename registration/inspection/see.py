@@ -1,8 +1,8 @@
-"""Judge a picture, a height map or a scan's picture of a layer: the door of this room.
+"""Judge a layer by its picture, height map or scan picture.
 
 1. The picture is cropped and binned, and the one before laid over it (`pictures`).
-2. Light, the layer's shift, ink's profile across a line, and how much ink lies at each place follow
-   from each other in some rounds (`ink.learn`): a view is ground plus profiles along lines.
+2. Light, the layer's shift, ink's profile across a line, and the share of ink at each place are
+   estimated in turn (`ink.learn`): a view is ground plus profiles along lines.
 3. Each place is full, thin, bare or hidden, with a probability (`ink.chain`).
 4. Gaps, widths, stretches, blobs and lumens are read from that (`found`).
 
@@ -70,22 +70,23 @@ from registration.inspection.values import (
 )
 
 _SAMPLES_PER_GAP: Final = 4
+"""Places along a line in the length of the shortest gap."""
 _MIN_LOG_ODDS_CHANGE: Final = 3.0
-"""Natural logarithm of odds by which a look must move what was believed of a place before it."""
+"""Least change that a look makes to a place's log odds of being bare for it to count as seen."""
 _UNCLEAR_PROBABILITIES: Final = (0.02, 0.5)
-"""Probabilities of "bare" between which a place counts as not seen."""
+"""Probabilities of "bare" between which a place counts as unclear, so not seen."""
 _MAX_MISFIT_SPREADS: Final = 3.0
-"""Spreads of its misfit, from which on a place doesn't look like ink that the model knows."""
+"""Spreads above the usual misfit at which a place no longer looks like modelled ink."""
 _MIN_FULL_PROBABILITY: Final = 0.9
-"""Probability from which on a place over older ink counts as full."""
+"""Least probability of full ink for a place over older ink to count as seen."""
 _MIN_FREE_WIDTHS: Final = 1.25
-"""Widths from middle to middle, from which on two lines have edges of their own."""
+"""Least distance between two lines' middles at which each has free edges, in widths."""
 _END_WIDTHS: Final = 0.6
-"""Of a width from a line's end, within which it has no width of its own."""
+"""Length at a line's end, in widths, where its width isn't measured."""
 _MIN_SHOWN_SHARE: Final = 0.25
-"""Of a station's strips that show a sample, for their mean to be taken."""
+"""Least share of a station's strips that show a sample for its mean to be used."""
 _MIN_FREE_SHARE: Final = 0.7
-"""Of a station, free on both sides, for its width to be told."""
+"""Least share of a station with free sides for its width to be measured."""
 
 
 def see_layer(
@@ -107,17 +108,18 @@ def see_layer(
     Parameters
     ----------
     picture : (h, w) or (h, w, c) uint8, uint16 or float
-        A float picture is taken as it is, NaN as not seen; one of two channels is a `height_map`
-        or of a `surface_of`: the first is judged, or heights. Of others the logarithm.
+        A float picture is used as given, NaN as not seen; one of two channels is a `height_map` or
+        a `surface_of`, of which the first is judged, or heights. Others are judged by logarithms.
     frame : Frame
     lines : ExpectedLines
         Of the layer, and what older lines can be seen.
     lumens : sequence of Lumen
     before : picture or None
-        The same view before the layer was written: what lay there then cancels, and fresh ink over
-        older ink is told by what changed.
+        The same view before the layer was written: earlier contents cancel, and fresh ink over
+        older ink is judged by what changed.
     stood_still : function or None
-        Tells by marks whether the camera stood still in between; asked where a move is fitted.
+        Returns whether marks show that the camera stood still in between; called where a move is
+        fitted.
     since : (n,) bool or None
         Older lines that were written after ``before`` was taken (mends); None for none.
     hidden : sequence of (k, 2) float64, px, or (h, w) bool
@@ -210,7 +212,7 @@ def _findings(
 
 
 def _unseen_reasons(look: LayerFit, samples: PathSamples, bare: BoolArray) -> IntArray:
-    """Why each place wasn't seen, (n,)."""
+    """Return why each place wasn't seen, `Unseen` (n,)."""
     state, old = look.ink_states.probability, look.shifted.old
     p = np.clip(state[:, BARE] / np.maximum(1.0 - state[:, HIDDEN], 1e-12), 1e-12, 1 - 1e-12)
     moved = np.abs(logit(p) - logit(PRIOR_BARE))
@@ -224,7 +226,7 @@ def _unseen_reasons(look: LayerFit, samples: PathSamples, bare: BoolArray) -> In
     ] = int(Unseen.UNCLEAR)
     unlike = look.ink_states.misfit > look.ink_states.noise.misfit_full @ (1.0, _MAX_MISFIT_SPREADS)
     why[unlike & (moved >= _MIN_LOG_ODDS_CHANGE)] = int(Unseen.UNCLEAR)
-    # How much changed doesn't tell how much ink came, nor what shade changes as much.
+    # A change's size gives no amount of ink, and shade may change a view as much.
     vague = (state[:, FULL] < _MIN_FULL_PROBABILITY) | ~look.ink_states.noise.full_is_distinct
     why[old & (look.view.change is not None) & vague & (moved >= _MIN_LOG_ODDS_CHANGE)] = int(
         Unseen.UNCLEAR
@@ -246,7 +248,7 @@ def _measure_widths(
     seen: BoolArray,
     known: Appearance | None,
 ) -> StationWidths:
-    """Widths of stations over the bath with free sides; shares of ink of those that touch."""
+    """Measure widths of stations with free sides, and shares of ink where lines touch."""
     view_fit = look.view_fit
     beside = _distance_to_neighbour(look)
     full = (
@@ -254,10 +256,10 @@ def _measure_widths(
         & (look.ink_states.probability[:, BARE] < 0.1)
         & (samples.to_end > _END_WIDTHS * samples.width)
     )
-    full &= ~look.shifted.old  # a change doesn't tell how much ink came
+    full &= ~look.shifted.old  # a change gives no amount of ink
     free = full & (beside > _MIN_FREE_WIDTHS)
     all_ = np.ones(len(samples), dtype=np.bool_)
-    told = group.mean(free.astype(np.float64), all_) > _MIN_FREE_SHARE
+    measurable = group.mean(free.astype(np.float64), all_) > _MIN_FREE_SHARE
     ink = measure_shares(
         view_fit.strips, view_fit.own, StripNoise(look.ink_states.inverse), look.ink_states.lost
     )
@@ -275,20 +277,20 @@ def _measure_widths(
     strips /= np.where(lost, 1.0, part)[:, :, None]
     own = group.mean(view_fit.own, free)
     if look.odd:
-        told = np.zeros_like(told)
+        measurable = np.zeros_like(measurable)
     before = None if known is None else known.shapes
     usual = UsualWidth(shapes=before)
-    if told.any():
-        model = _with_station_profile(view_fit.model, strips - own, told & ~lost.any(axis=1))
+    if measurable.any():
+        model = _with_station_profile(view_fit.model, strips - own, measurable & ~lost.any(axis=1))
         usual = estimate_width_ratio(model, look.view.is_heights, before)
     return station_widths(
         strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
-        samples.width[group.first], told, look.ink_states.inverse, usual, seam,
+        samples.width[group.first], measurable, look.ink_states.inverse, usual, seam,
     )  # fmt: skip
 
 
 def _with_station_profile(model: InkModel, left: FloatArray, use: BoolArray) -> InkModel:
-    """Return profiles of the usual station: what a model leaves (m, u, c) in the median is added.
+    """Add the stations' median rest (m, u, c) to the model's profile.
 
     Lines of several widths are drawn by one profile between theirs.
     """
@@ -305,7 +307,7 @@ def _with_station_profile(model: InkModel, left: FloatArray, use: BoolArray) -> 
 
 
 def _distance_to_neighbour(look: LayerFit) -> FloatArray:
-    """Distance of each place to the nearest other fresh line, widths; `REACH_WIDTHS` for none."""
+    """Return each place's distance to the nearest other fresh line, widths; at most the reach."""
     passes, kind = look.shifted.passes, look.shifted.pieces.kind
     at = np.rint(np.nan_to_num(look.shifted.projected.at)).astype(np.int64)
     x = np.clip(at[:, 0], 0, look.view.shape[1] - 1)
@@ -316,7 +318,7 @@ def _distance_to_neighbour(look: LayerFit) -> FloatArray:
 
 
 def _contrast(look: LayerFit) -> float:
-    """Ink over bath, in standard deviations of a place as long as a tolerated gap."""
+    """Return ink over bath, in standard deviations of a place as long as a tolerated gap."""
     spread = float(np.median(look.ink_states.noise.full))
     correlation = float(np.median(look.ink_states.noise.correlation))
     alike = 1.0 + 2.0 * sum(

@@ -1,4 +1,4 @@
-"""Find ink where none is expected: blobs, dragged ink, and things too big to be ink."""
+"""Find ink where none is expected: blobs, dragged ink, and objects."""
 
 from __future__ import annotations
 
@@ -16,30 +16,33 @@ from registration.inspection.pictures.picture import Mask
 from registration.inspection.values import Blob, FloatImage
 
 _MIN_LEVEL: Final = 0.5
+"""Least level of a blob, where ink is 1."""
 _MIN_AREA_SQUARE_WIDTHS: Final = 0.3
-"""Of a squared width: smaller areas aren't told."""
+"""Least area of a blob, in squared line widths."""
 _OBJECT_RADIUS_WIDTHS: Final = 3.0
-"""Widths from its edge to its inside: no line leaves so much."""
+"""Distance from edge to inside, in widths, above which a find is an object, not ink."""
 _MIN_DRAG_ASPECT: Final = 3.0
+"""Least length over width of dragged ink."""
 _MAX_DISTANCE_MM: Final = 1.2
-"""From a line: what lies further off isn't this layer's."""
+"""Largest distance from a line; what lies farther isn't this layer's."""
 _MAX_BLOBS: Final = 200
+"""Largest number of blobs returned."""
 _MIN_BATH_PX: Final = 100
-"""Pixels of bath by which its level is learned."""
+"""Least number of bath pixels for learning its level."""
 _MAX_LEVEL: Final = 0.85
-"""Of ink's level: a bath that scatters up to it tells of no blobs."""
+"""Detection level above which blobs can't be distinguished from a scattering bath."""
 _MAX_UNSEEN_SHARE: Final = 0.1
-"""Of a find's surroundings that aren't seen: more, and it is a fringe of that."""
+"""Share of unseen surroundings above which a find is a fringe of glare."""
 _CREST_PERCENTILE: Final = 95
-"""Percentile of a blob's heights that is told as its height: spikes aren't it."""
+"""Percentile of a blob's heights reported as its height, below spikes."""
 _CREST_INSET_WIDTHS: Final = 0.2
-"""Widths from a line's edge: its flank, where a blob's height isn't told over the line."""
+"""Inset from a line's edge, in widths, for heights over the line: its flank is left out."""
 _MIN_SCATTER_THICKNESSES: Final = 0.05
-"""Least scatter of heights, thicknesses."""
+"""Least scatter of heights, in thicknesses."""
 _RING_WIDTHS: Final = (0.3, 0.9)
-"""Widths from a find, between which the bath around it is looked at."""
+"""Distances from a find, in widths, between which the bath around is measured."""
 _MAX_RING_LEVEL: Final = 0.25
-"""Of a find's level, below which its surroundings lie."""
+"""Largest level of a find's surroundings, relative to its own."""
 
 
 def find_blobs(
@@ -52,7 +55,7 @@ def find_blobs(
     rate: float,
     unit_mm: float = math.nan,
 ) -> tuple[Blob, ...]:
-    """Return blobs.
+    """Return the blobs of a layer.
 
     Parameters
     ----------
@@ -107,7 +110,7 @@ def find_blobs(
 def _components(
     found: BoolArray, width_px: float
 ) -> Iterator[tuple[tuple[slice, slice], BoolArray, float, FloatArray]]:
-    """Yield pixels that hang together, the most first: a box around, which in it, number, middle.
+    """Yield connected components, largest first: box, pixels in it, size, middle.
 
     The box reaches as far around them as the bath is looked at.
     """
@@ -125,7 +128,7 @@ def _components(
 def _detection_level(
     values: FloatImage, width_px: float, rate: float, is_heights: bool
 ) -> tuple[float, float, float]:
-    """Middle and spread of the bath's values, and the level that hardly any of them exceeds."""
+    """Return middle and spread of the bath's values, and the detection level above them."""
     middle, spread = _usual_height(values) if is_heights else _bath_level(values)
     places = max(1.0, len(values) / width_px**2)
     return middle, spread, max(_MIN_LEVEL, middle - float(ndtri(min(0.5, rate / places))) * spread)
@@ -140,7 +143,7 @@ def _has_edge(
     width_px: float,
     height: float,
 ) -> bool:
-    """Whether the bath around a find is seen, and much lower: shade that fades has no edge."""
+    """Return whether the bath around a find is seen and much lower: fading shade has no edge."""
     flags = own.astype(np.uint8)
     inner, outer = (
         cv2.dilate(flags, np.ones((2 * k + 1, 2 * k + 1), np.uint8)) > 0
@@ -153,7 +156,7 @@ def _has_edge(
 
 
 def _bath_level(values: FloatImage) -> tuple[float, float]:
-    """Middle of the bath, and a deviation that stands for its tail, by the side without ink."""
+    """Return the bath's middle and a tail-aware deviation, from the side without ink."""
     some = values[:: max(1, len(values) // 200_000)]
     low, middle = np.quantile(some, [0.1587, 0.5])
     spread = float(middle - low)
@@ -165,13 +168,13 @@ def _bath_level(values: FloatImage) -> tuple[float, float]:
 
 
 def _usual_height(values: FloatImage) -> tuple[float, float]:
-    """Middle of heights over the expected ones, and their scatter: what is low may be missing."""
+    """Return middle and scatter of heights over the expected ones."""
     low, middle, high = np.quantile(values, [0.1587, 0.5, 0.8413])
     return float(middle), max(float(high - middle), float(middle - low), _MIN_SCATTER_THICKNESSES)
 
 
 def _crest(image: FloatImage, own: BoolArray, inner: BoolArray) -> float:
-    """Height of a find: over the middles of lines where it lies on some, else over the bath."""
+    """Return a find's height over lines' middles where it lies on some, else over the bath."""
     part = own & inner if (own & inner).any() else own
     return float(np.percentile(image[part], _CREST_PERCENTILE))
 

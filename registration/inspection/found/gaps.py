@@ -1,4 +1,4 @@
-"""Stretches of strokes that are bare, where their ink ends, and how sure that is."""
+"""Find bare stretches of strokes, their ends and their p-values."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from registration.inspection.path_samples import PathSamples, stretches_of
 from registration.inspection.values import Gap
 
 _CORE_WIDTHS: Final = 0.13
-"""Widths around the middle, where a gap's tips are looked for: round ends reach farthest there."""
+"""Half width of a line's core, in widths, where tips are located: round ends reach farthest
+there."""
 _MIN_CORE_POWER_SHARE: Final = 0.1
-"""Of a profile's power that lies there, below which the whole strip tells where ink ends."""
+"""Least share of a profile's power in the core; below it the whole strip is used."""
 _U_TIP_PX: Final = 0.5
-"""Of a pixel: what a tip may be off by in the picture itself."""
+"""Standard uncertainty of a tip by the pixel grid."""
 
 
 @dataclass(frozen=True)
 class Tips:
-    """Share of ink along lines' middles, by which tips are placed.
+    """Share of ink along lines' middles, for locating tips.
 
     Attributes
     ----------
@@ -43,18 +44,18 @@ class Tips:
 
     @staticmethod
     def of(look: LayerFit, samples: PathSamples) -> Tips:
-        """Measure the middles of strips, or the whole where it shows more."""
+        """Measure the share in strips' cores, or in whole strips where cores show too little."""
         own, strips = look.view_fit.own, look.view_fit.strips
         core = np.abs(ACROSS_WIDTHS) <= _CORE_WIDTHS
         power = (own**2).sum(axis=2)
         inner = power[:, core].sum(axis=1)
         share = (strips * own)[:, core].sum(axis=(1, 2)) / np.maximum(inner, 1e-9)
-        told = inner > _MIN_CORE_POWER_SHARE * power.sum(axis=1)
-        share = np.where(told, share, look.ink_states.shares.share)
+        in_core = inner > _MIN_CORE_POWER_SHARE * power.sum(axis=1)
+        share = np.where(in_core, share, look.ink_states.shares.share)
         return Tips(samples, share, look.ink_states.noise.full, 1.0 / look.view.px_per_mm)
 
     def end(self, first: int, last: int, way: int) -> tuple[float, float]:
-        """Where ink begins by a stretch's first or last place, and its uncertainty, mm."""
+        """Return where ink begins beyond a stretch's first or last place, and its u, mm."""
         samples, run = self.samples, self.samples.run[first]
         k, far = (last, first) if way > 0 else (first, last)
         while self.share[k] >= 0.5 and k != far:
@@ -75,7 +76,7 @@ class Tips:
 
 
 def find_gaps(look: LayerFit, samples: PathSamples, bare: BoolArray) -> tuple[Gap, ...]:
-    """Return the stretches that are bare, in the order of writing.
+    """Return the bare stretches in the order of writing.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ def find_gaps(look: LayerFit, samples: PathSamples, bare: BoolArray) -> tuple[Ga
 
 
 def _without_overlaps(gaps: list[Gap]) -> tuple[Gap, ...]:
-    """Leave out gaps that another one already covers."""
+    """Drop gaps that an earlier one covers."""
     out = list[Gap]()
     for gap in gaps:
         if not (out and out[-1].overlaps(gap)):
@@ -114,7 +115,7 @@ def _without_overlaps(gaps: list[Gap]) -> tuple[Gap, ...]:
 
 
 def _point_at(samples: PathSamples, row: int, along: float) -> tuple[float, float]:
-    """Point on the expected line, mm."""
+    """Return a point on the expected line, mm."""
     own = np.flatnonzero(samples.run == samples.run[row])
     at = samples.along[own]
     x, y = (float(np.interp(along, at, samples.point[own, k])) for k in range(2))
@@ -127,7 +128,7 @@ def _point_at(samples: PathSamples, row: int, along: float) -> tuple[float, floa
 
 
 def _u_shift_along(look: LayerFit, first: int, last: int) -> float:
-    """Standard uncertainty of the layer's place along the line at a gap's ends, the larger, mm."""
+    """Return the shift's larger standard uncertainty along the line at a gap's ends, mm."""
     normal = look.shifted.samples.normal[[first, last]]
     ahead = np.column_stack([normal[:, 1], -normal[:, 0]])
     power = np.einsum("ij,jk,ik->i", ahead, look.shift.covariance_mm2, ahead)

@@ -1,4 +1,4 @@
-"""Read blobs and lumens from how much like ink each pixel looks by its level."""
+"""Find blobs and lumens by each pixel's level between bath and ink."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from registration.inspection.pictures.picture import draw_lines
 from registration.inspection.values import Blob, FloatImage, Lumen, LumenFinding
 
 _MIN_MIDDLE_SHARE: Final = 0.5
-"""Of a profile's highest level, that its middle has where ink is told by its level."""
+"""Least level in a profile's middle, relative to its highest, for using levels."""
 _MIN_CONTRAST_SDS: Final = 2.0
-"""Standard deviations of the ground that ink must differ by for that."""
+"""Least contrast of ink, in standard deviations of the ground, for using levels."""
 _CLEAR_WIDTHS: Final = 0.9
-"""Widths from a line's middle, from which on there should be bath alone."""
+"""Distance from a line's middle, in widths, beyond which bath is expected."""
 
 
 @dataclass(frozen=True)
 class InkLevel:
-    """How much like ink each pixel looks by its level, where levels tell it.
+    """Level of each pixel between bath and ink, where ink shows by its level.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class InkLevel:
 
     @staticmethod
     def of(look: LayerFit) -> InkLevel:
-        """Project the view on what ink adds in the middle of its profile."""
+        """Project the view on the middle of the ink's profile."""
         profile = look.view_fit.model.profile[0, 0]
         middle = profile[:3].mean(axis=0)
         power = float(middle @ middle)
@@ -55,7 +55,7 @@ class InkLevel:
     def blobs(
         self, look: LayerFit, samples: PathSamples, rate: float, thickness_mm: float | None
     ) -> tuple[Blob, ...]:
-        """Find ink where none is expected; on a map of heights also on lines."""
+        """Find ink where none is expected; in heights also on top of lines."""
         view, shifted, px_mm = look.view, look.shifted, 1.0 / look.view.px_per_mm
         if thickness_mm is None:
             image, clear = self.level, _CLEAR_WIDTHS
@@ -75,7 +75,7 @@ class InkLevel:
     def lumens(
         self, look: LayerFit, lumens: Sequence[Lumen], u_line_mm: float
     ) -> tuple[LumenFinding, ...]:
-        """Measure how far each is open, where lines' widths are known to ``u_line_mm``."""
+        """Measure the openness of lumens, given the lines' width uncertainty ``u_line_mm``."""
         by = np.array([look.shift.dx_mm, look.shift.dy_mm])
         older = (look.shifted.over > 0.5).astype(np.uint8)
         return measure_lumens(

@@ -1,11 +1,11 @@
-"""Widths of lines, over the bath and free on both sides.
+"""Estimate the widths of lines that are free on both sides.
 
-What a profile says of the layer's usual width follows from its shape: ink that covers what lies
-below, an ellipse's or parabola's height (or way of light through it), a bead on an upright foot, or
-a shell that shows by its rims; each blurred. Of heights the foot may lie below what a map tells of
-the layer. All shapes that fit tell how sure that is, and mostly a width isn't known to better than
-a tenth. Against the usual width each station's own is found by Gauss and Newton's method: its share
-of ink, offset and width, without any prior.
+The layer's usual width is estimated from the profile, for each candidate shape: ink that covers
+what lies below, an ellipse's or parabola's height (or way of light through it), a bead on an
+upright foot, or a shell that shows by its rims; each blurred. Of heights the foot may lie below the
+map's part of the layer. The spread over all shapes that fit is the uncertainty, mostly no better
+than a tenth. Relative to the usual width each station's own is found by Gauss and Newton's method:
+its share of ink, offset and width, without any prior.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from registration.inspection.ink.shares import ACROSS_WIDTHS, group_by_lost_samp
 from registration.inspection.values import LineShapes
 
 _WIDTH_RATIOS: Final = np.arange(0.5, 1.6, 0.01)
-"""Widths over expected ones that are tried."""
+"""Candidate ratios of measured to expected width."""
 _BLUR_WIDTHS: Final = np.array([0.03, 0.05, 0.07, 0.1, 0.13, 0.17, 0.22, 0.3])
-"""Standard deviations of blur, widths; the last is milky ink's, in which light wanders."""
+"""Candidate standard deviations of blur, in widths; the last is milky ink's, which scatters
+light."""
 _BEAD_SHAPES: Final = (
     (("cover", 1.0),),
     (("ellipse", 1.0),),
@@ -40,32 +41,32 @@ _SHELL_SHAPES: Final = tuple(
     for t in (0.1, 0.2)
     for much in (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0)
 )
-"""Shapes: terms and how much of each. A shell may be brighter or darker than what it encloses; its
-thickness in half widths."""
+"""Shapes as terms and their amounts. A shell may be brighter or darker than what it encloses; its
+thickness is in half widths."""
 _CUT_SHAPES: Final = tuple(
     ((f"{round_}{cut}", 1.0),) for round_ in ("ellipse", "parabola") for cut in (0.0, 0.2, 0.4, 0.6)
 )
-"""Of heights: rounds, and how much of them lies below what a map tells of the layer."""
+"""Shapes of heights: rounds, and the share of them that lies below the map's part of the layer."""
 _INDEPENDENT_NODES: Final = 4
-"""Independent ones of a profile: neighbouring nodes aren't. Of 291 looks at flows of 70 to 130 %
-(benchmarks/checkers/scene_painter.py) 97 % of the widths lay within two standard uncertainties, by
-5 samples 95 %, by 3 99 %."""
+"""Independent nodes of a profile, whose neighbours are correlated. Of 291 looks at flows of 70 to
+130 % (benchmarks/checkers/scene_painter.py) 97 % of the widths lay within two standard
+uncertainties, by 5 nodes 95 %, by 3 99 %."""
 U_WIDTH_BEFORE: Final = 0.25
-"""Standard deviation of the logarithm of widths over expected ones, before a look."""
+"""Standard deviation of the log of measured over expected width before a look."""
 _MIN_MISFIT: Final = 1e-4
-"""Squared misfit that no shape comes below: it is sampled at nodes."""
+"""Least squared misfit of a shape, because shapes are sampled at nodes."""
 _ITERATIONS: Final = 4
 _MIN_SHAPE_U: Final = 0.02
-"""Least relative uncertainty of a shape's width: nodes are a tenth of a width apart."""
+"""Least relative standard uncertainty of a shape's width: nodes are a tenth of a width apart."""
 _MAX_STRIP_U: Final = 0.3
-"""Relative standard uncertainty of one strip's width, from which on it tells none."""
+"""Largest relative standard uncertainty of a strip's width for it to be used."""
 _INDEPENDENT_SHARE: Final = 0.4
-"""Of the places of a station: neighbours share noise."""
+"""Share of a station's places that count as independent."""
 
 
 @dataclass(frozen=True)
 class UsualWidth:
-    """What a look's profile says of the width of all lines.
+    """Usual width of all lines of a look, by its profile.
 
     Attributes
     ----------
@@ -90,7 +91,7 @@ class StationWidths:
     Attributes
     ----------
     width_mm, random_mm : (m,) float64, mm
-        Width, and what of its uncertainty differs from station to station; NaN where not told.
+        Width, and the random part of its uncertainty; NaN where unknown.
     offset_mm : (m,) float64, mm
         Of the middle, to the left.
     common : float
@@ -117,11 +118,11 @@ class StationWidths:
 def estimate_width_ratio(
     model: InkModel, is_heights: bool, before: LineShapes | None = None
 ) -> UsualWidth:
-    """Return the width that a look's profile shows.
+    """Estimate the ratio of measured to expected width from a look's profile.
 
-    Mean and standard deviation over all shapes, blurs and widths, each as likely as its misfit
-    says (noise of unknown variance, `_INDEPENDENT_NODES` samples). Shape and blur are those of looks
-    ``before`` in the same light: whatever they are, a change of the width stretches the profile.
+    Mean and standard deviation over all shapes, blurs and widths, weighted by their likelihood
+    (noise of unknown variance, `_INDEPENDENT_NODES` nodes). Shape and blur are shared with looks
+    ``before`` in the same light, so that a change of the width only stretches the profile.
     """
     even = model.profile[0, 0]  # (nodes, c)
     weight = np.linalg.svd(even, full_matrices=False)[2][0]
@@ -158,13 +159,13 @@ def estimate_width_ratio(
 
 
 def _misfits(terms: tuple[tuple[str, float], ...], profile: FloatArray) -> FloatArray:
-    """Squared misfit to a profile of norm 1 at each blur and ratio, (blurs, ratios)."""
+    """Return the squared misfit to a profile of norm 1 at each blur and ratio, (blurs, ratios)."""
     return np.asarray(1.0 - (_shapes(terms) @ profile) ** 2)
 
 
 @cache
 def _shapes(terms: tuple[tuple[str, float], ...]) -> FloatArray:
-    """A shape at the nodes, of norm 1, (blurs, ratios, nodes)."""
+    """Return a shape at the nodes, of norm 1, (blurs, ratios, nodes)."""
     at = np.asarray(np.arange(NODES) * (REACH_WIDTHS / NODES), dtype=np.float64)
     half = 0.5 * _WIDTH_RATIOS[:, None]
     much = np.array([each for _, each in terms])
@@ -177,7 +178,7 @@ def _shapes(terms: tuple[tuple[str, float], ...]) -> FloatArray:
 
 
 def _shape(term: str, at: FloatArray, half: FloatArray, blur: float) -> FloatArray:
-    """A blurred profile of half widths (r, 1) at distances (n,), widths."""
+    """Return a blurred profile of half widths (r, 1) at distances (n,), widths."""
     if term == "cover":
         return np.asarray(ndtr((half - at) / blur) - ndtr((-half - at) / blur))
     if term.startswith("shell"):
@@ -205,7 +206,7 @@ def station_widths(
     usual: UsualWidth,
     seam_share: FloatArray,
 ) -> StationWidths:
-    """Measure stations that tell a width.
+    """Measure the widths of stations where ``has_width``.
 
     Parameters
     ----------
@@ -251,7 +252,7 @@ def station_widths(
 def _fit_widths(
     strips: FloatArray, own: FloatArray, inverse: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Widths over the usual one, offsets in usual widths, and widths' standard uncertainty."""
+    """Return widths and offsets relative to the usual width, and the widths' uncertainty."""
     count = len(strips)
     share, off, wide = np.ones(count), np.zeros(count), np.ones(count)
     cov = np.zeros((count, 3, 3))
@@ -273,7 +274,7 @@ def _fit_widths(
 
 
 def _resample(own: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Profiles (m, u, c) at other distances (m, u), and their slopes."""
+    """Resample profiles (m, u, c) and their slopes at other distances (m, u)."""
     step = ACROSS_WIDTHS[1] - ACROSS_WIDTHS[0]
     place = np.clip((at - ACROSS_WIDTHS[0]) / step, 0.0, len(ACROSS_WIDTHS) - 1 - 1e-9)
     low = place.astype(np.int64)

@@ -1,4 +1,4 @@
-"""Measure lumens in a layer picture: narrowest free width, and share of area without ink."""
+"""Measure narrowest free width and open area of lumens in a picture."""
 
 from __future__ import annotations
 
@@ -15,19 +15,22 @@ from registration.inspection.pictures.picture import Mask
 from registration.inspection.values import FloatImage, Frame, Lumen, LumenFinding
 
 _MIN_SLICED_ASPECT = 1.5
-"""Length over width of an outline from which on it is looked at slice by slice."""
+"""Aspect ratio of an outline from which on it is measured slice by slice."""
 _MAX_UNSEEN_SHARE = 0.15
+"""Largest unseen share of a lumen's area."""
 _MAX_OLD_INK_SHARE = 0.3
+"""Largest share of a lumen's area over older ink."""
 _MAX_CELLS = 600
+"""Largest number of resampled cells along a lumen."""
 _U_EDGE_PX = 0.35
-"""Of a working pixel: what either edge may be off by."""
+"""Standard uncertainty of either edge, in working pixels."""
 _U_EDGE_LEVEL = 0.03
-"""Relative: what the level at which an edge is taken may put the width off by."""
+"""Relative standard uncertainty of the width by the level at which edges are taken."""
 
 
 @dataclass(frozen=True)
 class _Patch:
-    """Samples of a lumen, its long axis downwards: whether inside the outline, ink, seen, old."""
+    """Resampled lumen, its long axis downwards: inside, ink, unseen and old-ink masks."""
 
     inside: BoolArray
     ink: FloatImage
@@ -47,7 +50,7 @@ def measure_lumens(
     noise: float,
     u_line_mm: float,
 ) -> tuple[LumenFinding, ...]:
-    """Measure each; not seen where there is no image of ink, older ink below, or glare.
+    """Measure lumens; unseen where there is no image of ink, older ink below, or glare.
 
     Parameters
     ----------
@@ -145,7 +148,7 @@ def _measure_lumen(
 
 
 def _narrowest(clear: BoolArray, inside: BoolArray, width_cells: float) -> tuple[float, float]:
-    """Narrowest free width over the expected one, and how much that scatters."""
+    """Return the narrowest free width over the expected one, and its scatter."""
     if inside.shape[0] > _MIN_SLICED_ASPECT * inside.shape[1]:
         wide = inside.sum(axis=1)
         rows = wide > 0.9 * wide.max()

@@ -1,4 +1,4 @@
-"""Map working pixels back to mm on the layer's plane, by a cubic polynomial fitted to the frame."""
+"""Map working pixels to mm on the layer's plane."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from registration.inspection.path_samples import PathSamples
 from registration.inspection.values import Frame
 
 _MARGIN_MM = 2.5
+"""Margin of the fit around the layer."""
 _POINTS_PER_SIDE = 15
 
 
 @dataclass(frozen=True)
 class PlaneMap:
-    """Pixels to mm of the layer's plane: a polynomial of third order, fitted to the frame.
+    """Cubic polynomial from pixels to mm on the layer's plane, fitted to the frame.
 
     Attributes
     ----------
     middle, scale : (2,) float64, px
-        Pixels less the one, over the other, are what the polynomial takes.
+        Offset and scale that normalise pixels for the polynomial.
     terms : (10, 2) float64, mm
     px_mm : float, mm
         A pixel, in the middle.
@@ -34,7 +35,7 @@ class PlaneMap:
 
     @staticmethod
     def of(frame: Frame, samples: PathSamples, px_mm: float) -> PlaneMap:
-        """Fit it around the layer."""
+        """Fit the polynomial around the layer."""
         low, high = samples.point.min(axis=0), samples.point.max(axis=0)
         x, y = (
             np.linspace(low[k] - _MARGIN_MM, high[k] + _MARGIN_MM, _POINTS_PER_SIDE)

@@ -1,4 +1,4 @@
-"""Group places along lines into stations, 0.6 of a line's width long."""
+"""Group sample points along lines into stations."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from registration.inspection.path_samples import PathSamples
 from registration.inspection.values import Stations, Unseen
 
 _STATION_WIDTHS: Final = 0.6
-"""Of a line's width, to a station."""
+"""Length of a station, in line widths."""
 _MIN_SEEN_SHARE: Final = 0.5
+"""Least share of seen places in a station that counts as seen."""
 
 
 @dataclass(frozen=True)
 class StationGrouping:
-    """Which places make which station.
+    """Assignment of sample points to stations.
 
     Attributes
     ----------
@@ -37,7 +38,7 @@ class StationGrouping:
 
     @staticmethod
     def of_samples(samples: PathSamples) -> StationGrouping:
-        """Group the places of each run."""
+        """Group the sample points of each run."""
         size = np.maximum(1, np.rint(_STATION_WIDTHS * samples.width / samples.step)).astype(
             np.int64
         )
@@ -52,7 +53,7 @@ class StationGrouping:
         return StationGrouping(of, np.cumsum(count) - count + count // 2, count)
 
     def mean(self, values: FloatArray, use: BoolArray) -> FloatArray:
-        """Mean over the places of each station that are used, (m, ...); NaN for none."""
+        """Return the mean over the used places of each station, (m, ...); NaN for none."""
         number = np.bincount(self.of, weights=use, minlength=len(self.count))
         start = np.cumsum(self.count) - self.count
         shape = (-1,) + (1,) * (values.ndim - 1)
@@ -62,7 +63,7 @@ class StationGrouping:
     def stations(
         self, samples: PathSamples, present: FloatArray, why: IntArray, widths: StationWidths
     ) -> Stations:
-        """What was seen at each.
+        """Build the stations' table of findings.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Find stretches of strokes that are thinner or thicker than tolerated; the layer's mean ratio."""
+"""Find thin and thick stretches; estimate the layer's width ratio."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from registration.inspection.found.line_width import StationWidths
 from registration.inspection.values import Stations, Stretch
 
 _WINDOW_STATIONS: Final = 3
-"""Stations together."""
+"""Stations averaged in a moving window."""
 _MIN_COMMON_U: Final = 0.03
-"""Least relative doubt of all widths of a layer."""
+"""Least relative standard uncertainty common to a layer's widths."""
 _TRIM_ROUNDS: Final = 4
 _OUTLIER_SPREADS: Final = 3.0
-"""Spreads from the median, from which on a station's ink isn't that of the others."""
+"""Spreads from the median beyond which a station's ink differs from the others'."""
 _MIN_SPREAD: Final = 0.02
-"""Of shares of ink of stations whose lines touch."""
+"""Least spread of shares of ink where lines touch."""
 _MIN_UNCERTAINTIES: Final = 4.0
-"""Standard uncertainties beyond the tolerance."""
+"""Standard uncertainties by which a stretch must exceed the tolerance."""
 
 
 def find_all_stretches(
     stations: Stations, widths: StationWidths, percent: float
 ) -> tuple[Stretch, ...]:
-    """Return stretches by widths, and where lines touch by their shares of ink."""
+    """Return stretches by widths, and by shares of ink where lines touch."""
     found = find_stretches(stations, widths, percent)
     seam = stations.seam_share
     if seam is None or not np.isfinite(seam).any():
         return found
-    # Stations that have their ink tell how it scatters: a thin stretch lies apart from them.
+    # Scatter is that of sound stations, from which thin stretches are trimmed.
     sound, spread = seam[np.isfinite(seam)], 0.0
     for _ in range(_TRIM_ROUNDS):
         off = np.abs(sound - np.median(sound))
@@ -49,7 +49,7 @@ def find_all_stretches(
 def find_stretches(
     stations: Stations, widths: StationWidths, percent: float
 ) -> tuple[Stretch, ...]:
-    """Return stretches whose mean over some stations is surely beyond the tolerance."""
+    """Return stretches whose mean over some stations is significantly out of tolerance."""
     ratio = stations.width_mm / stations.expected_mm
     known = np.isfinite(ratio)
     found: list[Stretch] = []
@@ -104,10 +104,10 @@ def _runs(flags: BoolArray) -> list[tuple[int, int]]:
 
 
 def width_ratio(stations: Stations, widths: StationWidths) -> tuple[float, float]:
-    """Width seen over expected of all stations, and its standard uncertainty; NaN, inf for none.
+    """Return measured over expected width of all stations and its u; NaN, inf for none.
 
     The median, so that thin stretches beside gaps don't count twice. Stations of one stroke vary
-    together; the strokes' own medians tell how much.
+    together; the strokes' own medians show how much.
     """
     ratio = stations.width_mm / stations.expected_mm
     known = np.isfinite(ratio)

@@ -1,7 +1,7 @@
-"""Hidden Markov chain: the chance that each place of a stroke is full, thin, bare or hidden.
+"""Hidden Markov chain of full, thin, bare and hidden places on strokes.
 
-What is measured at a place hangs on its state and, by an autoregressive noise of first order, on
-what was measured at the place before; noise is Student's t. Clogs and bubbles persist along the
+The measured share at a place depends on its state and, by first-order autoregressive noise, on the
+share measured at the place before; noise is Student's t. Clogs and bubbles persist along the
 way, so states last some length (Rabiner 1989, Proceedings of the IEEE 77, 257).
 """
 
@@ -18,18 +18,19 @@ from registration.inspection.ink.noise import Noise
 
 FULL, THIN, BARE, HIDDEN = range(4)
 _STUDENT_DOF: Final = 4.0
-"""Degrees of freedom of noise: texture and bubbles have heavier tails than a normal law."""
+"""Degrees of freedom of Student's t: texture and bubbles have heavier tails than a normal law."""
 _MIN_THIN_SHARE, _MAX_THIN_SHARE = 0.25, 0.85
-"""Share of ink in thin stretches, all equally likely."""
+"""Limits of the share of ink in thin stretches, uniformly distributed."""
 _ONSETS_PER_MM: Final = (0.0, 1 / 500, 1 / 300, 1 / 300)
-"""How often each state begins on full lines: some faults in a print of metres."""
+"""Onsets of each state per mm of full line: some faults in a print of metres."""
 _MEAN_LENGTHS_MM: Final = (math.inf, 5.0, 1.0, 0.5)
+"""Mean length of each state."""
 _HIDDEN_MISFIT_RANGE_LOG: Final = 6.0
-"""Natural logarithms over which a hidden place's misfit is equally likely."""
+"""Range of log misfits, uniformly distributed, on a hidden place."""
 _USUAL_MISFIT_LOG_ODDS: Final = 2.0
-"""Natural logarithm of how much rarer a usual misfit is on a hidden place."""
+"""Log odds against a usual misfit on a hidden place."""
 _HIDDEN_SHARE_RANGE: Final = 5.0
-"""Shares over which what a hidden place seems to hold is equally likely."""
+"""Range of shares, uniformly distributed, that a hidden place may read."""
 
 
 def _stationary() -> FloatArray:
@@ -39,7 +40,7 @@ def _stationary() -> FloatArray:
 
 
 PRIOR_BARE: Final = float(_stationary()[BARE])
-"""Chance of a bare place before a look."""
+"""Prior probability of a bare place."""
 
 
 def posterior(
@@ -76,7 +77,7 @@ def expected_ink(probability: FloatArray, share: FloatArray) -> FloatArray:
 def log_odds_of_bare(
     share: FloatArray, misfit: FloatArray, noise: Noise, first: int, last: int
 ) -> float:
-    """Return the logarithm of how much likelier a stretch is bare than not, without any prior.
+    """Return the log likelihood ratio of a stretch being bare or not, without any prior.
 
     One over that ratio is never smaller than the chance of such a reading on a line with ink
     (Markov's inequality), so that it serves as a p-value.
@@ -90,7 +91,7 @@ def log_odds_of_bare(
 
 
 def _transitions(step_mm: float) -> FloatArray:
-    """Chance of each state behind each, one step on, (4, 4)."""
+    """Return transition probabilities between states over one step, (4, 4)."""
     moves = np.zeros((4, 4))
     begins = np.array(_ONSETS_PER_MM) * step_mm
     moves[FULL] = begins
@@ -104,7 +105,7 @@ def _transitions(step_mm: float) -> FloatArray:
 
 
 def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArray:
-    """Logarithm of each reading's density, (n, 4, 5): behind a place of each state, and of none."""
+    """Return log densities (n, 4, 5) of readings by state and previous state (4: none)."""
     known = np.isfinite(share)
     out = _of_shares(np.where(known, share, 0.0), np.append(np.nan, share[:-1]), noise)
     full, bare = (
@@ -127,11 +128,11 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
 
 
 def _of_shares(x: FloatArray, last: FloatArray, noise: Noise) -> FloatArray:
-    """Those of shares (n,) alone, behind ``last`` (n,) ones, NaN for none."""
+    """Return log densities of shares (n,) given the ``last`` ones (n,), NaN for none."""
     out = np.zeros((len(x), 4, 5))
     out[:, FULL] = _log_t(x - 1.0, noise.full)[:, None]
     out[:, FULL, FULL] = _log_correlated(x, last, 1.0, noise.full, noise.correlation)
-    # A bare place holds nothing, or what the shade of ink beside it seems to be.
+    # A bare place reads 0, or the apparent share that the shade of ink beside it adds.
     shade, spread = noise.shaded.T
     nothing, shaded = (
         np.repeat(_log_t(x - level, wide)[:, None], 5, axis=1)
@@ -141,7 +142,7 @@ def _of_shares(x: FloatArray, last: FloatArray, noise: Noise) -> FloatArray:
     shaded[:, BARE] = _log_correlated(x, last, shade, spread, noise.correlation)
     out[:, BARE] = np.logaddexp(nothing, shaded) - math.log(2.0)
     out[:, THIN] = _log_between(x, noise.full)[:, None]
-    # What is thin may have any level, but it keeps to that.
+    # A thin stretch may have any share, but keeps it along its length.
     steady = _log_t(x - np.nan_to_num(last), noise.full * np.sqrt(1.0 - noise.correlation**2))
     keeps = np.isfinite(last) & (x > _MIN_THIN_SHARE) & (x < _MAX_THIN_SHARE)
     out[keeps, THIN, THIN] = np.maximum(out[keeps, THIN, THIN], steady[keeps])
@@ -150,7 +151,7 @@ def _of_shares(x: FloatArray, last: FloatArray, noise: Noise) -> FloatArray:
 
 
 def _independent_weight(correlation: FloatArray) -> FloatArray:
-    """How much a place tells that its neighbours, correlated with it, don't."""
+    """Return the share of a place's information that is independent of its neighbours."""
     return (1.0 - correlation) / (1.0 + correlation)
 
 
@@ -161,7 +162,7 @@ def _log_correlated(
     spread: FloatArray,
     correlation: FloatArray,
 ) -> FloatArray:
-    """Logarithm of the density behind a place of the same state."""
+    """Return the log density of a share after a place of the same state."""
     rest = x - middle - correlation * np.nan_to_num(last - middle)
     alone = _log_t(x - middle, spread)
     news = _independent_weight(correlation)
@@ -170,14 +171,14 @@ def _log_correlated(
 
 
 def _log_t(rest: FloatArray, spread: FloatArray) -> FloatArray:
-    """Logarithm of Student's t density."""
+    """Return the log density of Student's t."""
     nu = _STUDENT_DOF
     norm = math.lgamma((nu + 1) / 2) - math.lgamma(nu / 2) - 0.5 * math.log(nu * math.pi)
     return np.asarray(norm - np.log(spread) - 0.5 * (nu + 1) * np.log1p((rest / spread) ** 2 / nu))
 
 
 def _log_between(x: FloatArray, spread: FloatArray) -> FloatArray:
-    """Logarithm of the density of a share that is thin, blurred by noise."""
+    """Return the log density of a thin share, blurred by noise."""
     low = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _MIN_THIN_SHARE) / spread, -300, 300)))
     high = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _MAX_THIN_SHARE) / spread, -300, 300)))
     return np.asarray(np.log(np.maximum(low - high, 1e-12) / (_MAX_THIN_SHARE - _MIN_THIN_SHARE)))

@@ -1,10 +1,9 @@
-"""Tell fresh ink over older ink by how much the view changed there since before.
+"""Detect fresh ink over older ink by the view's change.
 
-What ink adds over older ink hangs on what it lies on: it sags, shades and mirrors anew, so that no
-profile holds for all places. That it changes the view at all holds for all: a place is told by the
-energy of its change, on a scale from what the ground's noise leaves (0) to what most of the layer
-shows (1). Where both are hardly apart, or places differ much, that scale is vague and tells
-nothing.
+What ink adds over older ink depends on what it lies on: it sags, shades and mirrors anew, so that
+no profile holds for all places. But ink changes the view everywhere: a place is judged by the
+energy of its change, on a scale from the ground's noise (0) to the layer's median (1). Where both
+hardly differ, or places scatter much, the scale is too vague to use.
 """
 
 from __future__ import annotations
@@ -25,35 +24,35 @@ from registration.inspection.ink.noise import (
 from registration.inspection.ink.shares import ACROSS_WIDTHS, covariance
 
 _CORE_SAMPLES: Final = np.abs(ACROSS_WIDTHS) <= 0.4
-"""Samples around a line's middle, in which its own change is looked for."""
+"""Samples near a line's middle, where its change is measured."""
 _LOW_PERCENTILE: Final = 10.0
-"""Percentile of places below the usual by which they are said to scatter; few may be bare."""
+"""Percentile by which the places' scatter is measured; few places may be bare."""
 _LOW_PERCENTILE_SDS: Final = 1.2816
-"""Standard deviations that this lies below the median."""
+"""Distance of this percentile below the median, in standard deviations."""
 _SHADE_SPREAD: Final = 0.1
-"""Of the scale: what neighbours' shade and slopes change on a bare place."""
+"""Change on a bare place by its neighbours' shade and slopes, on the scale."""
 _MIN_LOG_CHANGE: Final = 0.3
-"""Natural logarithm of the least change that ink is told by."""
+"""Least difference in log energy between ground and ink."""
 _UNSEEN_SHADE: Final = 0.5
-"""Of the scale: what shade changes where no bare place beside ink can be seen."""
+"""Change by shade, on the scale, where no bare place beside ink is seen."""
 _MIN_PLACES: Final = 20
-"""Places or strips by which a level is learned."""
+"""Least number of places or strips for learning a level."""
 _MIN_SEPARATION_SDS: Final = 3.0
-"""Standard deviations that places with and without ink must lie apart."""
+"""Least separation of places with and without ink, in standard deviations."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """How much changed at each place.
+    """Change of the view at each place, on the scale from ground to ink.
 
     Attributes
     ----------
     share : (n,) float64
         0 for the ground's noise alone, 1 for as much as usual.
     misfit : (n,) float64
-        Logarithm of how unlike the usual one a change is.
+        Logarithm of a change's misfit to the usual one.
     scatter : Scatter
-        Of both.
+        Scatter of share and misfit.
     """
 
     share: FloatArray
@@ -70,22 +69,22 @@ def measure_change(
     good: BoolArray,
     run: IntArray,
 ) -> Change | None:
-    """Return how much changed at places; None where ink changes too little to be told by that.
+    """Measure the change at places; return None where ink changes the view too little.
 
     Parameters
     ----------
     strips : (n, u, c) float64
-        What changed across each place.
+        Change across each place.
     own : (n, u, c) float64
-        What full ink adds there by its profile.
+        Full ink's profile there.
     lost : (n, u) bool
-        Samples that the picture doesn't show.
+        Samples that the picture lost.
     ground : (k, u, c) float64
-        What changed over ground and older ink, where nothing was written.
+        Change over ground and older ink, where nothing was written.
     beside : (k, u, c) float64
-        The same just beside fresh lines.
+        Change just beside fresh lines.
     good : (n,) bool
-        Places that are seen, without those that are held for bare.
+        Places that are seen and not assumed bare.
     run : (n,) int64
         Number of the unbroken way that each belongs to.
     """
@@ -126,7 +125,7 @@ def measure_change(
 
 
 def _misfits(rest: FloatArray, ground: FloatArray, good: BoolArray) -> tuple[FloatArray, ...]:
-    """Logarithms of mean squares of rests, (n,) and (k,), by how those of good places scatter."""
+    """Return log mean squares of rests, (n,) and (k,), weighted by good places' covariance."""
     rest, ground = (one[:, _CORE_SAMPLES].reshape(len(one), -1) for one in (rest, ground))
     middle = np.median(rest[good], axis=0)
     inverse = np.linalg.inv(covariance(rest[good] - middle))
@@ -137,7 +136,7 @@ def _misfits(rest: FloatArray, ground: FloatArray, good: BoolArray) -> tuple[Flo
 
 
 def _energy(strips: FloatArray, lost: BoolArray | None = None) -> FloatArray:
-    """Logarithm of the root mean square of what changed, (n,)."""
+    """Return the log root mean square of the change, (n,)."""
     square = (strips[:, _CORE_SAMPLES] ** 2).mean(axis=2)
     if lost is None:
         return np.asarray(0.5 * np.log(np.maximum(square.mean(axis=1), 1e-9)))

@@ -1,4 +1,4 @@
-"""Learn from a look what ink adds to it around a line's middle.
+"""Model of ink's profile across a line, fitted to a view.
 
 A view is modelled as ground plus, for each line that passes a pixel, its share of ink times a
 profile over the distance from its middle (superposition: exact for the logarithm of light through
@@ -25,38 +25,40 @@ from registration.inspection.path_samples import PathSamples, from_stroke_begin
 from registration.inspection.values import ExpectedLines, FloatImage
 
 NODES: Final = 15
-"""Of a profile, from the middle to `REACH_WIDTHS`, where it is 0: a tenth of a width apart."""
+"""Nodes of a profile, a tenth of a width apart, from the middle to the reach, where it is 0."""
 PARTS: Final = 5
+"""Parts of a profile: even, two odd, two even by direction."""
 EVEN: Final = (0, 3, 4)
 ODD: Final = (1, 2)
 CLASSES: Final = 3
+"""Classes of ink with a profile each."""
 _OLDER_CLASS: Final = 2
-"""Of profiles: fresh over the ground, fresh over older ink, older ink."""
+"""Class of older ink; 0 is fresh ink over ground, 1 fresh ink over older ink."""
 _GROUP_SUMS: Final = ((0, 1, 2), (1, 2), (0, 2))
-"""Of places: all; those that judge group 0, and group 1."""
+"""Groups of places whose sums are added: all; those that judge group 0, and group 1."""
 _MAX_FITTED_PX: Final = 150_000
-"""Pixels near lines that are fitted; of more, evenly spread ones."""
+"""Largest number of fitted pixels near lines; of more, an evenly spread part."""
 _ROW_SKEW_PX: Final = 7
-"""Pixels by which those of a row are set off against the last row's."""
+"""Offset of a row's fitted pixels against the last row's."""
 _MIN_DRAWN_NOISES: Final = 1e-4
-"""Of the ground's noise: smaller parts of profiles aren't drawn."""
+"""Size of profile parts below which they aren't rendered, in the ground's noise."""
 _UNKNOWN_COUNT: Final = CLASSES * PARTS * NODES
 _RIDGE_SHARES: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
-"""Of a node's usual share of pixels, that pulls each part to 0 where nothing tells it."""
+"""Ridge of each part, relative to the largest power of a node."""
 _KNOWN_RIDGE_FACTOR: Final = 100.0
-"""Times that, of a profile that an earlier look or the layer's height tells."""
+"""Factor on the ridge of a profile known from an earlier look or the layer's height."""
 _CLASS_RIDGE_FACTORS: Final = (1.0, 10.0, 0.01)
-"""Times that, by class: where fresh ink lies over older ink alone, the older explains it."""
+"""Factor on the ridge by class: where fresh ink lies over older ink only, the older explains it."""
 _EDGE_WIDTHS, _EDGE_BLUR_WIDTHS = 0.5, 0.15
-"""Widths from the middle where a line ends, and half of what its edge is blurred over."""
+"""Distance of a line's edge from its middle, and half of its blur, in widths."""
 _BESIDE_RIDGE_FACTOR: Final = 30.0
-"""Times the ridge beyond a line's edge: what lines that touch have in common is each one's own."""
+"""Factor on the ridge beyond a line's edge, so that lines that touch share little there."""
 _CORRELATION_NODES: Final = 1.5
-"""Nodes over which a profile is alike, before anything is known of it."""
+"""Correlation length of the prior profile, in nodes."""
 _ABSENT_PART_RIDGE: Final = 1e6
-"""The same of a part that isn't there."""
+"""Ridge of parts that are absent."""
 _CURVATURE_RIDGE: Final = 3e-3
-"""The same on second differences along a profile."""
+"""Ridge on second differences along a profile."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class InkModel:
     )
 
     def covariance_across(self, which: int, distance: FloatArray) -> FloatArray:
-        """Covariance (u, u) of what full ink of a class adds at distances (u,), widths."""
+        """Return the covariance (u, u) of a class's full ink at distances (u,), widths."""
         size = np.minimum(np.abs(distance) * (NODES / REACH_WIDTHS), NODES - 1e-9)
         low = size.astype(np.int64)
         hat = np.zeros((len(distance), NODES + 1))
@@ -87,13 +89,13 @@ class InkModel:
 
     @staticmethod
     def cover(height: float) -> InkModel:
-        """Return fresh ink that adds as much over a line's width, and nothing beside it."""
+        """Return fresh ink of one ``height`` over a line's width, 0 beside it."""
         profile = np.zeros((CLASSES, PARTS, NODES + 1, 1))
         profile[:2, 0, :, 0] = height * cover_at(np.arange(NODES + 1) * (REACH_WIDTHS / NODES))
         return InkModel(profile)
 
     def at(self, which: int, distance: FloatArray, normal: FloatArray) -> FloatArray:
-        """Return what ink of a class adds, (n, u, c).
+        """Return the profile of a class, (n, u, c).
 
         At distances (u,), widths, towards normals (n, 2), unit vectors in the picture.
         """
@@ -110,7 +112,7 @@ class InkModel:
         return total
 
     def parts(self) -> IntArray:
-        """Which parts profiles have."""
+        """Return the indices of the parts that profiles have."""
         return np.flatnonzero(np.abs(self.profile).max(axis=(0, 2, 3)) > _MIN_DRAWN_NOISES)
 
     def render(self, passes: Passes, over: FloatImage, share: ShareOfPiece) -> FloatImage:
@@ -121,7 +123,7 @@ class InkModel:
 
 
 class ShareOfPiece(NamedTuple):
-    """Share of ink along fresh pieces, by the places on them.
+    """Share of ink along fresh pieces, by their sample points.
 
     Attributes
     ----------
@@ -132,7 +134,7 @@ class ShareOfPiece(NamedTuple):
     low, high : (n,) int64
         First and last place of its run.
     value : (m,) float64
-        Of each place; one more at the end, for older pieces.
+        Share at each place; one more at the end, for older pieces.
     """
 
     kind: IntArray
@@ -144,7 +146,7 @@ class ShareOfPiece(NamedTuple):
 
     @staticmethod
     def along(samples: PathSamples, lines: ExpectedLines, value: FloatArray) -> ShareOfPiece:
-        """Return shares (m - 1,) of places by the pieces that they lie on."""
+        """Assign the shares (m - 1,) of sample points to the pieces they lie on."""
         count, n = len(samples), len(lines)
         length = np.linalg.norm(lines.end - lines.start, axis=1)
         begin = from_stroke_begin(lines.stroke, length)
@@ -164,10 +166,10 @@ class ShareOfPiece(NamedTuple):
 
 @dataclass(frozen=True)
 class CrossFit:
-    """Profiles of a whole view, and those by which each of two groups of places is judged.
+    """Profiles fitted to a whole view, and to each of two groups of places without it.
 
-    Places that tell a profile seem to hold the ink of that profile, be it noise. So each group is
-    judged by a profile fitted to the other alone (cross-validation, Stone 1974).
+    A profile fitted to places explains them even where it is noise. So each group is judged by a
+    profile fitted to the other group alone (cross-validation, Stone 1974).
 
     Attributes
     ----------
@@ -193,7 +195,7 @@ def fit_profiles(
     inkless: int = 0,
     cell_px: float = 1.0,
 ) -> CrossFit:
-    """Fit profiles to a view from which its light is taken out.
+    """Fit profiles to a view whose light is removed.
 
     Parameters
     ----------
@@ -203,20 +205,20 @@ def fit_profiles(
         Pixels that are fitted.
     passes : Passes
     over : (h, w) float32
-        How much older ink lies there, 0 to 1.
+        Share of older ink, 0 to 1.
     share : ShareOfPiece
     group : (m,) int64
-        Of each place, 0 or 1; 2 at the end, for what is fitted for both.
+        Cross-fit group 0 or 1 of each place; 2 at the end, for pixels used by both.
     parts : tuple of int
-        Those that profiles may have.
+        Indices of the parts that profiles may have.
     known : InkModel or None
-        What profiles are where the view tells nothing of them.
+        Prior mean of the profiles.
     plain : bool
-        Whether that is a plain cover otherwise, and not nothing.
+        Whether the prior mean is a cover of the line's width otherwise, and not 0.
     inkless : int
-        First channels in which fresh ink can't show: they were taken before.
+        Number of first channels without fresh ink, from the picture before.
     cell_px : float
-        Pixels that tell the same.
+        Pixels per independent one.
     """
     channels = image.shape[2]
     every = 1 + int((passes.number > 0).sum()) // _MAX_FITTED_PX
@@ -239,9 +241,9 @@ def _flat(model: InkModel) -> FloatArray:
 
 
 def _with_covariance(model: InkModel, power: FloatArray, inkless: int) -> InkModel:
-    """Return profiles with their covariance, before which they may be anything of their size.
+    """Add the covariance of even nodes to a model.
 
-    ``power`` (u, u) is what the view tells of them.
+    ``power`` (u, u) is the view's normal matrix over its noise.
     """
     shown = model.profile[:, 0, : NODES // 2, inkless:]
     size = np.maximum((shown**2).mean(axis=(1, 2)), 1e-6)
@@ -269,7 +271,7 @@ def _solve(
     plain: bool,
     inkless: int,
 ) -> InkModel:
-    """Solve normal equations (u, u), (u, c) with what is known beforehand."""
+    """Solve normal equations (u, u), (u, c) with the prior."""
     channels = score.shape[1]
     prior = _prior(power, parts) * (1.0 if known is None else _KNOWN_RIDGE_FACTOR)
     mean = _fit_covers(power, score) if plain else np.zeros_like(score)
@@ -286,16 +288,16 @@ def _solve(
 
 
 def cover_at(distance: NDArray[Any]) -> NDArray[Any]:
-    """How much a line's own width with soft edges covers at distances, widths."""
+    """Return the cover of a line with blurred edges at distances, widths."""
     return np.clip(
         (_EDGE_WIDTHS + _EDGE_BLUR_WIDTHS - np.abs(distance)) / (2.0 * _EDGE_BLUR_WIDTHS), 0.0, 1.0
     )
 
 
 def _fit_covers(power: FloatArray, score: FloatArray) -> FloatArray:
-    """Return the even profile that covers a line's width and no more, as strong as it fits.
+    """Return the even profile of a cover of the line's width, scaled by least squares.
 
-    Lines that touch fit any profile whose copies, a pitch apart, add up to the same.
+    Lines that touch determine only the sum of a profile's copies a pitch apart.
     """
     basis = np.zeros((_UNKNOWN_COUNT, CLASSES))
     cover = cover_at(np.arange(NODES) * (REACH_WIDTHS / NODES))
@@ -309,7 +311,7 @@ def _fit_covers(power: FloatArray, score: FloatArray) -> FloatArray:
 
 
 def _prior(power: FloatArray, parts: tuple[int, ...]) -> FloatArray:
-    """Return what keeps untold profiles at 0 and all smooth."""
+    """Return the prior's precision: ridges towards 0 and on curvature, (u, u)."""
     usual = max(float(np.diag(power).max()), 1.0)  # pixels
     bend = np.zeros((NODES, NODES))
     for j in range(1, NODES):
@@ -336,14 +338,14 @@ def _prior(power: FloatArray, parts: tuple[int, ...]) -> FloatArray:
 
 
 def _weights(normal: FloatArray) -> tuple[FloatArray, ...]:
-    """Return what each part of a profile is multiplied by, (n,) each."""
+    """Return the factor of each part of a profile, (n,) each."""
     x, y = normal.T
     return np.ones(len(normal)), x, y, x * x - y * y, 2.0 * x * y
 
 
 @jit
 def _sample_index(share: ShareOfPiece, k: int, t: float) -> int:
-    """Number of the place at a part of the way along a piece."""
+    """Return the sample point at a share of the way along a piece."""
     at = int(share.first[k] + t * share.sample_count[k])
     return int(min(max(at, share.low[k]), share.high[k]))
 
@@ -359,7 +361,7 @@ def _terms(
     index: IntArray,
     weight: FloatArray,
 ) -> int:
-    """Unknowns that a pixel hangs on and how much, in ``index`` and ``weight``; their number."""
+    """Fill ``index`` and ``weight`` with a pixel's unknowns and factors; return their number."""
     n = 0
     for m in range(passes.number[y, x]):
         d = passes.distance[y, x, m]
@@ -413,7 +415,7 @@ def _accumulate(
     power: FloatArray,
     score: FloatArray,
 ) -> None:
-    """Add up normal equations of each group, their lower half, over one in so many pixels.
+    """Accumulate each group's normal equations, lower half, over one in ``every`` pixels.
 
     A pixel is of the group of the nearest fresh line's place.
     """
@@ -448,7 +450,7 @@ def _draw(
     profile: FloatArray,
     out: NDArray[Any],
 ) -> None:
-    """Add up what lines add to each pixel."""
+    """Render the lines' ink into each pixel."""
     index = np.empty(200, dtype=np.int64)
     weight = np.empty(200)
     for y in range(out.shape[0]):

@@ -1,4 +1,4 @@
-"""Judge each place of a drawn view: its share of ink, and how likely it is full, thin or bare.
+"""Estimate each place's share of ink and its state's probabilities.
 
 Places are judged by the profile of their class, over the ground or over older ink; those over older
 ink by what changed since a picture before, where there is one.
@@ -30,40 +30,40 @@ from registration.inspection.path_samples import PathSamples
 from registration.inspection.values import FloatImage
 
 _MAX_LOST_SHARE: Final = 0.7
-"""Of a strip's inner part that may be lost; what is left tells the less."""
+"""Share of a strip's inner part that may be lost."""
 _MAX_LOST_SHARE_LEARNED: Final = 0.2
-"""The same of strips by which ink's noise is learned; of a view that lost more, the better half."""
+"""The same for strips from which noise is learned; in views that lost more, the median."""
 _INNER_WIDTHS: Final = 0.6
-"""Widths from a line's middle, within which a strip should be seen."""
+"""Half width of a strip's inner part, in widths."""
 _MAX_SAMPLE_LOST_SHARE: Final = 0.1
-"""Of a sample of a strip: it is lost where more of it is."""
+"""Share of a sample's pixels above which it counts as lost."""
 _END_WIDTHS: Final = 0.5
-"""Widths from a line's end, within which it isn't judged by itself: ink recedes or bulges there."""
+"""Length at a line's end, in widths, that isn't judged: ink recedes or bulges there."""
 _MIN_FULL_SHARE: Final = 0.05
-"""Share that full lines of a class seem to hold; what holds less isn't ink."""
+"""Least usual share of full lines; lower ones aren't ink."""
 _MIN_STANDARD_ERRORS: Final = 3.5
-"""Standard errors of the mean share from which on a profile is more than noise: without ink it
-stayed below 2.5 in pictures of older ink alone."""
+"""Least mean share in its standard errors for a profile to be ink, not noise: without ink it stayed
+below 2.5 in pictures of older ink alone."""
 _LEVEL_LIMITS: Final = (0.5, 2.0)
-"""Of the level that ink had in an earlier look in the same light."""
+"""Limits of ink's level relative to an earlier look in the same light."""
 _MIN_SEEN_PROBABILITY: Final = 0.1
-"""Probability that a place isn't hidden, below which it is drawn with all of its ink."""
+"""Least probability of a place not being hidden; below it is rendered with full ink."""
 _MIN_THIN_SHARE: Final = 0.2
-"""Share of ink that thin places are drawn with."""
+"""Least share of ink that thin places are rendered with."""
 
 
 @dataclass(frozen=True)
 class InkStates:
-    """What is told of each place.
+    """Measured shares of ink, their noise and the states' probabilities at each place.
 
     Attributes
     ----------
     samples : PathSamples
         At their shift.
     lost : (n, u) bool
-        Samples of strips that the picture doesn't show.
+        Samples of strips that the picture lost.
     shown : (n,) bool
-        Places that the picture tells of.
+        Places that the picture shows.
     shares : InkShares
     misfit : (n,) float64
         Logarithm of how badly any share of ink explains a place.
@@ -90,17 +90,17 @@ class InkStates:
 
     @property
     def shown_share(self) -> FloatArray:
-        """Share of ink of each place, (n,); NaN where the picture doesn't tell."""
+        """Share of ink at each place, (n,); NaN where not shown."""
         return np.where(self.shown, self.shares.share, np.nan)
 
     @property
     def hidden(self) -> BoolArray:
-        """Places of whose inner strip the picture shows too little, (n,)."""
+        """Places whose inner strip lost too much, (n,)."""
         return np.asarray(_lost_part(self.lost) >= _MAX_LOST_SHARE)
 
     @property
     def present(self) -> FloatArray:
-        """Share of its ink that each place is drawn with in the next round, (n,)."""
+        """Share of ink that each place is rendered with in the next round, (n,)."""
         known = self.probability[:, :HIDDEN].sum(axis=1)
         there = 1.0 - self.probability[:, BARE] / np.maximum(known, 1e-9)
         there = np.where(known > _MIN_SEEN_PROBABILITY, there, 1.0)
@@ -109,7 +109,7 @@ class InkStates:
 
 
 def judge(fitter: ViewFitter, image: FloatImage, view_fit: ViewFit) -> InkStates:
-    """Judge the places of a view (h, w, c) without light."""
+    """Judge the places of a view ``image`` (h, w, c) without light."""
     shifted, samples = view_fit.shifted, view_fit.shifted.samples
     cover = sample_strips(
         fitter.view.lost[:, :, None].astype(np.float32), shifted.projected, samples
@@ -136,7 +136,7 @@ def _by_profile(
     shown: BoolArray,
     whole: BoolArray,
 ) -> InkStates:
-    """Judge places over the ground by their profile; ``whole`` (n,) are those seen whole."""
+    """Judge places over the ground by their profile; ``whole`` (n,) are unobstructed ones."""
     shifted, count, rows = view_fit.shifted, len(shown), ~view_fit.shifted.old
     shares, noise, misfit = InkShares.blank(count), Noise.blank(count), np.zeros(count)
     if not rows.any():
@@ -173,7 +173,7 @@ def _by_profile(
 
 
 def _is_significant(view_fit: ViewFit, noise: StripNoise, rows: BoolArray) -> bool:
-    """Whether some ink shows by the profile that others tell; else a profile is noise."""
+    """Return whether the mean share by cross-fitted profiles is significant."""
     if not rows.any():
         return False
     samples = view_fit.shifted.samples
@@ -186,7 +186,7 @@ def _is_significant(view_fit: ViewFit, noise: StripNoise, rows: BoolArray) -> bo
 def _by_change(
     fitter: ViewFitter, image: FloatImage, view_fit: ViewFit, ink_states: InkStates, rows: BoolArray
 ) -> InkStates:
-    """Judge places over older ink, those of ``rows`` (n,), by how much changed there."""
+    """Judge the places ``rows`` (n,) over older ink by the view's change there."""
     shifted, inkless = view_fit.shifted, fitter.view.inkless
     changed = np.ascontiguousarray(image[:, :, inkless:])
     every = np.ones(len(rows), dtype=np.bool_)
@@ -195,8 +195,9 @@ def _by_change(
         for near in (False, True)
     )
     found = measure_change(
-        sample_strips(changed, shifted.projected, shifted.samples)[rows], view_fit.own[rows][:, :, inkless:],
-        ink_states.lost[rows], ground, beside, view_fit.present[rows] > 0.5, shifted.samples.run[rows],
+        sample_strips(changed, shifted.projected, shifted.samples)[rows],
+        view_fit.own[rows][:, :, inkless:], ink_states.lost[rows], ground, beside,
+        view_fit.present[rows] > 0.5, shifted.samples.run[rows],
     )  # fmt: skip
     if found is None:
         return ink_states
@@ -214,7 +215,7 @@ def _flat(strips: FloatArray) -> FloatArray:
 
 
 def _full_level(share: FloatArray, is_known: bool) -> float:
-    """Usual share of lines that have ink, of which some may be missing; 1 for too little."""
+    """Return the usual share of lines with ink, of which some may be missing; 1 for too few."""
     level = 1.0
     if len(share) >= MIN_FULL_PLACES:
         level = float(np.percentile(share, 80))

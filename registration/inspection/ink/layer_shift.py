@@ -1,4 +1,4 @@
-"""Find a layer's shift: where its lines explain most of the picture.
+"""Find the shift at which a layer's lines explain its picture best.
 
 For every shift the ink's profile is fitted anew, by least squares over all pixels: the sums that
 this takes are correlations of the picture with maps of distance, found for all shifts at once by
@@ -26,40 +26,41 @@ from registration.inspection.path_samples import PathSamples
 from registration.inspection.values import FloatImage, Shift
 
 _PROFILE_NODES: Final = 8
-"""Of a profile as far as it reaches, here."""
+"""Nodes of the coarse profile within its reach."""
 _INK_NODES: Final = 4
-"""Nodes that ink has: what lies half a width beyond a line's edge would let lines that touch lie
-anywhere."""
+"""Nodes of ink from the middle: profiles that reach half a width beyond a line's edge let lines
+that touch fit at any place."""
 _USUAL_SHIFT_MM: Final = 0.03
-"""Scale of a print's own shift (Student's t): a peak at the designed place, with long tails."""
+"""Scale of the prior of shifts (Student's t): peaked at the design, with long tails."""
 _INDEPENDENT_WIDTHS: Final = 1.0
-"""Of a width: pixels nearer to each other tell the same."""
+"""Distance in widths below which pixels aren't independent."""
 _RIDGE_SHARE: Final = 1e-3
+"""Ridge of a profile's fit, relative to its mean power."""
 _MAX_ODD_REST_RATIO: Final = 1.15
-"""Times the rest of even ink, that slopes may leave: lines of one direction fit with both parts
-wherever they lie."""
+"""Rest of odd over even ink up to which odd ink is considered: lines of one direction fit with both
+parts at any place."""
 _MIN_CROSSING_SHARE: Final = 0.05
-"""Of the way in one direction that must run across it, for a layer's place to be told in both."""
+"""Least spread of directions, second over first axis, that fixes a layer's shift in both."""
 _BESIDE_WIDTHS: Final = (0.7, 1.3)
-"""Widths that a layer is moved by to see whether its own place explains the picture better."""
+"""Distances in widths at which other places are compared with the layer's own."""
 _MIN_FOUND_LOG_ODDS: Final = 1.0
-"""Logarithm of odds by which its own place does so: in 48 pictures of shadow and mottle without ink
-one was above."""
+"""Least log odds of the layer's place over places beside it: in 48 pictures of shadow and mottle
+without ink one exceeded it."""
 _MIN_REST_SHARE: Final = 1e-3
-"""Of the picture's power, that is never explained."""
+"""Share of the picture's power that stays unexplained at least."""
 _MIN_SCATTER_MM: Final = 1e-3
-"""Least scatter of lines beside their places: a pixel's grid."""
+"""Least scatter of lines' offsets: the pixel grid."""
 _U_GRID_PX: Final = 0.15
-"""Standard uncertainty of a place between pixels (laser maps of 37 painted layers: 0.2)."""
+"""Standard uncertainty of the shift from the pixel grid (laser maps of 37 painted layers: 0.2)."""
 _OUTLIER_SPREADS: Final = 3.0
-"""Spreads from which on a place hardly counts."""
+"""Spreads at which a place's weight falls to one half."""
 _CORRELATION_WIDTHS: Final = 10.0
-"""Widths along a line over which offsets may hang together."""
+"""Length along a line, in widths, over which offsets may be correlated."""
 
 
 @dataclass(frozen=True)
 class CoarseShift:
-    """Where a layer lies, about.
+    """Coarse estimate of a layer's shift.
 
     Attributes
     ----------
@@ -69,7 +70,7 @@ class CoarseShift:
         Whether its ink shows by slopes that are lit from one side.
     found : bool
         Whether lines explain the picture clearly better there than a width beside: a shadow's edge,
-        or mottle, is explained as well by lines anywhere. Of covers nothing is said.
+        or mottle, is explained as well by lines anywhere. True for covers, which aren't tested.
     """
 
     shift_px: FloatArray
@@ -87,7 +88,7 @@ def coarse_shift(
     px_per_mm: float,
     covers: bool,
 ) -> CoarseShift:
-    """Return the likeliest shift.
+    """Return the most probable shift on the pixel grid.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def coarse_shift(
     passes : Passes
         At the designed place.
     inner : (h, w, 4) float32
-        How much each pass tells, 0 to 1.
+        Weight of each pass, 0 to 1.
     width_px, most_px : float, px
         Of a line; farthest shift.
     px_per_mm : float
@@ -114,8 +115,8 @@ def coarse_shift(
     seen = [fft.rfft2(np.ascontiguousarray(one), shape) for one in np.moveaxis(image, 2, 0)]
     square = (image**2).sum(axis=2)
     whole = float(square.sum())
-    told = float((inner.max(axis=2) > 0.0).sum()) * image.shape[2]
-    count = 0.5 * told / max(1.0, (_INDEPENDENT_WIDTHS * width_px) ** 2)
+    samples_used = float((inner.max(axis=2) > 0.0).sum()) * image.shape[2]
+    count = 0.5 * samples_used / max(1.0, (_INDEPENDENT_WIDTHS * width_px) ** 2)
     by = np.arange(-far, far + 1)
     sides = _constrained_by_sides(passes, inner, by)
     away = np.hypot(*np.meshgrid(by, by))
@@ -126,7 +127,7 @@ def coarse_shift(
         _log_of(_explained(score, maps), whole, count)
         for score, maps in zip(scores, (even, odd), strict=True)
     ]
-    if covers:  # of a map alone what isn't seen or tells nothing is soon left out
+    if covers:  # a cover's sums can leave out pixels that are lost or at line ends
         ends = (cover * (passes.piece >= 0)).max(axis=2) - even[0]
         shown, power = (fft.rfft2(one, shape) for one in (~lost + np.float32(0.0), square))
         covered = _scores([shown], [even[0] ** 2], by, shape)[0, 0]
@@ -159,7 +160,7 @@ def finer_shift(
     ----------
     shift : Shift
     offset : (n,) float64, widths
-        Of each place, to the left of where the shift puts it.
+        Offset of each place to the left of its shifted position.
     samples : PathSamples
     use : (n,) bool
     options : SeeingOptions
@@ -184,7 +185,7 @@ def finer_shift(
 def with_systematics(
     shift: Shift, model: InkModel, odd: bool, width_mm: float, pixel_mm: float
 ) -> Shift:
-    """Return a shift with the uncertainty that shade and the grid of pixels give it.
+    """Add the uncertainty by shade and the pixel grid to a shift.
 
     To first order a move by d of an even profile p is an odd part, d p'. So the odd part that a fit
     finds beside the shift stands for as much that the shift may have taken for a move.
@@ -209,7 +210,7 @@ def with_systematics(
 
 
 def _design_effect(pull: FloatArray, cov: FloatArray, run: IntArray, along: FloatArray) -> float:
-    """Return how much more places together scatter than independent ones would, at least 1.
+    """Return the factor, at least 1, by which correlation along lines raises the variance.
 
     Sums of what places pull by, (n, 2), over stretches of a line against the covariance that they
     should have (Liang and Zeger 1986, Biometrika 73, 13).
@@ -221,14 +222,14 @@ def _design_effect(pull: FloatArray, cov: FloatArray, run: IntArray, along: Floa
 
 
 def _prior(away: FloatArray, most_px: float, usual_px: float) -> FloatArray:
-    """Logarithm of how likely shifts are before a look."""
+    """Return the log prior of shifts."""
     return np.where(away > most_px, -np.inf, -1.5 * np.log1p((away / usual_px) ** 2))
 
 
 def _constrained_by_sides(passes: Passes, inner: FloatImage, by: IntArray) -> BoolArray:
-    """Which shifts lines' sides tell of, (dy, dx): along parallel lines there is none.
+    """Return which shifts (dy, dx) lines' sides constrain: none along parallel lines.
 
-    There gaps would tell, by moving off the ink that is expected.
+    Along them only gaps would, and those must not move the layer.
     """
     weight = inner * (np.abs(passes.distance) < 0.5)
     spread = np.einsum("yxm,yxmi,yxmj->ij", weight, passes.normal, passes.normal)
@@ -242,14 +243,14 @@ def _constrained_by_sides(passes: Passes, inner: FloatImage, by: IntArray) -> Bo
 def _scores(
     seen: list[FloatArray], maps: list[FloatImage], by: IntArray, shape: tuple[int, ...]
 ) -> FloatArray:
-    """Correlation of each channel with each map at each shift, (c, m, dy, dx)."""
+    """Return the correlation of each channel with each map at each shift, (c, m, dy, dx)."""
     spectra = [np.conj(fft.rfft2(one, shape)) for one in maps]
     window = np.ix_(by, by)
     return np.array([[fft.irfft2(one * each, shape)[window] for each in spectra] for one in seen])
 
 
 def _explained(scores: FloatArray, maps: list[FloatImage]) -> FloatArray:
-    """Sum of squares that a profile of these maps explains at each shift, (dy, dx)."""
+    """Return the sum of squares explained by a profile of these maps at each shift, (dy, dx)."""
     flat = np.stack(maps).reshape(len(maps), -1).astype(np.float64)
     power = flat @ flat.T
     power += _RIDGE_SHARE * max(float(np.trace(power)) / len(maps), 1e-9) * np.eye(len(maps))
@@ -258,13 +259,13 @@ def _explained(scores: FloatArray, maps: list[FloatImage]) -> FloatArray:
 
 
 def _log_of(explained: FloatArray, whole: float | FloatArray, count: float) -> FloatArray:
-    """Logarithm of likelihood, the rest's variance unknown: no model explains a picture wholly."""
+    """Return the log likelihood for a rest of unknown variance."""
     rest = np.maximum(whole - explained, _MIN_REST_SHARE * whole + 1e-9)
     return np.asarray(-count * np.log(rest))
 
 
 def _maps(passes: Passes, inner: FloatImage) -> tuple[list[FloatImage], list[FloatImage]]:
-    """Even and odd functions of distance to fresh lines, (h, w) each."""
+    """Return even and odd basis functions of the distance to fresh lines, (h, w) each."""
     at = np.abs(passes.distance) * (_PROFILE_NODES / REACH_WIDTHS)
     sign = np.where(passes.distance < 0, np.float32(-1.0), np.float32(1.0))
     even, odd = [], []
@@ -277,7 +278,7 @@ def _maps(passes: Passes, inner: FloatImage) -> tuple[list[FloatImage], list[Flo
 
 
 def _parabola_top(values: FloatArray, k: int) -> float:
-    """Where a parabola through the highest of values and its neighbours is highest."""
+    """Return the top of a parabola through the highest value and its neighbours."""
     if k == 0 or k == len(values) - 1 or not np.isfinite(values[[k - 1, k + 1]]).all():
         return float(k)
     low, top, high = values[k - 1 : k + 2]

@@ -1,7 +1,7 @@
-"""Learn light, the layer's shift, ink's profiles and each place's share of ink from one look.
+"""Estimate light, shift, ink profiles and shares of ink from one look.
 
-Begin with `fit_layer`: a coarse shift, then rounds in which profiles, shares, light and shift follow
-from each other. Places that turn out bare tell nothing of ink in the next round.
+Begin with `fit_layer`: a coarse shift, then rounds in which profiles, shares, light and shift are
+estimated in turn. Places that turn out bare are left out of the next round's ink profile.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ from registration.inspection.pictures.picture import View, ViewFrame
 from registration.inspection.values import Appearance, ExpectedLines, FloatImage, Shift
 
 _SHIFT_ROUNDS: Final = 3
-"""Rounds in which the layer moves."""
+"""Rounds in which the shift is updated."""
 _FINAL_ROUNDS: Final = 2
-"""Rounds after them, in which profiles have all their parts; one where nothing has changed."""
+"""Rounds after them, with all profile parts; one for heights that came to rest."""
 _MAX_REST_MOVE_WIDTHS: Final = 0.01
-"""Widths; a layer that moves by less from one round to the next is at its place."""
+"""Change of the shift per round, in widths, below which it has converged."""
 _MIN_SHOWN_LEVEL: Final = 0.3
-"""Of its level, from which on a place tells how strongly ink of its width and depth shows."""
+"""Least share of a place's level for it to count in the fit of levels."""
 _LEVEL_RIDGE: Final = (0.0, 1e-3, 1e-3)
-"""Ridge on a level's slopes, with widths and with depth, mm."""
+"""Ridge on a level's constant, slope with width and slope with depth (mm)."""
 
 
 @dataclass(frozen=True)
 class LayerFit:
-    """All that was learned of a look.
+    """Complete fit of one look at a layer.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class LayerFit:
 
     @property
     def view(self) -> View:
-        """The picture as it is worked on."""
+        """The cropped and binned picture."""
         return self.flat_view.view
 
     @property
@@ -81,7 +81,7 @@ class LayerFit:
         return self.view_fit.shifted
 
     def appearance(self) -> Appearance:
-        """How ink looks, in the picture's own channels."""
+        """Return ink's profile in the picture's own channels."""
         return Appearance(self.view_fit.model.profile @ np.linalg.inv(self.flat_view.mix).T)
 
 
@@ -93,7 +93,7 @@ def fit_layer(
     options: SeeingOptions,
     known: Appearance | None = None,
 ) -> LayerFit:
-    """Learn a look.
+    """Fit light, shift, ink profiles and shares of ink to a look.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def fit_layer(
         Places along the fresh lines, as designed.
     options : SeeingOptions
     known : Appearance or None
-        How ink looked before.
+        Ink's profile in an earlier look.
     """
     if view.is_heights:  # older ink is part of the floor
         samples, lines = _fresh_alone(samples, lines)
@@ -116,16 +116,13 @@ def fit_layer(
     fitter = ViewFitter(view, frame, lines, samples, options, prior, coarse.odd, coarse.found)
     shift = _first_shift(coarse.shift_px, frame, samples)
     shifted = fitter.lines_at(shift)
-    present, level, rests = (
-        fitter.initial_share(flat_view.image, shifted),
-        np.ones(len(samples)),
-        _FINAL_ROUNDS,
-    )
+    present = fitter.initial_share(flat_view.image, shifted)
+    level, rests = np.ones(len(samples)), _FINAL_ROUNDS
     parts: tuple[int, ...] = (0,) if view.is_heights else ODD if coarse.odd else EVEN
     for number in range(_SHIFT_ROUNDS):
         shifted = fitter.lines_at(shift, shifted)
         fit_parts: tuple[int, ...] | None = parts
-        if number == 0:  # what one line alone has of its direction could be that another is missing
+        if number == 0:  # a direction of one line only can't be distinguished from a missing line
             fit_parts = None if prior is not None else parts if coarse.odd else (0,)
         view_fit = fitter.fit(flat_view.image, shifted, present, level, fit_parts)
         ink_states = judge(fitter, flat_view.image, view_fit)
@@ -158,14 +155,14 @@ def fit_layer(
 
 
 def _fresh_alone(samples: PathSamples, lines: ExpectedLines) -> tuple[PathSamples, ExpectedLines]:
-    """Places and lines without older ones."""
+    """Return sample points and lines without older lines."""
     row = np.cumsum(lines.fresh) - 1
     some = ExpectedLines(**{name: value[lines.fresh] for name, value in vars(lines).items()})
     return replace(samples, piece=row[samples.piece]), some
 
 
 def _prior(known: Appearance | None, flat_view: FlatFieldView) -> InkModel | None:
-    """What ink adds to the view as an earlier look tells; None where that had other channels.
+    """Return the ink model known from an earlier look; None where its channels differ.
 
     In a view of heights ink is as high as its layer, whatever is missing of it.
     """
@@ -184,7 +181,7 @@ def _coarse_shift(
     lines: ExpectedLines,
     options: SeeingOptions,
 ) -> CoarseShift:
-    """Where the layer lies, about: by the energy of what changed over older ink, if that is told.
+    """Return the coarse shift: by the energy of change over older ink, if a picture before exists.
 
     ``passes`` and ``pieces`` are at the designed place.
     """
@@ -205,7 +202,7 @@ def _coarse_shift(
 
 
 def _pass_weights(passes: Passes, samples: PathSamples, lines: ExpectedLines) -> FloatImage:
-    """How much each pass tells of a layer's place, (h, w, 4): ends, which recede, don't."""
+    """Return each pass's weight in the shift, (h, w, 4): 0 at line ends, which recede."""
     share = ShareOfPiece.along(samples, lines, np.ones(len(samples)))
     first, sample_count = np.append(share.first, 0.0), np.append(share.sample_count, 0.0)
     at = (first[passes.piece] + passes.part * sample_count[passes.piece]).astype(np.int64)
@@ -218,7 +215,7 @@ def _pass_weights(passes: Passes, samples: PathSamples, lines: ExpectedLines) ->
 def _without_older(
     image: FloatImage, lost: BoolArray, passes: Passes, samples: PathSamples, lines: ExpectedLines
 ) -> FloatImage:
-    """The view less older ink, as it shows where no fresh line is near."""
+    """Subtract older ink, fitted where no fresh line is near, from the view."""
     if lines.fresh.all():
         return image
     alone = ~lost & (passes.near[:, :, 0] > REACH_WIDTHS)
@@ -233,10 +230,10 @@ def _without_older(
 def _fit_levels(
     share: FloatArray, level: FloatArray, full: BoolArray, samples: PathSamples
 ) -> FloatArray:
-    """How strongly ink of each width and depth shows, (n,), its mean 1.
+    """Fit the relative level of ink of each width and depth, (n,), its mean 1.
 
-    Ink is as dark as it is thick, and the bath above veils it: the logarithm of its level is linear
-    in those of its width and in its depth.
+    Ink's darkness grows with its thickness, and the bath above veils it: the logarithm of its level
+    is linear in those of its width and in its depth.
     """
     if not samples.varied or not full.any():
         return level
@@ -251,7 +248,7 @@ def _fit_levels(
 
 
 def _first_shift(shift_px: FloatArray, frame: ViewFrame, samples: PathSamples) -> Shift:
-    """A move of the view's pixels as one on the layer's plane, however unsure."""
+    """Convert a shift in the view's pixels to the layer's plane, its covariance infinite."""
     middle = samples.point.mean(axis=0)
     base = frame.to_pixels(np.stack([middle, middle + (1, 0, 0), middle + (0, 1, 0)]))
     x, y = np.linalg.solve((base[1:] - base[0]).T, shift_px)

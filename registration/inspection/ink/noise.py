@@ -1,4 +1,4 @@
-"""Learn from a look how strips scatter on full lines and on bare ground."""
+"""Learn the scatter of strips on full lines and on bare ground."""
 
 from __future__ import annotations
 
@@ -21,25 +21,26 @@ from registration.inspection.path_samples import ProjectedSamples
 from registration.inspection.values import FloatImage
 
 _BARE_STRIPS: Final = 2000
-"""Strips laid across unwritten ground."""
+"""Number of strips sampled across unwritten ground."""
 _MIN_BARE_PX: Final = 200
-"""Pixels where one has room."""
+"""Least number of pixels where such a strip fits."""
 _BESIDE_WIDTHS: Final = (0.9, 1.4)
-"""Widths from a line's middle, between which lies what its shade and slopes change."""
+"""Distances in widths from a line's middle between which its shade and slopes are measured."""
 MIN_FULL_SPREAD: Final = 0.02
-"""Least spread of shares of full lines."""
+"""Least spread of full lines' shares."""
 _BARE_RESIDUE_SHARE: Final = 0.08
-"""Of its ink, that a bare place may seem to hold: neighbours bulge into it."""
+"""Share of ink that a bare place may read: neighbours bulge into it."""
 MIN_FULL_PLACES: Final = 4
-"""Places on full lines by which their spread is learned."""
+"""Least number of places on full lines for learning their share and its spread."""
 _MAX_CORRELATION: Final = 0.95
+"""Largest correlation of neighbouring places."""
 _NEIGHBOUR_SPREADS: Final = 3.0
-"""Spreads within which neighbours tell how alike they are."""
+"""Spreads within which shares count as those of full places."""
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """How shares and misfits of one class of places scatter.
+    """Scatter of shares and misfits in one class of places.
 
     Attributes
     ----------
@@ -48,7 +49,7 @@ class Scatter:
     misfit_full, misfit_bare : (float, float)
         Usual logarithm of a misfit, and its spread.
     shaded : (float, float)
-        Where shares of bare places beside ink lie, that its shade changes, and their spread.
+        Mean share that bare places beside ink read because of its shade, and its spread.
     correlation : float
         Correlation of neighbouring places.
     """
@@ -63,7 +64,7 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Noise:
-    """The same at each of n places, (n,) or (n, 2) float64."""
+    """Scatter at each of n places, (n,) or (n, 2) float64."""
 
     full: FloatArray
     bare: FloatArray
@@ -74,12 +75,12 @@ class Noise:
 
     @staticmethod
     def blank(count: int) -> Noise:
-        """Return noise of so many places, to be put in."""
+        """Return an empty table for ``count`` places, filled by `put`."""
         one, two = np.ones(count), np.ones((count, 2))
         return Noise(one, one.copy(), two, two.copy(), two.copy(), np.full(count, 0.5))
 
     def put(self, rows: BoolArray, scatter: Scatter, dim: FloatArray | float = 1.0) -> None:
-        """Take over that of a class, at ``dim`` places as many times as wide."""
+        """Copy the scatter of a class, widened by ``dim``, into some rows."""
         self.full[rows], self.bare[rows] = scatter.full * dim, scatter.bare * dim
         self.misfit_full[rows], self.misfit_bare[rows] = scatter.misfit_full, scatter.misfit_bare
         self.correlation[rows] = scatter.correlation
@@ -87,20 +88,20 @@ class Noise:
 
     @property
     def full_is_distinct(self) -> BoolArray:
-        """Whether full places stand apart from bare ones beside ink, (n,)."""
+        """Places where full ink is distinct from bare ground beside ink, (n,)."""
         spread = np.hypot(self.full, self.shaded[:, 1])
         return np.asarray(1.0 - self.shaded[:, 0] > _NEIGHBOUR_SPREADS * spread)
 
 
 @dataclass(frozen=True)
 class BareStrips:
-    """Strips across unwritten ground or older ink.
+    """Strips sampled across unwritten ground or older ink.
 
     Attributes
     ----------
     strips : (k, u, c) float64
     like : (k,) int64
-        Place along a line whose direction each has.
+        Place along a line whose direction and width each takes.
     """
 
     strips: FloatArray
@@ -114,18 +115,18 @@ class BareStrips:
         like: BoolArray,
         beside: bool = False,
     ) -> BareStrips:
-        """Lay them over a view where no fresh line is near.
+        """Sample strips at random where no fresh line is near.
 
         Parameters
         ----------
         rest : (h, w, c) float32
-            The view without what is drawn of lines.
+            The view less the rendered lines.
         shifted : ShiftedLines
         lost : (h, w) bool
         like : (n,) bool
             Places whose directions and widths they have.
         beside : bool
-            Just beside fresh lines instead.
+            Whether to sample just beside fresh lines instead.
         """
         samples, projected, rows = shifted.samples, shifted.projected, np.flatnonzero(like)
         fresh, older = np.moveaxis(shifted.passes.near, 2, 0)
@@ -164,7 +165,7 @@ def learn_scatter(
     own: FloatArray,
     strip_noise: StripNoise,
 ) -> Scatter:
-    """Return how a class of places scatters.
+    """Learn the scatter of a class of places.
 
     Parameters
     ----------
@@ -177,7 +178,7 @@ def learn_scatter(
     run : (n,) int64
     bare : BareStrips
     own : (n, u, c) float64
-        What full ink adds.
+        Full ink's profile.
     strip_noise : StripNoise
     """
     off = share[good] - 1.0
@@ -204,7 +205,7 @@ def learn_scatter(
 def neighbour_correlation(
     share: FloatArray, spread: float, good: BoolArray, run: IntArray
 ) -> float:
-    """Correlation of neighbouring full places' shares that scatter so much."""
+    """Return the correlation of neighbouring full places' shares."""
     pair = np.flatnonzero(good[1:] & good[:-1] & (run[1:] == run[:-1]))
     a, b = share[pair] - 1.0, share[pair + 1] - 1.0
     use = (np.abs(a) < _NEIGHBOUR_SPREADS * spread) & (np.abs(b) < _NEIGHBOUR_SPREADS * spread)
@@ -215,12 +216,12 @@ def neighbour_correlation(
 
 
 def robust_spread(values: FloatArray) -> float:
-    """Standard deviation, by the median of what deviates."""
+    """Return the standard deviation by the median absolute deviation; 1 for no values."""
     return 1.4826 * float(np.median(np.abs(values - np.median(values)))) if len(values) else 1.0
 
 
 def median_and_spread(values: FloatArray) -> tuple[float, float]:
-    """Median of logarithms of misfits, and their spread."""
+    """Return median and spread of log misfits; 0 and 1 for none."""
     if not len(values):
         return 0.0, 1.0
     return float(np.median(values)), max(robust_spread(values), 0.1)

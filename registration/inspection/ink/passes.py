@@ -1,7 +1,7 @@
-"""For each pixel of a view, the lines that pass near it: how far, on which side, which way.
+"""Find the lines that pass near each pixel: distance, side and direction.
 
 A line's own way back, or another line, is another pass; the pieces around a pixel on one way are
-one, at the least distance. All that a look expects to see is drawn from these.
+one, at the least distance. The model of a view is rendered from these.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from registration.inspection.path_samples import from_stroke_begin
 from registration.inspection.values import ExpectedLines, Frame
 
 REACH_WIDTHS: Final = 1.5
-"""Widths from its middle as far as a line is seen: its rim, shade and blur."""
+"""Distance from a line's middle, in widths, to which its rim, shade and blur reach."""
 _MAX_PASSES: Final = 4
-"""Passes kept of a pixel: a crossing of two lines that each touch a neighbour."""
+"""Passes kept for a pixel: enough for a crossing of two lines that each touch a neighbour."""
 _MIN_VISIBLE_WIDTH_SHARE: Final = 0.3
-"""Of its width at least that a piece with a direction shows."""
+"""Least visible share of the width of a piece with a direction in the view."""
 _RETURN_WIDTHS: Final = 2.5
-"""Widths along a line, from which on it has come back."""
+"""Path length in widths after which a line counts as coming back."""
 
 
 class Pieces(NamedTuple):
-    """Straight pieces of lines in a view.
+    """Straight pieces of lines, projected into a view.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Pieces(NamedTuple):
 
     @staticmethod
     def of(lines: ExpectedLines, frame: Frame) -> Pieces:
-        """Look up where a frame shows lines, and how wide at right angles to their way there."""
+        """Project lines by a frame; widths at right angles to their projection."""
         way = lines.end - lines.start
         flat = np.maximum(np.linalg.norm(way[:, :2], axis=1, keepdims=True), 1e-9)
         left = np.column_stack([-way[:, 1], way[:, 0], np.zeros(len(way))]) / flat
@@ -72,7 +72,7 @@ class Pieces(NamedTuple):
 
 
 class Passes(NamedTuple):
-    """Lines near each pixel, in no order.
+    """Lines near each pixel of a view, unordered.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Passes(NamedTuple):
 
     @staticmethod
     def of(pieces: Pieces, shape: tuple[int, int]) -> Passes:
-        """Look for lines within `REACH_WIDTHS` of each pixel."""
+        """Find lines within the reach of each pixel."""
         out = Passes(
             np.zeros(shape, dtype=np.int64),
             np.full((*shape, _MAX_PASSES), 9.0, dtype=np.float32),
@@ -178,7 +178,7 @@ def _slot(
     piece: NDArray[Any],
     along_at: NDArray[Any],
 ) -> int:
-    """Where a pass is kept, nearer than the one of the same way or than the farthest; or -1."""
+    """Return the slot to keep a pass in (of the same way, free, or the farthest), or -1."""
     for m in range(number[y, x]):
         other = piece[y, x, m]
         if (

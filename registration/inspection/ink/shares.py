@@ -1,4 +1,4 @@
-"""Measure the share of ink at each place along the lines, by generalised least squares.
+"""Measure the share of ink along lines by generalised least squares.
 
 Across each line the view is sampled into a strip. Less what the model draws of everything else, a
 strip is the line's own profile times its share of ink, moved and widened a little, plus noise whose
@@ -19,21 +19,21 @@ from registration.inspection.path_samples import PathSamples, ProjectedSamples
 from registration.inspection.values import FloatImage
 
 ACROSS_WIDTHS: Final = np.linspace(-1.0, 1.0, 17)
-"""Widths from the middle at which a strip is sampled."""
+"""Distances from a line's middle at which its strip is sampled, in widths."""
 _OFFSET_SD_WIDTHS: Final = 0.08
-"""Standard deviation of a line's own place beside the layer's, widths."""
+"""Prior standard deviation of a line's offset from the layer's shift, in widths."""
 _WIDENING_SD: Final = 0.08
-"""And of its width."""
+"""Prior standard deviation of a line's relative widening."""
 _MIN_STRIPS: Final = 40
-"""Strips by which noise is learned."""
+"""Least number of strips for learning their noise."""
 _INDEPENDENT_SHARE: Final = 0.3
-"""Of strips: their neighbours tell the same."""
+"""Share of strips that count as independent of their neighbours."""
 _MODEL_ERROR_SHARE: Final = 0.15
-"""Of a profile, to which the model is right at any sample."""
+"""Relative error of the model's profile at any sample."""
 _MIN_VARIANCE: Final = 1e-4
-"""Least variance of a sample; that of the ground is 1."""
+"""Least variance of a sample, where the ground's is 1."""
 _MIN_SHRINKAGE: Final = 0.02
-"""Of the mean variance, that every sample has at least."""
+"""Least shrinkage of a covariance towards its mean variance."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class StripNoise:
     def of(
         full: FloatArray, bare: FloatArray, own: FloatArray, model_covariance: FloatArray
     ) -> StripNoise:
-        """Learn it from rests (n, u c) on full lines and on the ground: the mean of both.
+        """Estimate from rests (n, u c) on full lines and on the ground, as the mean of both.
 
-        That is Fisher's linear discriminant. No model is better than to a part of what ink adds,
-        ``own`` (n, u, c): neighbours of a gap bulge into it; nor than its ``model_covariance`` (u, u): of
-        lines that touch only what their copies add up to is told.
+        That is Fisher's linear discriminant. Added are a relative error of the profile
+        ``own`` (n, u, c), since neighbours of a gap bulge into it, and the profile's
+        ``model_covariance`` (u, u), since lines that touch determine only their copies' sum.
         """
         size = full.shape[1]
         wide = np.kron(model_covariance, np.eye(size // len(model_covariance)))
@@ -62,10 +62,10 @@ class StripNoise:
 
 
 def covariance(rests: FloatArray) -> FloatArray:
-    """Covariance about 0, shrunk to a multiple of one, outlying strips counting less.
+    """Return the covariance about 0, shrunk towards its mean variance, outliers down-weighted.
 
     By the oracle approximating shrinkage of Chen et al. (2010, IEEE TSP 58, 5016); neighbouring
-    strips tell the same in part.
+    strips are correlated.
     """
     size, count = rests.shape[1], _INDEPENDENT_SHARE * len(rests)
     weight = np.ones(len(rests))
@@ -84,14 +84,14 @@ def covariance(rests: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class InkShares:
-    """What strips tell.
+    """Share, offset and width of ink measured in strips.
 
     Attributes
     ----------
     share, u_share : (n,) float64
-        Of its ink, and the standard uncertainty that the strip's noise gives it.
+        Share of the line's ink, and its standard uncertainty by the strip's noise.
     offset, widening : (n,) float64, widths
-        How far a line lies to the left of its place, and how much wider it is.
+        Offset of a line to the left of its place, and its relative widening.
     misfit : (n,) float64
         Mean square of what is left, over noise.
     """
@@ -104,16 +104,16 @@ class InkShares:
 
     @staticmethod
     def blank(count: int) -> InkShares:
-        """Return shares of so many places, to be put in."""
+        """Return an empty table for ``count`` places, filled by `put`."""
         return InkShares(*np.zeros((5, count)))
 
     def put(self, rows: BoolArray | IntArray, part: InkShares) -> None:
-        """Take over those of some places."""
+        """Copy the values of ``part`` into some rows."""
         for name, values in vars(part).items():
             getattr(self, name)[rows] = values
 
     def over(self, level: float) -> InkShares:
-        """Return shares of a level."""
+        """Return shares relative to a level."""
         return replace(self, share=self.share / level, u_share=self.u_share / level)
 
 
@@ -159,7 +159,7 @@ def measure_shares(
 def group_by_lost_samples(
     inverse: FloatArray, lost: BoolArray
 ) -> Iterator[tuple[IntArray, FloatArray, int]]:
-    """Group strips by their samples that are ``lost`` (n, u).
+    """Group strips by which of their samples are ``lost`` (n, u).
 
     Yield the rows of each group, the inverse covariance of what is left (0 for the others), and the
     number of samples left in all channels.
@@ -176,7 +176,7 @@ def group_by_lost_samples(
 
 
 def remove_line_terms(rests: FloatArray, own: FloatArray) -> FloatArray:
-    """Return what of rests (n, u c) no share, place or width of the line itself explains.
+    """Remove from rests (n, u c) what the line's own share, place and width explain.
 
     A thin stretch of a layer is no noise of its others.
     """
@@ -188,7 +188,7 @@ def remove_line_terms(rests: FloatArray, own: FloatArray) -> FloatArray:
 
 
 def _basis(own: FloatArray) -> FloatArray:
-    """Return what share, offset and widening change in strips, (n, 3, u c)."""
+    """Return the derivatives of strips by share, offset and widening, (n, 3, u c)."""
     slope = np.gradient(own, ACROSS_WIDTHS[1] - ACROSS_WIDTHS[0], axis=1)
     terms = np.stack([own, -slope, -slope * ACROSS_WIDTHS[None, :, None]], axis=1)
     return np.asarray(terms.reshape(len(own), 3, own.shape[1] * own.shape[2]))
@@ -197,14 +197,14 @@ def _basis(own: FloatArray) -> FloatArray:
 def _fit_strips(
     strips: FloatArray, own: FloatArray, inverse: FloatArray, sample_count: int
 ) -> InkShares:
-    """Fit strips by one inverse covariance, in which so many samples count."""
+    """Fit strips by one inverse covariance over ``sample_count`` samples."""
     n = len(strips)
     basis = _basis(own)
     flat = strips.reshape(n, -1)
     weighted = basis @ inverse
     power = weighted @ basis.transpose(0, 2, 1)
     score = np.einsum("nij,nj->ni", weighted, flat)
-    # What moves and widens ink does so by its share; the designed line is the prior.
+    # Offset and widening scale with the share; the designed line is the prior.
     power[:, 1, 1] += _OFFSET_SD_WIDTHS**-2
     power[:, 2, 2] += _WIDENING_SD**-2
     power[:, 0, 0] += 1e-9

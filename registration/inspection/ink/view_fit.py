@@ -1,4 +1,4 @@
-"""Fit ink's profiles to a view at a shift, draw the view by them, and take strips across places."""
+"""Fit ink profiles to a view, render it, and sample strips."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _NO_OLD_INK_WIDTHS: Final = 0.65
 _FULL_OLD_INK_WIDTHS: Final = 0.35
 """Distance from an older line's middle within which all of its ink lies."""
 _MIN_OLD_INK_SHARE: Final = 0.05
-"""Of a place's width over older ink: more, and it is judged against that."""
+"""Share of a place's width over older ink above which it is judged against that ink."""
 _INDEPENDENT_WIDTHS: Final = 0.4
-"""Of a width: pixels nearer to each other tell the same."""
+"""Distance in widths below which pixels aren't independent."""
 _GROUP_WIDTHS: Final = 2.0
-"""Widths along a line that are judged by a profile that others tell."""
+"""Length in widths of the pieces that alternate between the two cross-fit groups."""
 _MIN_GROUPS: Final = 4
-"""Of a layer: those of a short one are shorter."""
+"""Least number of pieces in a layer; in short layers pieces are shorter."""
 
 
 @dataclass(frozen=True)
 class ShiftedLines:
-    """Lines and places at one shift.
+    """Lines and their sample points at one shift of the layer.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class ShiftedLines:
 
     @cached_property
     def over(self) -> FloatImage:
-        """How much older ink lies at each pixel, 0 to 1, (h, w)."""
+        """Share of older ink at each pixel, 0 to 1, (h, w)."""
         older = self.passes.near[:, :, 1]
         over = np.clip(
             (_NO_OLD_INK_WIDTHS - older) / (_NO_OLD_INK_WIDTHS - _FULL_OLD_INK_WIDTHS), 0.0, 1.0
@@ -60,7 +60,7 @@ class ShiftedLines:
 
     @cached_property
     def over_across(self) -> FloatArray:
-        """The same across each place, (n, u)."""
+        """Share of older ink across each place, (n, u)."""
         return sample_strips(self.over[:, :, None], self.projected, self.samples)[:, :, 0]
 
     @cached_property
@@ -78,22 +78,22 @@ class ShiftedLines:
 
 @dataclass(frozen=True)
 class ViewFit:
-    """A view's model at one shift.
+    """Ink model of a view at one shift, and the view's strips.
 
     Attributes
     ----------
     shifted : ShiftedLines
     present : (n,) float64
-        Share of its ink that each place was drawn with.
+        Share of ink that each place was rendered with.
     model : InkModel
     ink : (h, w, c) float32
-        What the model draws.
+        The rendered model.
     own : (n, u, c) float64
-        What full ink of its own adds across each place.
+        Full ink's profile across each place.
     by_others : (n, u, c) float64
-        The same by a profile to which the place itself was not fitted, unless one is known.
+        The same by a profile fitted without the place itself, unless one is known.
     strips : (n, u, c) float64
-        The view across each place, without everything else.
+        The view across each place, less all other rendered ink.
     """
 
     shifted: ShiftedLines
@@ -106,18 +106,18 @@ class ViewFit:
 
     @cached_property
     def rest(self) -> FloatArray:
-        """What the model leaves of strips, (n, u, c)."""
+        """Rest of the strips that the model doesn't explain, (n, u, c)."""
         return self.strips - self.present[:, None, None] * self.own
 
     @cached_property
     def looks_full(self) -> BoolArray:
-        """Strips that are nearer to all of their ink than to none, (n,)."""
+        """Strips nearer to full ink than to none, (n,)."""
         return np.asarray(((self.strips - 0.5 * self.own) * self.own).sum(axis=(1, 2)) > 0.0)
 
 
 @dataclass(frozen=True)
 class ViewFitter:
-    """What a look is drawn by, the same in all rounds.
+    """Inputs of a look's fit, the same in all rounds.
 
     Attributes
     ----------
@@ -146,14 +146,14 @@ class ViewFitter:
 
     @cached_property
     def group(self) -> IntArray:
-        """Pieces of places some widths long, by turns of group 0 and 1, (n + 1,); 2 at the end."""
+        """Cross-fit group 0 or 1 of each place in turns along the line, (n + 1,); 2 at the end."""
         at = self.samples.along / self.samples.width
         length = float((self.samples.step / self.samples.width).sum())
         piece = min(_GROUP_WIDTHS, length / _MIN_GROUPS)
         return np.append(((at / piece).astype(np.int64) + self.samples.stroke) % 2, 2)
 
     def lines_at(self, shift: Shift, last: ShiftedLines | None = None) -> ShiftedLines:
-        """Return lines at a shift: those of the ``last`` round where they haven't moved."""
+        """Return lines at a shift; reuse the ``last`` round's where they haven't moved."""
         by = np.array([shift.dx_mm, shift.dy_mm])
         there = self.samples.moved(by)
         if last is not None and np.array_equal(there.point, last.samples.point):
@@ -165,20 +165,16 @@ class ViewFitter:
         return ShiftedLines(there, projected, pieces, Passes.of(pieces, self.view.shape))
 
     def initial_share(self, image: FloatImage, shifted: ShiftedLines) -> FloatArray:
-        """Which places have ink, (n,), by the level in their middle where a profile is known.
+        """Return 1 where a known profile shows ink, else 0, (n,); 1 everywhere without one.
 
-        Of lines that touch and are bare together each looks full beside others that are drawn.
+        Of touching lines that are all bare each would look full beside the others' rendered ink.
         """
         if self.prior is None:
             return np.ones(len(self.samples))
-        samples, projected, core = (
-            shifted.samples,
-            shifted.projected,
-            np.abs(ACROSS_WIDTHS) <= _FULL_OLD_INK_WIDTHS,
-        )
-        shown = sample_strips((~self.view.lost)[:, :, None].astype(np.float32), projected, samples)[
-            :, core
-        ]
+        samples, projected = shifted.samples, shifted.projected
+        core = np.abs(ACROSS_WIDTHS) <= _FULL_OLD_INK_WIDTHS
+        measured = (~self.view.lost)[:, :, None].astype(np.float32)
+        shown = sample_strips(measured, projected, samples)[:, core]
         nothing_below = np.zeros((len(samples), len(ACROSS_WIDTHS)))
         own = full_ink_profile(self.prior, nothing_below, projected)[:, core] * shown
         power = (own**2).sum(axis=(1, 2))
@@ -193,7 +189,7 @@ class ViewFitter:
         level: FloatArray,
         parts: tuple[int, ...] | None,
     ) -> ViewFit:
-        """Fit profiles of these parts, or take those that are known (None), and draw by them.
+        """Fit profiles of these parts, or take known ones (None), and render the view.
 
         Parameters
         ----------

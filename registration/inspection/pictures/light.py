@@ -1,7 +1,8 @@
-"""Light over a view, told by what ink doesn't explain: by the ground, and on lines by their rest.
+"""Estimate and remove the light over a view, and whiten its channels.
 
-In logarithms light adds. It is a polynomial of second order, robustly fitted, and what is left over
-some millimetres. Without it, channels are mixed so that the ground's noise is 1 in each.
+In logarithms light adds. It is estimated from the ground, and on lines from what the ink model
+leaves: a polynomial of second order, robustly fitted, plus its rest smoothed over some
+millimetres. Without light, channels are mixed so that the ground's noise is 1 in each.
 """
 
 from __future__ import annotations
@@ -18,24 +19,25 @@ from registration.inspection.pictures.picture import View
 from registration.inspection.values import FloatImage
 
 _LOCAL_SIGMA_MM: Final = 1.2
-"""Standard deviation of the filter that follows light beyond a polynomial."""
+"""Standard deviation of the Gaussian filter for light beyond the polynomial."""
 _POLYNOMIAL_WEIGHT: Final = 0.05
-"""Weight of "nothing beyond the polynomial" where no ground is near."""
+"""Weight of the polynomial alone where no ground is near."""
 _ITERATIONS: Final = 4
 _OUTLIER_SPREADS: Final = 2.5
-"""Spreads from which on a cell hardly counts."""
+"""Spreads at which a cell's weight falls to one half."""
 _CELL_PX: Final = 6
+"""Side of the cells in which light is estimated."""
 _HEIGHT_NOISE_THICKNESSES: Final = 0.05
-"""Scatter of heights on the ground, thicknesses of the layer."""
+"""Scatter of heights on the ground, in thicknesses of the layer."""
 _INK_WEIGHT: Final = 0.3
-"""How much ink tells of light, against ground."""
+"""Weight of pixels with ink in the light's fit, relative to ground."""
 _MIN_GROUND_PX: Final = 100
-"""Pixels of ground by which its noise is learned; else by the whole view."""
+"""Least number of ground pixels for learning noise; below it the whole view is used."""
 
 
 @dataclass(frozen=True)
 class FlatFieldView:
-    """A view without its light, its channels mixed so that the ground is 0 and its noise 1.
+    """View without light, whitened so that the ground is 0 and its noise 1.
 
     Attributes
     ----------
@@ -44,7 +46,7 @@ class FlatFieldView:
         Pixels that are seen and clear of all lines.
     light : (h, w, c) float32
     mix : (c, c) float64
-        What channels without light are multiplied by.
+        Whitening matrix of the channels without light.
     """
 
     view: View
@@ -54,9 +56,9 @@ class FlatFieldView:
 
     @staticmethod
     def of(view: View, away: FloatImage) -> FlatFieldView:
-        """Even out a view of whose pixels the nearest line lies ``away`` (h, w), widths.
+        """Estimate the light of a view whose nearest line lies ``away`` (h, w), widths.
 
-        Of heights there is no light.
+        Heights have no light.
         """
         channels, ground = view.channels, ~view.lost & (away > 1.0)
         if view.is_heights:
@@ -70,11 +72,11 @@ class FlatFieldView:
 
     @cached_property
     def image(self) -> FloatImage:
-        """The view, (h, w, c)."""
+        """The whitened view without light, (h, w, c)."""
         return _mixed(self.view.channels - self.light, self.mix)
 
     def without_light(self, ink: FloatImage) -> FlatFieldView:
-        """Return it without the light that a model of ``ink`` (h, w, c) leaves unexplained."""
+        """Subtract the light that a model of ``ink`` (h, w, c) leaves unexplained."""
         if self.view.is_heights:
             return self
         rest = _mixed(self.image - ink, np.asarray(np.linalg.inv(self.mix)))
@@ -84,10 +86,10 @@ class FlatFieldView:
 
 
 def _whitening(ground: FloatImage, everything: FloatImage, inkless: int) -> FloatArray:
-    """Matrix (c, c) that makes noise of the ground 1 in each channel and independent.
+    """Return the matrix (c, c) that makes the ground's noise 1 and independent.
 
-    What was taken before, the first channels, isn't mixed with what changed: older ink mustn't
-    show there.
+    The first ``inkless`` channels, from the picture before, aren't mixed with the change, in which
+    older ink mustn't show.
     """
     count = everything.shape[2]
     own = ground if len(ground) >= _MIN_GROUND_PX else everything.reshape(-1, count)
@@ -107,14 +109,14 @@ def _mixed(values: FloatImage, mix: FloatArray) -> FloatImage:
 
 
 def _light(rest: FloatImage, weight: FloatImage, px_per_mm: float) -> FloatImage:
-    """Return light (h, w, c).
+    """Estimate light (h, w, c).
 
     Parameters
     ----------
     rest : (h, w, c) float32
         Values less what ink adds.
     weight : (h, w) float32
-        How much each pixel tells of light, 0 to 1.
+        Weight of each pixel, 0 to 1.
     px_per_mm : float
     """
     high, wide = weight.shape
@@ -138,7 +140,7 @@ def _light(rest: FloatImage, weight: FloatImage, px_per_mm: float) -> FloatImage
 
 
 def _polynomial(values: FloatArray, share: FloatArray, powers: FloatArray) -> FloatArray:
-    """Fit by weighted least squares, what lies far off counting less each time."""
+    """Fit a polynomial by iteratively reweighted least squares."""
     weight = np.where(share > 0.05, share, 0.0).astype(np.float64)
     fit = np.zeros(len(values))
     for _ in range(_ITERATIONS):

@@ -1,4 +1,4 @@
-"""Crop, bin and take the logarithm of a layer's picture, and of the one before it, laid over it."""
+"""Crop, bin and log-transform a picture; register the picture before to it."""
 
 from __future__ import annotations
 
@@ -19,29 +19,31 @@ from registration.inspection.pictures.unmeasured import fill_unmeasured, unmeasu
 from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
 
 _MARGIN_MM: Final = 2.0
+"""Margin of a view around the lines."""
 _LINE_WIDTH_PX: Final = 7.0
-"""Pixels of the view in a line's width, about."""
+"""Target width of a line in the view."""
 _MIN_GAP_PX: Final = 4.0
-"""And in a gap that is just tolerated, at least."""
+"""Least length of a just tolerated gap in the view."""
 _MIN_LINE_WIDTH_PX: Final = 3.0
+"""Least width of a line in the picture."""
 _DARK_FLOOR_SHARE: Final = 0.02
-"""Of the highest value, added before the logarithm: dark noise mustn't count for contrast."""
+"""Offset before the logarithm, relative to the highest value, that suppresses dark noise."""
 _MIN_SATURATED_SHARE: Final = 3e-5
-"""Of the pixels with the highest value: the sensor was saturated."""
+"""Share of pixels at the highest value above which the sensor was saturated."""
 MAX_CAMERA_MOVE_PX: Final = 8.0
-"""A camera that moved by more was touched: its picture before isn't used."""
+"""Largest move of a camera; beyond it was touched, and its picture before isn't used."""
 _GROUND_CLEARANCE_WIDTHS: Final = (3.0, 1.4)
-"""Widths around fresh lines that aren't ground: their shade moved a camera that stood still by
-3 pixels; less only where too little is left."""
+"""Clearances of ground from fresh lines, in widths, the second where too little is left: lines'
+shade moved a camera that stood still by 3 pixels."""
 _MIN_GROUND_PX: Final = 5000
-"""Pixels of ground that are left."""
+"""Least number of ground pixels."""
 _MAX_SCATTER_RATIO: Final = 3.0
 """Largest ratio of the ground's scatter in two pictures that are compared: 0.9 to 1.7 in painted
 ones, over 4 where one is noise, black or of another scale."""
 _MIN_SCATTER: Final = 1e-3
 """Difference in scatter, natural logarithms, that is too faint to compare."""
 _ECC_BLUR_PX: Final = 5
-"""Of Gauss's filter while two pictures are laid over each other."""
+"""Gaussian filter size while two pictures are registered."""
 LOWEST_THICKNESSES: Final = -0.5
 HIGHEST_THICKNESSES: Final = 1.5
 """Limits of heights over the layer's middle; what is outside is clipped to them."""
@@ -57,14 +59,14 @@ Mask = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class View:
-    """The part of a picture that is worked on.
+    """Cropped and binned part of a picture.
 
     Attributes
     ----------
     now : (h, w, c) float32
         Logarithm of brightness (of a float picture: its values).
     change : (h, w, c) float32 or None
-        The same less that of a picture taken before the layer; None without one.
+        ``now`` less that of a picture taken before the layer; None without one.
     lost : (h, w) bool
         Saturated, hidden as the caller says, or not measured.
     origin : (x, y), px of the picture
@@ -75,9 +77,9 @@ class View:
     is_log : bool
         Whether values are logarithms of brightness.
     is_heights : bool
-        Whether values are what stands over the floor, of the layer (`rise`).
+        Whether values are rises over the floor, relative to the layer (`rise`).
     moved_px : float
-        By how many pixels of the picture the camera moved since the one before; NaN without one.
+        Move of the camera since the picture before, px of the picture; NaN without one.
     """
 
     now: FloatImage
@@ -92,25 +94,25 @@ class View:
 
     @cached_property
     def channels(self) -> FloatImage:
-        """All that is known of each pixel: now (h, w, c); or before and change, (h, w, 2 c)."""
+        """Channels of each pixel: now (h, w, c); or before and change, (h, w, 2 c)."""
         if self.change is None:
             return self.now
         return np.concatenate([self.now - self.change, self.change], axis=2)
 
     @property
     def inkless(self) -> int:
-        """How many of those, the first, hold no fresh ink: those of a picture before."""
+        """Number of first channels without fresh ink, those of a picture before."""
         return 0 if self.change is None else self.now.shape[2]
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Number of rows and columns."""
         return self.now.shape[0], self.now.shape[1]
 
 
 @dataclass(frozen=True)
 class ViewFrame:
-    """A frame, counted in pixels of the view."""
+    """Frame in pixels of the view."""
 
     frame: Frame
     origin: tuple[int, int]
@@ -132,8 +134,8 @@ def crop_view(
 ) -> tuple[View, ViewFrame]:
     """Crop and bin a picture so that a line is some nine pixels wide.
 
-    Of two channels of a float picture the first is taken. With ``unknown`` (h, w) pixels, of which
-    nothing is known, the picture is one of `rise`.
+    Of two channels of a float picture the first is taken. With ``unknown`` (h, w) pixels,
+    whose height is unknown, the picture is one of `rise`.
 
     Raises
     ------
@@ -180,7 +182,7 @@ def add_change(
     written: BoolArray,
     stood_still: Callable[[], bool] | None = None,
 ) -> View:
-    """Return the view with what changed since a picture before.
+    """Add the change since a picture before to a view.
 
     Parameters
     ----------
@@ -191,8 +193,8 @@ def add_change(
     written : (n,) bool
         Lines that were written since.
     stood_still : function or None
-        Tells by marks whether the camera stood still in between: a move of more pixels is one of
-        shade on a ground without texture then.
+        Returns whether marks show that the camera stood still in between: a larger fitted move is
+        then one of shade on a ground without texture.
 
     Raises
     ------
@@ -223,7 +225,7 @@ def add_change(
 
 
 def draw_lines(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> Mask:
-    """Pieces (n, 2, 2) px drawn with round ends, their widths rounded to whole pixels."""
+    """Draw pieces (n, 2, 2) px with round ends, widths rounded to whole pixels, as a mask."""
     out = np.zeros(shape, dtype=np.uint8)
     good = np.isfinite(ends).all(axis=(1, 2)) & (np.abs(ends).max(axis=(1, 2)) < 1e6)
     fixed = np.rint(np.where(good[:, None, None], ends, 0.0) * (1 << SUBPIXEL_BITS)).astype(
@@ -237,7 +239,7 @@ def draw_lines(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> Ma
 
 
 def _box(picture: Image, projected: ProjectedSamples) -> tuple[int, int, int, int]:
-    """Part of the picture that shows the lines and some bath around."""
+    """Return the box (x0, y0, x1, y1) around the lines and some bath."""
     margin = _MARGIN_MM * projected.px_per_mm
     high, wide = picture.shape[:2]
     place = projected.at[np.isfinite(projected.at).all(axis=1)]
@@ -273,7 +275,7 @@ def _binned(part: Image, scale: int, floor: float | None = None) -> tuple[FloatI
 
 
 def _shrunk(values: FloatImage, size: tuple[int, int]) -> FloatImage:
-    """Values (h, w) or (h, w, c) averaged to a size (columns, rows), one by one."""
+    """Average values (h, w) or (h, w, c) to a size (columns, rows), channel by channel."""
     if values.ndim == 2:
         return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
     parts = [_shrunk(np.ascontiguousarray(values[:, :, c]), size) for c in range(values.shape[2])]
@@ -285,13 +287,13 @@ def _dark_floor(part: Image) -> float:
 
 
 def _floor(part: Image, old: Image) -> float:
-    """What is added to the picture before: as much as to this one, by the light of both."""
+    """Return the log offset of the picture before, scaled to its light."""
     light, old_light = (max(float(np.median(one)), 1.0) for one in (part, old))
     return _dark_floor(part) * old_light / light
 
 
 def _ground(view: View, frame: ViewFrame, lines: ExpectedLines, written: BoolArray) -> BoolArray:
-    """What lies far from what was written, (h, w)."""
+    """Return the ground away from what was written, (h, w) bool."""
     ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)[written]
     ground = ~view.lost
     for widths in _GROUND_CLEARANCE_WIDTHS:
@@ -303,7 +305,7 @@ def _ground(view: View, frame: ViewFrame, lines: ExpectedLines, written: BoolArr
 
 
 def _check_scatter(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> None:
-    """Raise `PictureError` when one picture's ground is flat, or much noisier than the other's."""
+    """Raise `PictureError` if one picture's ground is flat, or much noisier than the other's."""
     if ground.sum() < _MIN_GROUND_PX / 10:
         return
     parts = [np.percentile(_texture(one, ground)[ground], [25, 75]) for one in (now, earlier)]
@@ -311,16 +313,16 @@ def _check_scatter(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> N
     if max(this, old) > _MAX_SCATTER_RATIO * min(this, old) + _MIN_SCATTER:
         raise PictureError(
             f"around the lines the picture before scatters by {old:.2g}, this one by {this:.2g} "
-            f"(at most {_MAX_SCATTER_RATIO:g} times as much): one of them is black, noise or taken with "
-            "other settings; take both with the same light and settings, or leave `before` out"
+            f"(at most {_MAX_SCATTER_RATIO:g} times as much): one of them is black, noise or taken "
+            "with other settings; take both with the same light and settings, or leave `before` out"
         )
 
 
 def _camera_move(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> FloatArray | None:
-    """Euclidean map (2, 3) of pixels to those of an earlier picture, by what the ground shows.
+    """Return the Euclidean map (2, 3) to an earlier picture's pixels, by the ground's texture.
 
-    By the enhanced correlation coefficient (Evangelidis and Psarakis 2008, IEEE PAMI 30, 1858). A
-    ground that shows nothing to hold on to leaves the map at rest.
+    By the enhanced correlation coefficient (Evangelidis and Psarakis 2008, IEEE PAMI 30, 1858). On
+    a ground without texture the map is the identity.
     """
     still = np.eye(2, 3)
     if ground.sum() < _MIN_GROUND_PX / 10:
@@ -338,7 +340,7 @@ def _camera_move(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> Flo
             mask,
             _ECC_BLUR_PX,
         )
-    except cv2.error:  # nothing to hold on to
+    except cv2.error:  # no texture
         return still
     at_rest = float(np.corrcoef(both[0][ground], both[1][ground])[0, 1])
     better = _gain(at_rest, float(found), int(ground.sum()))
@@ -346,7 +348,7 @@ def _camera_move(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> Flo
 
 
 def _gain(at_rest: float, found: float, count: int) -> bool:
-    """Whether a move explains clearly more than none; neighbouring pixels aren't independent."""
+    """Return whether a move explains clearly more than none, given correlated pixels."""
     if not np.isfinite(found) or found < 0.1:
         return False
     left = (1.0 - at_rest**2) / max(1.0 - found**2, 1e-9)
@@ -354,7 +356,7 @@ def _gain(at_rest: float, found: float, count: int) -> bool:
 
 
 def _texture(values: FloatImage, ground: BoolArray) -> FloatImage:
-    """Mean of channels less what changes slowly, (h, w)."""
+    """Return the channels' mean less its slow part, (h, w)."""
     grey = values.mean(axis=2)
     weight = ground.astype(np.float32)
     light = cv2.GaussianBlur(grey * weight, (0, 0), 12.0)
@@ -363,7 +365,7 @@ def _texture(values: FloatImage, ground: BoolArray) -> FloatImage:
 
 
 def _most_px(move: FloatArray, shape: tuple[int, int]) -> float:
-    """Largest move within a view."""
+    """Return the largest move within a view."""
     high, wide = shape
     corners = np.array([[0, 0], [wide, 0], [0, high], [wide, high]], dtype=np.float64)
     off = corners @ move[:, :2].T + move[:, 2] - corners
@@ -371,7 +373,7 @@ def _most_px(move: FloatArray, shape: tuple[int, int]) -> float:
 
 
 def _moved(part: Image, move: FloatArray) -> Image:
-    """A part of a picture moved, in its own type."""
+    """Move a part of a picture, keeping its type."""
     kept = part.astype(np.float32) if np.issubdtype(part.dtype, np.floating) else part
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     size = part.shape[1::-1]
@@ -380,7 +382,7 @@ def _moved(part: Image, move: FloatArray) -> Image:
 
 
 def _of_picture(matrix: FloatArray, scale: int) -> FloatArray:
-    """A map of the view's pixels as one of the picture's."""
+    """Convert a map of the view's pixels to one of the picture's."""
     slopes = matrix[:, :2]
     off = scale * matrix[:, 2] + 0.5 * (scale - 1) * (np.ones(2) - slopes.sum(axis=1))
     return np.column_stack([slopes, off])

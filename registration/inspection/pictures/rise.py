@@ -1,10 +1,10 @@
-"""Height of ink over what it was laid onto, in a map of heights.
+"""Compute the height of ink over the floor it was laid onto.
 
 Over holes of older layers, and beyond their ends, a line sags by up to all that lies below: there
 it has ink as long as it stands a layer over the floor, however low its own layer. So heights are
-told over what lies below by the design, and what lies between a layer over that and the layer's own
-top counts as all of its ink. Where it isn't known what lies below, beside an older line that may
-lie elsewhere, what would be ink over the one and none over the other isn't measured.
+measured over the designed floor, and anything from a layer over it to the layer's own top counts as
+all of its ink. Beside an older line that may lie elsewhere the floor is uncertain: there a pixel
+that has ink over the one floor and none over the other isn't measured.
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ from registration.inspection.pictures.picture import (
 from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
 
 _MAX_ASIDE_WIDTHS: Final = 0.3
-"""Widths by which an older line may lie beside its place: lines wander by a tenth of a millimetre,
-and a map's older layers aren't laid over the design one by one."""
+"""Distance in widths by which an older line may lie beside its place: lines wander by a tenth of a
+millimetre, and a map's older layers aren't registered one by one."""
 _CLEAR_WIDTHS: Final = 2.0
-"""Times a line's width, off which the ground is bare."""
+"""Width of the band around a line, in widths, beyond which the ground is bare."""
 _MIN_GROUND_CELLS: Final = 100
-"""Cells of bare ground by which its height is told."""
+"""Least number of bare cells for measuring the ground's height."""
 _COVERED_THICKNESSES: Final = 0.0
-"""Height of the ground over the layer's middle, thicknesses, from which on a bath's surface covers
-its lines: what a profiler sees there isn't theirs."""
+"""Height of the ground over the layer's middle, in thicknesses, above which a bath's surface covers
+the lines, so that the profiler doesn't see them."""
 _MAX_ZERO_ERROR_THICKNESSES: Final = 0.5
-"""Of a layer, by which a profiler's zero may be off: then the ground tells it."""
+"""Error of a profiler's zero, in thicknesses, that is corrected by the ground."""
 _MAX_LOWER_THICKNESSES: Final = 1.5
-"""Layers by which the ground may lie lower because of that: what is ink isn't known, where none of
-the lines reaches its layer's middle."""
+"""Depth of the ground, in thicknesses, up to which a zero error may explain it: ink is then unknown
+where no line reaches its layer's middle."""
 _MIN_RAISED_SHARE: Final = 0.1
-"""Of the lines that does so, from which on the zero is right."""
+"""Share of line cells above the layer's middle from which on the zero is right."""
 _MAX_DIFFERENCE_THICKNESSES: Final = 0.5
-"""Of a layer, by which rises over two floors may differ."""
+"""Largest difference of the rises over two floors, in thicknesses."""
 _FLOOR_STEP_THICKNESSES: Final = 0.5
-"""Thicknesses between floors that count as one."""
+"""Spacing of floor levels, in thicknesses."""
 
 
 def rise_over_floor(
@@ -56,7 +56,7 @@ def rise_over_floor(
     thickness_mm: float,
     hidden: Outlines | BoolArray,
 ) -> tuple[FloatImage, BoolArray]:
-    """Return how much of its layer stands at each pixel, (h, w), and where that isn't known.
+    """Return each pixel's rise in its layer, (h, w), and where that is unknown.
 
     0 on the floor, 1 at the top.
 
@@ -113,7 +113,7 @@ def rise_over_floor(
 
 
 def _over(height: FloatImage, floor: FloatImage) -> FloatImage:
-    """Ink over a floor: a layer of it, or up to the layer's top, is all; more is told on top."""
+    """Return ink over a floor: one layer, or up to the layer's top, is 1; more is added on top."""
     whole = np.minimum(LAYER_TOP_THICKNESSES - floor, 1.0)
     part = np.clip((height - floor) / whole, 0.0, 1.0)
     return np.asarray(
@@ -124,7 +124,7 @@ def _over(height: FloatImage, floor: FloatImage) -> FloatImage:
 
 
 def _levels(lines: ExpectedLines, thickness_mm: float) -> FloatArray:
-    """Tops of lines over the layer's middle as designed, thicknesses, (n,)."""
+    """Return designed tops of lines over the layer's middle, thicknesses, (n,)."""
     z = 0.5 * (lines.start + lines.end)[:, 2]
     off = (z - np.median(z[lines.fresh])) / thickness_mm
     return np.asarray(
@@ -140,9 +140,9 @@ def _floors(
     old: BoolArray,
     shape: tuple[int, int],
 ) -> tuple[FloatImage, FloatImage]:
-    """Lowest and highest floor that may lie below each pixel, thicknesses over the middle.
+    """Return lowest and highest possible floor of each pixel, thicknesses over the middle.
 
-    Holes between older lines that are narrower than these may lie aside aren't told.
+    Holes between older lines that are narrower than their possible offset are ignored.
     """
     level = np.minimum(level, LOWEST_THICKNESSES)
     aside = _MAX_ASIDE_WIDTHS * float(np.median(wide))

@@ -1,9 +1,9 @@
-"""Find what a device delivered without measuring it: constant A-scans and picture blocks.
+"""Find constant A-scans and picture blocks, which hold no measurement.
 
 A sensor's values scatter. A-scans of one value over their whole depth (a B-scan that was dropped)
-and blocks or rows of one value in a picture (a lost packet, a dead row) hold no measurement. A
-picture that has blocks of one value nearly everywhere (smoothed by the camera, clipped or
-synthetic) tells nothing by them.
+and blocks or rows of one value in a picture (a lost packet, a dead row) hold no measurement. In a
+picture with blocks of one value nearly everywhere (smoothed by the camera, clipped or synthetic)
+they are ignored.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from kernels.arrays import BoolArray
 from registration.inspection.values import Image
 
 _MIN_BLOCK_PX: Final = 8
-"""Pixels of one value each way: the smallest part that a JPEG loses."""
+"""Least side of a block of one value: the smallest part that a JPEG loses."""
 _MIN_RUN_PX: Final = 48
-"""Pixels of one value in a row or column."""
+"""Least length of a row or column of one value."""
 _TILES_PER_SIDE: Final = 8
-"""Each way, by which it is told whether blocks of one value are common in a picture."""
+"""Tiles per side of a picture, for testing whether such blocks are common."""
 _COMMON_TILE_SHARE: Final = 0.02
-"""Share of a tile, from which on they are."""
+"""Share of a tile in such blocks from which on they are common."""
 _SENSOR_MAXIMA: Final = (255, 1023, 4095, 16383, 65535)
-"""Highest values of sensors of 8 to 16 bits."""
+"""Largest values of sensors of 8 to 16 bits."""
 _SATURATED_SHARE: Final = 0.98
-"""Of a sensor's highest value: what is clipped there was measured, though too bright."""
+"""Share of a sensor's largest value from which on a block is clipped, and was measured."""
 
 
 def unmeasured_scans(volume: NDArray[Any]) -> BoolArray:
-    """A-scans of a volume (depth, rows, columns) that hold no measurement, (rows, columns).
+    """Return the A-scans of a volume (depth, rows, columns) without measurement, (rows, columns).
 
     One value alone, or those of a B-scan that is the one before to the last bit: speckle and noise
     never repeat. A volume of which most B-scans do is painted without noise.
@@ -41,7 +41,7 @@ def unmeasured_scans(volume: NDArray[Any]) -> BoolArray:
 
 
 def _repeated(volume: NDArray[Any]) -> BoolArray:
-    """A-scans of repeated B-scans, along rows or columns, (rows, columns)."""
+    """Return the A-scans of repeated B-scans, along rows or columns, (rows, columns)."""
     out = np.zeros(volume.shape[1:], dtype=np.bool_)
     for axis in (1, 2):
         scans = np.moveaxis(volume, axis, 0)
@@ -57,7 +57,7 @@ def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
 
 
 def _of_one_value(volume: NDArray[Any]) -> BoolArray:
-    """A-scans that hold one value alone, (rows, columns)."""
+    """Return the A-scans of one value alone, (rows, columns)."""
     same = np.ones(volume.shape[1:], dtype=np.bool_)
     first = np.asarray(volume[0])
     for plane in volume[1:]:
@@ -68,7 +68,7 @@ def _of_one_value(volume: NDArray[Any]) -> BoolArray:
 
 
 def unmeasured_pixels(part: Image) -> BoolArray:
-    """Blocks and rows of a picture (h, w) or (h, w, c) that hold one value alone, (h, w).
+    """Return blocks and rows of one value in a picture (h, w) or (h, w, c), as (h, w) bool.
 
     Nothing of a float picture, which is made from measurements, nor of one in which such blocks
     are common.
@@ -99,7 +99,7 @@ def _all(each: list[BoolArray]) -> BoolArray:
 
 
 def fill_unmeasured(part: Image, unmeasured: BoolArray) -> Image:
-    """Return a picture with the usual value in place of what wasn't measured: it would spill."""
+    """Fill unmeasured pixels with the picture's median, so that they don't spread."""
     if not unmeasured.any():
         return part
     usual = np.median(part[~unmeasured], axis=0).astype(part.dtype)
@@ -109,7 +109,7 @@ def fill_unmeasured(part: Image, unmeasured: BoolArray) -> Image:
 
 
 def _in_runs(same: BoolArray, size: tuple[int, int], shape: tuple[int, int]) -> BoolArray:
-    """Pixels of runs in which so many neighbours in turn are equal, (h, w)."""
+    """Return pixels of runs of ``size`` equal neighbours, (h, w)."""
     out = np.zeros(shape, dtype=np.bool_)
     runs = opened(same, size)
     high, wide = runs.shape
@@ -119,7 +119,7 @@ def _in_runs(same: BoolArray, size: tuple[int, int], shape: tuple[int, int]) -> 
 
 
 def opened(mask: BoolArray, size: tuple[int, int]) -> BoolArray:
-    """Pixels within rectangles (rows, columns) that are all set."""
+    """Return pixels within rectangles (rows, columns) that are all set."""
     kernel, (high, wide) = np.ones(size, np.uint8), size
     flags = mask.astype(np.uint8)
     whole = cv2.erode(flags, kernel, anchor=(0, 0), borderType=cv2.BORDER_CONSTANT, borderValue=0.0)
@@ -131,7 +131,7 @@ def opened(mask: BoolArray, size: tuple[int, int]) -> BoolArray:
 
 
 def _is_common(flat: BoolArray) -> bool:
-    """Whether most tiles that aren't of one value altogether have blocks of one value.
+    """Return whether most tiles that aren't of one value altogether have such blocks.
 
     Outer rows and columns that hold nothing else are left out: of a picture that broke off early
     few tiles are left, and where it broke off each has some.

@@ -1,4 +1,4 @@
-"""Leave out older filaments that lie clearly below the judged ones in a volume seen from above.
+"""Leave out older filaments clearly below the fresh ones of a volume.
 
 A picture of filaments (`own_depth`) shows each column at the depth of the fresh one next to it:
 older ink further down doesn't show there, and hides nothing. Older ink further up casts a shadow.
@@ -18,20 +18,21 @@ from registration.inspection.pictures.heights.height import HeightFrame
 from registration.inspection.values import ExpectedLines
 
 _CUT_MM: Final = 0.1
+"""Length of the pieces that older lines are cut into."""
 _MIN_BATH_MM: Final = 0.1
-"""Of bath between two filaments, for the lower one not to show: blur, and the frame's errors."""
+"""Least bath between two filaments for the lower one to be hidden: blur and frame errors."""
 
 
 @dataclass(frozen=True)
 class VisibleLines:
-    """Lines of which older ink shows at the depths of fresh ones.
+    """Fresh lines and the older ones that show at their depths.
 
     Attributes
     ----------
     lines : ExpectedLines
         Older ones are cut finely.
     row : (n,) int64
-        Of the lines that they were cut from.
+        Row of the line that each was cut from.
     """
 
     lines: ExpectedLines
@@ -39,7 +40,7 @@ class VisibleLines:
 
     @staticmethod
     def of(lines: ExpectedLines, frame: HeightFrame, depth_down: bool) -> VisibleLines:
-        """Cut older lines, and leave out what lies clearly below the fresh one next to it.
+        """Cut older lines, and leave out pieces clearly below the nearest fresh line.
 
         Strokes of which a part is fresh are kept whole.
 
@@ -60,7 +61,7 @@ class VisibleLines:
         return VisibleLines(_some(cut, shown), row[shown])
 
     def with_given_rows(self, findings: LayerFindings) -> LayerFindings:
-        """Return findings with the lines' own rows."""
+        """Return findings with the given lines' rows."""
         stations = replace(findings.stations, piece=self.row[findings.stations.piece])
         return replace(findings, stations=stations)
 
@@ -68,7 +69,7 @@ class VisibleLines:
 def _below(
     cut: ExpectedLines, lines: ExpectedLines, frame: HeightFrame, depth_down: bool
 ) -> BoolArray:
-    """Which lines have bath between themselves and the fresh one above them, (n,)."""
+    """Return which lines have bath between themselves and the fresh one above, (n,)."""
     fresh = np.flatnonzero(lines.fresh)
     length = np.linalg.norm((lines.end - lines.start)[fresh], axis=1)
     count = np.maximum(1, np.ceil(length / _CUT_MM)).astype(np.int64)
@@ -85,7 +86,7 @@ def _below(
 
 
 def _at(lines: ExpectedLines, row: IntArray, share: FloatArray) -> FloatArray:
-    """Places (n, 3), mm, at a share of the way along lines."""
+    """Return points (n, 3), mm, at a share of the way along lines."""
     part = share[:, None]
     return np.asarray(lines.start[row] * (1.0 - part) + lines.end[row] * part)
 
@@ -93,7 +94,7 @@ def _at(lines: ExpectedLines, row: IntArray, share: FloatArray) -> FloatArray:
 def _parts(
     lines: ExpectedLines, row: IntArray, begin: FloatArray, end: FloatArray
 ) -> ExpectedLines:
-    """Parts of lines ``row``, from and to shares of their way."""
+    """Cut lines ``row`` from one share of their way to another."""
     return replace(_some(lines, row), start=_at(lines, row, begin), end=_at(lines, row, end))
 
 

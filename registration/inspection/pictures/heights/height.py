@@ -1,4 +1,4 @@
-"""Make a picture of a layer from an OCT volume: scattering in its slab, and surface height."""
+"""Make a layer's picture from an OCT volume's slab and surface."""
 
 from __future__ import annotations
 
@@ -19,24 +19,27 @@ from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 
 _SPECKLE_VOXELS: Final = 3
-"""Voxels over which a surface is looked for, each way."""
+"""Size of the speckle average, each way."""
 _MIN_SLAB_VOXELS: Final = 2
+"""Least thickness of the averaged slab."""
 _SURFACE_LEVEL: Final = 0.5
-"""Of the way from bath to ink at which a surface lies."""
+"""Level of a surface between bath (0) and ink (1)."""
 DARK_FLOOR_SHARE: Final = 0.1
-"""Of the brighter of both, added before the logarithm: dark noise mustn't count."""
+"""Offset before the logarithm, relative to the brighter of bath and ink, that suppresses dark
+noise."""
 _BATH_MARGIN_MM: Final = 1.5
-"""From lines, so far bath is looked at."""
+"""Distance from lines within which bath is measured."""
 _MIN_PIXELS: Final = 100
+"""Least number of pixels for measuring bath or ink."""
 _INK_PERCENTILE: Final = 80
-"""Percentile: some of the lines may be missing."""
+"""Percentile of line pixels taken as ink, since some lines may be missing."""
 MAX_HEIGHT_THICKNESSES: Final = 2.0
-"""Thicknesses from the layer's middle: how much farther off a surface is tells nothing."""
+"""Limit of heights over the layer's middle, in thicknesses."""
 
 
 @dataclass(frozen=True)
 class HeightFrame:
-    """Where places of the printer lie in a scan seen from above.
+    """Mapping from the printer's coordinates to voxels of a scan seen from above.
 
     Attributes
     ----------
@@ -81,8 +84,8 @@ def height_map(
     middle_z_mm, thickness_mm : float, mm
         Of the layer, in the printer's frame.
     lines : ExpectedLines or None
-        By which ink and bath are told apart, so that a cropped volume gives the same picture as
-        a whole one; without them they are what is brightest and darkest of the slab.
+        By which the levels of ink and bath are measured, so that a cropped volume gives the same
+        picture as a whole one; without them these are the slab's brightest and darkest values.
 
     Raises
     ------
@@ -121,7 +124,7 @@ def height_map(
 
 
 def depth_at(frame: HeightFrame, z_mm: float | FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Depth, voxels, of a height, or that of each, below columns and rows, (rows, columns)."""
+    """Return the depth, voxels, of a height below columns and rows, (rows, columns)."""
     inverse = np.linalg.inv(frame.matrix)
     column, row = np.meshgrid(np.arange(shape[2]), np.arange(shape[1]))
     # z = inverse[2] . (column, row, depth, 1)
@@ -130,7 +133,7 @@ def depth_at(frame: HeightFrame, z_mm: float | FloatArray, shape: tuple[int, ...
 
 
 def average_speckle(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray) -> FloatImage:
-    """Linear intensity averaged over neighbouring voxels that were measured."""
+    """Average linear intensity over neighbouring measured voxels."""
     out = np.empty(volume.shape, dtype=np.float32)
     size = (_SPECKLE_VOXELS, _SPECKLE_VOXELS)
     share = cv2.blur((~unmeasured).astype(np.float32), size)
@@ -151,7 +154,7 @@ def average_speckle(volume: NDArray[np.generic], scale: str, unmeasured: BoolArr
 def slab_mean(
     volume: FloatImage | Sequence[FloatImage], level: FloatArray, half: float | FloatArray
 ) -> FloatImage:
-    """Mean over depths within ``half`` of a level, (rows, columns)."""
+    """Average depths within ``half`` of a level, (rows, columns)."""
     first, last = int(np.floor((level - half).min())), int(np.ceil((level + half).max()))
     total = np.zeros(level.shape, dtype=np.float32)
     weight = np.zeros(level.shape, dtype=np.float32)
@@ -165,9 +168,9 @@ def slab_mean(
 def _bath_and_ink(
     slab: FloatImage, frame: HeightFrame, px_per_mm: float, lines: ExpectedLines | None
 ) -> tuple[float, float]:
-    """Return what bath and ink send back, of the slab's mean: around and in the middle of lines.
+    """Return the slab's mean intensity of bath around lines, and of ink in their middle.
 
-    As far around as a look asks to see, wherever the volume ends.
+    The area around the lines is fixed, so that cropping the volume doesn't change the levels.
     """
     known = np.isfinite(slab)
     if lines is not None:
@@ -184,7 +187,7 @@ def _bath_and_ink(
 
 
 def _surface(volume: FloatImage, from_first: bool, level: np.float32) -> FloatImage:
-    """Depth, voxels, at which light first comes back, looking from above; (rows, columns)."""
+    """Return the depth, voxels, of the first signal from above, (rows, columns)."""
     order = volume if from_first else volume[::-1]
     above = order > level
     first = above.argmax(axis=0)

@@ -1,4 +1,4 @@
-"""Lay places along lines; find which line a scanner sees where one lies over another."""
+"""Sample points along lines; find upper lines where lines overlap."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from registration.inspection.pictures.heights.height import HeightFrame
 from registration.inspection.values import ExpectedLines
 
 _STEP_MM: Final = 0.05
+"""Distance between samples."""
 OVERLAP_WIDTHS: Final = 0.75
-"""Widths from a line's middle, so far it is shown where it lies over another."""
+"""Half width, in widths, within which an upper line hides a lower one."""
 MIN_HEIGHT_DIFFERENCE_WIDTHS: Final = 0.5
-"""Of its width, by which it lies higher then."""
+"""Least height of the upper line over the lower one, in its widths."""
 
 
 @dataclass(frozen=True)
 class LineSamples:
-    """Places along lines.
+    """Sample points along lines.
 
     Attributes
     ----------
@@ -36,7 +37,7 @@ class LineSamples:
 
     @staticmethod
     def of(lines: ExpectedLines, use: BoolArray) -> LineSamples:
-        """Lay them closely along lines ``use`` (m,)."""
+        """Sample closely along lines ``use`` (m,)."""
         rows = np.flatnonzero(use)
         length = np.linalg.norm((lines.end - lines.start)[rows], axis=1)
         count = np.maximum(2, np.ceil(length / _STEP_MM).astype(np.int64) + 1)
@@ -47,7 +48,7 @@ class LineSamples:
         return LineSamples(at, lines.width_mm[own], lines.stroke[own])
 
     def upper(self, near: IntArray, pixel: FloatArray, frame: HeightFrame) -> IntArray:
-        """Replace the place next to each column, (rows, columns), by one that lies over it.
+        """Replace each column's nearest point (rows, columns) by one that lies over it.
 
         ``pixel`` (n, 2) is where the picture shows the places.
         """
@@ -68,7 +69,7 @@ class LineSamples:
         return out
 
     def _over_others(self, pixel: FloatArray, px: FloatArray, sign: float) -> list[int]:
-        """Places near which the picture shows a lower line, the lowest first."""
+        """Return the points near which the picture shows a lower line, the lowest first."""
         pair = cKDTree(pixel).query_pairs(
             2 * OVERLAP_WIDTHS * float(px.max()), output_type="ndarray"
         )

@@ -1,10 +1,10 @@
-"""Check if a scan fits its lines better turned, mirrored (scan axes mixed up) or far moved.
+"""Check if a scan fits better when turned, mirrored or moved far.
 
-Ink that lies where lines are expected correlates best with them as it is, however much of it is
-missing; so a picture that fits better otherwise isn't of the frame it is said to be of. A layer
-that looks the same turned tells nothing, and where a move explains as much as a turn does, it is a
-move. Gel in a dim bath is brighter than what lies around it, clear ink in a scattering bath darker:
-where a picture fits by neither sign as it is, either counts.
+Ink correlates best with its expected lines in the right orientation, however much of it is missing;
+so a picture that fits better in another one doesn't belong to its frame. A layer that is symmetric
+under a turn can't show that turn, and where a move explains as much as a turn does, it is a move.
+Gel in a dim bath is brighter than its surroundings, clear ink in a scattering bath darker: where a
+picture fits by neither sign, both are tried.
 """
 
 from __future__ import annotations
@@ -27,21 +27,25 @@ from registration.inspection.values import ExpectedLines, FloatImage, Frame
 from registration.scan import Scan
 
 _MAX_PIXELS: Final = 1e5
+"""Size to which pictures are shrunk for the search."""
 _HEIGHT_TOLERANCE_MM: Final = 1e-3
+"""Difference of heights that counts as none."""
 _MAX_SHIFT_MM: Final = 0.5
-"""By which the layer may lie beside its place."""
+"""Largest shift of a layer in place."""
 _FAR_SEARCH_MM: Final = 2.0
-"""By which a layer is looked for that isn't there."""
+"""Largest move of a layer that is searched."""
 _MIN_CORRELATION: Final = 0.5
-"""Correlation that ink and lines have at least where they belong together."""
+"""Least correlation of ink and lines that belong together."""
 _MIN_CORRELATION_GAIN: Final = 0.1
+"""Least gain in correlation of another orientation."""
 _MIN_SIGN_CORRELATION: Final = 0.25
-"""Correlation as it is, from which on it says whether ink is bright or dark."""
+"""Least correlation without a turn that determines whether ink is bright or dark."""
 
 _DEAD_LINE_FACTOR: Final = 3.0
-"""Times what a quarter of the picture is darker by: two standard deviations of a bath."""
+"""Darkness of a dead row or column, relative to the lower quartile's: two standard deviations of a
+bath."""
 _DEAD_LINE_PERCENTILE: Final = 90
-"""Percentile of a row or column."""
+"""Percentile of a row or column that must be dark for it to be dead."""
 
 _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
     "turned by 180°": lambda image: image[::-1, ::-1],
@@ -61,20 +65,20 @@ def find_better_orientation(
     scan: Scan | None = None,
     in_parts: bool = True,
 ) -> str | None:
-    """Return how a picture fits its lines clearly better; None where it fits as it is.
+    """Return the orientation in which a picture fits clearly better; None if it fits as given.
 
     Words to go behind "the picture fits the layer better".
 
     Parameters
     ----------
     picture : (rows, columns, 1 or 2) float32
-        Of `height_map`; what scatters comes first.
+        Of `height_map`; the first channel is scattering.
     frame : Frame
-        Of the picture as it is.
+        Of the picture as given.
     lines : ExpectedLines
     scan : Scan or None
-        Of a bath: lines are then looked for at their own depths. In one slab over all of them thin
-        clear ink hardly shows.
+        Of a bath: lines are then compared at their own depths, since thin clear ink hardly shows in
+        one slab over all of them.
     in_parts : bool
         Whether to check if one end of it is moved against the other: for a `surface_of`.
     """
@@ -109,10 +113,10 @@ def _best_place(
     maps: TurnedMaps | None,
     far_px: int,
 ) -> str | FloatArray | None:
-    """Turn, or move in px of the picture, by which it fits clearly better; None for as it is.
+    """Return the turn, or the move in px of the picture, that fits clearly better, or None.
 
-    ``fit`` tells how well an image fits its lines, moved by so many more pixels; ``maps`` show ink
-    at the lines' own depths.
+    ``fit`` returns an image's correlation with its lines, moved by so many more pixels; ``maps``
+    show ink at the lines' own depths.
     """
 
     def shown(turn: Callable[[FloatImage], FloatImage]) -> FloatImage:
@@ -123,7 +127,7 @@ def _best_place(
     as_it_is = here[sign][0]
     # Lines followed in depth fit by their own sign far better than by chance.
     signs = (sign,) if as_it_is > _MIN_SIGN_CORRELATION and maps is None else (1, -1)
-    flat = here if maps is None else fit(flat_ink)  # what lies far off shows at no one's depth
+    flat = here if maps is None else fit(flat_ink)  # lines far off don't show at any line's depth
     own = tuple(one for one in signs if maps is None or flat[one][0] >= flat[-one][0])
     fits = dict[str, float]()
     for name, turn in _TURNS.items():
@@ -150,7 +154,7 @@ def _fit(
     turned: FloatImage,
     more: int = 0,
 ) -> dict[int, tuple[float, FloatArray]]:
-    """Best correlation of lines with bright ink (1) and dark (-1), and where, px of the picture.
+    """Return the best correlation of lines with bright (1) and dark (-1) ink, and its move, px.
 
     Moved by ``more`` pixels more than ``reach``.
     """
@@ -172,7 +176,7 @@ def _fit(
 
 
 def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:
-    """By how much the layer lies beside its place, by the printer's axes."""
+    """Describe the layer's move by the printer's axes."""
     middle = lines.start[lines.fresh].mean(axis=0)
     places = middle + np.vstack([np.zeros(3), np.eye(3)[:2]])
     origin, *ends = frame.to_pixels(places)
@@ -184,7 +188,7 @@ def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:
 def _shaded(
     lines: ExpectedLines, rows: BoolArray, frame: HeightFrame, shape: tuple[int, ...], scale: float
 ) -> BoolArray:
-    """Pixels under lines between the scanner and those of ``rows``: dark by their shadow."""
+    """Return pixels shaded by lines between the scanner and those of ``rows``."""
     sign = 1.0 if frame.from_above else -1.0
     middle = sign * 0.5 * (lines.start[:, 2] + lines.end[:, 2])
     over = ~rows & (middle > middle[lines.fresh].max())
@@ -193,7 +197,7 @@ def _shaded(
 
 
 def _at_its_height(lines: ExpectedLines) -> BoolArray:
-    """Fresh lines, and older ones that reach between their lowest and highest place, (n,)."""
+    """Return fresh lines, and older ones at their heights, (n,)."""
     ends = np.stack([lines.start[:, 2], lines.end[:, 2]])
     low, high = ends.min(axis=0), ends.max(axis=0)
     above = high >= low[lines.fresh].min() - _HEIGHT_TOLERANCE_MM
@@ -201,7 +205,7 @@ def _at_its_height(lines: ExpectedLines) -> BoolArray:
 
 
 def _shrunk(image: FloatImage, by: float) -> FloatImage:
-    """Image of fewer pixels, its darkest and brightest clipped; usual where nothing is known."""
+    """Shrink an image, clip its extremes, and fill unknown pixels with the median."""
     image = np.nan_to_num(image, nan=float(np.nanmedian(image)))
     size = (max(1, round(image.shape[1] / by)), max(1, round(image.shape[0] / by)))
     small = _without_dead_lines(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
@@ -210,7 +214,7 @@ def _shrunk(image: FloatImage, by: float) -> FloatImage:
 
 
 def _without_dead_lines(image: FloatImage) -> FloatImage:
-    """Image in which rows and columns that are dark from end to end show what is usual."""
+    """Fill rows and columns that are dark from end to end with the median."""
     out, usual = image.copy(), float(np.median(image))
     dark = usual - _DEAD_LINE_FACTOR * (usual - float(np.percentile(image, 25)))
     out[:, np.percentile(image, _DEAD_LINE_PERCENTILE, axis=0) < dark] = usual

@@ -1,4 +1,4 @@
-"""Make a picture of filaments from an OCT volume: scattering at each filament's own depth.
+"""Make a picture of an OCT volume's filaments, each at its depth.
 
 One slab over all depths holds more bath than ink where filaments lead up or down, or lie at several
 heights. Here each column of the volume is averaged over the height of the filament next to it as
@@ -31,27 +31,26 @@ from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 
 _MIN_HALF_VOXELS: Final = 1.0
-"""Voxels of depth to either side."""
+"""Least half height of the average."""
 _CORE_HEIGHT_WIDTHS: Final = 0.7
-"""Of a round filament's width, over which it is averaged: beyond, its sides are bath."""
+"""Height of the average, in widths of a round filament, whose upper and lower sides are bath."""
 _RIM_HEIGHT_FACTOR: Final = 1.6
-"""Times that, for ink that shows by its rim: upper and lower one are among it."""
-AVERAGED_HEIGHT_WIDTHS: Final = (_CORE_HEIGHT_WIDTHS, _CORE_HEIGHT_WIDTHS * _RIM_HEIGHT_FACTOR)
+"""Factor on this height for ink that shows by its upper and lower rim."""
 _MIN_CONTRAST_RATIO: Final = 1.5
-"""Times as much as it must stand out then: an average over more has less noise."""
+"""Least contrast of the higher average over the lower one, since it has less noise."""
 _MIN_FLOOR_SHARE: Final = 0.05
-"""Of what the bath sends back, below which nothing is told apart."""
+"""Least offset before the logarithm, relative to the bath."""
 _MIN_INK_OVER_BATH: Final = 4.0
-"""Times the bath, from which on ink tells how light fades with depth."""
+"""Least intensity, relative to the bath, of ink used for the fading with depth."""
 _MIN_BRIGHT_SAMPLES: Final = 20
-"""Places by which that is known."""
+"""Least number of points for fitting the fading."""
 _MAX_BRIGHT_SAMPLES: Final = 400
-"""And about as many are enough."""
+"""Number of points used for the fit, about."""
 
 
 @dataclass(frozen=True)
 class ScanByDepth:
-    """A volume relative to what it usually sends back from each depth.
+    """Volume relative to its usual intensity at each depth.
 
     Attributes
     ----------
@@ -65,7 +64,7 @@ class ScanByDepth:
 
     @staticmethod
     def of(scan: Scan) -> ScanByDepth:
-        """Divide each depth by its usual value."""
+        """Divide each depth by its median."""
         unmeasured = unmeasured_scans(scan.volume)
         planes = average_speckle(scan.volume, scan.scale, unmeasured)
         usual = np.array([np.median(one[~unmeasured]) for one in planes]) if planes.size else 1.0
@@ -73,7 +72,7 @@ class ScanByDepth:
         return ScanByDepth(planes, unmeasured)
 
     def smaller(self, by: float, frame: HeightFrame) -> tuple[ScanByDepth, HeightFrame]:
-        """Return it with so many times fewer rows and columns, and the frame for those."""
+        """Return a volume of fewer rows and columns, and its frame."""
         rows, columns = self.unmeasured.shape
         size = (max(1, round(columns / by)), max(1, round(rows / by)))
         planes = [cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in self.planes]
@@ -113,7 +112,7 @@ class ScanByDepth:
 
 @dataclass(frozen=True)
 class TurnedMaps:
-    """Pictures of filaments as they would lie in a turned scan.
+    """Pictures of filaments in turned scans.
 
     Attributes
     ----------
@@ -170,7 +169,7 @@ def _logarithm(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImag
 
 
 def _stands_out(image: FloatImage, at: FloatArray) -> float:
-    """By how much filaments' middles ``at`` (n, 2) px differ from all, over the scatter of all."""
+    """Return the contrast of filaments' middles ``at`` (n, 2) px over the image's scatter."""
     usual = float(np.nanmedian(image))
     spread = float(np.nanmedian(np.abs(image - usual)))
     row, column = _inside(at, image.shape)
@@ -180,14 +179,14 @@ def _stands_out(image: FloatImage, at: FloatArray) -> float:
 
 
 def _inside(at: FloatArray, shape: tuple[int, ...]) -> tuple[IntArray, IntArray]:
-    """Rows and columns of places (n, 2) px within a picture."""
+    """Return rows and columns of points (n, 2) px within a picture."""
     column, row = np.rint(at).astype(np.int64).T
     inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
     return row[inside], column[inside]
 
 
 def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
-    """What bright ink sends back from the depth ``level`` of each column, times the bath.
+    """Return bright ink's intensity over bath at the depth ``level`` of each column.
 
     A logarithm without a floor makes the blurred rim of such ink as wide as the ink itself.
     """

@@ -1,4 +1,4 @@
-"""Lift heights of ink whose ground has sunk, by an earlier map of what it was laid onto.
+"""Lift heights of ink on sunken ground, by an earlier map.
 
 Ink is laid onto what lies there. Where that sank since it was designed, whole ink lies as much too
 low, and looks missing; but it stands a layer over what the last map showed. How far the ground sank
@@ -21,20 +21,21 @@ from registration.inspection.pictures.picture import (
 from registration.inspection.values import FloatImage
 
 _MIN_RISE_THICKNESSES: Final = 0.5
-"""Of a layer, by which fresh ink has risen at least."""
+"""Least rise of fresh ink, in thicknesses."""
 _BRIDGE_THICKNESSES: Final = 1.4
-"""Of a layer, from which on ink has bridged what lay deeper, and tells nothing of what sank."""
+"""Rise, in thicknesses, from which on ink bridges a deeper hollow, and shows no sinking."""
 _UNLIFTED_THICKNESSES: Final = 0.1
-"""Of a layer, that isn't lifted: sound ink lies as low."""
+"""Depth that isn't lifted, in thicknesses: sound ink lies as low."""
 _MIN_REPORTED_THICKNESSES: Final = 0.3
-"""Of a layer, from which on it is said."""
+"""Least sinking that is reported, in thicknesses."""
 _NEAR_SIGMA_WIDTHS: Final = 1.0
-"""Widths of a line, over which risen ink is averaged."""
+"""Standard deviation of the filter for risen ink, in line widths."""
 _FAR_SIGMA_WIDTHS: Final = 4.0
-"""The same where none is so near: a line that is missing, or was lost in the earlier map."""
+"""The same where no risen ink is near: a line that is missing, or was lost in the earlier map."""
 _MIN_RISEN_SHARE: Final = 0.05
-"""Of what lies around, that must have risen."""
+"""Least share of risen ink around a cell."""
 _MIN_WEIGHT: Final = 1e-3
+"""Least filter weight for a mean to be defined."""
 
 
 def lift_sunken_ink(
@@ -44,9 +45,9 @@ def lift_sunken_ink(
     thickness_mm: float,
     width_px: float,
 ) -> tuple[FloatImage, float]:
-    """Return a picture with sunken ink at its designed height, and by how much at most, mm.
+    """Return a picture with sunken ink at its designed height, and the largest lift, mm.
 
-    0 for so little that heights would tell the ink without it.
+    The lift is 0 where heights show the ink without it.
 
     Parameters
     ----------
@@ -83,7 +84,7 @@ def lift_sunken_ink(
 
 
 def _averaged(values: FloatImage, use: BoolArray, sigma_px: float) -> tuple[FloatImage, FloatImage]:
-    """Mean of values around each cell that are used, 0 where there are none, and their share."""
+    """Return the mean of used values around each cell, 0 for none, and their share."""
     total, share = (
         cv2.GaussianBlur(one.astype(np.float32), (0, 0), sigma_px) for one in (values, use)
     )

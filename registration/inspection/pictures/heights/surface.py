@@ -1,6 +1,6 @@
-"""Make a picture of a layer from a laser profiler's height map: heights, and what it didn't see.
+"""Make a layer's picture from a laser profiler's height map.
 
-A profiler tells nothing where its camera doesn't see the laser's line: behind a taller line, on
+A profiler measures nothing where its camera doesn't see the laser's line: behind a taller line, on
 steep flanks, where a wet crest mirrors it. Such places are never taken for ink or for none: holes
 of a cell or two are filled with what lies around, wider ones are `hidden`.
 """
@@ -34,21 +34,22 @@ from registration.inspection.pictures.picture import (
 from registration.inspection.values import ExpectedLines, FloatImage
 
 _FILL_SIGMA_PX: Final = 1.5
-"""Standard deviation of the filter that fills what wasn't seen, cells."""
+"""Standard deviation of the filter that fills unmeasured cells."""
 _MAX_CELL_ASPECT: Final = 1.2
-"""Times the side of a square cell, from which on the wider side is too wide."""
+"""Largest side of a cell relative to a square one of the same area."""
 _MIN_HIDDEN_SHARE: Final = 0.5
-"""Of a square cell."""
+"""Share of hidden area from which on a resampled cell is hidden."""
 _MIN_WEIGHT: Final = 1e-3
+"""Least filter weight for a mean to be defined."""
 _RELIEF_GAIN: Final = 6.0
-"""Of a slope of one thickness over four cells in the shaded relief."""
+"""Gain of the shaded relief, grey values per Sobel slope."""
 _LOST_BGR: Final = (90, 40, 20)
 """Blue, green, red."""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A height map as `see_layer` takes it.
+    """Height map prepared for `see_layer`.
 
     Attributes
     ----------
@@ -74,7 +75,7 @@ class Surface:
     over_ground_mm: float
 
     def shaded(self) -> NDArray[Any]:
-        """Relief lit from the upper left, (rows, columns, 3) uint8; blue where nothing was seen."""
+        """Return the relief lit from the upper left, (rows, columns, 3) uint8; hidden blue."""
         level = self.picture[:, :, 1] / self.thickness_mm
         slope = cv2.Sobel(level, cv2.CV_32F, 1, 0) + cv2.Sobel(level, cv2.CV_32F, 0, 1)
         grey = 110.0 + 60.0 * level - _RELIEF_GAIN * slope
@@ -90,7 +91,7 @@ def surface_of(
     thickness_mm: float,
     lines: ExpectedLines,
 ) -> Surface:
-    """Return a layer's surface as a profiler saw it.
+    """Return a layer's surface measured by a profiler.
 
     Parameters
     ----------
@@ -139,7 +140,7 @@ def surface_of(
 def _square(
     whole: FloatImage, hidden: BoolArray, pixel_mm: tuple[float, float]
 ) -> tuple[FloatImage, BoolArray, FloatArray]:
-    """Heights and what is hidden in square cells of the same area, and the (4, 4) matrix to them.
+    """Resample heights and hidden areas to square cells of equal area; return the (4, 4) matrix.
 
     Profiles often lie farther apart than points along the laser's line; whoever draws lines into a
     picture, or looks around a place, counts in pixels that are as wide as high.
@@ -163,7 +164,7 @@ def _square(
 
 
 def _above(height_mm: FloatImage, frame: HeightFrame, middle_z_mm: float) -> FloatImage:
-    """Printer's z of each cell over the layer's middle, (rows, columns), mm."""
+    """Return each cell's height over the layer's middle, (rows, columns), mm."""
     _, _, own, offset = np.linalg.inv(frame.matrix)[2]
     across, down = np.linalg.inv(frame.matrix)[2, :2]
     rows, columns = height_mm.shape
@@ -172,7 +173,7 @@ def _above(height_mm: FloatImage, frame: HeightFrame, middle_z_mm: float) -> Flo
 
 
 def _beside(lines: ExpectedLines, frame: HeightFrame, above: FloatImage) -> FloatImage:
-    """Mean height of what lies a width or two beside all lines, (rows, columns); NaN far off."""
+    """Return the mean bare height beside all lines, (rows, columns); NaN far off."""
     ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
     px = float(np.hypot(*frame.matrix[:2, 0]) * np.hypot(*frame.matrix[:2, 1])) ** 0.5
     wide = lines.width_mm * px
@@ -184,7 +185,7 @@ def _beside(lines: ExpectedLines, frame: HeightFrame, above: FloatImage) -> Floa
 
 
 def _along(lines: ExpectedLines, frame: HeightFrame, above: FloatImage) -> float:
-    """Median of the heights in the middle of fresh pieces, mm; NaN where none was measured."""
+    """Return the median height in the middle of fresh pieces, mm; NaN if unmeasured."""
     middles = 0.5 * (lines.start + lines.end)[lines.fresh]
     column, row = np.rint(frame.to_pixels(middles)).astype(np.int64).T
     rows, columns = above.shape
@@ -195,7 +196,7 @@ def _along(lines: ExpectedLines, frame: HeightFrame, above: FloatImage) -> float
 
 
 def _filled(above: FloatImage, lost: BoolArray) -> FloatImage:
-    """Heights without single spikes, and with those around where none was measured."""
+    """Remove single spikes, and fill unmeasured cells from around."""
     weight = (~lost).astype(np.float32)
     total = cv2.GaussianBlur(np.where(lost, np.float32(0.0), above), (0, 0), _FILL_SIGMA_PX)
     share = cv2.GaussianBlur(weight, (0, 0), _FILL_SIGMA_PX)
