@@ -154,7 +154,7 @@ def _by_profile(
         )
     )
     if fitter.prior is None and not (
-        fitter.found and _is_significant(view_fit, strip_noise, shown)
+        fitter.lines_found and _is_significant(view_fit, strip_noise, shown)
     ):
         shown = np.zeros_like(shown)
     found = measure_shares(view_fit.strips[rows], view_fit.own[rows], strip_noise, lost[rows])

@@ -68,14 +68,14 @@ class CoarseShift:
         x and y.
     odd : bool
         Whether its ink shows by slopes that are lit from one side.
-    found : bool
+    lines_found : bool
         Whether lines explain the picture clearly better there than a width beside: a shadow's edge,
         or mottle, is explained as well by lines anywhere. True for covers, which aren't tested.
     """
 
     shift_px: FloatArray
     odd: bool
-    found: bool
+    lines_found: bool
 
 
 def coarse_shift(
@@ -142,9 +142,9 @@ def coarse_shift(
     log, (row, column) = here[is_odd], (int(k) for k in top[is_odd])
     beside = sides & (away > _BESIDE_WIDTHS[0] * width_px) & (away < _BESIDE_WIDTHS[1] * width_px)
     margin = float(logs[is_odd][row, column] - logs[is_odd][beside].max(initial=-np.inf))
-    found = covers or margin > _MIN_FOUND_LOG_ODDS
+    lines_found = covers or margin > _MIN_FOUND_LOG_ODDS
     place = np.array([_parabola_top(log[row], column), _parabola_top(log[:, column], row)]) - far
-    return CoarseShift(place, is_odd, found)
+    return CoarseShift(place, is_odd, lines_found)
 
 
 def finer_shift(

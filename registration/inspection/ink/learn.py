@@ -113,7 +113,7 @@ def fit_layer(
     flat_view = FlatFieldView.of(view, passes.near.min(axis=2))
     coarse = _coarse_shift(flat_view, passes, pieces, samples, lines, options)
     prior = _prior(known, flat_view)
-    fitter = ViewFitter(view, frame, lines, samples, options, prior, coarse.odd, coarse.found)
+    fitter = ViewFitter(view, frame, lines, samples, options, prior, coarse.odd, coarse.lines_found)
     shift = _first_shift(coarse.shift_px, frame, samples)
     shifted = fitter.lines_at(shift)
     present = fitter.initial_share(flat_view.image, shifted)
@@ -206,9 +206,9 @@ def _pass_weights(passes: Passes, samples: PathSamples, lines: ExpectedLines) ->
     share = ShareOfPiece.along(samples, lines, np.ones(len(samples)))
     first, sample_count = np.append(share.first, 0.0), np.append(share.sample_count, 0.0)
     at = (first[passes.piece] + passes.part * sample_count[passes.piece]).astype(np.int64)
-    room = np.append(samples.to_end / samples.width, 0.0)[np.minimum(at, len(samples))]
+    end_distance = np.append(samples.to_end / samples.width, 0.0)[np.minimum(at, len(samples))]
     fresh = np.append(lines.fresh, False)[passes.piece]
-    weight = np.clip(2.0 * room - 1.0, 0.0, 1.0)
+    weight = np.clip(2.0 * end_distance - 1.0, 0.0, 1.0)
     return np.where(fresh, weight, 0.0).astype(np.float32)
 
 

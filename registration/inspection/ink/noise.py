@@ -137,22 +137,20 @@ class BareStrips:
             framed = cv2.copyMakeBorder(
                 clear.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0
             )
-            room = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
+            clearance_px = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
             half = float(np.median(np.linalg.norm(projected.across, axis=1) * samples.width))
-            clear = room > half
+            clear = clearance_px > half
         y, x = np.nonzero(clear)
         if len(y) < _MIN_BARE_PX or not len(rows):
             return BareStrips(
                 np.zeros((0, len(ACROSS_WIDTHS), rest.shape[2])), np.zeros(0, np.int64)
             )
         rng = np.random.default_rng(26)
-        pick, own = (
-            rng.integers(0, len(y), _BARE_STRIPS),
-            rows[rng.integers(0, len(rows), _BARE_STRIPS)],
-        )
+        pick = rng.integers(0, len(y), _BARE_STRIPS)
+        own = rows[rng.integers(0, len(rows), _BARE_STRIPS)]
         at = np.column_stack([x[pick], y[pick]]).astype(np.float64)
-        sample = ProjectedSamples(at, projected.across[own], projected.along[own])
-        return BareStrips(sample_strips(rest, sample, samples.only(own)), own)
+        sites = ProjectedSamples(at, projected.across[own], projected.along[own])
+        return BareStrips(sample_strips(rest, sites, samples.only(own)), own)
 
 
 def learn_scatter(
@@ -191,10 +189,8 @@ def learn_scatter(
     without = full
     if len(bare.strips):
         seen = measure_shares(bare.strips, own[bare.like], strip_noise)
-        on_bare, without = (
-            robust_spread(seen.share),
-            median_and_spread(np.log(np.maximum(seen.misfit, 1e-9))),
-        )
+        on_bare = robust_spread(seen.share)
+        without = median_and_spread(np.log(np.maximum(seen.misfit, 1e-9)))
     of_bare = max(float(np.hypot(on_bare, _BARE_RESIDUE_SHARE)), spread)
     correlation = neighbour_correlation(share, spread, good, run)
     return Scatter(

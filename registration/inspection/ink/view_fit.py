@@ -131,7 +131,7 @@ class ViewFitter:
         Profiles known beforehand.
     odd : bool
         Whether ink shows by slopes lit from one side alone.
-    found : bool
+    lines_found : bool
         Whether lines explain the view better at their place than beside it.
     """
 
@@ -142,7 +142,7 @@ class ViewFitter:
     options: SeeingOptions
     prior: InkModel | None
     odd: bool
-    found: bool
+    lines_found: bool
 
     @cached_property
     def group(self) -> IntArray:
