@@ -14,10 +14,14 @@ from printctl.observe.height_maps import ScanSize
 from printctl.observe.look_context import LookContext
 from printctl.observe.views import View
 from registration.inspection import ExpectedLines, HeightFrame
-from registration.inspection.pictures.heights.lost_rows import LEAST_MM, gone_mm2, lost_rows
+from registration.inspection.pictures.heights.lost_rows import (
+    MIN_MOVE_MM,
+    count_lost_rows,
+    lowered_area_mm2,
+)
 from registration.inspection.pictures.heights.moved_part import is_in_place
-from registration.inspection.pictures.heights.sunk import lifted
-from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.pictures.heights.sunk import lift_sunken_ink
+from registration.inspection.pictures.picture import draw_lines
 from registration.inspection.values import FloatImage
 
 _CHANGED_WIDTHS = 2.0
@@ -76,7 +80,7 @@ class MapHistory:
         assert isinstance(view.frame, HeightFrame)
         px = float(np.sqrt(abs(np.linalg.det(view.frame.matrix[:2, :2]))))
         width = float(np.median(context.layer.lines.width_mm[context.layer.lines.fresh]))
-        image, sunk_mm = lifted(view.image, view.hidden, rise, thick, width * px)
+        image, sunk_mm = lift_sunken_ink(view.image, view.hidden, rise, thick, width * px)
         context.map = context.map.combine(MapCheck(sunk_mm=sunk_mm))
         return image
 
@@ -100,12 +104,12 @@ class MapHistory:
             return MapCheck(f"lacks {words} that observe.frame names" if words else "")
         still = ~_changed_cells(last, context.layer.lines, context.since)
         y, x = now.size.voxel_mm
-        lost = lost_rows(now.heights, last.heights, still, (y, x))
+        lost = count_lost_rows(now.heights, last.heights, still, (y, x))
         if words := _count_words(lost, last.heights.shape, now.size):
             return MapCheck(f"lacks {words} against the last look's")
         if now.size.placed:
             return MapCheck()
-        gone = gone_mm2(now.heights - _resampled(last, now), view.thickness_mm, (y, x))
+        gone = lowered_area_mm2(now.heights - _resampled(last, now), view.thickness_mm, (y, x))
         if gone > _MAX_GONE_MM2:
             return MapCheck(
                 f"lacks {gone:.2f} mm² of what stood there at the last look: rows were lost and "
@@ -117,7 +121,7 @@ class MapHistory:
 def _missing_counts(now: _Map, whole: tuple[int, int]) -> tuple[int, int]:
     """Return how many rows and columns a map lacks; 0 for hardly any."""
     each = zip(whole, now.heights.shape, now.size.voxel_mm, strict=True)
-    rows, columns = (n - own if n - own >= max(2, LEAST_MM / mm) else 0 for n, own, mm in each)
+    rows, columns = (n - own if n - own >= max(2, MIN_MOVE_MM / mm) else 0 for n, own, mm in each)
     return rows, columns
 
 
@@ -162,7 +166,7 @@ def _changed_cells(last: _Map, lines: ExpectedLines, since: BoolArray) -> BoolAr
     to_cells[:2, 3] = -last.size.low_mm / (x, y)
     frame = HeightFrame(to_cells @ last.size.to_scan)
     ends = np.stack([frame.to_pixels(one[since]) for one in (lines.start, lines.end)], axis=1)
-    drawn = drawn_lines(
+    drawn = draw_lines(
         last.heights.shape, ends, _CHANGED_WIDTHS * lines.width_mm[since] / min(x, y)
     )
     return np.asarray(drawn > 0)

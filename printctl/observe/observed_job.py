@@ -63,7 +63,7 @@ from registration.inspection import (
     Lumen,
     SeeingOptions,
     annotated,
-    better_turned,
+    find_better_orientation,
     see_layer,
 )
 from registration.inspection.values import LineShapes
@@ -349,7 +349,7 @@ class ObservedJob:
         context.map = context.map.combine(self._map.check(context, view))
         if heights:  # a camera's marks hold its frame themselves
             laser = view.hidden is not None
-            context.turned = better_turned(
+            context.turned = find_better_orientation(
                 image, frame, context.layer.lines, view.scan, in_parts=laser
             )
         is_height = heights and context.ink.layered
@@ -370,7 +370,7 @@ class ObservedJob:
             thickness_mm=context.slab_mm[1] if is_height else None,
             options=self._options(),
         )
-        findings = shown.as_given(findings)
+        findings = shown.with_given_rows(findings)
         refuse_other_height(context.size, findings.seen_share, findings.coverage)
         if not context.found:
             self._learn(findings)

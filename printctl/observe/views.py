@@ -35,7 +35,7 @@ from registration.inspection import (
     ExpectedLines,
     Frame,
     HeightFrame,
-    ShownLines,
+    VisibleLines,
     filament_map,
     height_map,
     surface_of,
@@ -159,12 +159,12 @@ class View(NamedTuple):
     scan: Scan | None = None
     thickness_mm: float = math.nan
 
-    def shown_lines(self, lines: ExpectedLines) -> ShownLines:
+    def shown_lines(self, lines: ExpectedLines) -> VisibleLines:
         """Return lines without older ones that a volume in a bath shows elsewhere or not at all."""
         if self.scan is None or not lines.fresh.any():
-            return ShownLines(lines, np.arange(len(lines)))
+            return VisibleLines(lines, np.arange(len(lines)))
         assert isinstance(self.frame, HeightFrame)
-        return ShownLines.of(lines, self.frame, self.scan.depth_down)
+        return VisibleLines.of(lines, self.frame, self.scan.depth_down)
 
 
 def open_view(
@@ -244,16 +244,16 @@ def _open_map(
         surface = surface_of(heights, to_map, middle_z_mm, thickness_mm, lines)
     except PictureError as exc:
         raise DeviceError(f"{path}: {exc}") from exc
-    over = f"{1000.0 * surface.over_mm:+.0f} µm over the layer's top along the lines"
-    if surface.over_mm > _MAX_OVER_LAYERS * thickness_mm:
+    over = f"{1000.0 * surface.over_top_mm:+.0f} µm over the layer's top along the lines"
+    if surface.over_top_mm > _MAX_OVER_LAYERS * thickness_mm:
         raise DeviceError(
             f"the map lies {over}, more than {_MAX_OVER_LAYERS:g} of its layers of "
             f"{1000.0 * thickness_mm:.0f} µm: check the heights' unit (count_mm) and the z of "
             f"{FRAME_KEY} in observe.frame, or see what covers the layer, then resume"
         )
-    if np.isfinite(surface.over_mm):
+    if np.isfinite(surface.over_top_mm):
         size = replace(size, words=f"{size.words}, and lies {over}")
-    size = replace(size, stands=surface.stands_mm / thickness_mm)
+    size = replace(size, stands=surface.over_ground_mm / thickness_mm)
     return View(
         surface.picture, surface.frame, heights.height_mm, size, surface.hidden, surface.shaded(),
         thickness_mm=thickness_mm,

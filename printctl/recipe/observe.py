@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from printctl.recipe.parts import FILE, Part
-from registration.inspection.options import GAP_MM, WIDTH_PERCENT
+from registration.inspection.options import GAP_LIMITS_MM, WIDTH_LIMITS_PERCENT
 
 _EVERY: Final = re.compile(r"(layer|vessel)|(\d+(?:\.\d+)?) *(mm|min|s)( +written)?")
 _HIGHEST_MM: Final = 5.0
@@ -83,7 +83,7 @@ def _camera_number(value: object) -> object:
 class ObserveTolerances(Part):
     """Deviations that are let pass."""
 
-    gap_mm: Annotated[float, Field(ge=GAP_MM[0], le=GAP_MM[1])] = Field(
+    gap_mm: Annotated[float, Field(ge=GAP_LIMITS_MM[0], le=GAP_LIMITS_MM[1])] = Field(
         default=0.2, description="Shorter stretches without ink."
     )
     unseen_mm: Annotated[float, Field(ge=0.2, le=1000)] = Field(
@@ -91,9 +91,9 @@ class ObserveTolerances(Part):
         description="In a bath: stretches of a vessel, too faint or hidden to be told, that are "
         "let pass; about longer ones, and half of a shorter vessel, the operator is asked.",
     )
-    width_percent: Annotated[float, Field(ge=WIDTH_PERCENT[0], le=WIDTH_PERCENT[1])] = Field(
-        default=15.0, description="Of a line's width; what exceeds it is told, not mended."
-    )
+    width_percent: Annotated[
+        float, Field(ge=WIDTH_LIMITS_PERCENT[0], le=WIDTH_LIMITS_PERCENT[1])
+    ] = Field(default=15.0, description="Of a line's width; what exceeds it is told, not mended.")
     lumen_percent: Annotated[float, Field(ge=1, le=100)] = Field(
         default=10.0, description="By which a lumen may be seen narrower."
     )

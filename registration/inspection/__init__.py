@@ -1,6 +1,6 @@
-"""Evaluate a picture or height map of a printed layer against the lines expected there.
+"""Inspection of a printed layer's picture or height map against its expected lines.
 
-Names are loaded when first asked for.
+Names are imported on first use.
 
 Goes in: a picture, its frame, expected lines. Comes out: widths along every line, gaps, blobs,
 lumens, the layer's shift, or "not seen". Begin with `see.py`, which calls the rooms in this order:
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from registration.inspection.annotate import annotated
     from registration.inspection.findings import LayerFindings
     from registration.inspection.options import SeeingOptions
-    from registration.inspection.pictures.heights.below import ShownLines
+    from registration.inspection.pictures.heights.below import VisibleLines
     from registration.inspection.pictures.heights.height import HeightFrame, height_map
-    from registration.inspection.pictures.heights.orientation import better_turned
+    from registration.inspection.pictures.heights.orientation import find_better_orientation
     from registration.inspection.pictures.heights.own_depth import filament_map
     from registration.inspection.pictures.heights.surface import Surface, surface_of
     from registration.inspection.see import see_layer
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         Frame,
         Gap,
         Lumen,
-        LumenSeen,
+        LumenFinding,
         Shift,
         Stations,
         Stretch,
@@ -45,17 +45,17 @@ __all__ = [
     "HeightFrame",
     "LayerFindings",
     "Lumen",
-    "LumenSeen",
+    "LumenFinding",
     "SeeingOptions",
     "Shift",
-    "ShownLines",
     "Stations",
     "Stretch",
     "Surface",
     "Unseen",
+    "VisibleLines",
     "annotated",
-    "better_turned",
     "filament_map",
+    "find_better_orientation",
     "height_map",
     "see_layer",
     "surface_of",

@@ -1,4 +1,4 @@
-"""Draw expected lines, measured edges, gaps and unseen parts over a layer's picture."""
+"""Draw expected lines, measured edges, gaps and unseen parts over a picture."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from registration.inspection.inputs import (
     check_picture,
     check_type,
 )
+from registration.inspection.pictures.picture import SUBPIXEL_BITS
 from registration.inspection.values import Frame, Image, Lumen, Stations, Unseen
 
-_SHIFT: Final = 4
 # Blue, green, red.
-_EXPECTED: Final = (230, 170, 60)
-_SEEN: Final = (60, 200, 40)
-_GAP: Final = (30, 30, 235)
-_UNSEEN: Final = (0, 215, 255)
-_BLOB: Final = (220, 40, 220)
-_THIN: Final = (0, 130, 255)
-_SMALL_PX: Final = 1400
-"""Pictures with shorter sides are drawn larger."""
-_LEAST_MARGIN_PX: Final = 40.0
-"""Around the lines."""
+_EXPECTED_BGR: Final = (230, 170, 60)
+_SEEN_BGR: Final = (60, 200, 40)
+_GAP_BGR: Final = (30, 30, 235)
+_UNSEEN_BGR: Final = (0, 215, 255)
+_BLOB_BGR: Final = (220, 40, 220)
+_THIN_BGR: Final = (0, 130, 255)
+_MIN_SIDE_PX: Final = 1400
+"""Pictures whose longer side is below this are enlarged."""
+_MIN_MARGIN_PX: Final = 40.0
+"""Least margin around the lines."""
 _LEGEND: Final = (
-    ("expected", _EXPECTED),
-    ("seen", _SEEN),
-    ("gap, lumen narrowed", _GAP),
-    ("not seen", _UNSEEN),
-    ("thin or thick", _THIN),
-    ("ink where none should be", _BLOB),
+    ("expected", _EXPECTED_BGR),
+    ("seen", _SEEN_BGR),
+    ("gap, lumen narrowed", _GAP_BGR),
+    ("not seen", _UNSEEN_BGR),
+    ("thin or thick", _THIN_BGR),
+    ("ink where none should be", _BLOB_BGR),
 )
 
 
@@ -47,8 +47,8 @@ def annotated(
 ) -> NDArray[np.uint8]:
     """Return the picture (rows, columns, 3), blue-green-red, with findings drawn in.
 
-    Of a view more than twice as large as the lines and half of their extent around them only that
-    is shown: a part of 8 mm in a view of 90 is a spot, in which nobody can judge a gap.
+    A view more than twice as large as the lines and their margin is cropped to these: a part of
+    8 mm in a view of 90 mm is too small to judge a gap in.
     Outlines of the expected lines; edges as seen; gaps and the outlines of ``narrowed`` lumens red;
     hatched what wasn't seen; thin and thick stretches orange; blobs magenta. Small pictures are
     enlarged; one of two channels is drawn
@@ -65,7 +65,7 @@ def annotated(
     stations = findings.stations
     check_frame(frame, np.column_stack([stations.at_mm, stations.z_mm]))
     picture, frame = _around_lines(picture, frame, stations)
-    grow = max(1, -(-_SMALL_PX // max(picture.shape[:2])))
+    grow = max(1, -(-_MIN_SIDE_PX // max(picture.shape[:2])))
     out = _as_bytes(picture)
     out = cv2.resize(out, None, fx=grow, fy=grow, interpolation=cv2.INTER_LINEAR)
     pen = _Pen(out, frame, grow, max(1, round(max(out.shape) / 1600)))
@@ -75,27 +75,27 @@ def annotated(
     _draw_unseen(pen, stations, by)
     for stretch in findings.stretches:
         rows = _along(stations, stretch.stroke, stretch.from_mm, stretch.to_mm)
-        pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], _THIN, 2)
+        pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], _THIN_BGR, 2)
     for gap in findings.gaps:
         rows = _along(stations, gap.stroke, gap.from_mm, gap.to_mm)
         inner = stations.at_mm[rows[1:-1]] if len(rows) > 2 else np.empty((0, 2))
         places = np.vstack([gap.start_mm, inner, gap.end_mm])
         nearest = rows[:1] if len(rows) else np.flatnonzero(stations.stroke == gap.stroke)[:1]
-        pen.path(places, np.full(len(places), float(stations.z_mm[nearest[0]])), _GAP, 4)
+        pen.path(places, np.full(len(places), float(stations.z_mm[nearest[0]])), _GAP_BGR, 4)
     for lumen in narrowed:
         closed = np.vstack([lumen.outline, lumen.outline[:1]])
-        pen.path(closed[:, :2] + by, closed[:, 2], _GAP, 4)
+        pen.path(closed[:, :2] + by, closed[:, 2], _GAP_BGR, 4)
     z = float(np.median(stations.z_mm))
     for blob in findings.blobs:
         closed = np.vstack([blob.outline_mm, blob.outline_mm[:1]])
-        pen.path(closed, np.full(len(closed), z), _BLOB, 2)
+        pen.path(closed, np.full(len(closed), z), _BLOB_BGR, 2)
     _legend(out, findings)
     return out
 
 
 @dataclass(frozen=True)
 class _Cut:
-    """Frame of a part of a picture that begins at a pixel (x, y)."""
+    """Frame of a crop that begins at a pixel (x, y) of a picture."""
 
     whole: Frame
     begin_px: tuple[int, int]
@@ -106,13 +106,13 @@ class _Cut:
 
 
 def _around_lines(picture: Image, frame: Frame, stations: Stations) -> tuple[Image, Frame]:
-    """Cut off what lies farther from the lines than half of their extent."""
+    """Crop to the lines and a margin of half of their extent."""
     seen = frame.to_pixels(np.column_stack([stations.at_mm, stations.z_mm]))
     seen = seen[np.isfinite(seen).all(axis=1)]
     if not len(seen):
         return picture, frame
     low, high = seen.min(axis=0), seen.max(axis=0)
-    margin = max(_LEAST_MARGIN_PX, float((high - low).max()) / 2)
+    margin = max(_MIN_MARGIN_PX, float((high - low).max()) / 2)
     size = np.array(picture.shape[1::-1])
     begin = np.clip(np.floor(low - margin), 0, size).astype(int)
     end = np.clip(np.ceil(high + margin), 0, size).astype(int)
@@ -123,16 +123,16 @@ def _around_lines(picture: Image, frame: Frame, stations: Stations) -> tuple[Ima
 
 
 class _Pen:
-    """Draws places of the printer into a picture."""
+    """Pen that draws at printer coordinates into a picture."""
 
     def __init__(self, out: NDArray[np.uint8], frame: Frame, grow: int, thick: int) -> None:
         self.out, self.frame, self.grow, self.thick = out, frame, grow, thick
 
     def pixels(self, xy_mm: FloatArray, z_mm: FloatArray) -> NDArray[np.int32]:
-        """In parts of a pixel, as OpenCV draws them."""
+        """Return fixed-point pixels (n, 2) for OpenCV."""
         seen = self.frame.to_pixels(np.column_stack([xy_mm, z_mm]))
         placed = (np.nan_to_num(seen, nan=-1e4) + 0.5) * self.grow - 0.5
-        return np.rint(np.clip(placed, -1e5, 1e5) * (1 << _SHIFT)).astype(np.int32)
+        return np.rint(np.clip(placed, -1e5, 1e5) * (1 << SUBPIXEL_BITS)).astype(np.int32)
 
     def path(
         self, xy_mm: FloatArray, z_mm: FloatArray, colour: tuple[int, int, int], times: int = 1
@@ -142,7 +142,7 @@ class _Pen:
             return
         cv2.polylines(
             self.out, [self.pixels(xy_mm, z_mm)], False, colour, self.thick * times, cv2.LINE_AA,
-            _SHIFT,
+            SUBPIXEL_BITS,
         )  # fmt: skip
 
     def pieces(
@@ -157,40 +157,40 @@ class _Pen:
         if len(begin_mm):
             both = np.stack([self.pixels(begin_mm, z_mm), self.pixels(end_mm, z_mm)], axis=1)
             cv2.polylines(
-                self.out, list(both), False, colour, self.thick * times, cv2.LINE_AA, _SHIFT
+                self.out, list(both), False, colour, self.thick * times, cv2.LINE_AA, SUBPIXEL_BITS
             )
 
 
 def _draw_expected(pen: _Pen, s: Stations) -> None:
-    """Both edges of the expected lines, unmoved."""
+    """Draw both edges of the expected lines, without the shift."""
     ahead = np.column_stack([s.normal[:, 1], -s.normal[:, 0]])
     half = 0.5 * s.length_mm[:, None] * ahead
     for side in (-0.5, 0.5):
         edge = s.at_mm + side * s.expected_mm[:, None] * s.normal
-        pen.pieces(edge - half, edge + half, s.z_mm, _EXPECTED)
+        pen.pieces(edge - half, edge + half, s.z_mm, _EXPECTED_BGR)
 
 
 def _draw_seen(pen: _Pen, s: Stations, by: FloatArray) -> None:
-    """Edges as seen, from station to station; the middle where no width is told."""
-    told = np.isfinite(s.width_mm)
+    """Draw measured edges from station to station; the middle where no width is known."""
+    measured = np.isfinite(s.width_mm)
     middle = s.at_mm + by + np.nan_to_num(s.offset_mm)[:, None] * s.normal
-    pair = told[1:] & told[:-1] & (s.stroke[1:] == s.stroke[:-1])
+    pair = measured[1:] & measured[:-1] & (s.stroke[1:] == s.stroke[:-1])
     pair &= s.along_mm[1:] - s.along_mm[:-1] < 2.5 * s.length_mm[1:]
     for side in (-0.5, 0.5):
         edge = middle + side * np.nan_to_num(s.width_mm)[:, None] * s.normal
-        pen.pieces(edge[:-1][pair], edge[1:][pair], s.z_mm[1:][pair], _SEEN)
-    alone = s.seen & ~told & (s.present > 0.5)
+        pen.pieces(edge[:-1][pair], edge[1:][pair], s.z_mm[1:][pair], _SEEN_BGR)
+    alone = s.seen & ~measured & (s.present > 0.5)
     ahead = np.column_stack([s.normal[:, 1], -s.normal[:, 0]]) * 0.3 * s.length_mm[:, None]
-    pen.pieces((middle - ahead)[alone], (middle + ahead)[alone], s.z_mm[alone], _SEEN)
+    pen.pieces((middle - ahead)[alone], (middle + ahead)[alone], s.z_mm[alone], _SEEN_BGR)
 
 
 def _draw_unseen(pen: _Pen, s: Stations, by: FloatArray) -> None:
-    """Hatching across what wasn't seen (not where it lies outside the picture)."""
+    """Hatch stations that weren't seen, except outside the picture."""
     rows = ~s.seen & (s.why != Unseen.OUTSIDE)
     slant = s.normal + np.column_stack([s.normal[:, 1], -s.normal[:, 0]])
     half = 0.35 * s.expected_mm[:, None] * slant
     place = s.at_mm + by
-    pen.pieces((place - half)[rows], (place + half)[rows], s.z_mm[rows], _UNSEEN)
+    pen.pieces((place - half)[rows], (place + half)[rows], s.z_mm[rows], _UNSEEN_BGR)
 
 
 def _along(s: Stations, stroke: int, begin: float, end: float) -> NDArray[np.int64]:
@@ -213,18 +213,18 @@ def _as_bytes(picture: Image) -> NDArray[np.uint8]:
 
 
 def _legend(out: NDArray[np.uint8], findings: LayerFindings) -> None:
-    """Colours and the main figures in the upper left corner."""
+    """Draw colours and the main figures in the upper left corner."""
     size = max(out.shape[:2]) / 2400
     row = round(42 * size)
     ratio = findings.width_ratio
-    told = (
+    width = (
         "width not told"
         if np.isnan(ratio)
         else (f"width {100 * ratio:.0f} +- {200 * findings.u_width_ratio:.0f} %")
     )
     count = len(findings.gaps)
     lines = [
-        f"seen {100 * findings.seen_share:.0f} %, {told}, {count} gap{'s' * (count != 1)}, shift "
+        f"seen {100 * findings.seen_share:.0f} %, {width}, {count} gap{'s' * (count != 1)}, shift "
         f"{1e3 * findings.shift.dx_mm:.0f}, {1e3 * findings.shift.dy_mm:.0f} um",
         *(name for name, _ in _LEGEND),
     ]

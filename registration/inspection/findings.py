@@ -1,4 +1,4 @@
-"""Data class of all that a look at a layer tells."""
+"""Data class of the findings of one look at a layer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from registration.inspection.values import (
     Appearance,
     Blob,
     Gap,
-    LumenSeen,
+    LumenFinding,
     Shift,
     Stations,
     Stretch,
@@ -18,7 +18,7 @@ from registration.inspection.values import (
 
 @dataclass(frozen=True)
 class LayerFindings:
-    """What a look at a layer told.
+    """Findings of one look at a layer.
 
     Attributes
     ----------
@@ -26,11 +26,11 @@ class LayerFindings:
     gaps : tuple of Gap
     stretches : tuple of Stretch
     blobs : tuple of Blob
-    lumens : tuple of LumenSeen
+    lumens : tuple of LumenFinding
     width_ratio, u_width_ratio : float
         Width seen over expected where there is ink, common doubt included; NaN and inf without.
     seen_share : float
-        Of the expected way.
+        Share of the expected lines' length.
     coverage : float
         Ink seen over expected on the way that was seen; NaN where nothing was.
     shift : Shift
@@ -39,18 +39,18 @@ class LayerFindings:
     contrast : float
         Ink over bath, in standard deviations of a place as long as a tolerated gap.
     appearance : Appearance or None
-        None where ink couldn't be told from bath.
+        None where ink couldn't be distinguished from bath.
     u_width_change : float
-        Relative, of its change since the last look in the same light; infinite where none told it.
+        Relative, of its change since the last look in the same light; infinite without one.
     moved_px : float
-        By how many pixels the camera moved since the picture before; NaN without one.
+        Move of the camera since the picture before, px; NaN without one.
     """
 
     stations: Stations
     gaps: tuple[Gap, ...]
     stretches: tuple[Stretch, ...]
     blobs: tuple[Blob, ...]
-    lumens: tuple[LumenSeen, ...]
+    lumens: tuple[LumenFinding, ...]
     width_ratio: float
     u_width_ratio: float
     seen_share: float

@@ -1,4 +1,4 @@
-"""Refuse arguments of the public functions that have a wrong type, shape or range."""
+"""Check type, shape and range of the public functions' arguments."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from registration.errors import PictureError
 from registration.inspection.values import Appearance, ExpectedLines, Image
 
 NUMBERS: Final = "fiu"
-"""Kinds of NumPy's types, as of `BOOLS` and whole numbers."""
+"""NumPy dtype kinds, as are `BOOLS` and whole numbers."""
 BOOLS: Final = "b"
 _WHOLE: Final = "iu"
 _WORDS: Final = {NUMBERS: "numbers", BOOLS: "bool", _WHOLE: "whole numbers"}
-_FLATTENED: Final = 1e-9
-"""Determinant of a matrix that can't be undone."""
-_FARTHEST_MM: Final = 1e4
-_THICKNESS_MM: Final = (1e-3, 100.0)
-PIXEL_MM: Final = (1e-6, 100.0)
-"""Sides of a height map's cells."""
+_MIN_DETERMINANT: Final = 1e-9
+"""Least determinant of an invertible matrix."""
+_MAX_PLACE_MM: Final = 1e4
+"""Largest coordinate of a place."""
+_THICKNESS_LIMITS_MM: Final = (1e-3, 100.0)
+PIXEL_LIMITS_MM: Final = (1e-6, 100.0)
+"""Limits of the sides of a height map's cells."""
 
 
 def check_type(value: Any, kind: type, name: str) -> None:
@@ -42,9 +43,9 @@ def check_array(
         have != want and (isinstance(want, int) or not have)
         for have, want in zip(sizes, shape, strict=True)
     ):
-        told = f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
+        expected = f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
         raise PictureError(
-            f"{name} is {_described(value)}; expected an array of {_WORDS[kinds]}, shape {told}"
+            f"{name} is {_described(value)}; expected an array of {_WORDS[kinds]}, shape {expected}"
             f"{remedy}"
         )
 
@@ -70,22 +71,22 @@ def check_number(value: Any, name: str, limits: tuple[float, float], unit: str) 
 def check_slab(to_scan: Any, middle_z_mm: Any, thickness_mm: Any) -> None:
     """Raise `PictureError` unless a matrix can be undone and a layer has a height."""
     check_finite(to_scan, "the matrix from the printer to the scan", (4, 4))
-    if abs(np.linalg.det(np.asarray(to_scan, dtype=np.float64))) < _FLATTENED:
+    if abs(np.linalg.det(np.asarray(to_scan, dtype=np.float64))) < _MIN_DETERMINANT:
         raise PictureError(
             "the matrix from the printer to the scan can't be inverted: a row or column is 0, or "
             "two are alike; check printer_to_scan"
         )
-    check_number(middle_z_mm, "middle_z_mm", (-_FARTHEST_MM, _FARTHEST_MM), "mm")
+    check_number(middle_z_mm, "middle_z_mm", (-_MAX_PLACE_MM, _MAX_PLACE_MM), "mm")
     check_thickness(thickness_mm)
 
 
 def check_thickness(thickness_mm: Any) -> None:
-    """Raise `PictureError` unless it is that of a layer."""
-    check_number(thickness_mm, "thickness_mm", _THICKNESS_MM, "mm")
+    """Raise `PictureError` unless a thickness is within the limits for a layer."""
+    check_number(thickness_mm, "thickness_mm", _THICKNESS_LIMITS_MM, "mm")
 
 
 def check_picture(picture: Any, name: str) -> None:
-    """Raise `PictureError` unless it is a grey or colour picture that isn't empty."""
+    """Raise `PictureError` unless a value is a grey or colour picture that isn't empty."""
     good = isinstance(picture, np.ndarray) and picture.ndim in (2, 3) and picture.size > 0
     kind = picture.dtype if isinstance(picture, np.ndarray) else np.dtype(bool)
     good = good and (kind in (np.uint8, np.uint16) or np.issubdtype(kind, np.floating))
@@ -97,7 +98,7 @@ def check_picture(picture: Any, name: str) -> None:
 
 
 def check_before(before: Any, picture: Image) -> None:
-    """Raise `PictureError` unless a picture before is as the one after it, a camera's."""
+    """Raise `PictureError` unless the picture before matches the picture, from a camera."""
     check_picture(before, "the picture before")
     had, has = _described(before), _described(picture)
     if had != has:
@@ -110,7 +111,7 @@ def check_before(before: Any, picture: Image) -> None:
 
 
 def check_frame(frame: Any, places_mm: FloatArray) -> None:
-    """Raise `PictureError` unless a frame tells where places (n, 3) of lines lie."""
+    """Raise `PictureError` unless a frame maps places (n, 3) of lines to finite pixels."""
     to_pixels = getattr(frame, "to_pixels", None)
     if not callable(to_pixels):
         raise PictureError(
@@ -128,7 +129,7 @@ def check_frame(frame: Any, places_mm: FloatArray) -> None:
 
 
 def check_lines(lines: Any) -> None:
-    """Raise `PictureError` unless lines are arrays that match, wider than 0, and some fresh."""
+    """Raise `PictureError` unless lines are matching arrays with positive widths, some fresh."""
     if not isinstance(lines, ExpectedLines):
         raise PictureError(f"lines is {_described(lines)}; expected ExpectedLines")
     count = np.size(lines.width_mm)
@@ -144,18 +145,18 @@ def check_lines(lines: Any) -> None:
 
 
 def check_lumens(lumens: Any, name: str) -> None:
-    """Raise `PictureError` unless they are lumens with a finite outline and a width."""
+    """Raise `PictureError` unless all are lumens with a finite outline and a width."""
     _check_list(lumens, name, "Lumen")
     for lumen in lumens:
         outline = getattr(lumen, "outline", None)
         if outline is None:
             raise PictureError(f"{name} holds {_described(lumen)}; expected Lumen")
         check_finite(outline, f"lumen {lumen.name}: outline", ("k", 3))
-        check_number(lumen.width_mm, f"lumen {lumen.name}: width_mm", (1e-6, _FARTHEST_MM), "mm")
+        check_number(lumen.width_mm, f"lumen {lumen.name}: width_mm", (1e-6, _MAX_PLACE_MM), "mm")
 
 
 def check_hidden(hidden: Any, shape: tuple[int, ...]) -> None:
-    """Raise `PictureError` unless it is (h, w) bool, or polygons (k, 2)."""
+    """Raise `PictureError` unless hidden areas are (h, w) bool, or polygons (k, 2)."""
     if isinstance(hidden, np.ndarray):
         check_array(hidden, "hidden", BOOLS, shape[:2], "; polygons go in a list")
         return
@@ -165,7 +166,7 @@ def check_hidden(hidden: Any, shape: tuple[int, ...]) -> None:
 
 
 def check_known(known: Any) -> None:
-    """Raise `PictureError` unless it is None or what an earlier look learned."""
+    """Raise `PictureError` unless an appearance is None or comes from an earlier look."""
     if known is not None:
         check_type(known, Appearance, "known")
         check_finite(known.profile, "known: profile", ("k", "m", "u", "c"))

@@ -1,4 +1,4 @@
-"""Tolerances of a look at a layer, and how often a sound one may be faulted."""
+"""Tolerances and rate of false findings of a look at a layer."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Final
 from registration.inspection.inputs import check_number
 
 IN_PART: Final = "at one end against the other"
-"""How words on a move end that one part of a picture shows alone."""
+"""End of a message on a move of one part of a picture."""
 
-GAP_MM: Final = (0.02, 20)
-WIDTH_PERCENT: Final = (1, 100)
+GAP_LIMITS_MM: Final = (0.02, 20)
+WIDTH_LIMITS_PERCENT: Final = (1, 100)
 """Limits of tolerances, here and in a recipe."""
-SHIFT_MM: Final = (0.01, 10)
-"""A look searches twice as far as a recipe tolerates."""
-FALSE_RATE: Final = (1e-9, 0.5)
+SHIFT_LIMITS_MM: Final = (0.01, 10)
+"""Limits of the search, which goes twice as far as a recipe tolerates."""
+FALSE_RATE_LIMITS: Final = (1e-9, 0.5)
 
 
 @dataclass(frozen=True)
 class SeeingOptions:
-    """Tolerances of a look, and how often a sound layer may be faulted.
+    """Tolerances of a look at a layer, and its rate of false findings.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class SeeingOptions:
     round_lines: bool = False
 
     def __post_init__(self) -> None:
-        check_number(self.gap_mm, "gap_mm", GAP_MM, "mm")
-        check_number(self.width_percent, "width_percent", WIDTH_PERCENT, "%")
-        check_number(self.shift_mm, "shift_mm", SHIFT_MM, "mm")
-        check_number(self.false_rate, "false_rate", FALSE_RATE, "per layer")
+        check_number(self.gap_mm, "gap_mm", GAP_LIMITS_MM, "mm")
+        check_number(self.width_percent, "width_percent", WIDTH_LIMITS_PERCENT, "%")
+        check_number(self.shift_mm, "shift_mm", SHIFT_LIMITS_MM, "mm")
+        check_number(self.false_rate, "false_rate", FALSE_RATE_LIMITS, "per layer")

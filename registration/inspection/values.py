@@ -1,4 +1,4 @@
-"""Data classes of a layer evaluation: expected lines and lumens; gaps, blobs, widths found."""
+"""Data classes of a layer's expected lines and of its findings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Image = NDArray[Any]
 
 
 class Frame(Protocol):
-    """Where places of the printer lie in a picture."""
+    """Mapping from the printer's coordinates to pixels of a picture."""
 
     def to_pixels(self, points_mm: FloatArray) -> FloatArray:
         """Return pixels (n, 2) of places (n, 3), mm; the middle of the first pixel is 0, 0."""
@@ -36,8 +36,8 @@ class ExpectedLines:
     stroke : (n,) int64
         Unbroken path of each; the pieces of one follow each other.
     fresh : (n,) bool
-        Of the layer that is judged; False: written before. Old ink that isn't told is found as
-        ink where none is expected.
+        Of the layer that is judged; False: written before. Old ink that isn't
+        listed is found as ink where none is expected.
     """
 
     start: FloatArray
@@ -70,7 +70,7 @@ class Lumen:
 
     @staticmethod
     def capsule(name: str, start: FloatArray, end: FloatArray, width_mm: float) -> Lumen:
-        """Return the area nearer than half a width to a straight piece; a disc of start = end."""
+        """Return a capsule around a straight piece; a disc where start equals end."""
         start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
         turn = math.atan2(*(end - start)[1::-1].tolist())
         half = np.linspace(-np.pi / 2, np.pi / 2, 17)
@@ -81,19 +81,19 @@ class Lumen:
 
 
 class Unseen(IntEnum):
-    """Why a station wasn't seen."""
+    """Reasons why a station wasn't seen."""
 
     SEEN = 0
     OUTSIDE = 1
     """Out of the picture."""
     HIDDEN = 2
-    """Behind what the caller named (needle), or a large strange thing."""
+    """Behind what the caller named (needle), or a large unmodelled object."""
     GLARE = 3
     """Saturated, or neither ink nor bath: glare, shadow, bubble, debris."""
     FAINT = 4
     """Too little contrast against the noise."""
     OLD_INK = 5
-    """Over older ink from which it can't be told."""
+    """Over older ink from which it can't be distinguished."""
     UNCLEAR = 6
     """The line's surroundings contradict it: light or bath changes there."""
     COVERED = 7
@@ -117,12 +117,12 @@ class Stations:
     along_mm : (m,) float64, mm
         From the stroke's begin.
     length_mm : (m,) float64, mm
-        Of the way that a station stands for.
+        Of the station along the line.
     expected_mm : (m,) float64, mm
         Expected width.
     width_mm, u_width_mm : (m,) float64, mm
-        Width seen and its standard uncertainty, what is common to all included; NaN where it
-        isn't told (not seen, absent, or a side touches other ink).
+        Measured width and its standard uncertainty, common part included; NaN where unknown (not
+        seen, absent, or a side touches other ink).
     offset_mm : (m,) float64, mm
         Of the line's middle, to the left, the layer's shift taken off; NaN as the width.
     present : (m,) float64
@@ -131,7 +131,7 @@ class Stations:
     why : (m,) int64
         `Unseen`.
     seam_share : (m,) float64 or None
-        Ink over sound ink between seams, where lines touch; NaN where it isn't told, None nowhere.
+        Ink over sound ink between seams, where lines touch; NaN elsewhere; None if not measured.
     """
 
     at_mm: FloatArray
@@ -151,13 +151,13 @@ class Stations:
     seam_share: FloatArray | None = None
 
     def within(self, gap: Gap) -> BoolArray:
-        """Return which lie within a stretch, (m,)."""
+        """Return the stations within a stretch, (m,) bool."""
         along = self.along_mm
         own = (self.stroke == gap.stroke) & (along >= gap.from_mm) & (along <= gap.to_mm)
         return np.asarray(own)
 
-    def tell(self, gap: Gap) -> bool:
-        """Whether half of a stretch at least is seen."""
+    def shows_half_of(self, gap: Gap) -> bool:
+        """Return whether at least half of a stretch is seen."""
         return 2.0 * float(self.length_mm[self.within(gap) & self.seen].sum()) >= gap.length_mm
 
 
@@ -170,10 +170,10 @@ class Gap:
     stroke : int
     from_mm, to_mm : float, mm
         Along the stroke, on the line's middle: from the tip of the ink before to the tip of that
-        behind, round or square. Where ink isn't told by its level in light or a profiler's heights
-        (rims, slopes, older ink): where presence falls below one half.
+        behind, round or square. Where ink shows by neither its level in light nor a profiler's
+        heights (rims, slopes, older ink): where presence falls below one half.
     start_mm, end_mm : (float, float), mm
-        The same as places, on the expected line.
+        Places of both ends on the expected line.
     u_tip_mm, u_shift_mm : float, mm
         Standard uncertainty of either end in the picture, and of the layer's place along the line.
     p_value : float
@@ -205,13 +205,13 @@ class Gap:
         """Standard uncertainty of the length, mm."""
         return math.sqrt(2.0) * self.u_tip_mm
 
-    def holds(self, stroke: IntArray, along_mm: FloatArray) -> BoolArray:
-        """Whether each of some places on strokes, (n,), lies in it."""
+    def contains(self, stroke: IntArray, along_mm: FloatArray) -> BoolArray:
+        """Return whether each of some places on strokes, (n,), lies in the gap."""
         within = (along_mm > self.from_mm) & (along_mm < self.to_mm)
         return np.asarray((stroke == self.stroke) & within)
 
-    def meets(self, other: Gap, apart_mm: float = 0.0) -> bool:
-        """Whether another stretch of the stroke overlaps it, or lies nearer than that."""
+    def overlaps(self, other: Gap, apart_mm: float = 0.0) -> bool:
+        """Return whether another stretch of the stroke lies nearer than ``apart_mm``."""
         low, high = other.from_mm - apart_mm, other.to_mm + apart_mm
         return self.stroke == other.stroke and self.from_mm < high and low < self.to_mm
 
@@ -273,8 +273,8 @@ class Blob:
 
 
 @dataclass(frozen=True)
-class LumenSeen:
-    """What is seen of a lumen.
+class LumenFinding:
+    """Measured openness of a lumen.
 
     Attributes
     ----------
@@ -283,7 +283,7 @@ class LumenSeen:
     width_mm, u_width_mm : float, mm
         Narrowest free width and its standard uncertainty; NaN where not seen.
     open_share : float
-        Of its area without ink; NaN where not seen.
+        Share of the area without ink; NaN where not seen.
     seen : bool
     p_value : float
         Chance of so narrow a lumen, by noise, where it is as expected; 1 where not seen.
@@ -300,13 +300,13 @@ class LumenSeen:
 
 @dataclass(frozen=True)
 class Shift:
-    """How far the fresh layer lies from where it should; printer's frame.
+    """Offset of the fresh layer from its design; printer's frame.
 
     Attributes
     ----------
     dx_mm, dy_mm : float, mm
     covariance_mm2 : (2, 2) float64, mm²
-        Of both; large across what the lines don't tell (along parallel lines).
+        Of both; large in directions that lines don't constrain (along parallel lines).
     """
 
     dx_mm: float
@@ -322,14 +322,14 @@ class Shift:
 
 @dataclass(frozen=True)
 class LineShapes:
-    """What looks in the same light told of the shapes that a line's profile may have.
+    """Fit of line-shape candidates over looks in the same light.
 
     Attributes
     ----------
     misfits : (k,) float64
-        How badly each of `line_width`'s shapes fitted, the mean of all looks.
+        Misfit of each shape of `line_width`, mean of all looks.
     log_ratio : (k,) float64
-        Logarithm of the width over the expected one that the last look told by each.
+        Logarithm of measured over expected width by each shape, in the last look.
     looks : int
     """
 
@@ -340,14 +340,14 @@ class LineShapes:
 
 @dataclass(frozen=True)
 class Appearance:
-    """How ink looked: hands a layer's look on to the next one's.
+    """Ink's profile in a layer's look, passed on to the next look.
 
     Attributes
     ----------
     profile : (3, 5, 16, c) float64
         Of `ink_model.InkModel`, in the picture's own channels: logarithms, or values.
     shapes : LineShapes or None
-        None where no look told a width.
+        None where no look gave a width.
     """
 
     profile: FloatArray

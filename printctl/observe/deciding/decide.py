@@ -416,8 +416,8 @@ def _join_unseen(gaps: tuple[Gap, ...], evidence: Evidence) -> tuple[Gap, ...]:
     """Return gaps with the unseen stretches that join them."""
     out = list(gaps)
     for one in evidence.unseen:
-        joins = any(one.gap.meets(gap, _MAX_JOIN_MM) for gap in gaps)
-        if joins and not any(one.gap.meets(other) for other in out):
+        joins = any(one.gap.overlaps(gap, _MAX_JOIN_MM) for gap in gaps)
+        if joins and not any(one.gap.overlaps(other) for other in out):
             out.append(one.gap)
     return tuple(out)
 

@@ -393,7 +393,9 @@ class FlowControl:
         """Whether by the last look alone the flow is rather off by more than a share than not."""
         if self.last is None:
             return False
-        return abs(self.last.level + math.log(self.factor)) > _MIN_WIDTH_RESPONSE * math.log1p(share)
+        return abs(self.last.level + math.log(self.factor)) > _MIN_WIDTH_RESPONSE * math.log1p(
+            share
+        )
 
     def may_be_off(self, share: float) -> bool:
         """Return whether the flow may be off by more than a share, after the last look."""

@@ -1,4 +1,4 @@
-"""Gaps, widths, stretches, blobs and lumens, read from ink along lines.
+"""Gaps, widths, stretches, blobs and lumens, found from ink along lines.
 
 Begin with `gaps.py`.
 """

@@ -1,4 +1,4 @@
-"""Measure lumens in a layer picture: narrowest free width, and share of area without ink."""
+"""Measure narrowest free width and open area of lumens in a picture."""
 
 from __future__ import annotations
 
@@ -12,22 +12,25 @@ from scipy.special import ndtr
 
 from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.pictures.picture import Mask
-from registration.inspection.values import FloatImage, Frame, Lumen, LumenSeen
+from registration.inspection.values import FloatImage, Frame, Lumen, LumenFinding
 
-_LONG = 1.5
-"""Length over width of an outline from which on it is looked at slice by slice."""
-_MOST_UNSEEN = 0.15
-_MOST_OLD = 0.3
-_MOST_CELLS = 600
-_EDGE_PX = 0.35
-"""Of a working pixel: what either edge may be off by."""
-_SHARP = 0.03
-"""Relative: what the level at which an edge is taken may put the width off by."""
+_MIN_SLICED_ASPECT = 1.5
+"""Aspect ratio of an outline from which on it is measured slice by slice."""
+_MAX_UNSEEN_SHARE = 0.15
+"""Largest unseen share of a lumen's area."""
+_MAX_OLD_INK_SHARE = 0.3
+"""Largest share of a lumen's area over older ink."""
+_MAX_CELLS = 600
+"""Largest number of resampled cells along a lumen."""
+_U_EDGE_PX = 0.35
+"""Standard uncertainty of either edge, in working pixels."""
+_U_EDGE_LEVEL = 0.03
+"""Relative standard uncertainty of the width by the level at which edges are taken."""
 
 
 @dataclass(frozen=True)
 class _Patch:
-    """Samples of a lumen, its long axis downwards: whether inside the outline, ink, seen, old."""
+    """Resampled lumen, its long axis downwards: inside, ink, unseen and old-ink masks."""
 
     inside: BoolArray
     ink: FloatImage
@@ -36,7 +39,7 @@ class _Patch:
     step_mm: float
 
 
-def see_lumens(
+def measure_lumens(
     lumens: Sequence[Lumen],
     image: FloatImage | None,
     unseen: BoolArray,
@@ -46,8 +49,8 @@ def see_lumens(
     px_mm: float,
     noise: float,
     u_line_mm: float,
-) -> tuple[LumenSeen, ...]:
-    """Measure each; not seen where there is no image of ink, older ink below, or glare.
+) -> tuple[LumenFinding, ...]:
+    """Measure lumens; unseen where there is no image of ink, older ink below, or glare.
 
     Parameters
     ----------
@@ -70,12 +73,12 @@ def see_lumens(
     for lumen in lumens:
         patch = None
         if image is not None:
-            patch = _patch(lumen, image, unseen, old, frame, shift_mm, px_mm)
-        found.append(_measured(lumen, patch, px_mm, noise, u_line_mm))
+            patch = _sample_patch(lumen, image, unseen, old, frame, shift_mm, px_mm)
+        found.append(_measure_lumen(lumen, patch, px_mm, noise, u_line_mm))
     return tuple(found)
 
 
-def _patch(
+def _sample_patch(
     lumen: Lumen,
     image: FloatImage,
     unseen: BoolArray,
@@ -92,7 +95,7 @@ def _patch(
     across = np.array([-axis[1], axis[0]])
     place = (flat - middle) @ np.column_stack([across, axis])
     low, high = place.min(axis=0), place.max(axis=0)
-    step = max(0.5 * px_mm, float((high - low).max()) / _MOST_CELLS)
+    step = max(0.5 * px_mm, float((high - low).max()) / _MAX_CELLS)
     count = np.ceil((high - low) / step).astype(int) + 1
     corners = np.rint((place - low) / step * 16).astype(np.int32)
     inside = np.zeros((count[1], count[0]), dtype=np.uint8)
@@ -119,31 +122,34 @@ def _patch(
     )
 
 
-def _measured(
+def _measure_lumen(
     lumen: Lumen, patch: _Patch | None, px_mm: float, noise: float, u_line_mm: float
-) -> LumenSeen:
-    nothing = LumenSeen(lumen.name, lumen.width_mm, np.nan, np.nan, np.nan, False, 1.0)
+) -> LumenFinding:
+    nothing = LumenFinding(lumen.name, lumen.width_mm, np.nan, np.nan, np.nan, False, 1.0)
     if patch is None or not patch.inside.any():
         return nothing
     inside = patch.inside
-    if patch.unseen[inside].mean() > _MOST_UNSEEN or patch.old[inside].mean() > _MOST_OLD:
+    if (
+        patch.unseen[inside].mean() > _MAX_UNSEEN_SHARE
+        or patch.old[inside].mean() > _MAX_OLD_INK_SHARE
+    ):
         return nothing
     clear = cv2.medianBlur((inside & (patch.ink < 0.5)).astype(np.uint8), 5) > 0
     share = float((clear & inside).sum() / inside.sum())
     ratio, scatter = _narrowest(clear & inside, inside, lumen.width_mm / patch.step_mm)
-    edge = np.sqrt(2.0) * _EDGE_PX * px_mm / lumen.width_mm
+    edge = np.sqrt(2.0) * _U_EDGE_PX * px_mm / lumen.width_mm
     sides = u_line_mm / lumen.width_mm
-    square = edge**2 + sides**2 + _SHARP**2 + scatter**2 + (0.1 * min(noise, 1.0)) ** 2
+    square = edge**2 + sides**2 + _U_EDGE_LEVEL**2 + scatter**2 + (0.1 * min(noise, 1.0)) ** 2
     u = float(np.sqrt(square))
     p_value = float(ndtr((ratio - 1.0) / u))
-    return LumenSeen(
+    return LumenFinding(
         lumen.name, lumen.width_mm, ratio * lumen.width_mm, u * lumen.width_mm, share, True, p_value
     )
 
 
 def _narrowest(clear: BoolArray, inside: BoolArray, width_cells: float) -> tuple[float, float]:
-    """Narrowest free width over the expected one, and how much that scatters."""
-    if inside.shape[0] > _LONG * inside.shape[1]:
+    """Return the narrowest free width over the expected one, and its scatter."""
+    if inside.shape[0] > _MIN_SLICED_ASPECT * inside.shape[1]:
         wide = inside.sum(axis=1)
         rows = wide > 0.9 * wide.max()
         share = clear[rows].sum(axis=1) / wide[rows]

@@ -1,4 +1,4 @@
-"""Map working pixels back to mm on the layer's plane, by a cubic polynomial fitted to the frame."""
+"""Map working pixels to mm on the layer's plane."""
 
 from __future__ import annotations
 
@@ -7,21 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from kernels.arrays import FloatArray
+from registration.inspection.path_samples import PathSamples
 from registration.inspection.values import Frame
-from registration.inspection.ways import Ways
 
 _MARGIN_MM = 2.5
-_POINTS = 15
+"""Margin of the fit around the layer."""
+_POINTS_PER_SIDE = 15
 
 
 @dataclass(frozen=True)
 class PlaneMap:
-    """Pixels to mm of the layer's plane: a polynomial of third order, fitted to the frame.
+    """Cubic polynomial from pixels to mm on the layer's plane, fitted to the frame.
 
     Attributes
     ----------
     middle, scale : (2,) float64, px
-        Pixels less the one, over the other, are what the polynomial takes.
+        Offset and scale that normalise pixels for the polynomial.
     terms : (10, 2) float64, mm
     px_mm : float, mm
         A pixel, in the middle.
@@ -33,12 +34,15 @@ class PlaneMap:
     px_mm: float
 
     @staticmethod
-    def of(frame: Frame, ways: Ways, px_mm: float) -> PlaneMap:
-        """Fit it around the layer."""
-        low, high = ways.point.min(axis=0), ways.point.max(axis=0)
-        x, y = (np.linspace(low[k] - _MARGIN_MM, high[k] + _MARGIN_MM, _POINTS) for k in range(2))
+    def of(frame: Frame, samples: PathSamples, px_mm: float) -> PlaneMap:
+        """Fit the polynomial around the layer."""
+        low, high = samples.point.min(axis=0), samples.point.max(axis=0)
+        x, y = (
+            np.linspace(low[k] - _MARGIN_MM, high[k] + _MARGIN_MM, _POINTS_PER_SIDE)
+            for k in range(2)
+        )
         u, v = (each.ravel() for each in np.meshgrid(x, y))
-        points = np.column_stack([u, v, np.full(len(u), np.median(ways.point[:, 2]))])
+        points = np.column_stack([u, v, np.full(len(u), np.median(samples.point[:, 2]))])
         pixels = frame.to_pixels(points)
         good = np.isfinite(pixels).all(axis=1)
         pixels, points = pixels[good], points[good]

@@ -1,4 +1,4 @@
-"""Group places along lines into stations, 0.6 of a line's width long."""
+"""Group sample points along lines into stations."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.found.line_width import Widths
+from registration.inspection.found.line_width import StationWidths
+from registration.inspection.path_samples import PathSamples
 from registration.inspection.values import Stations, Unseen
-from registration.inspection.ways import Ways
 
-_WIDTHS: Final = 0.6
-"""Of a line's width, to a station."""
-_LEAST_SEEN: Final = 0.5
+_STATION_WIDTHS: Final = 0.6
+"""Length of a station, in line widths."""
+_MIN_SEEN_SHARE: Final = 0.5
+"""Least share of seen places in a station that counts as seen."""
 
 
 @dataclass(frozen=True)
-class Grouping:
-    """Which places make which station.
+class StationGrouping:
+    """Assignment of sample points to stations.
 
     Attributes
     ----------
@@ -36,56 +37,60 @@ class Grouping:
     count: IntArray
 
     @staticmethod
-    def of_ways(ways: Ways) -> Grouping:
-        """Group the places of each run."""
-        size = np.maximum(1, np.rint(_WIDTHS * ways.width / ways.step)).astype(np.int64)
-        start = np.flatnonzero(np.concatenate([[True], np.diff(ways.run) != 0]))
-        length = np.diff(np.append(start, len(ways)))
-        number = np.arange(len(ways)) - np.repeat(start, length)
+    def of_samples(samples: PathSamples) -> StationGrouping:
+        """Group the sample points of each run."""
+        size = np.maximum(1, np.rint(_STATION_WIDTHS * samples.width / samples.step)).astype(
+            np.int64
+        )
+        start = np.flatnonzero(np.concatenate([[True], np.diff(samples.run) != 0]))
+        length = np.diff(np.append(start, len(samples)))
+        number = np.arange(len(samples)) - np.repeat(start, length)
         whole = np.repeat(size[start], length)
         groups = np.maximum(1, length // size[start])
         own = np.minimum(number // whole, np.repeat(groups, length) - 1)
         of = own + np.repeat(np.concatenate([[0], np.cumsum(groups)[:-1]]), length)
         count = np.bincount(of)
-        return Grouping(of, np.cumsum(count) - count + count // 2, count)
+        return StationGrouping(of, np.cumsum(count) - count + count // 2, count)
 
     def mean(self, values: FloatArray, use: BoolArray) -> FloatArray:
-        """Mean over the places of each station that are used, (m, ...); NaN for none."""
+        """Return the mean over the used places of each station, (m, ...); NaN for none."""
         number = np.bincount(self.of, weights=use, minlength=len(self.count))
         start = np.cumsum(self.count) - self.count
         shape = (-1,) + (1,) * (values.ndim - 1)
         total = np.add.reduceat(np.where(use.reshape(shape), values, 0.0), start, axis=0)
         return np.asarray(total / np.where(number > 0, number, np.nan).reshape(shape))
 
-    def stations(self, ways: Ways, present: FloatArray, why: IntArray, widths: Widths) -> Stations:
-        """What was seen at each.
+    def stations(
+        self, samples: PathSamples, present: FloatArray, why: IntArray, widths: StationWidths
+    ) -> Stations:
+        """Build the stations' table of findings.
 
         Parameters
         ----------
-        ways : Ways
+        samples : PathSamples
             As designed.
         present : (n,) float64
             Share of ink at each place.
         why : (n,) int64
             `Unseen`.
-        widths : Widths
+        widths : StationWidths
             Of stations.
         """
         seen_places = why == Unseen.SEEN
         start = np.cumsum(self.count) - self.count
         share = np.add.reduceat(seen_places.astype(np.float64), start) / self.count
-        seen = share >= _LEAST_SEEN
+        seen = share >= _MIN_SEEN_SHARE
         ink = self.mean(np.clip(np.nan_to_num(present), 0.0, 1.0), seen_places)
         hide = np.where(seen, 1.0, np.nan)
         return Stations(
-            at_mm=ways.point[self.first, :2],
-            z_mm=ways.point[self.first, 2],
-            normal=ways.normal[self.first],
-            piece=ways.piece[self.first],
-            stroke=ways.stroke[self.first],
-            along_mm=self.mean(ways.along, np.ones(len(ways), dtype=np.bool_)),
-            length_mm=self.count * ways.step[self.first],
-            expected_mm=ways.width[self.first],
+            at_mm=samples.point[self.first, :2],
+            z_mm=samples.point[self.first, 2],
+            normal=samples.normal[self.first],
+            piece=samples.piece[self.first],
+            stroke=samples.stroke[self.first],
+            along_mm=self.mean(samples.along, np.ones(len(samples), dtype=np.bool_)),
+            length_mm=self.count * samples.step[self.first],
+            expected_mm=samples.width[self.first],
             width_mm=widths.width_mm * hide,
             u_width_mm=widths.u_mm * hide,
             offset_mm=widths.offset_mm * hide,

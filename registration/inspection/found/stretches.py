@@ -1,4 +1,4 @@
-"""Find stretches of strokes that are thinner or thicker than tolerated; the layer's mean ratio."""
+"""Find thin and thick stretches; estimate the layer's width ratio."""
 
 from __future__ import annotations
 
@@ -10,62 +10,66 @@ import numpy as np
 from scipy.special import ndtr
 
 from kernels.arrays import BoolArray, IntArray
-from registration.inspection.found.line_width import Widths
+from registration.inspection.found.line_width import StationWidths
 from registration.inspection.values import Stations, Stretch
 
-_WINDOW: Final = 3
-"""Stations together."""
-_AS_EXPECTED: Final = 0.03
-"""Least relative doubt of all widths of a layer."""
-_TRIMS: Final = 4
-_APART: Final = 3.0
-"""Spreads from the median, from which on a station's ink isn't that of the others."""
-_LEAST_SPREAD: Final = 0.02
-"""Of shares of ink of stations whose lines touch."""
-_SURE: Final = 4.0
-"""Standard uncertainties beyond the tolerance."""
+_WINDOW_STATIONS: Final = 3
+"""Stations averaged in a moving window."""
+_MIN_COMMON_U: Final = 0.03
+"""Least relative standard uncertainty common to a layer's widths."""
+_TRIM_ROUNDS: Final = 4
+_OUTLIER_SPREADS: Final = 3.0
+"""Spreads from the median beyond which a station's ink differs from the others'."""
+_MIN_SPREAD: Final = 0.02
+"""Least spread of shares of ink where lines touch."""
+_MIN_UNCERTAINTIES: Final = 4.0
+"""Standard uncertainties by which a stretch must exceed the tolerance."""
 
 
-def all_stretches(stations: Stations, widths: Widths, percent: float) -> tuple[Stretch, ...]:
-    """Return stretches by widths, and where lines touch by their shares of ink."""
+def find_all_stretches(
+    stations: Stations, widths: StationWidths, percent: float
+) -> tuple[Stretch, ...]:
+    """Return stretches by widths, and by shares of ink where lines touch."""
     found = find_stretches(stations, widths, percent)
     seam = stations.seam_share
     if seam is None or not np.isfinite(seam).any():
         return found
-    # Stations that have their ink tell how it scatters: a thin stretch lies apart from them.
+    # Scatter is that of sound stations, from which thin stretches are trimmed.
     sound, spread = seam[np.isfinite(seam)], 0.0
-    for _ in range(_TRIMS):
+    for _ in range(_TRIM_ROUNDS):
         off = np.abs(sound - np.median(sound))
-        spread = max(1.4826 * float(np.median(off)), _LEAST_SPREAD)
-        sound = sound[off <= _APART * spread]
+        spread = max(1.4826 * float(np.median(off)), _MIN_SPREAD)
+        sound = sound[off <= _OUTLIER_SPREADS * spread]
     width = seam / float(np.median(sound)) * stations.expected_mm
     random = np.where(np.isfinite(seam), spread, np.nan) * stations.expected_mm
     by_seams = replace(widths, width_mm=width, random_mm=random, common=0.0)
     return found + find_stretches(replace(stations, width_mm=width), by_seams, percent)
 
 
-def find_stretches(stations: Stations, widths: Widths, percent: float) -> tuple[Stretch, ...]:
-    """Return stretches whose mean over some stations is surely beyond the tolerance."""
+def find_stretches(
+    stations: Stations, widths: StationWidths, percent: float
+) -> tuple[Stretch, ...]:
+    """Return stretches whose mean over some stations is significantly out of tolerance."""
     ratio = stations.width_mm / stations.expected_mm
     known = np.isfinite(ratio)
     found: list[Stretch] = []
     if known.any():
         # A layer whose lines are on the whole as wide as they should be isn't misread by much more.
-        off = math.hypot(float(np.median(ratio[known])) - 1.0, _AS_EXPECTED)
+        off = math.hypot(float(np.median(ratio[known])) - 1.0, _MIN_COMMON_U)
         widths = replace(widths, common=min(widths.common, off))
     for stroke in np.unique(stations.stroke[known]):
         rows = np.flatnonzero(known & (stations.stroke == stroke))
-        if len(rows) >= _WINDOW:
-            found += _of_stroke(stations, widths, rows, percent / 100.0)
+        if len(rows) >= _WINDOW_STATIONS:
+            found += _find_in_stroke(stations, widths, rows, percent / 100.0)
     return tuple(found)
 
 
-def _of_stroke(
-    stations: Stations, widths: Widths, rows: IntArray, tolerance: float
+def _find_in_stroke(
+    stations: Stations, widths: StationWidths, rows: IntArray, tolerance: float
 ) -> list[Stretch]:
     ratio = stations.width_mm[rows] / stations.expected_mm[rows]
     random = widths.random_mm[rows] / stations.expected_mm[rows]
-    ones = np.ones(_WINDOW) / _WINDOW
+    ones = np.ones(_WINDOW_STATIONS) / _WINDOW_STATIONS
     # Neighbours share noise: a window counts as one and a half places, not three.
     mean = np.convolve(ratio, ones, "valid")
     common = widths.common * mean  # relative to the width that is seen
@@ -73,10 +77,10 @@ def _of_stroke(
     found = []
     kinds: tuple[tuple[Literal["thin", "thick"], float], ...] = (("thin", -1.0), ("thick", 1.0))
     for kind, way in kinds:
-        beyond = way * (mean - 1.0) - tolerance > _SURE * u
-        for first, last in _groups(beyond):
-            part = rows[first : last + _WINDOW]
-            inner = slice(first, last + _WINDOW)
+        beyond = way * (mean - 1.0) - tolerance > _MIN_UNCERTAINTIES * u
+        for first, last in _runs(beyond):
+            part = rows[first : last + _WINDOW_STATIONS]
+            inner = slice(first, last + _WINDOW_STATIONS)
             at, own = float(ratio[inner].mean()), float(u[first : last + 1].min())
             half = stations.length_mm[part] / 2
             found.append(
@@ -93,21 +97,21 @@ def _of_stroke(
     return found
 
 
-def _groups(flags: BoolArray) -> list[tuple[int, int]]:
+def _runs(flags: BoolArray) -> list[tuple[int, int]]:
     edge = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
     first, past = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
     return list(zip(first.tolist(), (past - 1).tolist(), strict=True))
 
 
-def width_ratio(stations: Stations, widths: Widths) -> tuple[float, float]:
-    """Width seen over expected of all stations, and its standard uncertainty; NaN, inf for none.
+def width_ratio(stations: Stations, widths: StationWidths) -> tuple[float, float]:
+    """Return measured over expected width of all stations and its u; NaN, inf for none.
 
     The median, so that thin stretches beside gaps don't count twice. Stations of one stroke vary
-    together; the strokes' own medians tell how much.
+    together; the strokes' own medians show how much.
     """
     ratio = stations.width_mm / stations.expected_mm
     known = np.isfinite(ratio)
-    if known.sum() < _WINDOW:
+    if known.sum() < _WINDOW_STATIONS:
         return math.nan, math.inf
     rows = np.flatnonzero(known)
     middle = float(np.median(ratio[rows]))

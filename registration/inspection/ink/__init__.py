@@ -1,4 +1,4 @@
-"""Share of ink at each place along the lines, learned from the look itself.
+"""Estimation of the share of ink along lines from the look itself.
 
 Begin with `learn.py`.
 """

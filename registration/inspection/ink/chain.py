@@ -1,7 +1,7 @@
-"""Hidden Markov chain: the chance that each place of a stroke is full, thin, bare or hidden.
+"""Hidden Markov chain of full, thin, bare and hidden places on strokes.
 
-What is measured at a place hangs on its state and, by an autoregressive noise of first order, on
-what was measured at the place before; noise is Student's t. Clogs and bubbles persist along the
+The measured share at a place depends on its state and, by first-order autoregressive noise, on the
+share measured at the place before; noise is Student's t. Clogs and bubbles persist along the
 way, so states last some length (Rabiner 1989, Proceedings of the IEEE 77, 257).
 """
 
@@ -17,29 +17,30 @@ from kernels.compile import jit
 from registration.inspection.ink.noise import Noise
 
 FULL, THIN, BARE, HIDDEN = range(4)
-_TAIL: Final = 4.0
-"""Degrees of freedom of noise: texture and bubbles have heavier tails than a normal law."""
-_THIN_LOW, _THIN_HIGH = 0.25, 0.85
-"""Share of ink in thin stretches, all equally likely."""
-_BEGINS_PER_MM: Final = (0.0, 1 / 500, 1 / 300, 1 / 300)
-"""How often each state begins on full lines: some faults in a print of metres."""
-_LASTS_MM: Final = (math.inf, 5.0, 1.0, 0.5)
-_STRANGE: Final = 6.0
-"""Natural logarithms over which a hidden place's misfit is equally likely."""
-_USUAL_ODDS: Final = 2.0
-"""Natural logarithm of how much rarer a usual misfit is on a hidden place."""
-_ANY_SHARE: Final = 5.0
-"""Shares over which what a hidden place seems to hold is equally likely."""
+_STUDENT_DOF: Final = 4.0
+"""Degrees of freedom of Student's t: texture and bubbles have heavier tails than a normal law."""
+_MIN_THIN_SHARE, _MAX_THIN_SHARE = 0.25, 0.85
+"""Limits of the share of ink in thin stretches, uniformly distributed."""
+_ONSETS_PER_MM: Final = (0.0, 1 / 500, 1 / 300, 1 / 300)
+"""Onsets of each state per mm of full line: some faults in a print of metres."""
+_MEAN_LENGTHS_MM: Final = (math.inf, 5.0, 1.0, 0.5)
+"""Mean length of each state."""
+_HIDDEN_MISFIT_RANGE_LOG: Final = 6.0
+"""Range of log misfits, uniformly distributed, on a hidden place."""
+_USUAL_MISFIT_LOG_ODDS: Final = 2.0
+"""Log odds against a usual misfit on a hidden place."""
+_HIDDEN_SHARE_RANGE: Final = 5.0
+"""Range of shares, uniformly distributed, that a hidden place may read."""
 
 
 def _stationary() -> FloatArray:
-    begins, lasts = np.array(_BEGINS_PER_MM[1:]), np.array(_LASTS_MM[1:])
+    begins, lasts = np.array(_ONSETS_PER_MM[1:]), np.array(_MEAN_LENGTHS_MM[1:])
     odds = begins * lasts
     return np.asarray(np.append(1.0, odds) / (1.0 + odds.sum()))
 
 
 PRIOR_BARE: Final = float(_stationary()[BARE])
-"""Chance of a bare place before a look."""
+"""Prior probability of a bare place."""
 
 
 def posterior(
@@ -62,21 +63,21 @@ def posterior(
     out = np.empty((len(share), 4))
     cut = np.flatnonzero(np.diff(run)) + 1
     bounds = np.concatenate([[0], cut, [len(run)]])
-    _forward_backward(emit, bounds, _moves(float(np.median(step_mm))), _stationary(), out)
+    _forward_backward(emit, bounds, _transitions(float(np.median(step_mm))), _stationary(), out)
     return out
 
 
-def expected_ink(states: FloatArray, share: FloatArray) -> FloatArray:
+def expected_ink(probability: FloatArray, share: FloatArray) -> FloatArray:
     """Return the share of ink expected at each place, (n,): thin ink as measured, full ink as 1."""
-    there = np.maximum(1.0 - states[:, HIDDEN], 1e-9)
-    thin = states[:, THIN] * np.clip(share, 0.0, 1.0)
-    return np.asarray((states[:, FULL] + thin) / there)
+    there = np.maximum(1.0 - probability[:, HIDDEN], 1e-9)
+    thin = probability[:, THIN] * np.clip(share, 0.0, 1.0)
+    return np.asarray((probability[:, FULL] + thin) / there)
 
 
 def log_odds_of_bare(
     share: FloatArray, misfit: FloatArray, noise: Noise, first: int, last: int
 ) -> float:
-    """Return the logarithm of how much likelier a stretch is bare than not, without any prior.
+    """Return the log likelihood ratio of a stretch being bare or not, without any prior.
 
     One over that ratio is never smaller than the chance of such a reading on a line with ink
     (Markov's inequality), so that it serves as a p-value.
@@ -89,14 +90,14 @@ def log_odds_of_bare(
     return float(bare - alone[0] - np.maximum(tied, alone)[1:].sum())
 
 
-def _moves(step_mm: float) -> FloatArray:
-    """Chance of each state behind each, one step on, (4, 4)."""
+def _transitions(step_mm: float) -> FloatArray:
+    """Return transition probabilities between states over one step, (4, 4)."""
     moves = np.zeros((4, 4))
-    begins = np.array(_BEGINS_PER_MM) * step_mm
+    begins = np.array(_ONSETS_PER_MM) * step_mm
     moves[FULL] = begins
     moves[FULL, FULL] = 1.0 - begins[1:].sum()
     for k in (THIN, BARE, HIDDEN):
-        ends = min(step_mm / _LASTS_MM[k], 0.5)
+        ends = min(step_mm / _MEAN_LENGTHS_MM[k], 0.5)
         moves[k] = 0.1 * ends / 2
         moves[k, FULL] = 0.9 * ends
         moves[k, k] = 1.0 - ends
@@ -104,7 +105,7 @@ def _moves(step_mm: float) -> FloatArray:
 
 
 def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArray:
-    """Logarithm of each reading's density, (n, 4, 5): behind a place of each state, and of none."""
+    """Return log densities (n, 4, 5) of readings by state and previous state (4: none)."""
     known = np.isfinite(share)
     out = _of_shares(np.where(known, share, 0.0), np.append(np.nan, share[:-1]), noise)
     full, bare = (
@@ -113,8 +114,12 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     )
     worst = np.maximum(noise.misfit_full.sum(axis=1), noise.misfit_bare.sum(axis=1))
     usual = np.maximum(full, bare)
-    strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - _USUAL_ODDS)
-    alone = _own_news(noise.tie)
+    strange = np.where(
+        misfit > worst,
+        np.maximum(usual, -math.log(_HIDDEN_MISFIT_RANGE_LOG)),
+        usual - _USUAL_MISFIT_LOG_ODDS,
+    )
+    alone = _independent_weight(noise.correlation)
     out[:, (FULL, THIN)] += (alone * full)[:, None, None]
     out[:, BARE] += (alone * usual)[:, None]
     out[:, HIDDEN] += (alone * strange)[:, None]
@@ -123,56 +128,60 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
 
 
 def _of_shares(x: FloatArray, last: FloatArray, noise: Noise) -> FloatArray:
-    """Those of shares (n,) alone, behind ``last`` (n,) ones, NaN for none."""
+    """Return log densities of shares (n,) given the ``last`` ones (n,), NaN for none."""
     out = np.zeros((len(x), 4, 5))
     out[:, FULL] = _log_t(x - 1.0, noise.full)[:, None]
-    out[:, FULL, FULL] = _tied(x, last, 1.0, noise.full, noise.tie)
-    # A bare place holds nothing, or what the shade of ink beside it seems to be.
+    out[:, FULL, FULL] = _log_correlated(x, last, 1.0, noise.full, noise.correlation)
+    # A bare place reads 0, or the apparent share that the shade of ink beside it adds.
     shade, spread = noise.shaded.T
     nothing, shaded = (
         np.repeat(_log_t(x - level, wide)[:, None], 5, axis=1)
         for level, wide in ((0.0, noise.bare), (shade, spread))
     )
-    nothing[:, BARE] = _tied(x, last, 0.0, noise.bare, noise.tie)
-    shaded[:, BARE] = _tied(x, last, shade, spread, noise.tie)
+    nothing[:, BARE] = _log_correlated(x, last, 0.0, noise.bare, noise.correlation)
+    shaded[:, BARE] = _log_correlated(x, last, shade, spread, noise.correlation)
     out[:, BARE] = np.logaddexp(nothing, shaded) - math.log(2.0)
     out[:, THIN] = _log_between(x, noise.full)[:, None]
-    # What is thin may have any level, but it keeps to that.
-    steady = _log_t(x - np.nan_to_num(last), noise.full * np.sqrt(1.0 - noise.tie**2))
-    keeps = np.isfinite(last) & (x > _THIN_LOW) & (x < _THIN_HIGH)
+    # A thin stretch may have any share, but keeps it along its length.
+    steady = _log_t(x - np.nan_to_num(last), noise.full * np.sqrt(1.0 - noise.correlation**2))
+    keeps = np.isfinite(last) & (x > _MIN_THIN_SHARE) & (x < _MAX_THIN_SHARE)
     out[keeps, THIN, THIN] = np.maximum(out[keeps, THIN, THIN], steady[keeps])
-    out[:, HIDDEN] = -math.log(_ANY_SHARE)
+    out[:, HIDDEN] = -math.log(_HIDDEN_SHARE_RANGE)
     return out
 
 
-def _own_news(tie: FloatArray) -> FloatArray:
-    """How much a place tells that its neighbours, correlated with it, don't."""
-    return (1.0 - tie) / (1.0 + tie)
+def _independent_weight(correlation: FloatArray) -> FloatArray:
+    """Return the share of a place's information that is independent of its neighbours."""
+    return (1.0 - correlation) / (1.0 + correlation)
 
 
-def _tied(
-    x: FloatArray, last: FloatArray, middle: FloatArray | float, spread: FloatArray, tie: FloatArray
+def _log_correlated(
+    x: FloatArray,
+    last: FloatArray,
+    middle: FloatArray | float,
+    spread: FloatArray,
+    correlation: FloatArray,
 ) -> FloatArray:
-    """Logarithm of the density behind a place of the same state."""
-    rest = x - middle - tie * np.nan_to_num(last - middle)
+    """Return the log density of a share after a place of the same state."""
+    rest = x - middle - correlation * np.nan_to_num(last - middle)
     alone = _log_t(x - middle, spread)
-    news = _own_news(tie)
-    tied = _log_t(rest, spread * np.sqrt(1.0 - tie**2))
+    news = _independent_weight(correlation)
+    tied = _log_t(rest, spread * np.sqrt(1.0 - correlation**2))
     return np.where(np.isfinite(last), news * alone + (1.0 - news) * tied, alone)
 
 
 def _log_t(rest: FloatArray, spread: FloatArray) -> FloatArray:
-    """Logarithm of Student's t density."""
-    nu = _TAIL
+    """Return the log density of Student's t."""
+    nu = _STUDENT_DOF
     norm = math.lgamma((nu + 1) / 2) - math.lgamma(nu / 2) - 0.5 * math.log(nu * math.pi)
     return np.asarray(norm - np.log(spread) - 0.5 * (nu + 1) * np.log1p((rest / spread) ** 2 / nu))
 
 
 def _log_between(x: FloatArray, spread: FloatArray) -> FloatArray:
-    """Logarithm of the density of a share that is thin, blurred by noise."""
-    low = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _THIN_LOW) / spread, -300, 300)))
-    high = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _THIN_HIGH) / spread, -300, 300)))
-    return np.asarray(np.log(np.maximum(low - high, 1e-12) / (_THIN_HIGH - _THIN_LOW)))
+    """Return the log density of a thin share, blurred by noise."""
+    low = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _MIN_THIN_SHARE) / spread, -300, 300)))
+    high = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _MAX_THIN_SHARE) / spread, -300, 300)))
+    return np.asarray(np.log(np.maximum(low - high, 1e-12) / (_MAX_THIN_SHARE - _MIN_THIN_SHARE)))
 
 
 @jit

@@ -1,10 +1,9 @@
-"""Tell fresh ink over older ink by how much the view changed there since before.
+"""Detect fresh ink over older ink by the view's change.
 
-What ink adds over older ink hangs on what it lies on: it sags, shades and mirrors anew, so that no
-profile holds for all places. That it changes the view at all holds for all: a place is told by the
-energy of its change, on a scale from what the ground's noise leaves (0) to what most of the layer
-shows (1). Where both are hardly apart, or places differ much, that scale is vague and tells
-nothing.
+What ink adds over older ink depends on what it lies on: it sags, shades and mirrors anew, so that
+no profile holds for all places. But ink changes the view everywhere: a place is judged by the
+energy of its change, on a scale from the ground's noise (0) to the layer's median (1). Where both
+hardly differ, or places scatter much, the scale is too vague to use.
 """
 
 from __future__ import annotations
@@ -15,41 +14,45 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.ink.noise import Scatter, level_of, spread_of, tie_of
-from registration.inspection.ink.shares import ACROSS, covariance
+from registration.inspection.ink.noise import (
+    MIN_FULL_SPREAD,
+    Scatter,
+    median_and_spread,
+    neighbour_correlation,
+    robust_spread,
+)
+from registration.inspection.ink.shares import ACROSS_WIDTHS, covariance
 
-_CORE: Final = np.abs(ACROSS) <= 0.4
-"""Samples around a line's middle, in which its own change is looked for."""
-_LOW: Final = 10.0
-"""Percentile of places below the usual by which they are said to scatter; few may be bare."""
-_LOW_AT: Final = 1.2816
-"""Standard deviations that this lies below the median."""
-_SHADED: Final = 0.1
-"""Of the scale: what neighbours' shade and slopes change on a bare place."""
-_LEAST: Final = 0.02
-"""Of the scale: least spread of places with ink."""
-_APART: Final = 0.3
-"""Natural logarithm of the least change that ink is told by."""
-_UNKNOWN: Final = 0.5
-"""Of the scale: what shade changes where no bare place beside ink can be seen."""
-_FEWEST: Final = 20
-"""Places or strips by which a level is learned."""
-_TOLD: Final = 3.0
-"""Standard deviations that places with and without ink must lie apart."""
+_CORE_SAMPLES: Final = np.abs(ACROSS_WIDTHS) <= 0.4
+"""Samples near a line's middle, where its change is measured."""
+_LOW_PERCENTILE: Final = 10.0
+"""Percentile by which the places' scatter is measured; few places may be bare."""
+_LOW_PERCENTILE_SDS: Final = 1.2816
+"""Distance of this percentile below the median, in standard deviations."""
+_SHADE_SPREAD: Final = 0.1
+"""Change on a bare place by its neighbours' shade and slopes, on the scale."""
+_MIN_LOG_CHANGE: Final = 0.3
+"""Least difference in log energy between ground and ink."""
+_UNSEEN_SHADE: Final = 0.5
+"""Change by shade, on the scale, where no bare place beside ink is seen."""
+_MIN_PLACES: Final = 20
+"""Least number of places or strips for learning a level."""
+_MIN_SEPARATION_SDS: Final = 3.0
+"""Least separation of places with and without ink, in standard deviations."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """How much changed at each place.
+    """Change of the view at each place, on the scale from ground to ink.
 
     Attributes
     ----------
     share : (n,) float64
         0 for the ground's noise alone, 1 for as much as usual.
     misfit : (n,) float64
-        Logarithm of how unlike the usual one a change is.
+        Logarithm of a change's misfit to the usual one.
     scatter : Scatter
-        Of both.
+        Scatter of share and misfit.
     """
 
     share: FloatArray
@@ -57,7 +60,7 @@ class Change:
     scatter: Scatter
 
 
-def change_of(
+def measure_change(
     strips: FloatArray,
     own: FloatArray,
     lost: BoolArray,
@@ -66,52 +69,64 @@ def change_of(
     good: BoolArray,
     run: IntArray,
 ) -> Change | None:
-    """Return how much changed at places; None where ink changes too little to be told by that.
+    """Measure the change at places; return None where ink changes the view too little.
 
     Parameters
     ----------
     strips : (n, u, c) float64
-        What changed across each place.
+        Change across each place.
     own : (n, u, c) float64
-        What full ink adds there by its profile.
+        Full ink's profile there.
     lost : (n, u) bool
-        Samples that the picture doesn't show.
+        Samples that the picture lost.
     ground : (k, u, c) float64
-        What changed over ground and older ink, where nothing was written.
+        Change over ground and older ink, where nothing was written.
     beside : (k, u, c) float64
-        The same just beside fresh lines.
+        Change just beside fresh lines.
     good : (n,) bool
-        Places that are seen, without those that are held for bare.
+        Places that are seen and not assumed bare.
     run : (n,) int64
         Number of the unbroken way that each belongs to.
     """
-    if good.sum() < _FEWEST or len(ground) < _FEWEST:
+    if good.sum() < _MIN_PLACES or len(ground) < _MIN_PLACES:
         return None
     log, still = _energy(strips, lost), _energy(ground)
     low, usual = float(np.median(still)), float(np.median(log[good]))
     apart = usual - low
-    if apart < _APART:
+    if apart < _MIN_LOG_CHANGE:
         return None
-    full = max((usual - float(np.percentile(log[good], _LOW))) / _LOW_AT / apart, _LEAST)
-    noise = spread_of(still) / apart
-    if float(np.hypot(full, noise)) > 1.0 / _TOLD:
+    full = max(
+        (usual - float(np.percentile(log[good], _LOW_PERCENTILE))) / _LOW_PERCENTILE_SDS / apart,
+        MIN_FULL_SPREAD,
+    )
+    noise = robust_spread(still) / apart
+    if float(np.hypot(full, noise)) > 1.0 / _MIN_SEPARATION_SDS:
         return None
-    shaded = (_UNKNOWN, _UNKNOWN / 2.0)
-    if len(beside) >= _FEWEST:
-        middle, high = np.percentile((_energy(beside) - low) / apart, [50.0, 100.0 - _LOW])
-        shaded = (float(middle), max(float(high - middle) / _LOW_AT, noise))
-    bare = max(float(np.hypot(noise, _SHADED)), full)
+    shaded = (_UNSEEN_SHADE, _UNSEEN_SHADE / 2.0)
+    if len(beside) >= _MIN_PLACES:
+        middle, high = np.percentile(
+            (_energy(beside) - low) / apart, [50.0, 100.0 - _LOW_PERCENTILE]
+        )
+        shaded = (float(middle), max(float(high - middle) / _LOW_PERCENTILE_SDS, noise))
+    bare = max(float(np.hypot(noise, _SHADE_SPREAD)), full)
     like = np.arange(len(ground)) % len(own)
     misfit, on_ground = _misfits(strips - own, ground - own[like], good)
     share = (log - low) / apart
-    tie = tie_of(share, full, good, run)
-    scatter = Scatter(full, bare, level_of(misfit[good]), level_of(on_ground), shaded, tie)
+    correlation = neighbour_correlation(share, full, good, run)
+    scatter = Scatter(
+        full,
+        bare,
+        median_and_spread(misfit[good]),
+        median_and_spread(on_ground),
+        shaded,
+        correlation,
+    )
     return Change(share, misfit, scatter)
 
 
 def _misfits(rest: FloatArray, ground: FloatArray, good: BoolArray) -> tuple[FloatArray, ...]:
-    """Logarithms of mean squares of rests, (n,) and (k,), by how those of good places scatter."""
-    rest, ground = (one[:, _CORE].reshape(len(one), -1) for one in (rest, ground))
+    """Return log mean squares of rests, (n,) and (k,), weighted by good places' covariance."""
+    rest, ground = (one[:, _CORE_SAMPLES].reshape(len(one), -1) for one in (rest, ground))
     middle = np.median(rest[good], axis=0)
     inverse = np.linalg.inv(covariance(rest[good] - middle))
     return tuple(
@@ -121,10 +136,10 @@ def _misfits(rest: FloatArray, ground: FloatArray, good: BoolArray) -> tuple[Flo
 
 
 def _energy(strips: FloatArray, lost: BoolArray | None = None) -> FloatArray:
-    """Logarithm of the root mean square of what changed, (n,)."""
-    square = (strips[:, _CORE] ** 2).mean(axis=2)
+    """Return the log root mean square of the change, (n,)."""
+    square = (strips[:, _CORE_SAMPLES] ** 2).mean(axis=2)
     if lost is None:
         return np.asarray(0.5 * np.log(np.maximum(square.mean(axis=1), 1e-9)))
-    shown = (~lost[:, _CORE]).astype(np.float64)
+    shown = (~lost[:, _CORE_SAMPLES]).astype(np.float64)
     mean = (square * shown).sum(axis=1) / np.maximum(shown.sum(axis=1), 1e-9)
     return np.asarray(0.5 * np.log(np.maximum(mean, 1e-9)))

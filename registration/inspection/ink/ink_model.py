@@ -1,4 +1,4 @@
-"""Learn from a look what ink adds to it around a line's middle.
+"""Model of ink's profile across a line, fitted to a view.
 
 A view is modelled as ground plus, for each line that passes a pixel, its share of ink times a
 profile over the distance from its middle (superposition: exact for the logarithm of light through
@@ -20,43 +20,45 @@ from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from kernels.compile import jit
-from registration.inspection.ink.passes import REACH, Passes
+from registration.inspection.ink.passes import REACH_WIDTHS, Passes
+from registration.inspection.path_samples import PathSamples, from_stroke_begin
 from registration.inspection.values import ExpectedLines, FloatImage
-from registration.inspection.ways import Ways, from_stroke_begin
 
 NODES: Final = 15
-"""Of a profile, from the middle to `REACH`, where it is 0: a tenth of a width apart."""
+"""Nodes of a profile, a tenth of a width apart, from the middle to the reach, where it is 0."""
 PARTS: Final = 5
+"""Parts of a profile: even, two odd, two even by direction."""
 EVEN: Final = (0, 3, 4)
 ODD: Final = (1, 2)
 CLASSES: Final = 3
-_OLDER: Final = 2
-"""Of profiles: fresh over the ground, fresh over older ink, older ink."""
-_GROUPS: Final = ((0, 1, 2), (1, 2), (0, 2))
-"""Of places: all; those that judge group 0, and group 1."""
-_ENOUGH_PX: Final = 150_000
-"""Pixels near lines that are fitted; of more, evenly spread ones."""
-_SKEW: Final = 7
-"""Pixels by which those of a row are set off against the last row's."""
-_NOTHING: Final = 1e-4
-"""Of the ground's noise: smaller parts of profiles aren't drawn."""
-_UNKNOWNS: Final = CLASSES * PARTS * NODES
-_RIDGE: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
-"""Of a node's usual share of pixels, that pulls each part to 0 where nothing tells it."""
-_KNOWN: Final = 100.0
-"""Times that, of a profile that an earlier look or the layer's height tells."""
-_HARDER: Final = (1.0, 10.0, 0.01)
-"""Times that, by class: where fresh ink lies over older ink alone, the older explains it."""
-_EDGE, _SOFT = 0.5, 0.15
-"""Widths from the middle where a line ends, and half of what its edge is blurred over."""
-_BESIDE: Final = 30.0
-"""Times the ridge beyond a line's edge: what lines that touch have in common is each one's own."""
-_ALIKE: Final = 1.5
-"""Nodes over which a profile is alike, before anything is known of it."""
-_NONE: Final = 1e6
-"""The same of a part that isn't there."""
-_SMOOTH: Final = 3e-3
-"""The same on second differences along a profile."""
+"""Classes of ink with a profile each."""
+_OLDER_CLASS: Final = 2
+"""Class of older ink; 0 is fresh ink over ground, 1 fresh ink over older ink."""
+_GROUP_SUMS: Final = ((0, 1, 2), (1, 2), (0, 2))
+"""Groups of places whose sums are added: all; those that judge group 0, and group 1."""
+_MAX_FITTED_PX: Final = 150_000
+"""Largest number of fitted pixels near lines; of more, an evenly spread part."""
+_ROW_SKEW_PX: Final = 7
+"""Offset of a row's fitted pixels against the last row's."""
+_MIN_DRAWN_NOISES: Final = 1e-4
+"""Size of profile parts below which they aren't rendered, in the ground's noise."""
+_UNKNOWN_COUNT: Final = CLASSES * PARTS * NODES
+_RIDGE_SHARES: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
+"""Ridge of each part, relative to the largest power of a node."""
+_KNOWN_RIDGE_FACTOR: Final = 100.0
+"""Factor on the ridge of a profile known from an earlier look or the layer's height."""
+_CLASS_RIDGE_FACTORS: Final = (1.0, 10.0, 0.01)
+"""Factor on the ridge by class: where fresh ink lies over older ink only, the older explains it."""
+_EDGE_WIDTHS, _EDGE_BLUR_WIDTHS = 0.5, 0.15
+"""Distance of a line's edge from its middle, and half of its blur, in widths."""
+_BESIDE_RIDGE_FACTOR: Final = 30.0
+"""Factor on the ridge beyond a line's edge, so that lines that touch share little there."""
+_CORRELATION_NODES: Final = 1.5
+"""Correlation length of the prior profile, in nodes."""
+_ABSENT_PART_RIDGE: Final = 1e6
+"""Ridge of parts that are absent."""
+_CURVATURE_RIDGE: Final = 3e-3
+"""Ridge on second differences along a profile."""
 
 
 @dataclass(frozen=True)
@@ -67,35 +69,37 @@ class InkModel:
     ----------
     profile : (3, 5, 16, c) float64
         By class, part, node of distance.
-    doubt : (3, 16, 16) float64
+    node_covariance : (3, 16, 16) float64
         Covariance of even parts' nodes, by class; mean of all channels.
     """
 
     profile: FloatArray
-    doubt: FloatArray = field(default_factory=lambda: np.zeros((CLASSES, NODES + 1, NODES + 1)))
+    node_covariance: FloatArray = field(
+        default_factory=lambda: np.zeros((CLASSES, NODES + 1, NODES + 1))
+    )
 
-    def doubt_across(self, which: int, distance: FloatArray) -> FloatArray:
-        """Covariance (u, u) of what full ink of a class adds at distances (u,), widths."""
-        size = np.minimum(np.abs(distance) * (NODES / REACH), NODES - 1e-9)
+    def covariance_across(self, which: int, distance: FloatArray) -> FloatArray:
+        """Return the covariance (u, u) of a class's full ink at distances (u,), widths."""
+        size = np.minimum(np.abs(distance) * (NODES / REACH_WIDTHS), NODES - 1e-9)
         low = size.astype(np.int64)
         hat = np.zeros((len(distance), NODES + 1))
         row = np.arange(len(distance))
         hat[row, low], hat[row, low + 1] = 1.0 - (size - low), size - low
-        return np.asarray(hat @ self.doubt[which] @ hat.T)
+        return np.asarray(hat @ self.node_covariance[which] @ hat.T)
 
     @staticmethod
     def cover(height: float) -> InkModel:
-        """Return fresh ink that adds as much over a line's width, and nothing beside it."""
+        """Return fresh ink of one ``height`` over a line's width, 0 beside it."""
         profile = np.zeros((CLASSES, PARTS, NODES + 1, 1))
-        profile[:2, 0, :, 0] = height * cover_at(np.arange(NODES + 1) * (REACH / NODES))
+        profile[:2, 0, :, 0] = height * cover_at(np.arange(NODES + 1) * (REACH_WIDTHS / NODES))
         return InkModel(profile)
 
     def at(self, which: int, distance: FloatArray, normal: FloatArray) -> FloatArray:
-        """Return what ink of a class adds, (n, u, c).
+        """Return the profile of a class, (n, u, c).
 
         At distances (u,), widths, towards normals (n, 2), unit vectors in the picture.
         """
-        size = np.minimum(np.abs(distance) * (NODES / REACH), NODES - 1e-9)
+        size = np.minimum(np.abs(distance) * (NODES / REACH_WIDTHS), NODES - 1e-9)
         low = size.astype(np.int64)
         part = (size - low)[:, None]
         weight = _weights(normal)
@@ -108,10 +112,10 @@ class InkModel:
         return total
 
     def parts(self) -> IntArray:
-        """Which parts profiles have."""
-        return np.flatnonzero(np.abs(self.profile).max(axis=(0, 2, 3)) > _NOTHING)
+        """Return the indices of the parts that profiles have."""
+        return np.flatnonzero(np.abs(self.profile).max(axis=(0, 2, 3)) > _MIN_DRAWN_NOISES)
 
-    def drawn(self, passes: Passes, over: FloatImage, share: ShareOfPiece) -> FloatImage:
+    def render(self, passes: Passes, over: FloatImage, share: ShareOfPiece) -> FloatImage:
         """Return the modelled ink, (h, w, c), 0 where there is only ground."""
         out = np.zeros((*passes.number.shape, self.profile.shape[3]), dtype=np.float32)
         _draw(passes, over, share, self.parts(), np.ascontiguousarray(self.profile), out)
@@ -119,53 +123,53 @@ class InkModel:
 
 
 class ShareOfPiece(NamedTuple):
-    """Share of ink along fresh pieces, by the places on them.
+    """Share of ink along fresh pieces, by their sample points.
 
     Attributes
     ----------
     kind : (n,) int64
         0 of the layer, 1 older.
-    first, many : (n,) float64
+    first, sample_count : (n,) float64
         Number of the place where a piece begins, and places along it.
     low, high : (n,) int64
         First and last place of its run.
     value : (m,) float64
-        Of each place; one more at the end, for older pieces.
+        Share at each place; one more at the end, for older pieces.
     """
 
     kind: IntArray
     first: FloatArray
-    many: FloatArray
+    sample_count: FloatArray
     low: IntArray
     high: IntArray
     value: FloatArray
 
     @staticmethod
-    def along(ways: Ways, lines: ExpectedLines, value: FloatArray) -> ShareOfPiece:
-        """Return shares (m - 1,) of places by the pieces that they lie on."""
-        count, n = len(ways), len(lines)
+    def along(samples: PathSamples, lines: ExpectedLines, value: FloatArray) -> ShareOfPiece:
+        """Assign the shares (m - 1,) of sample points to the pieces they lie on."""
+        count, n = len(samples), len(lines)
         length = np.linalg.norm(lines.end - lines.start, axis=1)
         begin = from_stroke_begin(lines.stroke, length)
-        first, many = np.full(n, float(count)), np.zeros(n)
+        first, sample_count = np.full(n, float(count)), np.zeros(n)
         low = np.full(n, count)
         high = low.copy()
-        starts = np.flatnonzero(np.concatenate([[True], np.diff(ways.run) != 0]))
+        starts = np.flatnonzero(np.concatenate([[True], np.diff(samples.run) != 0]))
         for a, past in zip(starts, np.append(starts[1:], count), strict=True):
-            rows = np.arange(ways.piece[a], ways.piece[past - 1] + 1)
-            zero = ways.along[a] - 0.5 * ways.step[a]
-            first[rows] = a + (begin[rows] - zero) / ways.step[a]
-            many[rows] = length[rows] / ways.step[a]
+            rows = np.arange(samples.piece[a], samples.piece[past - 1] + 1)
+            zero = samples.along[a] - 0.5 * samples.step[a]
+            first[rows] = a + (begin[rows] - zero) / samples.step[a]
+            sample_count[rows] = length[rows] / samples.step[a]
             low[rows], high[rows] = a, past - 1
         kind = np.where(lines.fresh, 0, 1).astype(np.int64)
-        return ShareOfPiece(kind, first, many, low, high, np.append(value, 1.0))
+        return ShareOfPiece(kind, first, sample_count, low, high, np.append(value, 1.0))
 
 
 @dataclass(frozen=True)
 class CrossFit:
-    """Profiles of a whole view, and those by which each of two groups of places is judged.
+    """Profiles fitted to a whole view, and to each of two groups of places without it.
 
-    Places that tell a profile seem to hold the ink of that profile, be it noise. So each group is
-    judged by a profile fitted to the other alone (cross-validation, Stone 1974).
+    A profile fitted to places explains them even where it is noise. So each group is judged by a
+    profile fitted to the other group alone (cross-validation, Stone 1974).
 
     Attributes
     ----------
@@ -178,7 +182,7 @@ class CrossFit:
     other: tuple[InkModel, InkModel]
 
 
-def fitted(
+def fit_profiles(
     image: FloatImage,
     use: BoolArray,
     passes: Passes,
@@ -191,7 +195,7 @@ def fitted(
     inkless: int = 0,
     cell_px: float = 1.0,
 ) -> CrossFit:
-    """Fit profiles to a view from which its light is taken out.
+    """Fit profiles to a view whose light is removed.
 
     Parameters
     ----------
@@ -201,65 +205,65 @@ def fitted(
         Pixels that are fitted.
     passes : Passes
     over : (h, w) float32
-        How much older ink lies there, 0 to 1.
+        Share of older ink, 0 to 1.
     share : ShareOfPiece
     group : (m,) int64
-        Of each place, 0 or 1; 2 at the end, for what is fitted for both.
+        Cross-fit group 0 or 1 of each place; 2 at the end, for pixels used by both.
     parts : tuple of int
-        Those that profiles may have.
+        Indices of the parts that profiles may have.
     known : InkModel or None
-        What profiles are where the view tells nothing of them.
+        Prior mean of the profiles.
     plain : bool
-        Whether that is a plain cover otherwise, and not nothing.
+        Whether the prior mean is a cover of the line's width otherwise, and not 0.
     inkless : int
-        First channels in which fresh ink can't show: they were taken before.
+        Number of first channels without fresh ink, from the picture before.
     cell_px : float
-        Pixels that tell the same.
+        Pixels per independent one.
     """
     channels = image.shape[2]
-    every = 1 + int((passes.number > 0).sum()) // _ENOUGH_PX
-    power = np.zeros((3, _UNKNOWNS, _UNKNOWNS))
-    score = np.zeros((3, _UNKNOWNS, channels))
+    every = 1 + int((passes.number > 0).sum()) // _MAX_FITTED_PX
+    power = np.zeros((3, _UNKNOWN_COUNT, _UNKNOWN_COUNT))
+    score = np.zeros((3, _UNKNOWN_COUNT, channels))
     _accumulate(image, use, passes, over, share, np.array(parts), every, group, power, score)
     power = power + np.tril(power, -1).transpose(0, 2, 1)
-    sums = [(power[list(k)].sum(axis=0), score[list(k)].sum(axis=0)) for k in _GROUPS]
-    whole, *other = (_solved(*one, parts, known, plain, inkless) for one in sums)
+    sums = [(power[list(k)].sum(axis=0), score[list(k)].sum(axis=0)) for k in _GROUP_SUMS]
+    whole, *other = (_solve(*one, parts, known, plain, inkless) for one in sums)
     seen = use & (passes.number > 0)
     square = float((image[seen][:, inkless:] ** 2).sum()) / every
     left = square - float((_flat(whole)[:, inkless:] * sums[0][1][:, inkless:]).sum())
     noise = max(left, 0.0) * every / max(float(seen.sum()) * (channels - inkless), 1.0)
     scale = max(noise, 1e-9) * max(1.0, cell_px / every)
-    return CrossFit(_with_doubt(whole, sums[0][0] / scale, inkless), (other[0], other[1]))
+    return CrossFit(_with_covariance(whole, sums[0][0] / scale, inkless), (other[0], other[1]))
 
 
 def _flat(model: InkModel) -> FloatArray:
-    return model.profile[:, :, :-1].reshape(_UNKNOWNS, -1)
+    return model.profile[:, :, :-1].reshape(_UNKNOWN_COUNT, -1)
 
 
-def _with_doubt(model: InkModel, power: FloatArray, inkless: int) -> InkModel:
-    """Return profiles with their covariance, before which they may be anything of their size.
+def _with_covariance(model: InkModel, power: FloatArray, inkless: int) -> InkModel:
+    """Add the covariance of even nodes to a model.
 
-    ``power`` (u, u) is what the view tells of them.
+    ``power`` (u, u) is the view's normal matrix over its noise.
     """
     shown = model.profile[:, 0, : NODES // 2, inkless:]
     size = np.maximum((shown**2).mean(axis=(1, 2)), 1e-6)
     apart = np.abs(np.subtract.outer(np.arange(NODES), np.arange(NODES)))
-    alike = np.exp(-0.5 * (apart / _ALIKE) ** 2) + 1e-3 * np.eye(NODES)
-    doubt = np.zeros((CLASSES, NODES + 1, NODES + 1))
+    alike = np.exp(-0.5 * (apart / _CORRELATION_NODES) ** 2) + 1e-3 * np.eye(NODES)
+    node_covariance = np.zeros((CLASSES, NODES + 1, NODES + 1))
     even = np.concatenate([np.arange(NODES) + k * PARTS * NODES for k in range(CLASSES)])
-    told = power[np.ix_(even, even)]
-    before = np.zeros_like(told)
+    information = power[np.ix_(even, even)]
+    before = np.zeros_like(information)
     for k in range(CLASSES):
         own = slice(k * NODES, (k + 1) * NODES)
         before[own, own] = np.linalg.inv(size[k] * alike)
-    whole = np.linalg.inv(told + before)
+    whole = np.linalg.inv(information + before)
     for k in range(CLASSES):
         own = slice(k * NODES, (k + 1) * NODES)
-        doubt[k, :NODES, :NODES] = whole[own, own]
-    return replace(model, doubt=doubt)
+        node_covariance[k, :NODES, :NODES] = whole[own, own]
+    return replace(model, node_covariance=node_covariance)
 
 
-def _solved(
+def _solve(
     power: FloatArray,
     score: FloatArray,
     parts: tuple[int, ...],
@@ -267,15 +271,15 @@ def _solved(
     plain: bool,
     inkless: int,
 ) -> InkModel:
-    """Solve normal equations (u, u), (u, c) with what is known beforehand."""
+    """Solve normal equations (u, u), (u, c) with the prior."""
     channels = score.shape[1]
-    prior = _prior(power, parts) * (1.0 if known is None else _KNOWN)
-    mean = _plain(power, score) if plain else np.zeros_like(score)
+    prior = _prior(power, parts) * (1.0 if known is None else _KNOWN_RIDGE_FACTOR)
+    mean = _fit_covers(power, score) if plain else np.zeros_like(score)
     if known is not None:
-        mean = known.profile[:, :, :-1].reshape(_UNKNOWNS, channels)
+        mean = known.profile[:, :, :-1].reshape(_UNKNOWN_COUNT, channels)
     solved = np.linalg.solve(power + prior, score + prior @ mean)
     if inkless:
-        older = slice(_OLDER * PARTS * NODES, None)
+        older = slice(_OLDER_CLASS * PARTS * NODES, None)
         own = power[older, older] + prior[older, older]
         solved[:, :inkless] = 0.0
         solved[older, :inkless] = np.linalg.solve(own, score[older, :inkless])
@@ -284,28 +288,30 @@ def _solved(
 
 
 def cover_at(distance: NDArray[Any]) -> NDArray[Any]:
-    """How much a line's own width with soft edges covers at distances, widths."""
-    return np.clip((_EDGE + _SOFT - np.abs(distance)) / (2.0 * _SOFT), 0.0, 1.0)
+    """Return the cover of a line with blurred edges at distances, widths."""
+    return np.clip(
+        (_EDGE_WIDTHS + _EDGE_BLUR_WIDTHS - np.abs(distance)) / (2.0 * _EDGE_BLUR_WIDTHS), 0.0, 1.0
+    )
 
 
-def _plain(power: FloatArray, score: FloatArray) -> FloatArray:
-    """Return the even profile that covers a line's width and no more, as strong as it fits.
+def _fit_covers(power: FloatArray, score: FloatArray) -> FloatArray:
+    """Return the even profile of a cover of the line's width, scaled by least squares.
 
-    Lines that touch fit any profile whose copies, a pitch apart, add up to the same.
+    Lines that touch determine only the sum of a profile's copies a pitch apart.
     """
-    basis = np.zeros((_UNKNOWNS, CLASSES))
-    cover = cover_at(np.arange(NODES) * (REACH / NODES))
+    basis = np.zeros((_UNKNOWN_COUNT, CLASSES))
+    cover = cover_at(np.arange(NODES) * (REACH_WIDTHS / NODES))
     for k in range(CLASSES):
         first = k * PARTS * NODES
         basis[first : first + NODES, k] = cover
     own = basis.T @ power @ basis
     scale = max(float(np.trace(own)) / CLASSES, 1e-9)
-    own += scale * np.diag(np.array(_HARDER) * _RIDGE[0])
+    own += scale * np.diag(np.array(_CLASS_RIDGE_FACTORS) * _RIDGE_SHARES[0])
     return np.asarray(basis @ np.linalg.solve(own, basis.T @ score))
 
 
 def _prior(power: FloatArray, parts: tuple[int, ...]) -> FloatArray:
-    """Return what keeps untold profiles at 0 and all smooth."""
+    """Return the prior's precision: ridges towards 0 and on curvature, (u, u)."""
     usual = max(float(np.diag(power).max()), 1.0)  # pixels
     bend = np.zeros((NODES, NODES))
     for j in range(1, NODES):
@@ -314,27 +320,33 @@ def _prior(power: FloatArray, parts: tuple[int, ...]) -> FloatArray:
         if j + 1 < NODES:
             row[j + 1] = 1.0
         bend += np.outer(row, row)
-    at = np.arange(NODES) * (REACH / NODES)
-    beside = np.diag(np.where(at > _EDGE + 1.5 * _SOFT, _BESIDE, 1.0))
+    at = np.arange(NODES) * (REACH_WIDTHS / NODES)
+    beside = np.diag(
+        np.where(at > _EDGE_WIDTHS + 1.5 * _EDGE_BLUR_WIDTHS, _BESIDE_RIDGE_FACTOR, 1.0)
+    )
     prior = np.zeros_like(power)
     for k in range(CLASSES * PARTS):
         own = slice(k * NODES, (k + 1) * NODES)
         own_part, which = k % PARTS, k // PARTS
-        stiff = _RIDGE[own_part] * _HARDER[which] if own_part in parts else _NONE
-        prior[own, own] = usual * (stiff * beside + _SMOOTH * bend)
+        stiff = (
+            _RIDGE_SHARES[own_part] * _CLASS_RIDGE_FACTORS[which]
+            if own_part in parts
+            else _ABSENT_PART_RIDGE
+        )
+        prior[own, own] = usual * (stiff * beside + _CURVATURE_RIDGE * bend)
     return prior
 
 
 def _weights(normal: FloatArray) -> tuple[FloatArray, ...]:
-    """Return what each part of a profile is multiplied by, (n,) each."""
+    """Return the factor of each part of a profile, (n,) each."""
     x, y = normal.T
     return np.ones(len(normal)), x, y, x * x - y * y, 2.0 * x * y
 
 
 @jit
-def _place(share: ShareOfPiece, k: int, t: float) -> int:
-    """Number of the place at a part of the way along a piece."""
-    at = int(share.first[k] + t * share.many[k])
+def _sample_index(share: ShareOfPiece, k: int, t: float) -> int:
+    """Return the sample point at a share of the way along a piece."""
+    at = int(share.first[k] + t * share.sample_count[k])
     return int(min(max(at, share.low[k]), share.high[k]))
 
 
@@ -349,19 +361,19 @@ def _terms(
     index: IntArray,
     weight: FloatArray,
 ) -> int:
-    """Unknowns that a pixel hangs on and how much, in ``index`` and ``weight``; their number."""
+    """Fill ``index`` and ``weight`` with a pixel's unknowns and factors; return their number."""
     n = 0
     for m in range(passes.number[y, x]):
         d = passes.distance[y, x, m]
-        size = abs(d) * (NODES / REACH)
+        size = abs(d) * (NODES / REACH_WIDTHS)
         j = int(size)
         if j >= NODES:
             continue
         f = size - j
         sign = -1.0 if d < 0 else 1.0
-        u, v = passes.turn[y, x, m, 0], passes.turn[y, x, m, 1]
+        u, v = passes.normal[y, x, m, 0], passes.normal[y, x, m, 1]
         k = passes.piece[y, x, m]
-        own = share.value[_place(share, k, passes.part[y, x, m])]
+        own = share.value[_sample_index(share, k, passes.part[y, x, m])]
         for c in range(CLASSES):
             if share.kind[k] == 0:
                 amount = own * (1.0 - over if c == 0 else over) if c < 2 else 0.0
@@ -403,23 +415,23 @@ def _accumulate(
     power: FloatArray,
     score: FloatArray,
 ) -> None:
-    """Add up normal equations of each group, their lower half, over one in so many pixels.
+    """Accumulate each group's normal equations, lower half, over one in ``every`` pixels.
 
     A pixel is of the group of the nearest fresh line's place.
     """
     index = np.empty(200, dtype=np.int64)
     weight = np.empty(200)
     for y in range(image.shape[0]):
-        for x in range(y * _SKEW % every, image.shape[1], every):
+        for x in range(y * _ROW_SKEW_PX % every, image.shape[1], every):
             if not use[y, x] or passes.number[y, x] == 0:
                 continue
             n = _terms(y, x, passes, over[y, x], share, parts, index, weight)
-            own, least = 2, REACH
+            own, least = 2, REACH_WIDTHS
             for m in range(passes.number[y, x]):
                 k, away = passes.piece[y, x, m], abs(passes.distance[y, x, m])
                 if share.kind[k] == 0 and away < least:
                     least = away
-                    own = group[_place(share, k, passes.part[y, x, m])]
+                    own = group[_sample_index(share, k, passes.part[y, x, m])]
             for a in range(n):
                 ia, wa = index[a], weight[a]
                 for b in range(a + 1):
@@ -438,7 +450,7 @@ def _draw(
     profile: FloatArray,
     out: NDArray[Any],
 ) -> None:
-    """Add up what lines add to each pixel."""
+    """Render the lines' ink into each pixel."""
     index = np.empty(200, dtype=np.int64)
     weight = np.empty(200)
     for y in range(out.shape[0]):

@@ -1,7 +1,7 @@
-"""Learn light, the layer's shift, ink's profiles and each place's share of ink from one look.
+"""Estimate light, shift, ink profiles and shares of ink from one look.
 
-Begin with `learned`: a coarse shift, then rounds in which profiles, shares, light and shift follow
-from each other. Places that turn out bare tell nothing of ink in the next round.
+Begin with `fit_layer`: a coarse shift, then rounds in which profiles, shares, light and shift are
+estimated in turn. Places that turn out bare are left out of the next round's ink profile.
 """
 
 from __future__ import annotations
@@ -12,229 +12,244 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.ink.drawing import Drawing, Drawn, Placed
-from registration.inspection.ink.ink_model import EVEN, ODD, PARTS, InkModel, ShareOfPiece, fitted
-from registration.inspection.ink.judge import Judged, judge
+from registration.inspection.ink.ink_model import (
+    EVEN,
+    ODD,
+    PARTS,
+    InkModel,
+    ShareOfPiece,
+    fit_profiles,
+)
+from registration.inspection.ink.judge import InkStates, judge
 from registration.inspection.ink.layer_shift import (
     CoarseShift,
     coarse_shift,
     finer_shift,
     with_systematics,
 )
-from registration.inspection.ink.passes import REACH, Passes, Pieces
+from registration.inspection.ink.passes import REACH_WIDTHS, Passes, Pieces
+from registration.inspection.ink.view_fit import ShiftedLines, ViewFit, ViewFitter
 from registration.inspection.options import SeeingOptions
-from registration.inspection.pictures.light import EvenView
+from registration.inspection.path_samples import PathSamples
+from registration.inspection.pictures.light import FlatFieldView
 from registration.inspection.pictures.picture import View, ViewFrame
 from registration.inspection.values import Appearance, ExpectedLines, FloatImage, Shift
-from registration.inspection.ways import Ways
 
-_MOVES: Final = 3
-"""Rounds in which the layer moves."""
-_RESTS: Final = 2
-"""Rounds after them, in which profiles have all their parts; one where nothing has changed."""
-_STILL: Final = 0.01
-"""Widths; a layer that moves by less from one round to the next is at its place."""
-_SHOWS: Final = 0.3
-"""Of its level, from which on a place tells how strongly ink of its width and depth shows."""
-_SLOPES: Final = (0.0, 1e-3, 1e-3)
-"""Ridge on a level's slopes, with widths and with depth, mm."""
+_SHIFT_ROUNDS: Final = 3
+"""Rounds in which the shift is updated."""
+_FINAL_ROUNDS: Final = 2
+"""Rounds after them, with all profile parts; one for heights that came to rest."""
+_MAX_REST_MOVE_WIDTHS: Final = 0.01
+"""Change of the shift per round, in widths, below which it has converged."""
+_MIN_SHOWN_LEVEL: Final = 0.3
+"""Least share of a place's level for it to count in the fit of levels."""
+_LEVEL_RIDGE: Final = (0.0, 1e-3, 1e-3)
+"""Ridge on a level's constant, slope with width and slope with depth (mm)."""
 
 
 @dataclass(frozen=True)
-class Learned:
-    """All that was learned of a look.
+class LayerFit:
+    """Complete fit of one look at a layer.
 
     Attributes
     ----------
-    even : EvenView
+    flat_view : FlatFieldView
         The view without light.
     frame : ViewFrame
     shift : Shift
-    drawn : Drawn
-    judged : Judged
+    view_fit : ViewFit
+    ink_states : InkStates
     odd : bool
         Whether ink shows by slopes lit from one side alone.
     """
 
-    even: EvenView
+    flat_view: FlatFieldView
     frame: ViewFrame
     shift: Shift
-    drawn: Drawn
-    judged: Judged
+    view_fit: ViewFit
+    ink_states: InkStates
     odd: bool
 
     @property
     def view(self) -> View:
-        """The picture as it is worked on."""
-        return self.even.view
+        """The cropped and binned picture."""
+        return self.flat_view.view
 
     @property
-    def placed(self) -> Placed:
+    def shifted(self) -> ShiftedLines:
         """Lines at the layer's shift."""
-        return self.drawn.placed
+        return self.view_fit.shifted
 
     def appearance(self) -> Appearance:
-        """How ink looks, in the picture's own channels."""
-        return Appearance(self.drawn.model.profile @ np.linalg.inv(self.even.mix).T)
+        """Return ink's profile in the picture's own channels."""
+        return Appearance(self.view_fit.model.profile @ np.linalg.inv(self.flat_view.mix).T)
 
 
-def learned(
+def fit_layer(
     view: View,
     frame: ViewFrame,
     lines: ExpectedLines,
-    ways: Ways,
+    samples: PathSamples,
     options: SeeingOptions,
     known: Appearance | None = None,
-) -> Learned:
-    """Learn a look.
+) -> LayerFit:
+    """Fit light, shift, ink profiles and shares of ink to a look.
 
     Parameters
     ----------
     view : View
     frame : ViewFrame
     lines : ExpectedLines
-    ways : Ways
+    samples : PathSamples
         Places along the fresh lines, as designed.
     options : SeeingOptions
     known : Appearance or None
-        How ink looked before.
+        Ink's profile in an earlier look.
     """
     if view.is_heights:  # older ink is part of the floor
-        ways, lines = _fresh_alone(ways, lines)
+        samples, lines = _fresh_alone(samples, lines)
     pieces = Pieces.of(lines, frame)
     passes = Passes.of(pieces, view.shape)
-    even = EvenView.of(view, passes.near.min(axis=2))
-    coarse = _coarse(even, passes, pieces, ways, lines, options)
-    prior = _prior(known, even)
-    look = Drawing(view, frame, lines, ways, options, prior, coarse.odd, coarse.found)
-    shift = _first_shift(coarse.by_px, frame, ways)
-    placed = look.placed(shift)
-    present, level, rests = look.present(even.image, placed), np.ones(len(ways)), _RESTS
+    flat_view = FlatFieldView.of(view, passes.near.min(axis=2))
+    coarse = _coarse_shift(flat_view, passes, pieces, samples, lines, options)
+    prior = _prior(known, flat_view)
+    fitter = ViewFitter(view, frame, lines, samples, options, prior, coarse.odd, coarse.lines_found)
+    shift = _first_shift(coarse.shift_px, frame, samples)
+    shifted = fitter.lines_at(shift)
+    present = fitter.initial_share(flat_view.image, shifted)
+    level, rests = np.ones(len(samples)), _FINAL_ROUNDS
     parts: tuple[int, ...] = (0,) if view.is_heights else ODD if coarse.odd else EVEN
-    for number in range(_MOVES):
-        placed = look.placed(shift, placed)
-        fit: tuple[int, ...] | None = parts
-        if number == 0:  # what one line alone has of its direction could be that another is missing
-            fit = None if prior is not None else parts if coarse.odd else (0,)
-        drawn = look.drawn(even.image, placed, present, level, fit)
-        judged = judge(look, even.image, drawn)
-        before, present = present, judged.present
-        full = judged.shown & (present > 0.5)
-        level = _levels(level * judged.shares.share, level, full, ways)
+    for number in range(_SHIFT_ROUNDS):
+        shifted = fitter.lines_at(shift, shifted)
+        fit_parts: tuple[int, ...] | None = parts
+        if number == 0:  # a direction of one line only can't be distinguished from a missing line
+            fit_parts = None if prior is not None else parts if coarse.odd else (0,)
+        view_fit = fitter.fit(flat_view.image, shifted, present, level, fit_parts)
+        ink_states = judge(fitter, flat_view.image, view_fit)
+        before, present = present, ink_states.present
+        full = ink_states.shown & (present > 0.5)
+        level = _fit_levels(level * ink_states.shares.share, level, full, samples)
         was = shift
-        beside = full & ~placed.old if view.change is not None else full
-        shift = finer_shift(was, judged.shares.offset, placed.ways, beside, options)
+        beside = full & ~shifted.old if view.change is not None else full
+        shift = finer_shift(was, ink_states.shares.offset, shifted.samples, beside, options)
         if view.is_heights:
             # Of heights nothing else changes from round to round.
             moved = np.hypot(shift.dx_mm - was.dx_mm, shift.dy_mm - was.dy_mm)
-            if moved < _STILL * ways.width.min() and np.abs(present - before).max() < 0.5:
+            if (
+                moved < _MAX_REST_MOVE_WIDTHS * samples.width.min()
+                and np.abs(present - before).max() < 0.5
+            ):
                 shift, rests = replace(shift, dx_mm=was.dx_mm, dy_mm=was.dy_mm), 1
                 break
-        even = even.less_light(drawn.ink)
+        flat_view = flat_view.without_light(view_fit.ink)
     parts = (0,) if view.is_heights else tuple(range(PARTS))
-    placed = look.placed(shift, placed)
+    shifted = fitter.lines_at(shift, shifted)
     for _ in range(rests):
-        drawn = look.drawn(even.image, placed, present, level, parts)
-        judged = judge(look, even.image, drawn)
-        present = judged.present
+        view_fit = fitter.fit(flat_view.image, shifted, present, level, parts)
+        ink_states = judge(fitter, flat_view.image, view_fit)
+        present = ink_states.present
     shift = with_systematics(
-        shift, drawn.model, coarse.odd, float(np.median(ways.width)), 1.0 / view.px_per_mm
+        shift, view_fit.model, coarse.odd, float(np.median(samples.width)), 1.0 / view.px_per_mm
     )
-    return Learned(even, frame, shift, drawn, judged, coarse.odd)
+    return LayerFit(flat_view, frame, shift, view_fit, ink_states, coarse.odd)
 
 
-def _fresh_alone(ways: Ways, lines: ExpectedLines) -> tuple[Ways, ExpectedLines]:
-    """Places and lines without older ones."""
+def _fresh_alone(samples: PathSamples, lines: ExpectedLines) -> tuple[PathSamples, ExpectedLines]:
+    """Return sample points and lines without older lines."""
     row = np.cumsum(lines.fresh) - 1
     some = ExpectedLines(**{name: value[lines.fresh] for name, value in vars(lines).items()})
-    return replace(ways, piece=row[ways.piece]), some
+    return replace(samples, piece=row[samples.piece]), some
 
 
-def _prior(known: Appearance | None, even: EvenView) -> InkModel | None:
-    """What ink adds to the view as an earlier look tells; None where that had other channels.
+def _prior(known: Appearance | None, flat_view: FlatFieldView) -> InkModel | None:
+    """Return the ink model known from an earlier look; None where its channels differ.
 
     In a view of heights ink is as high as its layer, whatever is missing of it.
     """
-    if even.view.is_heights:
-        return InkModel.cover(float(even.mix[0, 0]))
-    if known is None or known.profile.shape[3] != len(even.mix):
+    if flat_view.view.is_heights:
+        return InkModel.cover(float(flat_view.mix[0, 0]))
+    if known is None or known.profile.shape[3] != len(flat_view.mix):
         return None
-    return InkModel(known.profile @ even.mix.T)
+    return InkModel(known.profile @ flat_view.mix.T)
 
 
-def _coarse(
-    even: EvenView,
+def _coarse_shift(
+    flat_view: FlatFieldView,
     passes: Passes,
     pieces: Pieces,
-    ways: Ways,
+    samples: PathSamples,
     lines: ExpectedLines,
     options: SeeingOptions,
 ) -> CoarseShift:
-    """Where the layer lies, about: by the energy of what changed over older ink, if that is told.
+    """Return the coarse shift: by the energy of change over older ink, if a picture before exists.
 
     ``passes`` and ``pieces`` are at the designed place.
     """
-    view = even.view
+    view = flat_view.view
     by_energy = view.inkless > 0 and not lines.fresh.all()
     if by_energy:
-        changed = even.image[:, :, view.inkless :]
+        changed = flat_view.image[:, :, view.inkless :]
         energy = np.log1p((changed**2).mean(axis=2, keepdims=True))
-        shown = energy - np.float32(np.median(energy[even.ground]))
+        shown = energy - np.float32(np.median(energy[flat_view.ground]))
     else:
-        shown = _without_older(even.image, view.lost, passes, ways, lines)
+        shown = _without_older(flat_view.image, view.lost, passes, samples, lines)
         shown = shown[:, :, view.inkless :]
     return coarse_shift(
-        shown, view.lost, passes, _inner(passes, ways, lines),
+        shown, view.lost, passes, _pass_weights(passes, samples, lines),
         float(np.median(pieces.width[pieces.kind == 0])), options.shift_mm * view.px_per_mm,
         view.px_per_mm, view.is_heights or by_energy, by_energy,
     )  # fmt: skip
 
 
-def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
-    """How much each pass tells of a layer's place, (h, w, 4): ends, which recede, don't."""
-    share = ShareOfPiece.along(ways, lines, np.ones(len(ways)))
-    first, many = np.append(share.first, 0.0), np.append(share.many, 0.0)
-    at = (first[passes.piece] + passes.part * many[passes.piece]).astype(np.int64)
-    room = np.append(ways.to_end / ways.width, 0.0)[np.minimum(at, len(ways))]
+def _pass_weights(passes: Passes, samples: PathSamples, lines: ExpectedLines) -> FloatImage:
+    """Return each pass's weight in the shift, (h, w, 4): 0 at line ends, which recede."""
+    share = ShareOfPiece.along(samples, lines, np.ones(len(samples)))
+    first, sample_count = np.append(share.first, 0.0), np.append(share.sample_count, 0.0)
+    at = (first[passes.piece] + passes.part * sample_count[passes.piece]).astype(np.int64)
+    end_distance = np.append(samples.to_end / samples.width, 0.0)[np.minimum(at, len(samples))]
     fresh = np.append(lines.fresh, False)[passes.piece]
-    weight = np.clip(2.0 * room - 1.0, 0.0, 1.0)
+    weight = np.clip(2.0 * end_distance - 1.0, 0.0, 1.0)
     return np.where(fresh, weight, 0.0).astype(np.float32)
 
 
 def _without_older(
-    image: FloatImage, lost: BoolArray, passes: Passes, ways: Ways, lines: ExpectedLines
+    image: FloatImage, lost: BoolArray, passes: Passes, samples: PathSamples, lines: ExpectedLines
 ) -> FloatImage:
-    """The view less older ink, as it shows where no fresh line is near."""
+    """Subtract older ink, fitted where no fresh line is near, from the view."""
     if lines.fresh.all():
         return image
-    alone = ~lost & (passes.near[:, :, 0] > REACH)
+    alone = ~lost & (passes.near[:, :, 0] > REACH_WIDTHS)
     over = np.zeros(lost.shape, dtype=np.float32)
-    share = ShareOfPiece.along(ways, lines, np.zeros(len(ways)))
-    model = fitted(image, alone, passes, over, share, np.full(len(ways) + 1, 2), EVEN).whole
-    return image - model.drawn(passes, over, share)
+    share = ShareOfPiece.along(samples, lines, np.zeros(len(samples)))
+    model = fit_profiles(
+        image, alone, passes, over, share, np.full(len(samples) + 1, 2), EVEN
+    ).whole
+    return image - model.render(passes, over, share)
 
 
-def _levels(share: FloatArray, level: FloatArray, full: BoolArray, ways: Ways) -> FloatArray:
-    """How strongly ink of each width and depth shows, (n,), its mean 1.
+def _fit_levels(
+    share: FloatArray, level: FloatArray, full: BoolArray, samples: PathSamples
+) -> FloatArray:
+    """Fit the relative level of ink of each width and depth, (n,), its mean 1.
 
-    Ink is as dark as it is thick, and the bath above veils it: the logarithm of its level is linear
-    in those of its width and in its depth.
+    Ink's darkness grows with its thickness, and the bath above veils it: the logarithm of its level
+    is linear in those of its width and in its depth.
     """
-    if not ways.varied or not full.any():
+    if not samples.varied or not full.any():
         return level
-    terms = np.column_stack([np.log(ways.width), ways.point[:, 2]])
-    terms = np.column_stack([np.ones(len(ways)), terms - terms[full].mean(axis=0)])
-    use = full & (share > _SHOWS * level)
+    terms = np.column_stack([np.log(samples.width), samples.point[:, 2]])
+    terms = np.column_stack([np.ones(len(samples)), terms - terms[full].mean(axis=0)])
+    use = full & (share > _MIN_SHOWN_LEVEL * level)
     rows = terms[use]
-    power = rows.T @ rows / max(len(rows), 1) + np.diag(_SLOPES)
+    power = rows.T @ rows / max(len(rows), 1) + np.diag(_LEVEL_RIDGE)
     score = rows.T @ np.log(share[use]) / max(len(rows), 1)
     log = terms @ np.linalg.solve(power, score)
     return np.asarray(np.exp(log - log[full].mean()))
 
 
-def _first_shift(by_px: FloatArray, frame: ViewFrame, ways: Ways) -> Shift:
-    """A move of the view's pixels as one on the layer's plane, however unsure."""
-    middle = ways.point.mean(axis=0)
+def _first_shift(shift_px: FloatArray, frame: ViewFrame, samples: PathSamples) -> Shift:
+    """Convert a shift in the view's pixels to the layer's plane, its covariance infinite."""
+    middle = samples.point.mean(axis=0)
     base = frame.to_pixels(np.stack([middle, middle + (1, 0, 0), middle + (0, 1, 0)]))
-    x, y = np.linalg.solve((base[1:] - base[0]).T, by_px)
+    x, y = np.linalg.solve((base[1:] - base[0]).T, shift_px)
     return Shift(float(x), float(y), np.full((2, 2), np.inf))

@@ -1,7 +1,7 @@
-"""For each pixel of a view, the lines that pass near it: how far, on which side, which way.
+"""Find the lines that pass near each pixel: distance, side and direction.
 
 A line's own way back, or another line, is another pass; the pieces around a pixel on one way are
-one, at the least distance. All that a look expects to see is drawn from these.
+one, at the least distance. The model of a view is rendered from these.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray, IntArray
 from kernels.compile import jit
+from registration.inspection.path_samples import from_stroke_begin
 from registration.inspection.values import ExpectedLines, Frame
-from registration.inspection.ways import from_stroke_begin
 
-REACH: Final = 1.5
-"""Widths from its middle as far as a line is seen: its rim, shade and blur."""
-_MOST: Final = 4
-"""Passes kept of a pixel: a crossing of two lines that each touch a neighbour."""
-_SEEN: Final = 0.3
-"""Of its width at least that a piece with a direction shows."""
-_DETOUR: Final = 2.5
-"""Widths along a line, from which on it has come back."""
+REACH_WIDTHS: Final = 1.5
+"""Distance from a line's middle, in widths, to which its rim, shade and blur reach."""
+_MAX_PASSES: Final = 4
+"""Passes kept for a pixel: enough for a crossing of two lines that each touch a neighbour."""
+_MIN_VISIBLE_WIDTH_SHARE: Final = 0.3
+"""Least visible share of the width of a piece with a direction in the view."""
+_RETURN_WIDTHS: Final = 2.5
+"""Path length in widths after which a line counts as coming back."""
 
 
 class Pieces(NamedTuple):
-    """Straight pieces of lines in a view.
+    """Straight pieces of lines, projected into a view.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Pieces(NamedTuple):
 
     @staticmethod
     def of(lines: ExpectedLines, frame: Frame) -> Pieces:
-        """Look up where a frame shows lines, and how wide at right angles to their way there."""
+        """Project lines by a frame; widths at right angles to their projection."""
         way = lines.end - lines.start
         flat = np.maximum(np.linalg.norm(way[:, :2], axis=1, keepdims=True), 1e-9)
         left = np.column_stack([-way[:, 1], way[:, 0], np.zeros(len(way))]) / flat
@@ -61,7 +61,7 @@ class Pieces(NamedTuple):
         width = area / np.maximum(np.linalg.norm(ahead, axis=1), 1e-9)
         # A piece that is hardly longer than a point, or steep, has no direction in the view.
         whole = np.linalg.norm(across, axis=1)
-        width = np.where(width > _SEEN * whole, width, whole)
+        width = np.where(width > _MIN_VISIBLE_WIDTH_SHARE * whole, width, whole)
         length = np.linalg.norm(way, axis=1)
         scale = float(np.nanmedian(width / lines.width_mm))
         begin = from_stroke_begin(lines.stroke, length)
@@ -72,14 +72,14 @@ class Pieces(NamedTuple):
 
 
 class Passes(NamedTuple):
-    """Lines near each pixel, in no order.
+    """Lines near each pixel of a view, unordered.
 
     Attributes
     ----------
     number : (h, w) int64
     distance : (h, w, 4) float32, widths
         From the middle, positive to the left of the way as it is seen.
-    turn : (h, w, 4, 2) float32
+    normal : (h, w, 4, 2) float32
         Unit normal to the left, px.
     piece : (h, w, 4) int32
         Row of the nearest piece; -1 for none.
@@ -91,23 +91,23 @@ class Passes(NamedTuple):
 
     number: IntArray
     distance: NDArray[np.float32]
-    turn: NDArray[np.float32]
+    normal: NDArray[np.float32]
     piece: NDArray[np.int32]
     part: NDArray[np.float32]
     near: NDArray[np.float32]
 
     @staticmethod
     def of(pieces: Pieces, shape: tuple[int, int]) -> Passes:
-        """Look for lines within `REACH` of each pixel."""
+        """Find lines within the reach of each pixel."""
         out = Passes(
             np.zeros(shape, dtype=np.int64),
-            np.full((*shape, _MOST), 9.0, dtype=np.float32),
-            np.zeros((*shape, _MOST, 2), dtype=np.float32),
-            np.full((*shape, _MOST), -1, dtype=np.int32),
-            np.zeros((*shape, _MOST), dtype=np.float32),
+            np.full((*shape, _MAX_PASSES), 9.0, dtype=np.float32),
+            np.zeros((*shape, _MAX_PASSES, 2), dtype=np.float32),
+            np.full((*shape, _MAX_PASSES), -1, dtype=np.int32),
+            np.zeros((*shape, _MAX_PASSES), dtype=np.float32),
             np.full((*shape, 2), 9.0, dtype=np.float32),
         )
-        _lay(pieces, out, np.zeros((*shape, _MOST), dtype=np.float32))
+        _lay(pieces, out, np.zeros((*shape, _MAX_PASSES), dtype=np.float32))
         return out
 
 
@@ -116,13 +116,13 @@ def _lay(pieces: Pieces, out: Passes, along_at: NDArray[Any]) -> None:
     """Fill passes in place; ``along_at`` (h, w, 4) is each one's way along its stroke, px."""
     # Values of several arrays would be slower in the inner loop.
     start, end, width, along, stroke, kind = pieces
-    number, distance, turn, piece, part, near = out
+    number, distance, normal, piece, part, near = out
     high, wide = number.shape
     for k in range(len(width)):
         ax, ay, bx, by = start[k, 0], start[k, 1], end[k, 0], end[k, 1]
         if not (abs(ax) < 1e6 and abs(ay) < 1e6 and abs(bx) < 1e6 and abs(by) < 1e6):
             continue
-        reach = REACH * width[k]
+        reach = REACH_WIDTHS * width[k]
         dx, dy = bx - ax, by - ay
         length = np.sqrt(dx * dx + dy * dy)
         if length < 1e-9:
@@ -157,7 +157,7 @@ def _lay(pieces: Pieces, out: Passes, along_at: NDArray[Any]) -> None:
                 if slot < 0:
                     continue
                 distance[y, x, slot] = off if ux * py - uy * px >= 0 else -off
-                turn[y, x, slot, 0], turn[y, x, slot, 1] = -uy, ux
+                normal[y, x, slot, 0], normal[y, x, slot, 1] = -uy, ux
                 piece[y, x, slot] = k
                 part[y, x, slot] = t / length
                 along_at[y, x, slot] = along[k] + t
@@ -178,20 +178,20 @@ def _slot(
     piece: NDArray[Any],
     along_at: NDArray[Any],
 ) -> int:
-    """Where a pass is kept, nearer than the one of the same way or than the farthest; or -1."""
+    """Return the slot to keep a pass in (of the same way, free, or the farthest), or -1."""
     for m in range(number[y, x]):
         other = piece[y, x, m]
         if (
             stroke[other] == stroke[k]
             and kind[other] == kind[k]
-            and abs(along_at[y, x, m] - at) < _DETOUR * wide
+            and abs(along_at[y, x, m] - at) < _RETURN_WIDTHS * wide
         ):
             return m if off < abs(distance[y, x, m]) else -1
-    if number[y, x] < _MOST:
+    if number[y, x] < _MAX_PASSES:
         number[y, x] += 1
         return int(number[y, x] - 1)
     slot = 0
-    for m in range(1, _MOST):
+    for m in range(1, _MAX_PASSES):
         if abs(distance[y, x, m]) > abs(distance[y, x, slot]):
             slot = m
     return slot if off < abs(distance[y, x, slot]) else -1

@@ -1,4 +1,4 @@
-"""Measure the share of ink at each place along the lines, by generalised least squares.
+"""Measure the share of ink along lines by generalised least squares.
 
 Across each line the view is sampled into a strip. Less what the model draws of everything else, a
 strip is the line's own profile times its share of ink, moved and widened a little, plus noise whose
@@ -15,25 +15,25 @@ import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.ink_model import InkModel
+from registration.inspection.path_samples import PathSamples, ProjectedSamples
 from registration.inspection.values import FloatImage
-from registration.inspection.ways import Seen, Ways
 
-ACROSS: Final = np.linspace(-1.0, 1.0, 17)
-"""Widths from the middle at which a strip is sampled."""
-_OFF: Final = 0.08
-"""Standard deviation of a line's own place beside the layer's, widths."""
-_WIDER: Final = 0.08
-"""And of its width."""
-_FEWEST: Final = 40
-"""Strips by which noise is learned."""
-_INDEPENDENT: Final = 0.3
-"""Of strips: their neighbours tell the same."""
-_ROUGH: Final = 0.15
-"""Of a profile, to which the model is right at any sample."""
-_LEAST: Final = 1e-4
-"""Least variance of a sample; that of the ground is 1."""
-_FLOOR: Final = 0.02
-"""Of the mean variance, that every sample has at least."""
+ACROSS_WIDTHS: Final = np.linspace(-1.0, 1.0, 17)
+"""Distances from a line's middle at which its strip is sampled, in widths."""
+_OFFSET_SD_WIDTHS: Final = 0.08
+"""Prior standard deviation of a line's offset from the layer's shift, in widths."""
+_WIDENING_SD: Final = 0.08
+"""Prior standard deviation of a line's relative widening."""
+_MIN_STRIPS: Final = 40
+"""Least number of strips for learning their noise."""
+_INDEPENDENT_SHARE: Final = 0.3
+"""Share of strips that count as independent of their neighbours."""
+_MODEL_ERROR_SHARE: Final = 0.15
+"""Relative error of the model's profile at any sample."""
+_MIN_VARIANCE: Final = 1e-4
+"""Least variance of a sample, where the ground's is 1."""
+_MIN_SHRINKAGE: Final = 0.02
+"""Least shrinkage of a covariance towards its mean variance."""
 
 
 @dataclass(frozen=True)
@@ -43,29 +43,31 @@ class StripNoise:
     inverse: FloatArray
 
     @staticmethod
-    def of(full: FloatArray, bare: FloatArray, own: FloatArray, doubt: FloatArray) -> StripNoise:
-        """Learn it from rests (n, u c) on full lines and on the ground: the mean of both.
+    def of(
+        full: FloatArray, bare: FloatArray, own: FloatArray, model_covariance: FloatArray
+    ) -> StripNoise:
+        """Estimate from rests (n, u c) on full lines and on the ground, as the mean of both.
 
-        That is Fisher's linear discriminant. No model is better than to a part of what ink adds,
-        ``own`` (n, u, c): neighbours of a gap bulge into it; nor than its ``doubt`` (u, u): of
-        lines that touch only what their copies add up to is told.
+        That is Fisher's linear discriminant. Added are a relative error of the profile
+        ``own`` (n, u, c), since neighbours of a gap bulge into it, and the profile's
+        ``model_covariance`` (u, u), since lines that touch determine only their copies' sum.
         """
         size = full.shape[1]
-        wide = np.kron(doubt, np.eye(size // len(doubt)))
-        rough = _ROUGH**2 * float((own**2).mean()) if own.size else 0.0
-        both = [covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
+        wide = np.kron(model_covariance, np.eye(size // len(model_covariance)))
+        rough = _MODEL_ERROR_SHARE**2 * float((own**2).mean()) if own.size else 0.0
+        both = [covariance(one) for one in (full, bare) if len(one) >= _MIN_STRIPS]
         if not both:
             return StripNoise(np.eye(size))
         return StripNoise(np.linalg.inv(np.mean(both, axis=0) + rough * np.eye(size) + 0.5 * wide))
 
 
 def covariance(rests: FloatArray) -> FloatArray:
-    """Covariance about 0, shrunk to a multiple of one, outlying strips counting less.
+    """Return the covariance about 0, shrunk towards its mean variance, outliers down-weighted.
 
     By the oracle approximating shrinkage of Chen et al. (2010, IEEE TSP 58, 5016); neighbouring
-    strips tell the same in part.
+    strips are correlated.
     """
-    size, count = rests.shape[1], _INDEPENDENT * len(rests)
+    size, count = rests.shape[1], _INDEPENDENT_SHARE * len(rests)
     weight = np.ones(len(rests))
     cov = np.eye(size)
     for _ in range(2):
@@ -73,23 +75,23 @@ def covariance(rests: FloatArray) -> FloatArray:
         trace, square = float(np.trace(cov)), float((cov**2).sum())
         top = (1.0 - 2.0 / size) * square + trace**2
         low = (count + 1.0 - 2.0 / size) * (square - trace**2 / size)
-        shrink = max(min(1.0, top / low) if low > 0 else 1.0, _FLOOR)
-        cov = (1.0 - shrink) * cov + (shrink * trace / size + _LEAST) * np.eye(size)
+        shrink = max(min(1.0, top / low) if low > 0 else 1.0, _MIN_SHRINKAGE)
+        cov = (1.0 - shrink) * cov + (shrink * trace / size + _MIN_VARIANCE) * np.eye(size)
         far = (rests @ np.linalg.inv(cov) * rests).sum(axis=1) / size
         weight = 1.0 / (1.0 + np.maximum(far / max(float(np.median(far)), 1e-9) - 1.0, 0.0) ** 2)
     return cov
 
 
 @dataclass(frozen=True)
-class Shares:
-    """What strips tell.
+class InkShares:
+    """Share, offset and width of ink measured in strips.
 
     Attributes
     ----------
     share, u_share : (n,) float64
-        Of its ink, and the standard uncertainty that the strip's noise gives it.
-    offset, wider : (n,) float64, widths
-        How far a line lies to the left of its place, and how much wider it is.
+        Share of the line's ink, and its standard uncertainty by the strip's noise.
+    offset, widening : (n,) float64, widths
+        Offset of a line to the left of its place, and its relative widening.
     misfit : (n,) float64
         Mean square of what is left, over noise.
     """
@@ -97,62 +99,67 @@ class Shares:
     share: FloatArray
     u_share: FloatArray
     offset: FloatArray
-    wider: FloatArray
+    widening: FloatArray
     misfit: FloatArray
 
     @staticmethod
-    def blank(count: int) -> Shares:
-        """Return shares of so many places, to be put in."""
-        return Shares(*np.zeros((5, count)))
+    def blank(count: int) -> InkShares:
+        """Return an empty table for ``count`` places, filled by `put`."""
+        return InkShares(*np.zeros((5, count)))
 
-    def put(self, rows: BoolArray | IntArray, part: Shares) -> None:
-        """Take over those of some places."""
+    def put(self, rows: BoolArray | IntArray, part: InkShares) -> None:
+        """Copy the values of ``part`` into some rows."""
         for name, values in vars(part).items():
             getattr(self, name)[rows] = values
 
-    def over(self, level: float) -> Shares:
-        """Return shares of a level."""
+    def over(self, level: float) -> InkShares:
+        """Return shares relative to a level."""
         return replace(self, share=self.share / level, u_share=self.u_share / level)
 
 
-def strips_of(image: FloatImage, seen: Seen, ways: Ways) -> FloatArray:
+def sample_strips(
+    image: FloatImage, projected: ProjectedSamples, samples: PathSamples
+) -> FloatArray:
     """Return samples across each place, (n, u, c)."""
-    across = ways.width[:, None] * ACROSS
+    across = samples.width[:, None] * ACROSS_WIDTHS
     each = [
-        seen.profiles(np.ascontiguousarray(image[:, :, c]), across) for c in range(image.shape[2])
+        projected.profiles(np.ascontiguousarray(image[:, :, c]), across)
+        for c in range(image.shape[2])
     ]
     return np.stack(each, axis=2).astype(np.float64)
 
 
-def own_profile(model: InkModel, over: FloatArray, seen: Seen) -> FloatArray:
+def full_ink_profile(model: InkModel, over: FloatArray, projected: ProjectedSamples) -> FloatArray:
     """Return what full ink adds to each strip, (n, u, c); ``over`` (n, u) is older ink below."""
-    normal = seen.across / np.maximum(np.linalg.norm(seen.across, axis=1, keepdims=True), 1e-9)
-    ground, part = model.at(0, ACROSS, normal), over[:, :, None]
+    normal = projected.across / np.maximum(
+        np.linalg.norm(projected.across, axis=1, keepdims=True), 1e-9
+    )
+    ground, part = model.at(0, ACROSS_WIDTHS, normal), over[:, :, None]
     if not over.any():
         return ground
-    return np.asarray(ground * (1.0 - part) + model.at(1, ACROSS, normal) * part)
+    return np.asarray(ground * (1.0 - part) + model.at(1, ACROSS_WIDTHS, normal) * part)
 
 
-def measured(
+def measure_shares(
     strips: FloatArray, own: FloatArray, noise: StripNoise, lost: BoolArray | None = None
-) -> Shares:
+) -> InkShares:
     """Fit share, offset and widening to strips (n, u, c) that hold the line's own ink alone.
 
     Samples that are ``lost`` (n, u) aren't used: the fewer are left, the larger is the uncertainty.
     """
-    n, samples, channels = strips.shape
+    n, sample_count, channels = strips.shape
     if lost is None or not lost.any():
-        return _measured(strips, own, noise.inverse, samples * channels)
-    found = Shares.blank(n)
-    for rows, inverse, number in by_seen_samples(noise.inverse, lost):
-        found.put(rows, _measured(strips[rows], own[rows], inverse, max(number, 1)))
+        return _fit_strips(strips, own, noise.inverse, sample_count * channels)
+    found = InkShares.blank(n)
+    for rows, inverse, number in group_by_lost_samples(noise.inverse, lost):
+        found.put(rows, _fit_strips(strips[rows], own[rows], inverse, max(number, 1)))
     return found
 
 
-def by_seen_samples(
+def group_by_lost_samples(
     inverse: FloatArray, lost: BoolArray
 ) -> Iterator[tuple[IntArray, FloatArray, int]]:
-    """Group strips by their samples that are ``lost`` (n, u).
+    """Group strips by which of their samples are ``lost`` (n, u).
 
     Yield the rows of each group, the inverse covariance of what is left (0 for the others), and the
     number of samples left in all channels.
@@ -168,8 +175,8 @@ def by_seen_samples(
         yield rows, part, len(left)
 
 
-def beside_line(rests: FloatArray, own: FloatArray) -> FloatArray:
-    """Return what of rests (n, u c) no share, place or width of the line itself explains.
+def remove_line_terms(rests: FloatArray, own: FloatArray) -> FloatArray:
+    """Remove from rests (n, u c) what the line's own share, place and width explain.
 
     A thin stretch of a layer is no noise of its others.
     """
@@ -181,26 +188,28 @@ def beside_line(rests: FloatArray, own: FloatArray) -> FloatArray:
 
 
 def _basis(own: FloatArray) -> FloatArray:
-    """Return what share, offset and widening change in strips, (n, 3, u c)."""
-    slope = np.gradient(own, ACROSS[1] - ACROSS[0], axis=1)
-    terms = np.stack([own, -slope, -slope * ACROSS[None, :, None]], axis=1)
+    """Return the derivatives of strips by share, offset and widening, (n, 3, u c)."""
+    slope = np.gradient(own, ACROSS_WIDTHS[1] - ACROSS_WIDTHS[0], axis=1)
+    terms = np.stack([own, -slope, -slope * ACROSS_WIDTHS[None, :, None]], axis=1)
     return np.asarray(terms.reshape(len(own), 3, own.shape[1] * own.shape[2]))
 
 
-def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples: int) -> Shares:
-    """Fit strips by one inverse covariance, in which so many samples count."""
+def _fit_strips(
+    strips: FloatArray, own: FloatArray, inverse: FloatArray, sample_count: int
+) -> InkShares:
+    """Fit strips by one inverse covariance over ``sample_count`` samples."""
     n = len(strips)
     basis = _basis(own)
     flat = strips.reshape(n, -1)
     weighted = basis @ inverse
     power = weighted @ basis.transpose(0, 2, 1)
     score = np.einsum("nij,nj->ni", weighted, flat)
-    # What moves and widens ink does so by its share; the designed line is the prior.
-    power[:, 1, 1] += _OFF**-2
-    power[:, 2, 2] += _WIDER**-2
+    # Offset and widening scale with the share; the designed line is the prior.
+    power[:, 1, 1] += _OFFSET_SD_WIDTHS**-2
+    power[:, 2, 2] += _WIDENING_SD**-2
     power[:, 0, 0] += 1e-9
     cov = np.linalg.inv(power)
     found = np.einsum("nij,nj->ni", cov, score)
     left = flat - np.einsum("ni,nij->nj", found, basis)
-    misfit = (left @ inverse * left).sum(axis=1) / samples
-    return Shares(found[:, 0], np.sqrt(cov[:, 0, 0]), found[:, 1], found[:, 2], misfit)
+    misfit = (left @ inverse * left).sum(axis=1) / sample_count
+    return InkShares(found[:, 0], np.sqrt(cov[:, 0, 0]), found[:, 1], found[:, 2], misfit)

@@ -1,4 +1,4 @@
-"""Pictures of a layer as they are judged: cropped, in one light, heights as shares of the layer.
+"""Preparation of pictures: cropped, evenly lit, heights relative to the layer.
 
 Begin with `picture.py`; `heights` makes pictures of volumes and height maps.
 """

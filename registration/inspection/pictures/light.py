@@ -1,7 +1,8 @@
-"""Light over a view, told by what ink doesn't explain: by the ground, and on lines by their rest.
+"""Estimate and remove the light over a view, and whiten its channels.
 
-In logarithms light adds. It is a polynomial of second order, robustly fitted, and what is left over
-some millimetres. Without it, channels are mixed so that the ground's noise is 1 in each.
+In logarithms light adds. It is estimated from the ground, and on lines from what the ink model
+leaves: a polynomial of second order, robustly fitted, plus its rest smoothed over some
+millimetres. Without light, channels are mixed so that the ground's noise is 1 in each.
 """
 
 from __future__ import annotations
@@ -17,25 +18,26 @@ from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.pictures.picture import View
 from registration.inspection.values import FloatImage
 
-_LOCAL_MM: Final = 1.2
-"""Standard deviation of the filter that follows light beyond a polynomial."""
-_PRIOR: Final = 0.05
-"""Weight of "nothing beyond the polynomial" where no ground is near."""
-_ROUNDS: Final = 4
-_OUTLYING: Final = 2.5
-"""Spreads from which on a cell hardly counts."""
+_LOCAL_SIGMA_MM: Final = 1.2
+"""Standard deviation of the Gaussian filter for light beyond the polynomial."""
+_POLYNOMIAL_WEIGHT: Final = 0.05
+"""Weight of the polynomial alone where no ground is near."""
+_ITERATIONS: Final = 4
+_OUTLIER_SPREADS: Final = 2.5
+"""Spreads at which a cell's weight falls to one half."""
 _CELL_PX: Final = 6
-_ROUGH: Final = 0.05
-"""Scatter of heights on the ground, thicknesses of the layer."""
-_INK_TELLS: Final = 0.3
-"""How much ink tells of light, against ground."""
-_FEWEST: Final = 100
-"""Pixels of ground by which its noise is learned; else by the whole view."""
+"""Side of the cells in which light is estimated."""
+_HEIGHT_NOISE_THICKNESSES: Final = 0.05
+"""Scatter of heights on the ground, in thicknesses of the layer."""
+_INK_WEIGHT: Final = 0.3
+"""Weight of pixels with ink in the light's fit, relative to ground."""
+_MIN_GROUND_PX: Final = 100
+"""Least number of ground pixels for learning noise; below it the whole view is used."""
 
 
 @dataclass(frozen=True)
-class EvenView:
-    """A view without its light, its channels mixed so that the ground is 0 and its noise 1.
+class FlatFieldView:
+    """View without light, whitened so that the ground is 0 and its noise 1.
 
     Attributes
     ----------
@@ -44,7 +46,7 @@ class EvenView:
         Pixels that are seen and clear of all lines.
     light : (h, w, c) float32
     mix : (c, c) float64
-        What channels without light are multiplied by.
+        Whitening matrix of the channels without light.
     """
 
     view: View
@@ -53,42 +55,44 @@ class EvenView:
     mix: FloatArray
 
     @staticmethod
-    def of(view: View, away: FloatImage) -> EvenView:
-        """Even out a view of whose pixels the nearest line lies ``away`` (h, w), widths.
+    def of(view: View, away: FloatImage) -> FlatFieldView:
+        """Estimate the light of a view whose nearest line lies ``away`` (h, w), widths.
 
-        Of heights there is no light.
+        Heights have no light.
         """
         channels, ground = view.channels, ~view.lost & (away > 1.0)
         if view.is_heights:
-            return EvenView(view, ground, np.zeros_like(channels), np.eye(1) / _ROUGH)
+            return FlatFieldView(
+                view, ground, np.zeros_like(channels), np.eye(1) / _HEIGHT_NOISE_THICKNESSES
+            )
         light = _light(channels, ground.astype(np.float32), view.px_per_mm)
         rest = channels - light
         mix = _whitening(rest[ground], rest, view.inkless)
-        return EvenView(view, ground, light, mix)
+        return FlatFieldView(view, ground, light, mix)
 
     @cached_property
     def image(self) -> FloatImage:
-        """The view, (h, w, c)."""
+        """The whitened view without light, (h, w, c)."""
         return _mixed(self.view.channels - self.light, self.mix)
 
-    def less_light(self, ink: FloatImage) -> EvenView:
-        """Return it without the light that a model of ``ink`` (h, w, c) leaves unexplained."""
+    def without_light(self, ink: FloatImage) -> FlatFieldView:
+        """Subtract the light that a model of ``ink`` (h, w, c) leaves unexplained."""
         if self.view.is_heights:
             return self
         rest = _mixed(self.image - ink, np.asarray(np.linalg.inv(self.mix)))
-        weight = np.where(self.view.lost, 0.0, np.where(self.ground, 1.0, _INK_TELLS))
+        weight = np.where(self.view.lost, 0.0, np.where(self.ground, 1.0, _INK_WEIGHT))
         light = _light(rest, weight.astype(np.float32), self.view.px_per_mm)
         return replace(self, light=self.light + light)
 
 
 def _whitening(ground: FloatImage, everything: FloatImage, inkless: int) -> FloatArray:
-    """Matrix (c, c) that makes noise of the ground 1 in each channel and independent.
+    """Return the matrix (c, c) that makes the ground's noise 1 and independent.
 
-    What was taken before, the first channels, isn't mixed with what changed: older ink mustn't
-    show there.
+    The first ``inkless`` channels, from the picture before, aren't mixed with the change, in which
+    older ink mustn't show.
     """
     count = everything.shape[2]
-    own = ground if len(ground) >= _FEWEST else everything.reshape(-1, count)
+    own = ground if len(ground) >= _MIN_GROUND_PX else everything.reshape(-1, count)
     low, high = np.percentile(own, [1, 99], axis=0)
     inner = own[((own >= low) & (own <= high)).all(axis=1)]
     cov = np.cov(inner.T).reshape(count, count)
@@ -105,14 +109,14 @@ def _mixed(values: FloatImage, mix: FloatArray) -> FloatImage:
 
 
 def _light(rest: FloatImage, weight: FloatImage, px_per_mm: float) -> FloatImage:
-    """Return light (h, w, c).
+    """Estimate light (h, w, c).
 
     Parameters
     ----------
     rest : (h, w, c) float32
         Values less what ink adds.
     weight : (h, w) float32
-        How much each pixel tells of light, 0 to 1.
+        Weight of each pixel, 0 to 1.
     px_per_mm : float
     """
     high, wide = weight.shape
@@ -120,14 +124,14 @@ def _light(rest: FloatImage, weight: FloatImage, px_per_mm: float) -> FloatImage
     share = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
     x, y = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-1, 1, size[1]))
     powers = np.column_stack([(x**i * y**j).ravel() for i in range(3) for j in range(3 - i)])
-    sigma = _LOCAL_MM * px_per_mm / _CELL_PX
+    sigma = _LOCAL_SIGMA_MM * px_per_mm / _CELL_PX
     out = np.empty_like(rest)
     for c in range(rest.shape[2]):
         mean = cv2.resize(rest[:, :, c] * weight, size, interpolation=cv2.INTER_AREA)
         mean /= np.maximum(share, np.float32(1e-3))
         light = _polynomial(mean.ravel(), share.ravel(), powers).reshape(share.shape)
         left = (mean - light) * share
-        near = cv2.GaussianBlur(share, (0, 0), sigma) + np.float32(_PRIOR)
+        near = cv2.GaussianBlur(share, (0, 0), sigma) + np.float32(_POLYNOMIAL_WEIGHT)
         light = light + cv2.GaussianBlur(left.astype(np.float32), (0, 0), sigma) / near
         out[:, :, c] = cv2.resize(
             light.astype(np.float32), (wide, high), interpolation=cv2.INTER_CUBIC
@@ -136,14 +140,14 @@ def _light(rest: FloatImage, weight: FloatImage, px_per_mm: float) -> FloatImage
 
 
 def _polynomial(values: FloatArray, share: FloatArray, powers: FloatArray) -> FloatArray:
-    """Fit by weighted least squares, what lies far off counting less each time."""
+    """Fit a polynomial by iteratively reweighted least squares."""
     weight = np.where(share > 0.05, share, 0.0).astype(np.float64)
     fit = np.zeros(len(values))
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         rows = (powers * weight[:, None]).T @ powers + 1e-6 * np.eye(powers.shape[1])
         fit = powers @ np.linalg.solve(rows, (powers * weight[:, None]).T @ values)
         rest = np.abs(values - fit)
-        told = share > 0.05
-        spread = 1.4826 * float(np.median(rest[told])) + 1e-9 if told.any() else 1.0
-        weight = np.where(told, share / (1.0 + (rest / (_OUTLYING * spread)) ** 2), 0.0)
+        known = share > 0.05
+        spread = 1.4826 * float(np.median(rest[known])) + 1e-9 if known.any() else 1.0
+        weight = np.where(known, share / (1.0 + (rest / (_OUTLIER_SPREADS * spread)) ** 2), 0.0)
     return fit

@@ -1,10 +1,10 @@
-"""Height of ink over what it was laid onto, in a map of heights.
+"""Compute the height of ink over the floor it was laid onto.
 
 Over holes of older layers, and beyond their ends, a line sags by up to all that lies below: there
 it has ink as long as it stands a layer over the floor, however low its own layer. So heights are
-told over what lies below by the design, and what lies between a layer over that and the layer's own
-top counts as all of its ink. Where it isn't known what lies below, beside an older line that may
-lie elsewhere, what would be ink over the one and none over the other isn't measured.
+measured over the designed floor, and anything from a layer over it to the layer's own top counts as
+all of its ink. Beside an older line that may lie elsewhere the floor is uncertain: there a pixel
+that has ink over the one floor and none over the other isn't measured.
 """
 
 from __future__ import annotations
@@ -16,43 +16,47 @@ import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
-from registration.inspection.pictures.heights.height import FARTHEST
-from registration.inspection.pictures.picture import HIGHEST, LOWEST, Outlines, drawn_lines
+from registration.inspection.pictures.heights.height import MAX_HEIGHT_THICKNESSES
+from registration.inspection.pictures.picture import (
+    HIGHEST_THICKNESSES,
+    LAYER_TOP_THICKNESSES,
+    LOWEST_THICKNESSES,
+    Outlines,
+    draw_lines,
+)
 from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
 
-_TOP: Final = 0.5
-"""Thicknesses from the layer's middle to its top."""
-_ASIDE: Final = 0.3
-"""Widths by which an older line may lie beside its place: lines wander by a tenth of a millimetre,
-and a map's older layers aren't laid over the design one by one."""
-_CLEAR: Final = 2.0
-"""Times a line's width, off which the ground is bare."""
-_FEWEST: Final = 100
-"""Cells of bare ground by which its height is told."""
-_COVERED: Final = 0.0
-"""Height of the ground over the layer's middle, thicknesses, from which on a bath's surface covers
-its lines: what a profiler sees there isn't theirs."""
-_ZERO: Final = 0.5
-"""Of a layer, by which a profiler's zero may be off: then the ground tells it."""
-_LOWER: Final = 1.5
-"""Layers by which the ground may lie lower because of that: what is ink isn't known, where none of
-the lines reaches its layer's middle."""
-_SOME: Final = 0.1
-"""Of the lines that does so, from which on the zero is right."""
-_UNSURE: Final = 0.5
-"""Of a layer, by which rises over two floors may differ."""
-_STEP: Final = 0.5
-"""Thicknesses between floors that count as one."""
+_MAX_ASIDE_WIDTHS: Final = 0.3
+"""Distance in widths by which an older line may lie beside its place: lines wander by a tenth of a
+millimetre, and a map's older layers aren't registered one by one."""
+_CLEAR_WIDTHS: Final = 2.0
+"""Width of the band around a line, in widths, beyond which the ground is bare."""
+_MIN_GROUND_CELLS: Final = 100
+"""Least number of bare cells for measuring the ground's height."""
+_COVERED_THICKNESSES: Final = 0.0
+"""Height of the ground over the layer's middle, in thicknesses, above which a bath's surface covers
+the lines, so that the profiler doesn't see them."""
+_MAX_ZERO_ERROR_THICKNESSES: Final = 0.5
+"""Error of a profiler's zero, in thicknesses, that is corrected by the ground."""
+_MAX_LOWER_THICKNESSES: Final = 1.5
+"""Depth of the ground, in thicknesses, up to which a zero error may explain it: ink is then unknown
+where no line reaches its layer's middle."""
+_MIN_RAISED_SHARE: Final = 0.1
+"""Share of line cells above the layer's middle from which on the zero is right."""
+_MAX_DIFFERENCE_THICKNESSES: Final = 0.5
+"""Largest difference of the rises over two floors, in thicknesses."""
+_FLOOR_STEP_THICKNESSES: Final = 0.5
+"""Spacing of floor levels, in thicknesses."""
 
 
-def risen(
+def rise_over_floor(
     picture: Image,
     frame: Frame,
     lines: ExpectedLines,
     thickness_mm: float,
     hidden: Outlines | BoolArray,
 ) -> tuple[FloatImage, BoolArray]:
-    """Return how much of its layer stands at each pixel, (h, w), and where that isn't known.
+    """Return each pixel's rise in its layer, (h, w), and where that is unknown.
 
     0 on the floor, 1 at the top.
 
@@ -84,36 +88,48 @@ def risen(
     seen = np.isfinite(height)
     if isinstance(hidden, np.ndarray):
         seen &= ~hidden
-    bare = height[seen & (drawn_lines(height.shape, ends, _CLEAR * wide) == 0)]
-    ground = float(np.median(bare)) if len(bare) >= _FEWEST else LOWEST
-    if ground > _COVERED:
+    bare = height[seen & (draw_lines(height.shape, ends, _CLEAR_WIDTHS * wide) == 0)]
+    ground = float(np.median(bare)) if len(bare) >= _MIN_GROUND_CELLS else LOWEST_THICKNESSES
+    if ground > _COVERED_THICKNESSES:
         return np.zeros_like(height), np.ones_like(seen)
     level = _levels(lines, thickness_mm)
-    plate = max(float(level[~lines.fresh].min(initial=_TOP)) - 1.0, -FARTHEST)
-    fresh = drawn_lines(height.shape, ends[lines.fresh], wide[lines.fresh]) > 0
-    none = not (height[seen & fresh] > 0.0).mean() > _SOME
-    if plate > -FARTHEST and none and _ZERO <= plate - ground < _LOWER:
+    plate = max(
+        float(level[~lines.fresh].min(initial=LAYER_TOP_THICKNESSES)) - 1.0, -MAX_HEIGHT_THICKNESSES
+    )
+    fresh = draw_lines(height.shape, ends[lines.fresh], wide[lines.fresh]) > 0
+    none = not (height[seen & fresh] > 0.0).mean() > _MIN_RAISED_SHARE
+    if (
+        plate > -MAX_HEIGHT_THICKNESSES
+        and none
+        and _MAX_ZERO_ERROR_THICKNESSES <= plate - ground < _MAX_LOWER_THICKNESSES
+    ):
         return np.zeros_like(height), np.ones_like(seen)
-    if abs(ground - plate) < _ZERO and plate > -FARTHEST:
+    if abs(ground - plate) < _MAX_ZERO_ERROR_THICKNESSES and plate > -MAX_HEIGHT_THICKNESSES:
         height, ground = height - np.float32(ground - plate), plate
     ground = max(ground, plate)
     least, most = _floors(ground, level, ends, wide, ~lines.fresh, height.shape)
     high, low = _over(height, least), _over(height, most)
-    return 0.5 * (high + low), ~(high - low <= _UNSURE)
+    return 0.5 * (high + low), ~(high - low <= _MAX_DIFFERENCE_THICKNESSES)
 
 
 def _over(height: FloatImage, floor: FloatImage) -> FloatImage:
-    """Ink over a floor: a layer of it, or up to the layer's top, is all; more is told on top."""
-    whole = np.minimum(_TOP - floor, 1.0)
+    """Return ink over a floor: one layer, or up to the layer's top, is 1; more is added on top."""
+    whole = np.minimum(LAYER_TOP_THICKNESSES - floor, 1.0)
     part = np.clip((height - floor) / whole, 0.0, 1.0)
-    return np.asarray(part + np.clip(height - _TOP, 0.0, HIGHEST - _TOP), dtype=np.float32)
+    return np.asarray(
+        part
+        + np.clip(height - LAYER_TOP_THICKNESSES, 0.0, HIGHEST_THICKNESSES - LAYER_TOP_THICKNESSES),
+        dtype=np.float32,
+    )
 
 
 def _levels(lines: ExpectedLines, thickness_mm: float) -> FloatArray:
-    """Tops of lines over the layer's middle as designed, thicknesses, (n,)."""
+    """Return designed tops of lines over the layer's middle, thicknesses, (n,)."""
     z = 0.5 * (lines.start + lines.end)[:, 2]
     off = (z - np.median(z[lines.fresh])) / thickness_mm
-    return np.asarray(_STEP * np.rint(off / _STEP) + _TOP)
+    return np.asarray(
+        _FLOOR_STEP_THICKNESSES * np.rint(off / _FLOOR_STEP_THICKNESSES) + LAYER_TOP_THICKNESSES
+    )
 
 
 def _floors(
@@ -124,19 +140,19 @@ def _floors(
     old: BoolArray,
     shape: tuple[int, int],
 ) -> tuple[FloatImage, FloatImage]:
-    """Lowest and highest floor that may lie below each pixel, thicknesses over the middle.
+    """Return lowest and highest possible floor of each pixel, thicknesses over the middle.
 
-    Holes between older lines that are narrower than these may lie aside aren't told.
+    Holes between older lines that are narrower than their possible offset are ignored.
     """
-    level = np.minimum(level, LOWEST)
-    aside = _ASIDE * float(np.median(wide))
+    level = np.minimum(level, LOWEST_THICKNESSES)
+    aside = _MAX_ASIDE_WIDTHS * float(np.median(wide))
     size = 2 * max(1, round(2.0 * aside)) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     least = np.full(shape, ground, dtype=np.float32)
     most = least.copy()
     for each in np.unique(level[old & (level > ground)]):
         rows = old & (level >= each)
-        broad = drawn_lines(shape, ends[rows], wide[rows] + 2.0 * aside)
+        broad = draw_lines(shape, ends[rows], wide[rows] + 2.0 * aside)
         most[broad > 0] = each
         least[cv2.erode(broad, disc) > 0] = each
     return least, most

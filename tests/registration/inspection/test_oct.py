@@ -14,10 +14,10 @@ from registration.inspection import (
     ExpectedLines,
     HeightFrame,
     LayerFindings,
-    ShownLines,
     Unseen,
-    better_turned,
+    VisibleLines,
     filament_map,
+    find_better_orientation,
     height_map,
     see_layer,
 )
@@ -95,7 +95,7 @@ def test_a_turned_or_mirrored_volume_is_told(turn, said) -> None:  # type: ignor
     volume = painted(STAIRS, [(3, 1.0, 1.6)])
     turned = replace(volume, voxels=np.ascontiguousarray(turn(volume.voxels)))
     picture, frame = turned.picture()
-    assert better_turned(picture, frame, volume.lines) == said
+    assert find_better_orientation(picture, frame, volume.lines) == said
 
 
 # Constant A-scans and picture blocks hold no measurement: they aren't seen, and are no gaps.
@@ -214,8 +214,8 @@ def _crossing(lower: float, bare: tuple[float, float] | None) -> LayerFindings:
     light = np.where(older | fresh, 4.0, 1.0) * np.exp(-0.5 * z)
     scan = scan_of(2000.0 * light * rng.gamma(3.0, 1 / 3.0, CROSS_SHAPE), CROSS_VOXEL)
     _, frame = height_map(scan, from_above(CROSS_DEPTH), UPPER, CROSS_WIDE, lines)
-    shown = ShownLines.of(lines, frame, depth_down=True)
-    return shown.as_given(see_layer(filament_map(scan, frame, lines), frame, shown.lines))
+    shown = VisibleLines.of(lines, frame, depth_down=True)
+    return shown.with_given_rows(see_layer(filament_map(scan, frame, lines), frame, shown.lines))
 
 
 def test_a_gap_above_older_ink_is_found() -> None:
@@ -278,7 +278,7 @@ def _bent(points: NDArray[Any], turn: Turn) -> tuple[FloatImage, HeightFrame, Ex
 def test_ink_darker_than_the_bath_is_told_when_turned(turn: Turn, said: str | None) -> None:
     """It correlates with its lines below zero, and any turn was as good as any other."""
     picture, frame, lines = _bent(BENT, turn)
-    assert better_turned(picture, frame, lines) == said
+    assert find_better_orientation(picture, frame, lines) == said
 
 
 # Ink that an OCT shows by its rim, as clear hydrogel.
@@ -361,7 +361,7 @@ def test_a_vessel_that_shows_by_its_rim_is_not_told_as_turned() -> None:
     scan, to_scan, lines = _scanned([((0.8, 0.7, 0.7), (1.3, 2.6, 0.7))], 0.68, 0.68, 0.94,
                                     (5.8, 0.04))  # fmt: skip
     picture, frame = height_map(scan, to_scan, 0.7, 0.7, lines)
-    assert better_turned(picture, frame, lines, scan, in_parts=False) is None
+    assert find_better_orientation(picture, frame, lines, scan, in_parts=False) is None
     other = scan_of(scan.volume[:, ::-1, ::-1], VOXEL)
     picture, frame = height_map(other, to_scan, 0.7, 0.7, lines)
-    assert better_turned(picture, frame, lines, other, in_parts=False) == "turned by 180°"
+    assert find_better_orientation(picture, frame, lines, other, in_parts=False) == "turned by 180°"

@@ -15,7 +15,7 @@ from registration.inspection import (
     LayerFindings,
     Surface,
     Unseen,
-    better_turned,
+    find_better_orientation,
     see_layer,
     surface_of,
 )
@@ -207,7 +207,7 @@ def _told(
     kind: Kind, seed: int, lost: slice | None, axis: int = 0, bare: bool = False
 ) -> str | None:
     surface, lines = _surface(kind, seed, lost, axis, bare)
-    return better_turned(surface.picture, surface.frame, lines)
+    return find_better_orientation(surface.picture, surface.frame, lines)
 
 
 @pytest.mark.parametrize("kind", ["plate", "lattice", "solid"])

@@ -1,4 +1,4 @@
-"""Pictures of a layer made from volumes (OCT) and height maps (laser profiler).
+"""Pictures of a layer from volumes (OCT) and height maps (laser profiler).
 
 Begin with `height.py`.
 """

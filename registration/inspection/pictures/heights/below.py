@@ -1,4 +1,4 @@
-"""Leave out older filaments that lie clearly below the judged ones in a volume seen from above.
+"""Leave out older filaments clearly below the fresh ones of a volume.
 
 A picture of filaments (`own_depth`) shows each column at the depth of the fresh one next to it:
 older ink further down doesn't show there, and hides nothing. Older ink further up casts a shadow.
@@ -17,29 +17,30 @@ from registration.inspection.findings import LayerFindings
 from registration.inspection.pictures.heights.height import HeightFrame
 from registration.inspection.values import ExpectedLines
 
-_STEP_MM: Final = 0.1
-_CLEAR_MM: Final = 0.1
-"""Of bath between two filaments, for the lower one not to show: blur, and the frame's errors."""
+_CUT_MM: Final = 0.1
+"""Length of the pieces that older lines are cut into."""
+_MIN_BATH_MM: Final = 0.1
+"""Least bath between two filaments for the lower one to be hidden: blur and frame errors."""
 
 
 @dataclass(frozen=True)
-class ShownLines:
-    """Lines of which older ink shows at the depths of fresh ones.
+class VisibleLines:
+    """Fresh lines and the older ones that show at their depths.
 
     Attributes
     ----------
     lines : ExpectedLines
         Older ones are cut finely.
     row : (n,) int64
-        Of the lines that they were cut from.
+        Row of the line that each was cut from.
     """
 
     lines: ExpectedLines
     row: IntArray
 
     @staticmethod
-    def of(lines: ExpectedLines, frame: HeightFrame, depth_down: bool) -> ShownLines:
-        """Cut older lines, and leave out what lies clearly below the fresh one next to it.
+    def of(lines: ExpectedLines, frame: HeightFrame, depth_down: bool) -> VisibleLines:
+        """Cut older lines, and leave out pieces clearly below the nearest fresh line.
 
         Strokes of which a part is fresh are kept whole.
 
@@ -52,15 +53,15 @@ class ShownLines:
         """
         old = ~np.isin(lines.stroke, lines.stroke[lines.fresh])
         length = np.linalg.norm(lines.end - lines.start, axis=1)
-        count = np.where(old, np.maximum(1, np.ceil(length / _STEP_MM)), 1).astype(np.int64)
+        count = np.where(old, np.maximum(1, np.ceil(length / _CUT_MM)), 1).astype(np.int64)
         row = np.repeat(np.arange(len(lines)), count)
         number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
         cut = _parts(lines, row, number / count[row], (number + 1) / count[row])
         shown = ~(old[row] & _below(cut, lines, frame, depth_down))
-        return ShownLines(_some(cut, shown), row[shown])
+        return VisibleLines(_some(cut, shown), row[shown])
 
-    def as_given(self, findings: LayerFindings) -> LayerFindings:
-        """Return findings with the lines' own rows."""
+    def with_given_rows(self, findings: LayerFindings) -> LayerFindings:
+        """Return findings with the given lines' rows."""
         stations = replace(findings.stations, piece=self.row[findings.stations.piece])
         return replace(findings, stations=stations)
 
@@ -68,10 +69,10 @@ class ShownLines:
 def _below(
     cut: ExpectedLines, lines: ExpectedLines, frame: HeightFrame, depth_down: bool
 ) -> BoolArray:
-    """Which lines have bath between themselves and the fresh one above them, (n,)."""
+    """Return which lines have bath between themselves and the fresh one above, (n,)."""
     fresh = np.flatnonzero(lines.fresh)
     length = np.linalg.norm((lines.end - lines.start)[fresh], axis=1)
-    count = np.maximum(1, np.ceil(length / _STEP_MM)).astype(np.int64)
+    count = np.maximum(1, np.ceil(length / _CUT_MM)).astype(np.int64)
     own = np.repeat(fresh, count)
     number = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
     share = (number + 0.5) / np.repeat(count, count)
@@ -81,11 +82,11 @@ def _below(
     sign = 1.0 if depth_down else -1.0
     deeper_mm = sign * (here[:, 2] - above[near, 2]) / abs(float(frame.matrix[2, 2]))
     apart_mm = 0.5 * (cut.width_mm + lines.width_mm[own[near]])
-    return np.asarray(deeper_mm > apart_mm + _CLEAR_MM)
+    return np.asarray(deeper_mm > apart_mm + _MIN_BATH_MM)
 
 
 def _at(lines: ExpectedLines, row: IntArray, share: FloatArray) -> FloatArray:
-    """Places (n, 3), mm, at a share of the way along lines."""
+    """Return points (n, 3), mm, at a share of the way along lines."""
     part = share[:, None]
     return np.asarray(lines.start[row] * (1.0 - part) + lines.end[row] * part)
 
@@ -93,7 +94,7 @@ def _at(lines: ExpectedLines, row: IntArray, share: FloatArray) -> FloatArray:
 def _parts(
     lines: ExpectedLines, row: IntArray, begin: FloatArray, end: FloatArray
 ) -> ExpectedLines:
-    """Parts of lines ``row``, from and to shares of their way."""
+    """Cut lines ``row`` from one share of their way to another."""
     return replace(_some(lines, row), start=_at(lines, row, begin), end=_at(lines, row, end))
 
 

@@ -1,4 +1,4 @@
-"""Make a picture of a layer from an OCT volume: scattering in its slab, and surface height."""
+"""Make a layer's picture from an OCT volume's slab and surface."""
 
 from __future__ import annotations
 
@@ -13,30 +13,33 @@ from numpy.typing import NDArray
 from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
 from registration.inspection.inputs import check_lines, check_slab, check_type
-from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.pictures.picture import draw_lines
 from registration.inspection.pictures.unmeasured import unmeasured_scans
 from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 
-_SPECKLE: Final = 3
-"""Voxels over which a surface is looked for, each way."""
-_LEAST_SLAB: Final = 2
-_EDGE: Final = 0.5
-"""Of the way from bath to ink at which a surface lies."""
-FLOOR: Final = 0.1
-"""Of the brighter of both, added before the logarithm: dark noise mustn't count."""
-_AROUND_MM: Final = 1.5
-"""From lines, so far bath is looked at."""
-_FEWEST: Final = 100
-_USUAL_INK: Final = 80
-"""Percentile: some of the lines may be missing."""
-FARTHEST: Final = 2.0
-"""Thicknesses from the layer's middle: how much farther off a surface is tells nothing."""
+_SPECKLE_VOXELS: Final = 3
+"""Size of the speckle average, each way."""
+_MIN_SLAB_VOXELS: Final = 2
+"""Least thickness of the averaged slab."""
+_SURFACE_LEVEL: Final = 0.5
+"""Level of a surface between bath (0) and ink (1)."""
+DARK_FLOOR_SHARE: Final = 0.1
+"""Offset before the logarithm, relative to the brighter of bath and ink, that suppresses dark
+noise."""
+_BATH_MARGIN_MM: Final = 1.5
+"""Distance from lines within which bath is measured."""
+_MIN_PIXELS: Final = 100
+"""Least number of pixels for measuring bath or ink."""
+_INK_PERCENTILE: Final = 80
+"""Percentile of line pixels taken as ink, since some lines may be missing."""
+MAX_HEIGHT_THICKNESSES: Final = 2.0
+"""Limit of heights over the layer's middle, in thicknesses."""
 
 
 @dataclass(frozen=True)
 class HeightFrame:
-    """Where places of the printer lie in a scan seen from above.
+    """Mapping from the printer's coordinates to voxels of a scan seen from above.
 
     Attributes
     ----------
@@ -81,8 +84,8 @@ def height_map(
     middle_z_mm, thickness_mm : float, mm
         Of the layer, in the printer's frame.
     lines : ExpectedLines or None
-        By which ink and bath are told apart, so that a cropped volume gives the same picture as
-        a whole one; without them they are what is brightest and darkest of the slab.
+        By which the levels of ink and bath are measured, so that a cropped volume gives the same
+        picture as a whole one; without them these are the slab's brightest and darkest values.
 
     Raises
     ------
@@ -99,8 +102,8 @@ def height_map(
     frame = HeightFrame(matrix, (depth_per_mm < 0) == scan.depth_down)
     if abs(depth_per_mm) < 1e-9:
         raise PictureError("the scan's depth doesn't run along the printer's z; check its frame")
-    level = depth_of(frame, middle_z_mm, scan.volume.shape)
-    half = max(_LEAST_SLAB / 2, 0.5 * thickness_mm * abs(depth_per_mm))
+    level = depth_at(frame, middle_z_mm, scan.volume.shape)
+    half = max(_MIN_SLAB_VOXELS / 2, 0.5 * thickness_mm * abs(depth_per_mm))
     deepest = scan.volume.shape[0] - 1
     if level.max() + half < 0 or level.min() - half > deepest:
         raise PictureError(
@@ -108,20 +111,20 @@ def height_map(
             f"{deepest + 1} voxels; check the scan's frame"
         )
     unmeasured = unmeasured_scans(scan.volume)
-    volume = speckle_less(scan.volume, scan.scale, unmeasured)
+    volume = average_speckle(scan.volume, scan.scale, unmeasured)
     slab = slab_mean(volume, level, half)
     slab[unmeasured] = np.nan
     bath, ink = _bath_and_ink(slab, frame, float(1.0 / np.sqrt(dx * dy)), lines)
-    bright = np.log(slab + np.float32(FLOOR * max(bath, ink) + 1e-6))
-    edge = np.float32(bath + _EDGE * (ink - bath))
+    bright = np.log(slab + np.float32(DARK_FLOOR_SHARE * max(bath, ink) + 1e-6))
+    edge = np.float32(bath + _SURFACE_LEVEL * (ink - bath))
     height = (_surface(volume, depth_per_mm < 0, edge) - level) / depth_per_mm
     height[unmeasured] = np.nan
-    most = FARTHEST * thickness_mm
+    most = MAX_HEIGHT_THICKNESSES * thickness_mm
     return np.stack([bright, np.clip(height, -most, most).astype(np.float32)], axis=2), frame
 
 
-def depth_of(frame: HeightFrame, z_mm: float | FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Depth, voxels, of a height, or that of each, below columns and rows, (rows, columns)."""
+def depth_at(frame: HeightFrame, z_mm: float | FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return the depth, voxels, of a height below columns and rows, (rows, columns)."""
     inverse = np.linalg.inv(frame.matrix)
     column, row = np.meshgrid(np.arange(shape[2]), np.arange(shape[1]))
     # z = inverse[2] . (column, row, depth, 1)
@@ -129,10 +132,10 @@ def depth_of(frame: HeightFrame, z_mm: float | FloatArray, shape: tuple[int, ...
     return np.asarray(rest / inverse[2, 2])
 
 
-def speckle_less(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray) -> FloatImage:
-    """Linear intensity averaged over neighbouring voxels that were measured."""
+def average_speckle(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray) -> FloatImage:
+    """Average linear intensity over neighbouring measured voxels."""
     out = np.empty(volume.shape, dtype=np.float32)
-    size = (_SPECKLE, _SPECKLE)
+    size = (_SPECKLE_VOXELS, _SPECKLE_VOXELS)
     share = cv2.blur((~unmeasured).astype(np.float32), size)
     share = np.maximum(share, np.float32(1e-6))
     for k in range(len(volume)):
@@ -151,7 +154,7 @@ def speckle_less(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray)
 def slab_mean(
     volume: FloatImage | Sequence[FloatImage], level: FloatArray, half: float | FloatArray
 ) -> FloatImage:
-    """Mean over depths within ``half`` of a level, (rows, columns)."""
+    """Average depths within ``half`` of a level, (rows, columns)."""
     first, last = int(np.floor((level - half).min())), int(np.ceil((level + half).max()))
     total = np.zeros(level.shape, dtype=np.float32)
     weight = np.zeros(level.shape, dtype=np.float32)
@@ -165,26 +168,26 @@ def slab_mean(
 def _bath_and_ink(
     slab: FloatImage, frame: HeightFrame, px_per_mm: float, lines: ExpectedLines | None
 ) -> tuple[float, float]:
-    """Return what bath and ink send back, of the slab's mean: around and in the middle of lines.
+    """Return the slab's mean intensity of bath around lines, and of ink in their middle.
 
-    As far around as a look asks to see, wherever the volume ends.
+    The area around the lines is fixed, so that cropping the volume doesn't change the levels.
     """
     known = np.isfinite(slab)
     if lines is not None:
         ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
         wide = lines.width_mm * px_per_mm
-        near = drawn_lines(slab.shape, ends, wide + 2 * _AROUND_MM * px_per_mm) > 0
-        taken = drawn_lines(slab.shape, ends, 1.7 * wide + 4.0) > 0
-        core = drawn_lines(slab.shape, ends[lines.fresh], 0.5 * wide[lines.fresh]) > 0
+        near = draw_lines(slab.shape, ends, wide + 2 * _BATH_MARGIN_MM * px_per_mm) > 0
+        taken = draw_lines(slab.shape, ends, 1.7 * wide + 4.0) > 0
+        core = draw_lines(slab.shape, ends[lines.fresh], 0.5 * wide[lines.fresh]) > 0
         bath, ink = slab[near & ~taken & known], slab[core & known]
-        if min(len(bath), len(ink)) >= _FEWEST:
-            return float(np.median(bath)), float(np.percentile(ink, _USUAL_INK))
+        if min(len(bath), len(ink)) >= _MIN_PIXELS:
+            return float(np.median(bath)), float(np.percentile(ink, _INK_PERCENTILE))
     low, high = np.percentile(slab[known], [10, 98]) if known.any() else (0.0, 0.0)
     return float(low), float(high)
 
 
 def _surface(volume: FloatImage, from_first: bool, level: np.float32) -> FloatImage:
-    """Depth, voxels, at which light first comes back, looking from above; (rows, columns)."""
+    """Return the depth, voxels, of the first signal from above, (rows, columns)."""
     order = volume if from_first else volume[::-1]
     above = order > level
     first = above.argmax(axis=0)

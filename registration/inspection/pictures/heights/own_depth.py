@@ -1,4 +1,4 @@
-"""Make a picture of filaments from an OCT volume: scattering at each filament's own depth.
+"""Make a picture of an OCT volume's filaments, each at its depth.
 
 One slab over all depths holds more bath than ink where filaments lead up or down, or lie at several
 heights. Here each column of the volume is averaged over the height of the filament next to it as
@@ -19,39 +19,38 @@ from scipy.stats import siegelslopes
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.pictures.heights.height import (
-    FLOOR,
+    DARK_FLOOR_SHARE,
     HeightFrame,
-    depth_of,
+    average_speckle,
+    depth_at,
     slab_mean,
-    speckle_less,
 )
-from registration.inspection.pictures.heights.line_places import LinePlaces
+from registration.inspection.pictures.heights.line_samples import LineSamples
 from registration.inspection.pictures.unmeasured import unmeasured_scans
 from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 
-_LEAST_HALF: Final = 1.0
-"""Voxels of depth to either side."""
-_HEIGHT: Final = 0.7
-"""Of a round filament's width, over which it is averaged: beyond, its sides are bath."""
-_MORE: Final = 1.6
-"""Times that, for ink that shows by its rim: upper and lower one are among it."""
-HEIGHTS: Final = (_HEIGHT, _HEIGHT * _MORE)
-_BETTER: Final = 1.5
-"""Times as much as it must stand out then: an average over more has less noise."""
-_LEAST_FLOOR: Final = 0.05
-"""Of what the bath sends back, below which nothing is told apart."""
-_BRIGHT: Final = 4.0
-"""Times the bath, from which on ink tells how light fades with depth."""
-_FEWEST: Final = 20
-"""Places by which that is known."""
-_MOST: Final = 400
-"""And about as many are enough."""
+_MIN_HALF_VOXELS: Final = 1.0
+"""Least half height of the average."""
+_CORE_HEIGHT_WIDTHS: Final = 0.7
+"""Height of the average, in widths of a round filament, whose upper and lower sides are bath."""
+_RIM_HEIGHT_FACTOR: Final = 1.6
+"""Factor on this height for ink that shows by its upper and lower rim."""
+_MIN_CONTRAST_RATIO: Final = 1.5
+"""Least contrast of the higher average over the lower one, since it has less noise."""
+_MIN_FLOOR_SHARE: Final = 0.05
+"""Least offset before the logarithm, relative to the bath."""
+_MIN_INK_OVER_BATH: Final = 4.0
+"""Least intensity, relative to the bath, of ink used for the fading with depth."""
+_MIN_BRIGHT_SAMPLES: Final = 20
+"""Least number of points for fitting the fading."""
+_MAX_BRIGHT_SAMPLES: Final = 400
+"""Number of points used for the fit, about."""
 
 
 @dataclass(frozen=True)
 class ScanByDepth:
-    """A volume relative to what it usually sends back from each depth.
+    """Volume relative to its usual intensity at each depth.
 
     Attributes
     ----------
@@ -65,15 +64,15 @@ class ScanByDepth:
 
     @staticmethod
     def of(scan: Scan) -> ScanByDepth:
-        """Divide each depth by its usual value."""
+        """Divide each depth by its median."""
         unmeasured = unmeasured_scans(scan.volume)
-        planes = speckle_less(scan.volume, scan.scale, unmeasured)
+        planes = average_speckle(scan.volume, scan.scale, unmeasured)
         usual = np.array([np.median(one[~unmeasured]) for one in planes]) if planes.size else 1.0
         planes /= np.maximum(usual, 1e-6 * float(np.max(usual)) + 1e-12)[:, None, None].astype("f4")
         return ScanByDepth(planes, unmeasured)
 
     def smaller(self, by: float, frame: HeightFrame) -> tuple[ScanByDepth, HeightFrame]:
-        """Return it with so many times fewer rows and columns, and the frame for those."""
+        """Return a volume of fewer rows and columns, and its frame."""
         rows, columns = self.unmeasured.shape
         size = (max(1, round(columns / by)), max(1, round(rows / by)))
         planes = [cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in self.planes]
@@ -84,7 +83,7 @@ class ScanByDepth:
         return ScanByDepth(np.stack(planes), np.asarray(share > 0.5)), HeightFrame(matrix)
 
     def depths(
-        self, frame: HeightFrame, places: LinePlaces, shape: tuple[int, ...]
+        self, frame: HeightFrame, places: LineSamples, shape: tuple[int, ...]
     ) -> tuple[FloatArray, FloatArray]:
         """Return depths of filaments, and half of the heights to average over, (rows, columns).
 
@@ -95,9 +94,9 @@ class ScanByDepth:
         pixel = frame.to_pixels(places.at)
         near = cKDTree(pixel).query(np.column_stack([column.ravel(), row.ravel()]))[1]
         near = places.upper(near.reshape(column.shape), pixel, frame)
-        level = depth_of(frame, places.at[near, 2], (len(self.planes), *shape))
-        half = 0.5 * _HEIGHT * places.width[near] * abs(float(frame.matrix[2, 2]))
-        return level, np.maximum(half, _LEAST_HALF)
+        level = depth_at(frame, places.at[near, 2], (len(self.planes), *shape))
+        half = 0.5 * _CORE_HEIGHT_WIDTHS * places.width[near] * abs(float(frame.matrix[2, 2]))
+        return level, np.maximum(half, _MIN_HALF_VOXELS)
 
     def along(
         self,
@@ -113,7 +112,7 @@ class ScanByDepth:
 
 @dataclass(frozen=True)
 class TurnedMaps:
-    """Pictures of filaments as they would lie in a turned scan.
+    """Pictures of filaments in turned scans.
 
     Attributes
     ----------
@@ -134,10 +133,10 @@ class TurnedMaps:
         """Return the logarithm at each filament's own depth, (rows, columns)."""
         shape = turn(self.by_depth.unmeasured).shape
         if shape not in self._depths:
-            places = LinePlaces.of(self.lines, self.use)
+            places = LineSamples.of(self.lines, self.use)
             self._depths[shape] = self.by_depth.depths(self.frame, places, shape)
         return np.asarray(
-            np.log(self.by_depth.along(*self._depths[shape], turn) + np.float32(FLOOR))
+            np.log(self.by_depth.along(*self._depths[shape], turn) + np.float32(DARK_FLOOR_SHARE))
         )
 
 
@@ -152,23 +151,25 @@ def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatI
     lines : ExpectedLines
         Those written last (``fresh``) are followed.
     """
-    places = LinePlaces.of(lines, lines.fresh)
+    places = LineSamples.of(lines, lines.fresh)
     by_depth = ScanByDepth.of(scan)
     level, half = by_depth.depths(frame, places, by_depth.unmeasured.shape)
     at = frame.to_pixels(places.at)
-    inner, whole = (_logarithm(by_depth.along(level, k * half), level, at) for k in (1.0, _MORE))
+    inner, whole = (
+        _logarithm(by_depth.along(level, k * half), level, at) for k in (1.0, _RIM_HEIGHT_FACTOR)
+    )
     shown = [_stands_out(one, at) for one in (inner, whole)]
-    return (whole if shown[1] > _BETTER * shown[0] else inner)[:, :, None]
+    return (whole if shown[1] > _MIN_CONTRAST_RATIO * shown[0] else inner)[:, :, None]
 
 
 def _logarithm(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
-    floor = np.float32(FLOOR) * _ink_level(slab, level, at)
-    floor = np.maximum(floor, np.float32(_LEAST_FLOOR))
+    floor = np.float32(DARK_FLOOR_SHARE) * _ink_level(slab, level, at)
+    floor = np.maximum(floor, np.float32(_MIN_FLOOR_SHARE))
     return np.asarray(np.log((slab + floor) / (1 + floor)))
 
 
 def _stands_out(image: FloatImage, at: FloatArray) -> float:
-    """By how much filaments' middles ``at`` (n, 2) px differ from all, over the scatter of all."""
+    """Return the contrast of filaments' middles ``at`` (n, 2) px over the image's scatter."""
     usual = float(np.nanmedian(image))
     spread = float(np.nanmedian(np.abs(image - usual)))
     row, column = _inside(at, image.shape)
@@ -178,24 +179,24 @@ def _stands_out(image: FloatImage, at: FloatArray) -> float:
 
 
 def _inside(at: FloatArray, shape: tuple[int, ...]) -> tuple[IntArray, IntArray]:
-    """Rows and columns of places (n, 2) px within a picture."""
+    """Return rows and columns of points (n, 2) px within a picture."""
     column, row = np.rint(at).astype(np.int64).T
     inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
     return row[inside], column[inside]
 
 
 def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
-    """What bright ink sends back from the depth ``level`` of each column, times the bath.
+    """Return bright ink's intensity over bath at the depth ``level`` of each column.
 
     A logarithm without a floor makes the blurred rim of such ink as wide as the ink itself.
     """
     row, column = _inside(at, slab.shape)
-    bright = slab[row, column] > _BRIGHT
+    bright = slab[row, column] > _MIN_INK_OVER_BATH
     row, column = row[bright], column[bright]
-    if len(row) < _FEWEST:
+    if len(row) < _MIN_BRIGHT_SAMPLES:
         return np.zeros_like(slab)
     ink, depth = np.log(slab[row, column]), level[row, column]
-    few = slice(None, None, 1 + len(row) // _MOST)
+    few = slice(None, None, 1 + len(row) // _MAX_BRIGHT_SAMPLES)
     fade = siegelslopes(ink[few], depth[few]) if np.ptp(depth[few]) > 2.0 else None
     slope, begin = (fade.slope, fade.intercept) if fade else (0.0, float(np.median(ink)))
     known = np.clip(level, depth.min(), depth.max())

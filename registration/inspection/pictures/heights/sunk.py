@@ -1,4 +1,4 @@
-"""Lift heights of ink whose ground has sunk, by an earlier map of what it was laid onto.
+"""Lift heights of ink on sunken ground, by an earlier map.
 
 Ink is laid onto what lies there. Where that sank since it was designed, whole ink lies as much too
 low, and looks missing; but it stands a layer over what the last map showed. How far the ground sank
@@ -13,38 +13,41 @@ import cv2
 import numpy as np
 
 from kernels.arrays import BoolArray
-from registration.inspection.pictures.picture import HIGHEST, LOWEST
+from registration.inspection.pictures.picture import (
+    HIGHEST_THICKNESSES,
+    LAYER_TOP_THICKNESSES,
+    LOWEST_THICKNESSES,
+)
 from registration.inspection.values import FloatImage
 
-_ROSE: Final = 0.5
-"""Of a layer, by which fresh ink has risen at least."""
-_BRIDGES: Final = 1.4
-"""Of a layer, from which on ink has bridged what lay deeper, and tells nothing of what sank."""
-_TOP: Final = 0.5
-"""Thicknesses from the layer's middle to its top."""
-_LEFT: Final = 0.1
-"""Of a layer, that isn't lifted: sound ink lies as low."""
-_TOLD: Final = 0.3
-"""Of a layer, from which on it is said."""
-_AROUND: Final = 1.0
-"""Widths of a line, over which risen ink is averaged."""
-_FAR: Final = 4.0
-"""The same where none is so near: a line that is missing, or was lost in the earlier map."""
-_SHARE: Final = 0.05
-"""Of what lies around, that must have risen."""
-_NONE: Final = 1e-3
+_MIN_RISE_THICKNESSES: Final = 0.5
+"""Least rise of fresh ink, in thicknesses."""
+_BRIDGE_THICKNESSES: Final = 1.4
+"""Rise, in thicknesses, from which on ink bridges a deeper hollow, and shows no sinking."""
+_UNLIFTED_THICKNESSES: Final = 0.1
+"""Depth that isn't lifted, in thicknesses: sound ink lies as low."""
+_MIN_REPORTED_THICKNESSES: Final = 0.3
+"""Least sinking that is reported, in thicknesses."""
+_NEAR_SIGMA_WIDTHS: Final = 1.0
+"""Standard deviation of the filter for risen ink, in line widths."""
+_FAR_SIGMA_WIDTHS: Final = 4.0
+"""The same where no risen ink is near: a line that is missing, or was lost in the earlier map."""
+_MIN_RISEN_SHARE: Final = 0.05
+"""Least share of risen ink around a cell."""
+_MIN_WEIGHT: Final = 1e-3
+"""Least filter weight for a mean to be defined."""
 
 
-def lifted(
+def lift_sunken_ink(
     picture: FloatImage,
     hidden: BoolArray,
     rise_mm: FloatImage,
     thickness_mm: float,
     width_px: float,
 ) -> tuple[FloatImage, float]:
-    """Return a picture with sunken ink at its designed height, and by how much at most, mm.
+    """Return a picture with sunken ink at its designed height, and the largest lift, mm.
 
-    0 for so little that heights would tell the ink without it.
+    The lift is 0 where heights show the ink without it.
 
     Parameters
     ----------
@@ -60,26 +63,30 @@ def lifted(
     """
     height, rise = picture[:, :, 1] / thickness_mm, rise_mm / thickness_mm
     risen = np.nan_to_num(rise, nan=0.0)
-    rose = (risen > _ROSE) & (risen < _BRIDGES)
-    low = np.where(rose, np.minimum(risen, 1.0) - _TOP - height, 0.0)
-    sunk, share = _averaged(low, rose, _AROUND * width_px)
-    far, _ = _averaged(low, rose, _FAR * width_px)
-    lift = np.maximum(np.where(share > _SHARE, sunk, far) - _LEFT, 0.0).astype(np.float32)
-    bare = (share <= _SHARE) & (rise <= _ROSE)  # no higher than what lies where ink is missing
-    lift = np.where(bare, np.clip(-_TOP - height, 0.0, lift), lift)
+    rose = (risen > _MIN_RISE_THICKNESSES) & (risen < _BRIDGE_THICKNESSES)
+    low = np.where(rose, np.minimum(risen, 1.0) - LAYER_TOP_THICKNESSES - height, 0.0)
+    sunk, share = _averaged(low, rose, _NEAR_SIGMA_WIDTHS * width_px)
+    far, _ = _averaged(low, rose, _FAR_SIGMA_WIDTHS * width_px)
+    lift = np.maximum(
+        np.where(share > _MIN_RISEN_SHARE, sunk, far) - _UNLIFTED_THICKNESSES, 0.0
+    ).astype(np.float32)
+    bare = (share <= _MIN_RISEN_SHARE) & (
+        rise <= _MIN_RISE_THICKNESSES
+    )  # no higher than what lies where ink is missing
+    lift = np.where(bare, np.clip(-LAYER_TOP_THICKNESSES - height, 0.0, lift), lift)
     if not lift[rose].any():
         return picture, 0.0
-    level = np.clip(height + lift, LOWEST, HIGHEST)
-    level[hidden] = LOWEST
+    level = np.clip(height + lift, LOWEST_THICKNESSES, HIGHEST_THICKNESSES)
+    level[hidden] = LOWEST_THICKNESSES
     out = np.stack([level, (height + lift) * thickness_mm], axis=2).astype(np.float32)
     most = float(np.percentile(sunk[rose], 99))
-    return out, most * thickness_mm if most > _TOLD else 0.0
+    return out, most * thickness_mm if most > _MIN_REPORTED_THICKNESSES else 0.0
 
 
 def _averaged(values: FloatImage, use: BoolArray, sigma_px: float) -> tuple[FloatImage, FloatImage]:
-    """Mean of values around each cell that are used, 0 where there are none, and their share."""
+    """Return the mean of used values around each cell, 0 for none, and their share."""
     total, share = (
         cv2.GaussianBlur(one.astype(np.float32), (0, 0), sigma_px) for one in (values, use)
     )
-    mean = np.where(share > _NONE, total / np.maximum(share, np.float32(_NONE)), 0.0)
+    mean = np.where(share > _MIN_WEIGHT, total / np.maximum(share, np.float32(_MIN_WEIGHT)), 0.0)
     return mean.astype(np.float32), np.asarray(share)

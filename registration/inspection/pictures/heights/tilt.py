@@ -1,8 +1,8 @@
-"""Take a profiler's tilt and bow out of a height map, by the bare surface around the lines.
+"""Remove a profiler's tilt and bow, measured on the bare surface.
 
 A stage that isn't level and a guide that isn't straight raise plate and ink alike, by more than a
-layer over a part's length. On a plate its surface shows them; on older layers they are believed
-where the layer's own lines become flatter by it (a dish that isn't level tilts its floor alone).
+layer over a part's length. On a plate its surface shows them; on older layers the correction is
+kept where the layer's own lines become flatter (a dish that isn't level tilts its floor alone).
 """
 
 from __future__ import annotations
@@ -13,24 +13,28 @@ import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.pictures.heights.height import HeightFrame
-from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.pictures.picture import draw_lines
 from registration.inspection.values import ExpectedLines, FloatImage
 
-_MOST: Final = 40_000
-_FEWEST: Final = 400
-_ROUNDS: Final = 6
-_NEAR: Final = 3.0
-"""Standard deviations, beyond which a height is of something else than the bare surface."""
-_EVEN: Final = 0.25
-"""Of a thickness, by which a bare surface scatters at most around its tilt and bow."""
-_ASIDE: Final = (1.7, 4.0)
-"""Widths, and cells, within which a line's foot and shadow may lie."""
+_MAX_POINTS: Final = 40_000
+"""Number of bare cells used for the fit, about."""
+_MIN_POINTS: Final = 400
+"""Least number of bare cells."""
+_ITERATIONS: Final = 6
+_OUTLIER_SPREADS: Final = 3.0
+"""Standard deviations beyond which a height isn't of the bare surface."""
+_MAX_SCATTER_THICKNESSES: Final = 0.25
+"""Largest scatter of a bare surface around its tilt and bow, in thicknesses."""
+BARE_WIDTHS: Final = 1.7
+"""Width of the band around a line's middle beyond which the surface is bare of its foot."""
+_MARGIN_CELLS: Final = 4.0
+"""Cells added to that band for the profiler's shadow."""
 
 
-def levelled(
+def remove_tilt(
     above: FloatImage, frame: HeightFrame, thickness_mm: float, lines: ExpectedLines
 ) -> FloatImage:
-    """Return heights without tilt and bow, the same as before in the middle of fresh lines.
+    """Remove tilt and bow, keeping heights in the middle of fresh lines.
 
     Parameters
     ----------
@@ -54,25 +58,24 @@ def levelled(
 def _bare_surface(
     above: FloatImage, frame: HeightFrame, thickness_mm: float, lines: ExpectedLines
 ) -> FloatImage | None:
-    """Surface of second order through what lies beside all lines; None where that isn't one."""
+    """Fit a surface of second order beside all lines; None where it scatters too much."""
     ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
     px = float(np.hypot(*frame.matrix[:2, 0]) * np.hypot(*frame.matrix[:2, 1])) ** 0.5
-    times, more = _ASIDE
-    taken = drawn_lines(above.shape, ends, times * lines.width_mm * px + more) > 0
+    taken = draw_lines(above.shape, ends, BARE_WIDTHS * lines.width_mm * px + _MARGIN_CELLS) > 0
     row, column = np.nonzero(~taken & np.isfinite(above))
-    step = max(1, len(row) // _MOST)
+    step = max(1, len(row) // _MAX_POINTS)
     row, column = row[::step], column[::step]
-    if len(row) < _FEWEST:
+    if len(row) < _MIN_POINTS:
         return None
     x, y = _scaled(column, above.shape[1]), _scaled(row, above.shape[0])
     z, basis = above[row, column].astype(np.float64), _basis(x, y)
     near = np.ones(len(z), dtype=np.bool_)
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         best = np.asarray(np.linalg.lstsq(basis[near], z[near], rcond=1e-6)[0], dtype=np.float64)
         off = np.abs(z - basis @ best)
         spread = 1.4826 * float(np.median(off)) + 1e-9
-        near = off < _NEAR * spread
-    if spread > _EVEN * thickness_mm:
+        near = off < _OUTLIER_SPREADS * spread
+    if spread > _MAX_SCATTER_THICKNESSES * thickness_mm:
         return None
     x, y = (_scaled(np.arange(count), count) for count in above.shape[::-1])
     one, by_x, by_y, by_xx, by_xy, by_yy = best
@@ -86,19 +89,19 @@ def _scaled(place: IntArray, count: int) -> FloatArray:
 
 
 def _basis(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Terms up to the second order at places, (n, 6)."""
+    """Return terms up to the second order at places, (n, 6)."""
     return np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
 
 
 def _places(above: FloatImage, frame: HeightFrame, lines: ExpectedLines) -> BoolArray:
-    """Cells in the middle of fresh lines that were measured, (rows, columns)."""
+    """Return measured cells in the middle of fresh lines, (rows, columns)."""
     fresh = lines.fresh
     ends = np.stack([frame.to_pixels(one[fresh]) for one in (lines.start, lines.end)], axis=1)
-    core = drawn_lines(above.shape, ends, np.ones(int(fresh.sum())))
+    core = draw_lines(above.shape, ends, np.ones(int(fresh.sum())))
     return np.asarray((core > 0) & np.isfinite(above))
 
 
 def _spread(values: FloatImage) -> float:
-    """Middle two thirds of heights: what is missing lies far below, and counts as little."""
+    """Return the range of heights from percentile 33 to 84, insensitive to missing ink."""
     low, high = np.percentile(values, [33, 84])
     return float(high - low)

@@ -1,4 +1,4 @@
-"""Sample points along a layer's new lines; their pixels and cross-profiles in a picture."""
+"""Sample points along fresh lines, and their projection into a picture."""
 
 from __future__ import annotations
 
@@ -13,25 +13,27 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.errors import PictureError
 from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
 
-_STEEP = 0.3
-"""A piece whose way as seen from above is a smaller part of its length can't be judged."""
-_OVER = 0.85
-"""Of the mean width: lines whose middles are nearer lie over each other."""
-_DETOUR = 1.25
-"""Way along a line over the distance of two of its places, from which on it has turned back."""
-_ROUNDED_MM = 1e-6
-_ALONG_RAY = 0.2
-"""Sine of a line's angle to the ray that shows it, below which it is seen end on."""
-_DEEPER = 0.5
-"""Of a width, from which on places lie at different depths."""
-_WIDER = 1.15
-_CHUNK = 20_000
-"""OpenCV takes pictures of at most 2^15 samples a side."""
+_MIN_FLAT_SHARE = 0.3
+"""Least share of a piece's length that shows from above; steeper pieces aren't judged."""
+_OVERLAP_WIDTHS = 0.85
+"""Distance in mean widths below which two lines overlap."""
+_RETURN_RATIO = 1.25
+"""Path length over distance of two places above which a line has turned back."""
+_ROUNDING_MM = 1e-6
+"""Tolerance for rounding of path lengths."""
+_MIN_RAY_SINE = 0.2
+"""Least sine of the angle between a line and its ray; below it is seen end on."""
+_MIN_DEPTH_RANGE_WIDTHS = 0.5
+"""Range of depths, in widths, above which lines differ in depth."""
+_MIN_WIDTH_RATIO = 1.15
+"""Largest over smallest width above which lines differ in width."""
+_MAX_REMAP_ROWS = 20_000
+"""Rows of one `cv2.remap`, which takes at most 2^15 samples a side."""
 
 
 @dataclass(frozen=True)
-class Ways:
-    """Places along unbroken runs of fresh pieces, equally spaced in each.
+class PathSamples:
+    """Sample points along unbroken runs of fresh pieces, equally spaced in each run.
 
     Attributes
     ----------
@@ -64,73 +66,78 @@ class Ways:
 
     @cached_property
     def varied(self) -> bool:
-        """Whether lines differ in depth or width: then each has a level and hue of its own.
+        """True if lines differ in depth or width, so that their levels and hues differ.
 
-        Translucent ink is as dark as it is thick, and the bath above veils it.
+        The darkness of translucent ink grows with its thickness, and the bath above veils it.
         """
-        deep = float(np.ptp(self.point[:, 2])) > _DEEPER * float(np.median(self.width))
-        return deep or float(self.width.max()) > _WIDER * float(self.width.min())
+        deep = float(np.ptp(self.point[:, 2])) > _MIN_DEPTH_RANGE_WIDTHS * float(
+            np.median(self.width)
+        )
+        return deep or float(self.width.max()) > _MIN_WIDTH_RATIO * float(self.width.min())
 
-    def crossed_in(self, seen: Seen) -> BoolArray:
-        """Places over which a view shows another line, or the line's own way back, (n,).
+    def crossed_in(self, projected: ProjectedSamples) -> BoolArray:
+        """Return places (n,) over which a view shows another line, or the same line's way back.
 
         The density of translucent ink adds there: crossings, overlaps, sharp corners.
         """
         out = np.zeros(len(self), dtype=np.bool_)
-        at = seen.at / seen.px_per_mm
+        at = projected.at / projected.px_per_mm
         shown = np.flatnonzero(np.isfinite(at).all(axis=1))
-        reach = _OVER * float(self.width.max())
+        reach = _OVERLAP_WIDTHS * float(self.width.max())
         one, other = shown[cKDTree(at[shown]).query_pairs(reach, output_type="ndarray").T]
         apart = np.linalg.norm(at[one] - at[other], axis=1)
         along = np.abs(self._from_above[one] - self._from_above[other])
-        same = (self.run[one] == self.run[other]) & (along <= _DETOUR * apart + _ROUNDED_MM)
-        over = (apart < _OVER * 0.5 * (self.width[one] + self.width[other])) & ~same
+        same = (self.run[one] == self.run[other]) & (along <= _RETURN_RATIO * apart + _ROUNDING_MM)
+        over = (apart < _OVERLAP_WIDTHS * 0.5 * (self.width[one] + self.width[other])) & ~same
         out[one[over]] = out[other[over]] = True
         return out
 
     @cached_property
     def _from_above(self) -> FloatArray:
-        """Way along all lines as seen from above, (n,), mm: a steep one hasn't turned back."""
+        """Path length along all lines as seen from above, (n,), mm."""
         steps = np.linalg.norm(np.diff(self.point[:, :2], axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
-    def only(self, rows: IntArray) -> Ways:
-        """Return some of the places."""
-        return Ways(**{name: value[rows] for name, value in vars(self).items() if name in _FIELDS})
+    def only(self, rows: IntArray) -> PathSamples:
+        """Return the samples of some rows."""
+        return PathSamples(
+            **{name: value[rows] for name, value in vars(self).items() if name in _FIELDS}
+        )
 
-    def moved(self, by_mm: FloatArray) -> Ways:
-        """Return the same, moved by (2,) mm."""
+    def moved(self, by_mm: FloatArray) -> PathSamples:
+        """Return the samples moved by (2,) mm."""
         return replace(self, point=self.point + np.append(by_mm, 0.0))
 
 
-_FIELDS = tuple(field.name for field in fields(Ways))
+_FIELDS = tuple(field.name for field in fields(PathSamples))
 
 
-def _to_the_rim(ways: Ways, frame: Frame, left: FloatArray) -> FloatArray:
-    """Directions, (n, 3), from round lines' middles to the rims that a frame shows on their left.
+def _rim_directions(samples: PathSamples, frame: Frame, left: FloatArray) -> FloatArray:
+    """Return directions (n, 3) from round lines' middles to the rims seen on their left.
 
     They are at right angles to the line and to the ray through its middle.
     """
-    h = 0.5 * ways.width[:, None]
+    h = 0.5 * samples.width[:, None]
     columns = [
-        (frame.to_pixels(ways.point + h * axis) - frame.to_pixels(ways.point - h * axis)) / (2 * h)
+        (frame.to_pixels(samples.point + h * axis) - frame.to_pixels(samples.point - h * axis))
+        / (2 * h)
         for axis in np.eye(3)
     ]
     by_place = np.stack(columns, axis=2)  # (n, 2, 3), px/mm
     ray = np.cross(by_place[:, 0], by_place[:, 1])
     ray *= np.where(ray[:, 2:] < 0, -1.0, 1.0)
-    rim = np.cross(ray, _ahead(ways))
+    rim = np.cross(ray, _line_directions(samples))
     size = np.linalg.norm(rim, axis=1, keepdims=True)
-    told = size > _ALONG_RAY * np.linalg.norm(ray, axis=1, keepdims=True)
-    return np.asarray(np.where(told, rim / np.maximum(size, 1e-12), left))
+    oblique = size > _MIN_RAY_SINE * np.linalg.norm(ray, axis=1, keepdims=True)
+    return np.asarray(np.where(oblique, rim / np.maximum(size, 1e-12), left))
 
 
-def _ahead(ways: Ways) -> FloatArray:
-    """Directions of lines in space, (n, 3), unit vectors."""
-    ahead = np.column_stack([ways.normal[:, 1], -ways.normal[:, 0], np.zeros(len(ways))])
-    step = np.diff(ways.point, axis=0)
+def _line_directions(samples: PathSamples) -> FloatArray:
+    """Return the lines' directions in space, (n, 3), unit vectors."""
+    ahead = np.column_stack([samples.normal[:, 1], -samples.normal[:, 0], np.zeros(len(samples))])
+    step = np.diff(samples.point, axis=0)
     flat = np.linalg.norm(step[:, :2], axis=1)
-    same = (np.diff(ways.piece) == 0) & (flat > 1e-9)
+    same = (np.diff(samples.piece) == 0) & (flat > 1e-9)
     slope = np.where(same, step[:, 2] / np.maximum(flat, 1e-9), 0.0)
     ahead[:-1, 2] = slope
     last = np.append(~same, True)
@@ -138,12 +145,12 @@ def _ahead(ways: Ways) -> FloatArray:
     return np.asarray(ahead / np.linalg.norm(ahead, axis=1, keepdims=True))
 
 
-def lay_ways(lines: ExpectedLines, step_mm: float) -> Ways:
-    """Return places each ``step_mm`` or so along all fresh runs."""
+def sample_paths(lines: ExpectedLines, step_mm: float) -> PathSamples:
+    """Return sample points about each ``step_mm`` along all fresh runs."""
     length = np.linalg.norm(lines.end - lines.start, axis=1)
     flat = np.linalg.norm((lines.end - lines.start)[:, :2], axis=1)
     before = from_stroke_begin(lines.stroke, length)
-    row = np.flatnonzero(lines.fresh & (length > 0) & (flat > _STEEP * length))
+    row = np.flatnonzero(lines.fresh & (length > 0) & (flat > _MIN_FLAT_SHARE * length))
     if not len(row):
         raise PictureError("expected lines: no fresh line has a way that can be seen from above")
     joined = (
@@ -168,15 +175,16 @@ def lay_ways(lines: ExpectedLines, step_mm: float) -> Ways:
     low, high = begin[first][own], end[last][own]
     reach = 0.3 * width
     back, ahead = (
-        _places(lines, row, begin, end, np.clip(at + side, low, high)) for side in (-reach, reach)
+        _points_at(lines, row, begin, end, np.clip(at + side, low, high))
+        for side in (-reach, reach)
     )
     way = (ahead - back)[:, :2]
     own_way = (lines.end - lines.start)[row[k], :2]
     tiny = np.linalg.norm(way, axis=1) < 0.2 * reach
     way[tiny] = own_way[tiny]
     way /= np.linalg.norm(way, axis=1)[:, None]
-    return Ways(
-        point=_places(lines, row, begin, end, at),
+    return PathSamples(
+        point=_points_at(lines, row, begin, end, at),
         normal=np.column_stack([-way[:, 1], way[:, 0]]),
         piece=row[k],
         stroke=lines.stroke[row[k]],
@@ -189,14 +197,14 @@ def lay_ways(lines: ExpectedLines, step_mm: float) -> Ways:
 
 
 def from_stroke_begin(stroke: IntArray, length: FloatArray) -> FloatArray:
-    """Way along its stroke up to each piece, (n,), mm; a stroke's pieces follow each other."""
+    """Return the path length from a stroke's begin to each piece, (n,), mm."""
     end = np.cumsum(length)
     fresh_stroke = np.concatenate([[True], np.diff(stroke) != 0])
     first = np.maximum.accumulate(np.where(fresh_stroke, np.arange(len(stroke)), 0))
     return np.asarray(end - length - (end - length)[first])
 
 
-def _places(
+def _points_at(
     lines: ExpectedLines, row: IntArray, begin: FloatArray, end: FloatArray, at: FloatArray
 ) -> FloatArray:
     k = np.clip(np.searchsorted(end, at, side="left"), 0, len(row) - 1)
@@ -205,14 +213,14 @@ def _places(
 
 
 @dataclass(frozen=True)
-class Seen:
-    """Places in the working picture.
+class ProjectedSamples:
+    """Sample points projected into the working picture.
 
     Attributes
     ----------
     at : (n, 2) float64, px
     across, along : (n, 2) float64, px/mm
-        Of a step to the left, and of one ahead.
+        Derivatives by a step to the left, and by one ahead.
     """
 
     at: FloatArray
@@ -220,25 +228,27 @@ class Seen:
     along: FloatArray
 
     @staticmethod
-    def of(ways: Ways, frame: Frame, round_lines: bool = False) -> Seen:
-        """Look up where a frame shows places (its lens is straight over a width).
+    def of(samples: PathSamples, frame: Frame, round_lines: bool = False) -> ProjectedSamples:
+        """Project sample points by a frame, taken as linear over a line's width.
 
-        Of ``round_lines`` the rim is where rays touch them: seen aslant they are wider than a flat
-        line of their width.
+        The rim of ``round_lines`` is where rays touch them: viewed obliquely they are wider than a
+        flat line of their width.
         """
-        left = np.column_stack([ways.normal, np.zeros(len(ways))])
+        left = np.column_stack([samples.normal, np.zeros(len(samples))])
         if round_lines:
-            left = _to_the_rim(ways, frame, left)
-        ahead = np.column_stack([ways.normal[:, 1], -ways.normal[:, 0], np.zeros(len(ways))])
-        h = 0.5 * ways.width[:, None]
-        middle = frame.to_pixels(ways.point)
-        across = (frame.to_pixels(ways.point + h * left) - middle) / h
-        along = (frame.to_pixels(ways.point + h * ahead) - middle) / h
-        return Seen(middle, across, along)
+            left = _rim_directions(samples, frame, left)
+        ahead = np.column_stack(
+            [samples.normal[:, 1], -samples.normal[:, 0], np.zeros(len(samples))]
+        )
+        h = 0.5 * samples.width[:, None]
+        middle = frame.to_pixels(samples.point)
+        across = (frame.to_pixels(samples.point + h * left) - middle) / h
+        along = (frame.to_pixels(samples.point + h * ahead) - middle) / h
+        return ProjectedSamples(middle, across, along)
 
     @property
     def px_per_mm(self) -> float:
-        """Root of the pixels in a square millimetre, median."""
+        """Square root of the median number of pixels in a square millimetre."""
         area = np.abs(self.across[:, 0] * self.along[:, 1] - self.across[:, 1] * self.along[:, 0])
         return float(np.sqrt(np.nanmedian(area)))
 
@@ -249,12 +259,14 @@ class Seen:
         y = (self.at[:, 1:] + u * self.across[:, 1:]).astype(np.float32)
         parts = [
             cv2.remap(image, x[k], y[k], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
-            for k in (slice(first, first + _CHUNK) for first in range(0, len(x), _CHUNK))
+            for k in (
+                slice(first, first + _MAX_REMAP_ROWS) for first in range(0, len(x), _MAX_REMAP_ROWS)
+            )
         ]
         return np.concatenate(parts)
 
     def inside(self, shape: tuple[int, ...], across_mm: FloatArray) -> BoolArray:
-        """Which places lie in a picture of that shape, with so much to either side, (n,)."""
+        """Return which places (n,) lie in a picture with ``across_mm`` to either side."""
         ok = np.ones(len(self.at), dtype=np.bool_)
         for side in (-1.0, 1.0):
             place = self.at + side * across_mm[:, None] * self.across
@@ -263,7 +275,7 @@ class Seen:
 
 
 def stretches_of(low: BoolArray, run: IntArray) -> list[tuple[int, int]]:
-    """First and last row of each unbroken stretch of one run."""
+    """Return first and last row of each unbroken stretch of ``low`` within one run."""
     cut = np.concatenate([[True], run[1:] != run[:-1]])
     before = np.concatenate([[False], low[:-1]]) & ~cut
     after = np.concatenate([low[1:], [False]]) & ~np.append(cut[1:], True)
