@@ -230,7 +230,7 @@ def keep_mends_only(evidence: Evidence) -> Evidence:
 def record_figures(findings: LayerFindings, evidence: Evidence, ink: ExpectedInk) -> dict[str, Any]:
     """Return the figures of a look for its record; ``docs/run_folder.md`` lists them."""
     return {
-        "seen_share": _number(findings.seen_share),
+        "seen_share": _number(evidence.seen_share),
         "width_ratio": _number(findings.width_ratio),
         "u_width_ratio": _number(findings.u_width_ratio),
         "coverage": _number(findings.coverage),
