@@ -220,27 +220,61 @@ def _cut_bends(lines: Lines, only: IntArray, least: FloatArray, room: FloatArray
 
 def _rebuilt(tree: VesselTree, lines: Lines) -> VesselTree:
     parent = lines.parent[1:] - 1
-    children = np.full((len(parent), 2), -1, dtype=np.int32)
-    below = np.flatnonzero(parent >= 0)
-    order = below[np.argsort(parent[below], kind="stable")]
-    first = np.concatenate([[True], np.diff(parent[order]) > 0])
-    children[parent[order[first]], 0] = order[first]
-    children[parent[order[~first]], 1] = order[~first]
-    origin = lines.origin[1:]
-    curved = tree_from_topology(
-        lines.points[lines.parent[1:]],
-        lines.points[1:],
+    points = lines.points
+    return derived_tree(tree, points[lines.parent[1:]], points[1:], parent, origin=lines.origin[1:])
+
+
+def derived_tree(
+    tree: VesselTree,
+    proximal: FloatArray,
+    distal: FloatArray,
+    parent: NDArray[np.integer],
+    children: NDArray[np.integer] | None = None,
+    origin: IntArray | slice = slice(None),
+    flow: float = 1.0,
+    **changed: float,
+) -> VesselTree:
+    """Return a tree of other segments with a tree's pressure drop and blood, radii derived anew.
+
+    Parameters
+    ----------
+    proximal, distal : (n, 3) float64, mm
+    parent : (n,) int
+    children : (n, 2) int, optional
+        Found from ``parent`` by default, in the order of their numbers.
+    origin : (n,) int64
+        Segment of ``tree`` whose part of the flow each has; the same segments by default.
+    flow : float
+        Of the root over that of ``tree``.
+    changed : float
+        Other arguments of `tree_from_topology`.
+    """
+    settings = {"flow_ul_s": flow * float(tree.flow_ul_s[0]), **changed}
+    settings = {"pressure_drop_pa": tree.pressure_drop_pa, **settings}
+    derived = tree_from_topology(
+        proximal,
+        distal,
         parent.astype(np.int32),
-        children,
-        flow_ul_s=float(tree.flow_ul_s[0]),
-        pressure_drop_pa=tree.pressure_drop_pa,
+        (children_of(parent) if children is None else children).astype(np.int32),
         murray_exponent=tree.murray_exponent,
         viscosity_pa_s=tree.viscosity_pa_s,
         relative_flow=tree.relative_flow[origin],
         haematocrit=tree.haematocrit,
         given=tree.given[origin],
+        **settings,
     )
-    return replace(curved, notes=tree.notes)
+    return replace(derived, notes=tree.notes)
+
+
+def children_of(parent: NDArray[np.integer]) -> IntArray:
+    """Return the children (n, 2) of each segment, -1 for none; ``parent`` (n,) is -1 at roots."""
+    children = np.full((len(parent), 2), -1, dtype=np.int64)
+    below = np.flatnonzero(parent >= 0)
+    order = below[np.argsort(parent[below], kind="stable")]
+    first = np.concatenate([[True], np.diff(parent[order]) > 0])
+    children[parent[order[first]], 0] = order[first]
+    children[parent[order[~first]], 1] = order[~first]
+    return children
 
 
 def _angle(one: FloatArray, two: FloatArray) -> FloatArray:

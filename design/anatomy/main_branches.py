@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.grown import Trees
+from design.anatomy.perforators import pieces_along
 from design.anatomy.trunk_lines import TrunkLines
 from design.errors import WideTrunkError
 from design.geometry.polyline import arc_lengths, places_along
@@ -98,17 +99,10 @@ def _followed(pieces: Pieces, places: FloatArray, near_mm: float) -> float:
     ahead = np.gradient(places, axis=0)
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1), 1e-12)[:, None]
     way = pieces.end - pieces.begin
-    length = np.linalg.norm(way, axis=1)
-    count = np.ceil(length / (_FINE * near_mm)).astype(np.int64) + 1
-    row = np.repeat(np.arange(len(count)), count)
-    number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    share = (number / np.maximum(count - 1, 1)[row])[:, None]
-    index = cKDTree(places)
-    found = index.query_ball_point(
-        pieces.begin[row] + share * way[row], near_mm + pieces.radius[row]
-    )
-    along = (way @ ahead.T > _SAME_WAY * length[:, None]).tolist()
-    passed = [0] * len(count)
+    there, row = pieces_along(pieces.begin, pieces.end, _FINE * near_mm)
+    found = cKDTree(places).query_ball_point(there, near_mm + pieces.radius[row])
+    along = (way @ ahead.T > _SAME_WAY * np.linalg.norm(way, axis=1)[:, None]).tolist()
+    passed = [0] * len(way)
     for piece, some in zip(row.tolist(), found, strict=True):
         for place in some:
             if along[piece][place]:

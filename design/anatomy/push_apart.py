@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from design.anatomy.curves import derived_tree
 from design.anatomy.trunk_depth import moved_tree
 from design.anatomy.trunk_lines import outward
 from design.errors import CrowdedError, GrowthError
@@ -15,7 +16,7 @@ from design.tissue import Tissue
 from design.vasculature.collide import collisions
 from design.vasculature.growth.forest import forest_to_network
 from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
+from design.vasculature.treemath import downward_order, tree_radii
 from kernels.arrays import FloatArray, IntArray
 
 ROUNDS = 40
@@ -157,22 +158,16 @@ def without_terminals(tree: VesselTree, gone: NDArray[np.bool_]) -> VesselTree:
     a, b = np.where(a < 0, b, a), np.where(a < 0, -1, b)
     parent = tree.parent[kept]
     parent = np.where(parent >= 0, number[np.maximum(parent, 0)], -1)
-    flow = tree.relative_flow[kept]
-    left = float(flow[a < 0].sum()) * tree.terminal_flow_ul_s
-    smaller = tree_from_topology(
+    left = float(tree.relative_flow[kept][a < 0].sum()) * tree.terminal_flow_ul_s
+    return derived_tree(
+        tree,
         tree.proximal[kept],
         tree.distal[kept],
-        parent.astype(np.int32),
-        np.column_stack([a, b]).astype(np.int32),
+        parent,
+        np.column_stack([a, b]),
+        np.flatnonzero(kept),
         flow_ul_s=left,
-        pressure_drop_pa=tree.pressure_drop_pa,
-        murray_exponent=tree.murray_exponent,
-        viscosity_pa_s=tree.viscosity_pa_s,
-        relative_flow=flow,
-        haematocrit=tree.haematocrit,
-        given=tree.given[kept],
     )
-    return replace(smaller, notes=tree.notes)
 
 
 def kept_segments(tree: VesselTree, gone: NDArray[np.bool_]) -> NDArray[np.bool_]:

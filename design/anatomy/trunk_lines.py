@@ -12,6 +12,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
+from design.anatomy.curves import children_of
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.growth.trunk import Trunk, straighten_line
@@ -448,15 +449,11 @@ def trunk_from(lines: TrunkLines, tree: int, root_radius_mm: float) -> Trunk:
     number = np.full(len(lines.parent), -1, dtype=np.int64)
     number[mine] = np.arange(len(mine))
     parent = number[lines.parent[mine]]
-    children = np.full((len(mine), 2), -1, dtype=np.int64)
-    for i, above in enumerate(parent.tolist()):
-        if above >= 0:
-            children[above, 0 if children[above, 0] < 0 else 1] = i
     return Trunk(
         np.ascontiguousarray(lines.points[lines.parent[mine]]),
         np.ascontiguousarray(lines.points[mine]),
         parent,
-        children,
+        children_of(parent),
         np.ones(len(mine)),
         root_radius_mm,
         0.0,
