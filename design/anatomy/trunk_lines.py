@@ -240,7 +240,7 @@ def apart_for(layer: Layer, ends: int) -> float:
     return 0.62 * float(np.sqrt(area / ends))
 
 
-ROUNDS = 40
+SMOOTHING_STEPS = 40
 """Smoothing steps: bends of up to some six places are evened out, larger ones stay."""
 
 
@@ -369,7 +369,6 @@ def smooth_lines(
     tissue: Tissue,
     lines: TrunkLines,
     keep: Callable[[FloatArray], FloatArray],
-    rounds: int = ROUNDS,
 ) -> TrunkLines:
     """Even out bends: each node moves halfway to the middle of its parent and main child.
 
@@ -381,7 +380,7 @@ def smooth_lines(
     main = lines.main_child()
     inner = np.flatnonzero((lines.parent >= 0) & (main >= 0))
     points = lines.points.copy()
-    for _ in range(rounds):
+    for _ in range(SMOOTHING_STEPS):
         middle = 0.5 * (points[lines.parent[inner]] + points[main[inner]])
         points[inner] += 0.5 * (middle - points[inner])
         points = keep(points)
