@@ -234,8 +234,8 @@ def derived_tree(
     parent: NDArray[np.integer],
     children: NDArray[np.integer] | None = None,
     origin: IntArray | slice = slice(None),
-    flow: float = 1.0,
-    **changed: float,
+    flow_ul_s: float | None = None,
+    pressure_drop_pa: float | None = None,
 ) -> VesselTree:
     """Return a tree of other segments with a tree's pressure drop and blood, radii derived anew.
 
@@ -247,24 +247,21 @@ def derived_tree(
         Found from ``parent`` by default, in the order of their numbers.
     origin : (n,) int64
         Segment of ``tree`` whose part of the flow each has; the same segments by default.
-    flow : float
-        Of the root over that of ``tree``.
-    changed : float
-        Other arguments of `tree_from_topology`.
+    flow_ul_s, pressure_drop_pa : float, optional
+        Of the whole tree, in the place of those of ``tree``.
     """
-    settings = {"flow_ul_s": flow * float(tree.flow_ul_s[0]), **changed}
-    settings = {"pressure_drop_pa": tree.pressure_drop_pa, **settings}
     derived = tree_from_topology(
         proximal,
         distal,
         parent.astype(np.int32),
         (children_of(parent) if children is None else children).astype(np.int32),
+        flow_ul_s=float(tree.flow_ul_s[0]) if flow_ul_s is None else flow_ul_s,
+        pressure_drop_pa=tree.pressure_drop_pa if pressure_drop_pa is None else pressure_drop_pa,
         murray_exponent=tree.murray_exponent,
         viscosity_pa_s=tree.viscosity_pa_s,
         relative_flow=tree.relative_flow[origin],
         haematocrit=tree.haematocrit,
         given=tree.given[origin],
-        **settings,
     )
     return replace(derived, notes=tree.notes)
 

@@ -277,7 +277,13 @@ def _tree(
 ) -> VesselTree:
     up, origin = np.array(lines.parent[1:]), np.array(lines.origin[1:])
     made = derived_tree(
-        tubes, points[up], points[1:], up - 1, origin=origin, flow=flow, pressure_drop_pa=drop_pa
+        tubes,
+        points[up],
+        points[1:],
+        up - 1,
+        origin=origin,
+        flow_ul_s=flow * float(tubes.flow_ul_s[0]),
+        pressure_drop_pa=drop_pa,
     )
     return replace(made, notes=())
 
