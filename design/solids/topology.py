@@ -94,7 +94,7 @@ def vertex_parts(faces: NDArray[np.integer], count: int) -> IntArray:
     return _connected_parts(faces[:, :2].ravel(), faces[:, 1:].ravel(), count)
 
 
-def _connected_parts(tail: IntArray, head: IntArray, count: int) -> IntArray:
+def _connected_parts(tail: NDArray[np.integer], head: NDArray[np.integer], count: int) -> IntArray:
     joined = coo_array((np.ones(len(tail), np.int8), (tail, head)), shape=(count, count))
     return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
 
