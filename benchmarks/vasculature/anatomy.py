@@ -40,8 +40,8 @@ import json, sys, time
 from pathlib import Path
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
-from design.anatomy.published_drop import curved_network
-from design.anatomy.presets import PRESETS
+from design.anatomy.curves import curved_network
+from design.anatomy.grown import PRESETS
 from design.network_files.csv_format import write_network_csv
 from design.tissue import load_tissue
 from design.units import PA_PER_MMHG

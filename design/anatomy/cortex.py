@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from design.anatomy.clear_trunks import clear_trunks
-from design.anatomy.from_trunks import TrunkPlan
-from design.anatomy.grown import AnatomicTrees, grow_apart
+from design.anatomy.from_trunks import TrunkPlan, clear_trunks
+from design.anatomy.grown import AnatomicTrees, grow_apart, trunk_ends
 from design.anatomy.openness import SurfaceSamples, sample_surface
-from design.anatomy.presets import trunk_ends
 from design.anatomy.trunk_lines import (
     Layer,
     LayerForest,

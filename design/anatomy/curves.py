@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from design.network import VesselKind, VesselNetwork
+from design.vasculature.growth.forest import joined_networks
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
 from kernels.arrays import FloatArray, IntArray
@@ -220,30 +223,114 @@ def _cut_bends(lines: Lines, only: IntArray, least: FloatArray, room: FloatArray
 
 def _rebuilt(tree: VesselTree, lines: Lines) -> VesselTree:
     parent = lines.parent[1:] - 1
-    children = np.full((len(parent), 2), -1, dtype=np.int32)
-    below = np.flatnonzero(parent >= 0)
-    order = below[np.argsort(parent[below], kind="stable")]
-    first = np.concatenate([[True], np.diff(parent[order]) > 0])
-    children[parent[order[first]], 0] = order[first]
-    children[parent[order[~first]], 1] = order[~first]
-    origin = lines.origin[1:]
-    curved = tree_from_topology(
-        lines.points[lines.parent[1:]],
-        lines.points[1:],
+    points = lines.points
+    return derived_tree(tree, points[lines.parent[1:]], points[1:], parent, origin=lines.origin[1:])
+
+
+def derived_tree(
+    tree: VesselTree,
+    proximal: FloatArray,
+    distal: FloatArray,
+    parent: NDArray[np.integer],
+    children: NDArray[np.integer] | None = None,
+    origin: IntArray | slice = slice(None),
+    flow_ul_s: float | None = None,
+    pressure_drop_pa: float | None = None,
+) -> VesselTree:
+    """Return a tree of other segments with a tree's pressure drop and blood, radii derived anew.
+
+    Parameters
+    ----------
+    proximal, distal : (n, 3) float64, mm
+    parent : (n,) int
+    children : (n, 2) int, optional
+        Found from ``parent`` by default, in the order of their numbers.
+    origin : (n,) int64
+        Segment of ``tree`` whose part of the flow each has; the same segments by default.
+    flow_ul_s, pressure_drop_pa : float, optional
+        Of the whole tree, in the place of those of ``tree``.
+    """
+    derived = tree_from_topology(
+        proximal,
+        distal,
         parent.astype(np.int32),
-        children,
-        flow_ul_s=float(tree.flow_ul_s[0]),
-        pressure_drop_pa=tree.pressure_drop_pa,
+        (children_of(parent) if children is None else children).astype(np.int32),
+        flow_ul_s=float(tree.flow_ul_s[0]) if flow_ul_s is None else flow_ul_s,
+        pressure_drop_pa=tree.pressure_drop_pa if pressure_drop_pa is None else pressure_drop_pa,
         murray_exponent=tree.murray_exponent,
         viscosity_pa_s=tree.viscosity_pa_s,
         relative_flow=tree.relative_flow[origin],
         haematocrit=tree.haematocrit,
         given=tree.given[origin],
     )
-    return replace(curved, notes=tree.notes)
+    return replace(derived, notes=tree.notes)
+
+
+def children_of(parent: NDArray[np.integer]) -> IntArray:
+    """Return the children (n, 2) of each segment, -1 for none; ``parent`` (n,) is -1 at roots."""
+    children = np.full((len(parent), 2), -1, dtype=np.int64)
+    below = np.flatnonzero(parent >= 0)
+    order = below[np.argsort(parent[below], kind="stable")]
+    first = np.concatenate([[True], np.diff(parent[order]) > 0])
+    children[parent[order[first]], 0] = order[first]
+    children[parent[order[~first]], 1] = order[~first]
+    return children
 
 
 def _angle(one: FloatArray, two: FloatArray) -> FloatArray:
     across = np.linalg.norm(np.cross(one, two), axis=1)
     angle: FloatArray = np.arctan2(across, np.einsum("ij,ij->i", one, two))
     return angle
+
+
+# Convert an organ's grown trees to a network of curved vessels from junction to junction.
+
+
+def curved_network(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> VesselNetwork:
+    """All trees as one network; a vessel reaches from joint to joint, through all its bends.
+
+    Veins and lymph flow from terminals to root.
+    """
+    return joined_networks(
+        [_of_tree(*each, number) for number, each in enumerate(zip(trees, kinds, strict=True))]
+    )
+
+
+def _of_tree(tree: VesselTree, kind: VesselKind, number: int) -> VesselNetwork:
+    bend = (tree.children[:, 0] >= 0) & (tree.children[:, 1] < 0)
+    radius = tree_radii(tree)
+    node_of = np.full(len(tree.parent), -1, dtype=np.int64)
+    nodes, ends, lines, radii = [tree.proximal[0]], [], [], []
+    open_runs: dict[int, tuple[int, list[FloatArray], list[float]]] = {}
+    for s in downward_order(tree.children).tolist():
+        above = int(tree.parent[s])
+        if above >= 0 and bend[above]:
+            run = open_runs.pop(above)
+        else:
+            begin = 0 if above < 0 else int(node_of[above])
+            run = (begin, [nodes[begin]], [])
+        run[1].append(tree.distal[s])
+        run[2].append(radius[s])
+        if bend[s]:
+            open_runs[s] = run
+            continue
+        nodes.append(tree.distal[s])
+        node_of[s] = len(nodes) - 1
+        ends.append((run[0], len(nodes) - 1))
+        lines.append(np.array(run[1]))
+        # One radius from joint to joint, to the last digit.
+        radii.append(np.full(len(run[1]), run[2][0]))
+    drains = kind in (VesselKind.VEIN, VesselKind.LYMPH)
+    if drains:
+        ends = [(end, begin) for begin, end in ends]
+        lines = [line[::-1] for line in lines]
+    count = len(ends)
+    return VesselNetwork(
+        np.array(nodes),
+        np.array(ends, dtype=np.int64),
+        np.full(count, int(kind), dtype=np.int64),
+        np.full(count, number, dtype=np.int64),
+        np.concatenate([[0], np.cumsum([len(line) for line in lines])]).astype(np.int64),
+        np.concatenate(lines),
+        np.concatenate(radii),
+    )

@@ -10,19 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.anatomy.from_trunks import DEPTH_MARGIN, TrunkPlan
-from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted
+from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted, trunk_ends
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
 from design.anatomy.main_branches import (
+    LAID,
     MainBranch,
     line_pieces,
     lost_branch,
     missing_branches,
     trunk_pieces,
+    trunks_mm,
+    with_published_radii,
 )
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.perforators import with_perforators
-from design.anatomy.presets import trunk_ends
-from design.anatomy.published_drop import LAID, trunks_mm, with_published_radii
 from design.anatomy.trunk_lines import (
     Layer,
     LayerForest,
@@ -384,8 +385,8 @@ def heart_forest(
     places: HeartPlaces,
     ends: int,
     balance: float,
-    ostia: dict[int, FloatArray] | None = None,
-    narrow: NDArray[np.bool_] | None = None,
+    ostia: dict[int, FloatArray],
+    narrow: NDArray[np.bool_],
 ) -> tuple[LayerForest, tuple[MainBranch, ...]]:
     """Left and right coronary over the epicardium, with so many ends together; main branches.
 
@@ -394,13 +395,11 @@ def heart_forest(
 
     Parameters
     ----------
-    ostia : of LEFT and RIGHT, (3,) float64, mm, optional
+    ostia : of LEFT and RIGHT, (3,) float64, mm
         Where the coronaries begin, in place of the found ones.
-    narrow : (n,) bool, optional
+    narrow : (n,) bool
         Places of the layer that main branches go round, as far as that isn't much longer.
     """
-    if ends < 6:
-        raise GrowthError(f"{ends} trunk ends are too few for two coronaries; ask for 6 at least")
     epi = _epicardium(layer, places, narrow)
     front, back = places.grooves
     back += 2 * np.pi
@@ -408,7 +407,7 @@ def heart_forest(
     forest = LayerForest(layer, balance, layer.length.copy(), apart)
     apex = int(np.argmin(epi.height))
     begin = {LEFT: front + _LEFT_OF_GROOVE, RIGHT: front - _RIGHT_OF_GROOVE}
-    for tree, place in (ostia or {}).items():
+    for tree, place in ostia.items():
         begin[tree] = float(places.angle(place[None])[0])
     left = epi.along_ring(begin[LEFT], back - _CIRCUMFLEX_ENDS)
     right = epi.along_ring(begin[RIGHT], back - 2 * np.pi)
@@ -465,13 +464,13 @@ def _extend_free(forest: LayerForest, path: IntArray) -> None:
     forest.extend(path[max(first - 1, 0) : end])
 
 
-def _epicardium(layer: Layer, places: HeartPlaces, narrow: NDArray[np.bool_] | None) -> _Epicardium:
+def _epicardium(layer: Layer, places: HeartPlaces, narrow: NDArray[np.bool_]) -> _Epicardium:
     height, angle = places.height(layer.points), places.angle(layer.points)
     extent = float(np.ptp(height))
     rim = _rim(height, angle)
     along = layer.points - places.middle
     radius = np.linalg.norm(along - np.outer(along @ places.base, places.base), axis=1)
-    cost = np.ones(len(height)) if narrow is None else np.where(narrow, _NARROW, 1.0)
+    cost = np.where(narrow, _NARROW, 1.0)
     return _Epicardium(layer, height, angle, rim - _BELOW_RING * extent, extent, radius, cost)
 
 

@@ -9,9 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import TrunkPlan
-from design.anatomy.grown import AnatomicTrees, grow_fitted, grow_pair
+from design.anatomy.grown import AnatomicTrees, grow_fitted, grow_pair, trunk_ends
 from design.anatomy.openness import SurfaceSamples, sample_surface
-from design.anatomy.presets import trunk_ends
 from design.anatomy.trunk_lines import Layer, LayerForest, join_layer, lines_of, spread_sites
 from design.errors import GrowthError, TissueError
 from design.network import VesselKind

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import TrunkPlan
-from design.anatomy.grown import AnatomicTrees, grow_portal
+from design.anatomy.grown import AnatomicTrees, grow_portal, trunk_ends
 from design.anatomy.openness import SurfaceSamples, sample_surface
-from design.anatomy.presets import trunk_ends
 from design.anatomy.trunk_lines import (
     Layer,
     LayerForest,

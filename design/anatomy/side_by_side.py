@@ -7,9 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from design.anatomy.curves import derived_tree
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
+from design.vasculature.treemath import downward_order, tree_radii
 from kernels.arrays import FloatArray
 
 
@@ -63,14 +64,6 @@ _MERGE = 1.3
 """Way along a branch, over its trunk's radius, on which its vessels come together."""
 
 _MERGE_STEPS = 3
-
-
-@dataclass(frozen=True)
-class _Offsets:
-    """How far from a tube's axis artery and vein lie, for each of its segments, (n,), mm."""
-
-    artery: FloatArray
-    vein: FloatArray
 
 
 @dataclass
@@ -139,7 +132,7 @@ def _laid(
     """The two with room for arteries of these radii (n,), mm, and their veins."""
     half = 0.5 * _GAP * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
     vein = beside.radius * artery
-    lines = _Sheet(tubes, _Offsets(_APART * artery + half, _APART * vein + half)).lines()
+    lines = _Sheet(tubes, np.column_stack([_APART * artery, _APART * vein]) + half[:, None]).lines()
     side, points = np.array(lines.side), np.array(lines.points)
     drop = options.pressure_drop_pa
     return (
@@ -157,9 +150,10 @@ def _laid(
 class _Sheet:
     """The sheet between artery and vein, laid vessel by vessel from the inlet down."""
 
-    def __init__(self, tubes: VesselTree, away: _Offsets) -> None:
+    def __init__(self, tubes: VesselTree, away: FloatArray) -> None:
+        """Begin with how far from a segment's axis artery and vein lie, ``away`` (n, 2), mm."""
         self.tubes, self.radius = tubes, tree_radii(tubes)
-        self.away = np.column_stack([away.artery, away.vein])
+        self.away = away
         way = tubes.distal - tubes.proximal
         self.length = np.linalg.norm(way, axis=1)
         self.way = way / self.length[:, None]
@@ -281,26 +275,17 @@ class _Sheet:
 def _tree(
     tubes: VesselTree, lines: _Lines, points: FloatArray, drop_pa: float, flow: float = 1.0
 ) -> VesselTree:
-    up = np.array(lines.parent, dtype=np.int64)
-    parent = up[1:] - 1
-    children = np.full((len(parent), 2), -1, dtype=np.int32)
-    for i, above in enumerate(parent.tolist()):
-        if above >= 0:
-            children[above, 0 if children[above, 0] < 0 else 1] = i
-    origin = np.array(lines.origin[1:])
-    return tree_from_topology(
-        points[up[1:]],
+    up, origin = np.array(lines.parent[1:]), np.array(lines.origin[1:])
+    made = derived_tree(
+        tubes,
+        points[up],
         points[1:],
-        parent.astype(np.int32),
-        children,
+        up - 1,
+        origin=origin,
         flow_ul_s=flow * float(tubes.flow_ul_s[0]),
         pressure_drop_pa=drop_pa,
-        murray_exponent=tubes.murray_exponent,
-        viscosity_pa_s=tubes.viscosity_pa_s,
-        relative_flow=tubes.relative_flow[origin],
-        haematocrit=tubes.haematocrit,
-        given=tubes.given[origin],
     )
+    return replace(made, notes=())
 
 
 def _smooth(part: float) -> float:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from design.anatomy.curves import derived_tree
 from design.anatomy.trunk_lines import outward
 from design.errors import WideTrunkError
 from design.tissue import Tissue
 from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
-from kernels.arrays import BoolArray, FloatArray, IntArray
+from design.vasculature.treemath import downward_order, tree_radii
+from kernels.arrays import FloatArray, IntArray
 
 Trees = tuple[VesselTree, ...]
 _ROOM = 1.012
@@ -211,15 +212,8 @@ def with_bends(tree: VesselTree, segments: IntArray) -> VesselTree:
     for column in children[lower].T:
         parent[column[column >= 0]] = lower[column >= 0]
     more = np.concatenate([np.arange(len(tree.parent)), segments])
-    return _derived(
-        tree,
-        np.concatenate([tree.proximal, middle]),
-        distal,
-        parent,
-        children,
-        tree.relative_flow[more],
-        tree.given[more],
-    )
+    begins = np.concatenate([tree.proximal, middle])
+    return derived_tree(tree, begins, distal, parent, children, more)
 
 
 def moved_tree(tree: VesselTree, distal: FloatArray) -> VesselTree:
@@ -227,35 +221,7 @@ def moved_tree(tree: VesselTree, distal: FloatArray) -> VesselTree:
     proximal = np.where(
         (tree.parent >= 0)[:, None], distal[np.maximum(tree.parent, 0)], tree.proximal
     )
-    return _derived(
-        tree, proximal, distal, tree.parent, tree.children, tree.relative_flow, tree.given
-    )
-
-
-def _derived(
-    tree: VesselTree,
-    proximal: FloatArray,
-    distal: FloatArray,
-    parent: NDArray[np.int32],
-    children: NDArray[np.int32],
-    relative_flow: FloatArray,
-    given: BoolArray,
-) -> VesselTree:
-    """A tree of these segments with another's flow, pressure drop and blood."""
-    derived = tree_from_topology(
-        proximal,
-        distal,
-        parent,
-        children,
-        flow_ul_s=float(tree.flow_ul_s[0]),
-        pressure_drop_pa=tree.pressure_drop_pa,
-        murray_exponent=tree.murray_exponent,
-        viscosity_pa_s=tree.viscosity_pa_s,
-        relative_flow=relative_flow,
-        haematocrit=tree.haematocrit,
-        given=given,
-    )
-    return replace(derived, notes=tree.notes)
+    return derived_tree(tree, proximal, distal, tree.parent, tree.children)
 
 
 def check_trunks(

@@ -12,6 +12,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
+from design.anatomy.curves import children_of
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.growth.trunk import Trunk, straighten_line
@@ -239,7 +240,7 @@ def apart_for(layer: Layer, ends: int) -> float:
     return 0.62 * float(np.sqrt(area / ends))
 
 
-ROUNDS = 40
+SMOOTHING_STEPS = 40
 """Smoothing steps: bends of up to some six places are evened out, larger ones stay."""
 
 
@@ -368,7 +369,6 @@ def smooth_lines(
     tissue: Tissue,
     lines: TrunkLines,
     keep: Callable[[FloatArray], FloatArray],
-    rounds: int = ROUNDS,
 ) -> TrunkLines:
     """Even out bends: each node moves halfway to the middle of its parent and main child.
 
@@ -380,7 +380,7 @@ def smooth_lines(
     main = lines.main_child()
     inner = np.flatnonzero((lines.parent >= 0) & (main >= 0))
     points = lines.points.copy()
-    for _ in range(rounds):
+    for _ in range(SMOOTHING_STEPS):
         middle = 0.5 * (points[lines.parent[inner]] + points[main[inner]])
         points[inner] += 0.5 * (middle - points[inner])
         points = keep(points)
@@ -448,15 +448,11 @@ def trunk_from(lines: TrunkLines, tree: int, root_radius_mm: float) -> Trunk:
     number = np.full(len(lines.parent), -1, dtype=np.int64)
     number[mine] = np.arange(len(mine))
     parent = number[lines.parent[mine]]
-    children = np.full((len(mine), 2), -1, dtype=np.int64)
-    for i, above in enumerate(parent.tolist()):
-        if above >= 0:
-            children[above, 0 if children[above, 0] < 0 else 1] = i
     return Trunk(
         np.ascontiguousarray(lines.points[lines.parent[mine]]),
         np.ascontiguousarray(lines.points[mine]),
         parent,
-        children,
+        children_of(parent),
         np.ones(len(mine)),
         root_radius_mm,
         0.0,

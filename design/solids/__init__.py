@@ -10,8 +10,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from design.geometry.crossings import Crossings, find_crossings
-    from design.solids.check import validate_file, validate_files
-    from design.solids.check_result import SolidCheck
+    from design.solids.check import SolidCheck, validate_file, validate_files
     from design.solids.connectors import (
         PlacedConnector,
         connector_parts,
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
         solid_from_surface,
     )
     from design.solids.dimensions import Chamber, Connector, check_connector
-    from design.solids.lumen import lumen_pair, lumen_solid
+    from design.solids.lumen import lumen_pair, lumen_solid, tube_outside, tube_solid
     from design.solids.marks import fiducial_places, text_solid, with_text
     from design.solids.ports import Port, end_ports, find_ports, open_ends
     from design.solids.read import read_solid
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from design.solids.step import StepCheck, write_step
     from design.solids.threemf import Part, write_3mf
     from design.solids.topology import construct_genus, network_genus, surface_genus
-    from design.solids.walls import tube_outside, tube_solid
     from design.solids.write import write_obj, write_ply, write_solid_vtp, write_stl
 
 __all__ = [

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from manifold3d import Error, Manifold, Mesh64
@@ -15,7 +15,6 @@ from design.errors import SolidError
 from design.geometry.crossings import find_crossings
 from design.geometry.surface import Surface
 from design.geometry.threemf_read import read_3mf
-from design.solids.check_result import SolidCheck
 from design.solids.read import load_mesh
 from design.solids.solid import Solid
 from design.solids.topology import edge_faults, merge_equal, surface_genus
@@ -200,3 +199,73 @@ def check_made(solid: Solid) -> SolidCheck | None:
         wrong_edges=0,
         crossing_faces=crossing,
     )
+
+
+SELF_INTERSECTION: Final = (
+    "all pairs of triangles whose boxes meet are tried, neighbours too, exactly: counted are those "
+    "that meet in more than the corners and edges which both have (design/geometry/crossings.py). "
+    "It isn't part of `valid`: readers take such files"
+)
+"""What the test for crossing faces covers."""
+
+
+@dataclass(frozen=True)
+class SolidCheck:
+    """What a file holds, in the file's own unit.
+
+    Attributes
+    ----------
+    file : str
+        Name of the file.
+    vertices, faces : int
+    watertight : bool
+        Every edge has two faces, as trimesh counts after merging equal vertices.
+    oriented : bool
+        Those two run along it in opposite directions, and the volume is above 0.
+    manifold : bool
+        manifold3d takes the mesh as a 2-manifold, and finds the same volume. Not asked again of
+        a file that holds a solid just made, whose edges all pair (`check_made`).
+    volume : float
+        By the divergence theorem; mm³ for a file in mm.
+    genus : int or None
+        Handles, summed over the shells: shells - (vertices - edges + faces)/2 by Euler. None
+        where edges are open or wrong.
+    shells : int or None
+        Closed surfaces that aren't joined (an enclosed cavity is one).
+    open_edges, wrong_edges : int
+        Edges with one face; edges with several or opposed ones.
+    crossing_faces : int
+        That pass through another one, touch it, or are folded onto it.
+    self_intersection : str
+        What that test covers.
+    """
+
+    file: str
+    vertices: int
+    faces: int
+    watertight: bool
+    oriented: bool
+    manifold: bool
+    volume: float
+    genus: int | None
+    shells: int | None
+    open_edges: int
+    wrong_edges: int
+    crossing_faces: int
+    self_intersection: str = SELF_INTERSECTION
+
+    @property
+    def valid(self) -> bool:
+        """Whether it is watertight, oriented and manifold."""
+        return self.watertight and self.oriented and self.manifold
+
+    def require_valid(self) -> None:
+        """Raise `SolidError` when a check doesn't hold, with what is wrong."""
+        if self.valid:
+            return
+        raise SolidError(
+            f"{self.file}: not a valid solid (watertight {self.watertight}, oriented "
+            f"{self.oriented}, manifold {self.manifold}; {self.open_edges} open and "
+            f"{self.wrong_edges} wrong edges of {3 * self.faces // 2}, volume {self.volume:g}); "
+            "mend the mesh before it is sliced"
+        )

@@ -12,15 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from design.geometry.bvh import build_triangle_tree
 from design.geometry.crossings import find_crossings, find_meetings, find_new_crossings
 from design.solids.manifolds import solid_manifold, subtract, to_manifold
 from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid
-from design.solids.topology import is_closed, surface_genus
+from design.solids.topology import is_closed, surface_genus, vertex_parts
 from design.tissue.grid import enclosed
 from kernels.arrays import FloatArray, IntArray
 
@@ -95,19 +93,12 @@ def _near_surface(body: Solid, tool: Solid) -> Mask:
     met = find_meetings(vertices, tool.faces + np.int32(count), tree, body.faces)[:, 0]
     near: Mask = np.zeros(len(tool.faces), dtype=np.bool_)
     near[met] = True
-    part = _parts(tool.faces[~near], len(tool.vertices))
+    part = vertex_parts(tool.faces[~near], len(tool.vertices))
     own, first = np.unique(part[tool.faces[~near][:, 0]], return_index=True)
     places = tool.vertices[tool.faces[~near][first, 0]]
     outside = own[~enclosed(tree, places)]
     near[~near & np.isin(part[tool.faces[:, 0]], outside)] = True
     return near
-
-
-def _parts(faces: NDArray[np.integer], count: int) -> IntArray:
-    """Number of the part that hangs together at each of ``count`` vertices."""
-    tail, head = faces[:, :2].ravel(), faces[:, 1:].ravel()
-    joined = coo_array((np.ones(len(tail), np.int8), (tail, head)), shape=(count, count))
-    return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
 
 
 def _closed_piece(tool: Solid, near: Mask) -> _Piece | None:

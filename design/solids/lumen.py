@@ -11,9 +11,10 @@ from scipy.spatial import cKDTree
 from design.errors import SolidError
 from design.geometry.crossings import find_crossings
 from design.network import VesselNetwork
+from design.solids.manifolds import solid_manifold, subtract
 from design.solids.smooth.assemble import Sewing, sew_parts, with_other_tubes
 from design.solids.smooth.layout import Layout, lay_out
-from design.solids.snap import mended_solid, solid_from_mesh
+from design.solids.snap import mended_solid, solid_from_manifold, solid_from_mesh
 from design.solids.solid import Solid
 from design.solids.tube import FACET_TOLERANCE_MM, Chain, EndShape, Facets, free_ends
 from kernels.arrays import FloatArray, IntArray
@@ -77,14 +78,15 @@ def lumen_solid(
     _check(extend_ends_mm, tolerance_mm, fillet_ratio if fillet_mm is None else fillet_mm)
     extended = extended_ends(network, extend_ends_mm, extend_nodes)
     middle, moved = _around_middle(network)
+    rounds = fillet_ratio > 0.0 or bool(fillet_mm)
     sharp = set[int]()
-    for _ in range(_TRIES):
+    for _ in range(_TRIES if rounds else 1):
         layout = lay_out(moved, Facets(tolerance_mm, facet_ratio), fillet_ratio, fillet_mm)
         layout.sharp |= sharp
         vertices, faces = _sewn(layout, extended).surface()
         solid, crossing = _rounded(layout, vertices + middle, faces, tolerance_mm)
         crowded = [joint for joint in range(len(layout.ends)) if layout.crowded(joint)]
-        if len(crossing) == 0 or not crowded or not (fillet_ratio > 0.0 or fillet_mm):
+        if not (rounds and crowded and len(crossing)):
             return solid
         # Groups that cross themselves once they are rounded to float32 stay sharp.
         places = solid.vertices[solid.faces[crossing, 0]] - middle
@@ -251,3 +253,67 @@ def _drawn_out(
     tip = points[at] + outward * (length_mm / np.linalg.norm(outward))
     where = 0 if at == 0 else len(points)
     return np.insert(points, where, tip, axis=0), np.insert(radius, where, radius[at])
+
+
+# Tubes: vessels with a wall of given thickness, lumens open.
+
+
+def tube_solid(
+    network: VesselNetwork,
+    wall_mm: float,
+    *,
+    open_nodes: IntArray | None = None,
+    fillet_ratio: float = 0.0,
+) -> Solid:
+    """Return the union of all vessels widened by ``wall_mm``, minus their lumens.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        Its radii are the lumens'.
+    wall_mm : float, mm
+    open_nodes : (k,) int64, optional
+        Free ends that are open, cut square at the node; all of them by default. The others
+        are closed by a wall of the same thickness.
+    fillet_ratio : float
+        As `lumen_solid` has it, for the lumen and the outside alike.
+
+    Returns
+    -------
+    Solid
+        Of genus (loops of the outside) + (loops of the lumens) + (open ends) - (parts with any)
+        where vessels that aren't joined keep clear of one another by two walls.
+
+    Raises
+    ------
+    SolidError
+        When ``wall_mm`` isn't above 0, or as `lumen_solid` does.
+    """
+    ends = free_ends(network) if open_nodes is None else np.asarray(open_nodes, dtype=np.int64)
+    beyond = 4.0 * float(network.radius.max()) if len(ends) else 0.0
+    outer = tube_outside(network, wall_mm, open_nodes=ends, fillet_ratio=fillet_ratio)
+    inner = lumen_solid(
+        network, extend_ends_mm=beyond, extend_nodes=ends, fillet_ratio=fillet_ratio
+    )
+    wall = subtract(solid_manifold(outer, "the outside"), [solid_manifold(inner, "the lumens")])
+    return solid_from_manifold(wall, "the tubes")
+
+
+def tube_outside(
+    network: VesselNetwork,
+    wall_mm: float,
+    *,
+    open_nodes: IntArray | None = None,
+    fillet_ratio: float = 0.0,
+) -> Solid:
+    """Return `tube_solid` before its lumens are taken out; parameters and errors are the same."""
+    if not 0.0 < wall_mm < np.inf:
+        raise SolidError(f"wall_mm {wall_mm:g}; give a thickness above 0")
+    ends = free_ends(network) if open_nodes is None else np.asarray(open_nodes, dtype=np.int64)
+    # A hundredth of the wall, so that the end's face is flat and no seam lies on the node's plane.
+    return lumen_solid(
+        replace(network, radius=network.radius + wall_mm),
+        extend_ends_mm=0.01 * wall_mm if len(ends) else 0.0,
+        extend_nodes=ends,
+        fillet_ratio=fillet_ratio,
+    )

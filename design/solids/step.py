@@ -19,7 +19,7 @@ from design.errors import SolidError
 from design.files import atomic_replacement
 from design.network import VesselNetwork
 from design.solids.lumen import lumen_solid
-from design.solids.smooth.overlap_group import CLEAR_OF_TUBES
+from design.solids.smooth.assemble import CLEAR_OF_TUBES
 from design.solids.tube import Chain, Facets, split_runs
 from kernels.arrays import FloatArray, IntArray
 

@@ -89,6 +89,16 @@ def surface_genus(faces: NDArray[np.integer]) -> tuple[int, int]:
     return shells - euler // 2, shells
 
 
+def vertex_parts(faces: NDArray[np.integer], count: int) -> IntArray:
+    """Return the number of the connected part of ``faces`` (m, 3) at each of ``count`` vertices."""
+    return _connected_parts(faces[:, :2].ravel(), faces[:, 1:].ravel(), count)
+
+
+def _connected_parts(tail: NDArray[np.integer], head: NDArray[np.integer], count: int) -> IntArray:
+    joined = coo_array((np.ones(len(tail), np.int8), (tail, head)), shape=(count, count))
+    return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
+
+
 def corner_fans(faces: NDArray[np.integer]) -> IntArray:
     """Number of the fan that each corner (m, 3) of a closed surface belongs to.
 
@@ -253,7 +263,5 @@ def construct_genus(network: VesselNetwork, ports: IntArray, body_genus: int = 0
 def _part_of_node(network: VesselNetwork) -> tuple[IntArray, IntArray]:
     """Number of the connected part of each node, and of each vessel."""
     first, last = network.vessel_nodes.T
-    shape = (len(network.nodes), len(network.nodes))
-    joined = coo_array((np.ones(len(first), dtype=np.int8), (first, last)), shape=shape)
-    part = connected_components(joined, directed=False)[1].astype(np.int64)
+    part = _connected_parts(first, last, len(network.nodes))
     return part, part[first]

@@ -11,8 +11,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from design.anatomy.curves import curved_network
 from design.anatomy.fit_apart import KINK, curve_trees, kinks
-from design.anatomy.published_drop import curved_network
 from design.errors import GrowthError
 from design.hemodynamics import scaled_network
 from design.lattices import build_lattice

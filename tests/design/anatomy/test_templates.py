@@ -13,12 +13,12 @@ from design.anatomy import heart as heart_template
 from design.anatomy import kidney as kidney_template
 from design.anatomy import liver as liver_template
 from design.anatomy.cortex import CortexAnatomy, grow_cortex
+from design.anatomy.curves import curved_network
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, find_kidney_places, grow_kidney
 from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.openness import sample_surface
-from design.anatomy.published_drop import curved_network
 from design.anatomy.trunk_lines import outward
 from design.errors import GrowthError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
