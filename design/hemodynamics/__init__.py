@@ -20,8 +20,8 @@ if TYPE_CHECKING:
         one_d_table,
         one_d_waves,
         solve_one_d,
-        write_svoned,
     )
+    from design.hemodynamics.other_solvers.svoned import write_svoned
     from design.hemodynamics.pressure_drops import Losses, Stenosis, resistance_at
     from design.hemodynamics.print_scale import same_shear_conditions, scaled_flow, scaled_network
     from design.hemodynamics.probes import Probes, ProbeWaves

@@ -9,7 +9,7 @@ import numpy as np
 from design.hemodynamics.three_d import lagrange
 from design.hemodynamics.three_d.engine import port_name
 from design.hemodynamics.three_d.lagrange import gradients
-from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh
+from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
 from design.hemodynamics.three_d.ports import PortPlan
 from design.hemodynamics.three_d.solution import Energy, Field, WallShear
 from design.hemodynamics.three_d.stokes import Spaces

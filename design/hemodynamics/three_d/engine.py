@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.curve import least_jacobian
-from design.hemodynamics.three_d.lumen_mesh import EDGES, LumenMesh
+from design.hemodynamics.three_d.meshing.curve import least_jacobian
+from design.hemodynamics.three_d.meshing.lumen_mesh import EDGES, LumenMesh
 from kernels.arrays import FloatArray
 
 THREADS: Final = 1

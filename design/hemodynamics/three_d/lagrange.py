@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from design.hemodynamics.three_d.lumen_mesh import EDGES
+from design.hemodynamics.three_d.meshing.lumen_mesh import EDGES
 from kernels.arrays import FloatArray, IntArray
 
 

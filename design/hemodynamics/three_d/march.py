@@ -16,7 +16,7 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.three_d.derived import field_of, port_pressures
 from design.hemodynamics.three_d.engine import CURVED, engine_mesh, engine_threads
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import (
     BorderBlocks,
     FlowProblem,
@@ -33,10 +33,10 @@ from design.hemodynamics.three_d.ports import (
     inflow_of,
     pulsatile_plan,
 )
-from design.hemodynamics.three_d.sections import Section
 from design.hemodynamics.three_d.solution import Field, ThreeDWaves
 from design.hemodynamics.three_d.steady import check_laminar, columns_of, steady_problem
 from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes, matrix_operator, spaces
+from design.hemodynamics.three_d.vessels.sections import Section
 from design.hemodynamics.waveforms import common_period, cycle_times
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     PulsatileConditions,

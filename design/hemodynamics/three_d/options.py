@@ -9,7 +9,7 @@ from typing import Final
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.engine import THREADS
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.units import WATER_DENSITY
 
 LAMINAR: Final = 2000.0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.three_d.engine import CURVED, WALL_NAME, port_name
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.stokes import Spaces
 from design.hemodynamics.waveforms import Constant, Waveform, harmonics_of
 from design.hemodynamics.zero_d.boundary import refuse_supplies

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from kernels.arrays import FloatArray, IntArray
 
 

@@ -10,7 +10,7 @@ from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.three_d.derived import energy_of, field_of, port_pressures, wall_shear
 from design.hemodynamics.three_d.engine import engine_mesh, engine_threads
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import (
     BorderBlocks,
     FlowProblem,

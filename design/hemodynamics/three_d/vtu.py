@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from design.errors import FlowError
 from design.files import write_text
 from design.hemodynamics.three_d.lagrange import shapes
-from design.hemodynamics.three_d.lumen_mesh import EDGES, LumenMesh
+from design.hemodynamics.three_d.meshing.lumen_mesh import EDGES, LumenMesh
 from design.hemodynamics.three_d.solution import Field, WallShear
 from kernels.arrays import FloatArray
 

@@ -12,8 +12,8 @@ import numpy as np
 import yaml
 
 from design.errors import FlowError
-from design.hemodynamics.json_keys import entries, parse_json
-from design.hemodynamics.zero_d.svzerod_run import run_svzerod
+from design.hemodynamics.other_solvers.json_keys import entries, parse_json
+from design.hemodynamics.other_solvers.svzerod_run import run_svzerod
 from design.units import PA_PER_MMHG
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import UsageError
@@ -99,7 +99,7 @@ def read_openbf(path: Path) -> dict[str, Any] | None:
     """
     if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
         return None
-    from design.hemodynamics.one_d import openbf
+    from design.hemodynamics.other_solvers import openbf
 
     try:
         data = read_yaml(path.read_text(encoding="utf-8-sig"))
@@ -139,7 +139,7 @@ def run_openbf_case(
         As `openbf.case_of`, `openbf_waves.run_openbf` and the writers.
     """
     from design.hemodynamics import question_pressure
-    from design.hemodynamics.one_d import openbf, openbf_waves
+    from design.hemodynamics.other_solvers import openbf, openbf_waves
 
     try:
         case = openbf.case_of(data, _inlet(path, openbf.inlet_file(data)))

@@ -16,10 +16,10 @@ from design.hemodynamics import (
     WindkesselOutlet,
     solve_pulsatile,
 )
+from design.hemodynamics.other_solvers import svzerod_run
+from design.hemodynamics.other_solvers.svzerod import svzerod_input, write_svzerod
+from design.hemodynamics.other_solvers.svzerod_run import run_svzerod
 from design.hemodynamics.waveforms import Sine
-from design.hemodynamics.zero_d import svzerod_run
-from design.hemodynamics.zero_d.svzerod_input import svzerod_input, write_svzerod
-from design.hemodynamics.zero_d.svzerod_run import run_svzerod
 from tests.design.hemodynamics.networks import VISCOSITY, network_of
 
 FORK = network_of([[0, 0, 0], [4, 0, 0], [8, 2, 0], [8, -2, 0]], [(0, 1), (1, 2), (1, 3)], 0.4)

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 from design.errors import FlowError
 from design.files import atomic_replacement, write_bytes, write_text
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh
+from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
 from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.units import WATER_DENSITY
 from kernels.arrays import FloatArray, IntArray

@@ -20,7 +20,8 @@ from design.hemodynamics import (
     ResistanceOutlet,
     WindkesselOutlet,
 )
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.other_solvers.svmultiphysics import MarchSteps, write_svmultiphysics
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.ranks import (
     PortFlow,
     PortPressure,
@@ -31,7 +32,6 @@ from design.hemodynamics.three_d.ranks import (
     write_case,
 )
 from design.hemodynamics.three_d.ranks.case import ENGINE, port_velocity
-from design.hemodynamics.three_d.svmultiphysics import MarchSteps, write_svmultiphysics
 from design.hemodynamics.waveforms import Constant, Sine
 from tests.design.hemodynamics.three_d.lumens import pipe
 

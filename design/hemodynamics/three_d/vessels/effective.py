@@ -16,8 +16,8 @@ import numpy as np
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.pressure_drops import heads_of, measure_pipes
 from design.hemodynamics.probes import Probes, clear_parts
-from design.hemodynamics.three_d.sections import is_clear, probe_steady, vessel_flows
 from design.hemodynamics.three_d.solution import ThreeDSolution
+from design.hemodynamics.three_d.vessels.sections import is_clear, probe_steady, vessel_flows
 from design.hemodynamics.zero_d.steady import solve_flow
 from design.network import VesselNetwork
 from kernels.arrays import BoolArray, FloatArray

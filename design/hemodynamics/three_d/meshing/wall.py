@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.lumen_mesh import MeshPort
+from design.hemodynamics.three_d.meshing.lumen_mesh import MeshPort
 from design.network import VesselNetwork
 from design.solids.smooth.fillet import COLUMNS, rounded_distance, wall_distance, wall_rows
 from kernels import jit

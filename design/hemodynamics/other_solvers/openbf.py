@@ -11,8 +11,15 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.json_keys import check_keys, entries, flag, number, text, whole
 from design.hemodynamics.one_d.options import OneDOptions
+from design.hemodynamics.other_solvers.json_keys import (
+    check_keys,
+    entries,
+    flag,
+    number,
+    text,
+    whole,
+)
 from design.hemodynamics.probes import Probes
 from design.hemodynamics.vessel_coefficients import VesselWalls
 from design.hemodynamics.waveforms import Constant, Tabulated

@@ -24,7 +24,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.files import atomic_replacement
-from design.hemodynamics.json_keys import check_keys, entries, flag, whole
+from design.hemodynamics.other_solvers.json_keys import check_keys, entries, flag, whole
 from kernels.arrays import FloatArray
 
 PERIODIC: Final = 1e-6

@@ -12,10 +12,15 @@ from design.errors import FlowError
 from design.geometry.crossings import find_crossings
 from design.geometry.polyline import vectors_across
 from design.geometry.surface import Surface
-from design.hemodynamics.three_d.curve import curve_edges
-from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh, MeshPort
-from design.hemodynamics.three_d.surface import axis_places, check_surface, facet_wall, wall_surface
-from design.hemodynamics.three_d.wall import free_ends, lumen_wall
+from design.hemodynamics.three_d.meshing.curve import curve_edges
+from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh, MeshPort
+from design.hemodynamics.three_d.meshing.surface import (
+    axis_places,
+    check_surface,
+    facet_wall,
+    wall_surface,
+)
+from design.hemodynamics.three_d.meshing.wall import free_ends, lumen_wall
 from design.network import VesselNetwork
 from design.solids.manifolds import denoised, subtract, to_manifold
 from design.solids.remesh import LabelledSurface, remesh

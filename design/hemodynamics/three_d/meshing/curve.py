@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.lagrange import quadratic, triangle_rule
-from design.hemodynamics.three_d.lumen_mesh import EDGES, WALL, LumenMesh, MeshPort
+from design.hemodynamics.three_d.meshing.lumen_mesh import EDGES, WALL, LumenMesh, MeshPort
 from design.solids.remesh import LabelledSurface, Shape
 from kernels.arrays import FloatArray, IntArray
 

@@ -14,8 +14,8 @@ from design.geometry import TriangleTree, build_triangle_tree
 from design.geometry.crossings import find_crossings
 from design.geometry.surface import Surface
 from design.geometry.surface_distances import nearest_feet
-from design.hemodynamics.three_d.lumen_mesh import WALL, MeshPort
-from design.hemodynamics.three_d.wall import LumenWall
+from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, MeshPort
+from design.hemodynamics.three_d.meshing.wall import LumenWall
 from design.network import VesselNetwork
 from design.solids.lumen import lumen_solid
 from design.solids.remesh import LabelledSurface, remesh

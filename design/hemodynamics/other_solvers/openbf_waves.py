@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from design.files import atomic_replacement
-from design.hemodynamics.one_d.openbf import PLACES, QUANTITIES, OpenBFCase
 from design.hemodynamics.one_d.solution import OneDSolution
 from design.hemodynamics.one_d.solve import Progress, solve_one_d
+from design.hemodynamics.other_solvers.openbf import PLACES, QUANTITIES, OpenBFCase
 from design.units import PA_PER_MMHG
 from kernels.arrays import FloatArray
 
