@@ -11,7 +11,18 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.hemodynamics.conditions import FlowConditions, OutletLoad, Supply
+    from design.hemodynamics.conditions import (
+        FlowConditions,
+        OutletLoad,
+        PressureOutlet,
+        PulsatileConditions,
+        ResistanceOutlet,
+        Supply,
+        WindkesselOutlet,
+        same_shear_conditions,
+        scaled_flow,
+        scaled_network,
+    )
     from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
     from design.hemodynamics.one_d import (
         OneDOptions,
@@ -23,7 +34,6 @@ if TYPE_CHECKING:
     )
     from design.hemodynamics.other_solvers.svoned import write_svoned
     from design.hemodynamics.pressure_drops import Losses, Stenosis, resistance_at
-    from design.hemodynamics.print_scale import same_shear_conditions, scaled_flow, scaled_network
     from design.hemodynamics.probes import Probes, ProbeWaves
     from design.hemodynamics.vessel_coefficients import (
         GelWall,
@@ -32,30 +42,31 @@ if TYPE_CHECKING:
         VesselWalls,
         vessel_resistance,
     )
-    from design.hemodynamics.zero_d.at_probes import pulsatile_at_probes, steady_at_probes
     from design.hemodynamics.zero_d.balance import balance, flow_spread
-    from design.hemodynamics.zero_d.flow import FlowSolution
-    from design.hemodynamics.zero_d.pulsatile import (
-        PressureOutlet,
-        PulsatileConditions,
-        PulsatileSolution,
-        ResistanceOutlet,
-        WindkesselOutlet,
+    from design.hemodynamics.zero_d.pulsatile import PulsatileSolution, solve_pulsatile
+    from design.hemodynamics.zero_d.pulsatile_report import (
         end_waves,
+        pulsatile_at_probes,
         pulsatile_summary,
         pulsatile_table,
-        solve_pulsatile,
+        steady_at_probes,
     )
-    from design.hemodynamics.zero_d.shear_band import ShearBand, band_summary
+    from design.hemodynamics.zero_d.report import (
+        ShearBand,
+        band_summary,
+        flow_summary,
+        flow_table,
+        question_pressure,
+        read_flow_csv,
+        write_flow_csv,
+    )
     from design.hemodynamics.zero_d.steady import (
+        FlowSolution,
         FlowStructure,
         flow_structure,
         node_inflow,
         solve_flow,
     )
-    from design.hemodynamics.zero_d.summary import flow_summary
-    from design.hemodynamics.zero_d.table import flow_table, read_flow_csv, write_flow_csv
-    from design.hemodynamics.zero_d.validity import question_pressure
 
 __all__ = [
     "Carreau",

@@ -4,7 +4,7 @@ Goes in: a network and pulsatile conditions. Comes out: one periodic cycle of fl
 Begin with `solve.py`.
 """
 
-from design.hemodynamics.one_d.options import OneDOptions
+from design.hemodynamics.one_d.grid import OneDOptions
 from design.hemodynamics.one_d.solution import OneDSolution, one_d_summary, one_d_table, one_d_waves
 from design.hemodynamics.one_d.solve import solve_one_d
 

@@ -8,7 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.one_d.grid import Grid
+from design.hemodynamics.conditions import (
+    Outlet,
+    PressureOutlet,
+    PulsatileConditions,
+    ResistanceOutlet,
+)
+from design.hemodynamics.one_d.grid import RESISTANCE, Grid, Nodes, end_impedance, outlet_of
 from design.hemodynamics.one_d.kernels import (
     ROWS,
     cell_pressures,
@@ -17,15 +23,8 @@ from design.hemodynamics.one_d.kernels import (
     smooth_viscously,
     solve_ends,
 )
-from design.hemodynamics.one_d.nodes import RESISTANCE, Nodes, end_impedance, outlet_of
 from design.hemodynamics.zero_d.boundary import boundary_nodes
-from design.hemodynamics.zero_d.pulsatile.conditions import (
-    Outlet,
-    PressureOutlet,
-    PulsatileConditions,
-    ResistanceOutlet,
-)
-from design.hemodynamics.zero_d.pulsatile.solution import (
+from design.hemodynamics.zero_d.pulsatile import (
     PulsatileSolution,
     cycle_extremes,
     solve_pulsatile,

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.hemodynamics.conditions import PulsatileConditions
 from design.hemodynamics.probes import ProbeWaves
 from design.hemodynamics.vessel_coefficients import plug_inertance, wave_speed, womersley_number
 from design.hemodynamics.zero_d.boundary import boundary_nodes
-from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray, IntArray

@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.files import write_text
-from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
-from design.hemodynamics.waveforms import Waveform, cycle_times
-from design.hemodynamics.zero_d.boundary import refuse_supplies
-from design.hemodynamics.zero_d.pulsatile.conditions import (
+from design.hemodynamics.conditions import (
     Outlet,
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
 )
+from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
+from design.hemodynamics.waveforms import Waveform, cycle_times
+from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.units import DYN_CM2_PER_PA
 from kernels.arrays import IntArray
 

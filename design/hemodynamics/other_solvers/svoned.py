@@ -23,18 +23,22 @@ import numpy as np
 
 from design.errors import FlowError
 from design.files import write_text
-from design.hemodynamics.one_d.grid import check_compliant, external_pressure, stiffness
-from design.hemodynamics.one_d.nodes import outlet_of
-from design.hemodynamics.one_d.options import OneDOptions
-from design.hemodynamics.vessel_coefficients import VesselWalls
-from design.hemodynamics.waveforms import Waveform, cycle_times
-from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
-from design.hemodynamics.zero_d.pulsatile.conditions import (
+from design.hemodynamics.conditions import (
     Outlet,
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
 )
+from design.hemodynamics.one_d.grid import (
+    OneDOptions,
+    check_compliant,
+    external_pressure,
+    outlet_of,
+    stiffness,
+)
+from design.hemodynamics.vessel_coefficients import VesselWalls
+from design.hemodynamics.waveforms import Waveform, cycle_times
+from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
 from design.network import VesselNetwork
 
 _PRESSURE: Final = 10.0

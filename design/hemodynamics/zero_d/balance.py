@@ -15,7 +15,7 @@ from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.vessel_coefficients import vessel_resistance
 from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
-from design.hemodynamics.zero_d.nodal.conductance import factorise
+from design.hemodynamics.zero_d.nodal import factorise
 from design.hemodynamics.zero_d.steady import solve_flow
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray, IntArray

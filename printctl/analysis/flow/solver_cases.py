@@ -13,7 +13,7 @@ import yaml
 
 from design.errors import FlowError
 from design.hemodynamics.other_solvers.json_keys import entries, parse_json
-from design.hemodynamics.other_solvers.svzerod_run import run_svzerod
+from design.hemodynamics.other_solvers.svzerod import run_svzerod
 from design.units import PA_PER_MMHG
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import UsageError
@@ -136,22 +136,22 @@ def run_openbf_case(
     UsageError
         For an inlet's table that isn't there.
     FlowError, OSError
-        As `openbf.case_of`, `openbf_waves.run_openbf` and the writers.
+        As `openbf.case_of`, `openbf.run_openbf` and the writers.
     """
     from design.hemodynamics import question_pressure
-    from design.hemodynamics.other_solvers import openbf, openbf_waves
+    from design.hemodynamics.other_solvers import openbf
 
     try:
         case = openbf.case_of(data, _inlet(path, openbf.inlet_file(data)))
         if cell_mm is not None:
             case = replace(case, options=replace(case.options, cell_mm=cell_mm))
-        solution, waves = openbf_waves.run_openbf(case, tell)
+        solution, waves = openbf.run_openbf(case, tell)
         question_pressure(float(solution.pressure_high.max()))
     except FlowError as exc:
         raise FlowError(f"{path}: {exc}") from exc
     file = where(case.folder)
     npz = file.suffix == ".npz"
-    write = openbf_waves.write_openbf_npz if npz else openbf_waves.write_openbf_csv
+    write = openbf.write_openbf_npz if npz else openbf.write_openbf_csv
     write(file, waves)
     summary: Summary = {
         "project": case.project,

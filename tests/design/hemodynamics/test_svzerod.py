@@ -16,9 +16,8 @@ from design.hemodynamics import (
     WindkesselOutlet,
     solve_pulsatile,
 )
-from design.hemodynamics.other_solvers import svzerod_run
-from design.hemodynamics.other_solvers.svzerod import svzerod_input, write_svzerod
-from design.hemodynamics.other_solvers.svzerod_run import run_svzerod
+from design.hemodynamics.other_solvers import svzerod
+from design.hemodynamics.other_solvers.svzerod import run_svzerod, svzerod_input, write_svzerod
 from design.hemodynamics.waveforms import Sine
 from tests.design.hemodynamics.networks import VISCOSITY, network_of
 
@@ -274,8 +273,8 @@ def test_a_faulty_case_ends_in_one_message(
 def test_a_case_without_the_package_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    script = svzerod_run._SCRIPT.replace("import svzerod", "import svzerod_of_nowhere")
-    monkeypatch.setattr(svzerod_run, "_SCRIPT", script)
+    script = svzerod._SCRIPT.replace("import svzerod", "import svzerod_of_nowhere")
+    monkeypatch.setattr(svzerod, "_SCRIPT", script)
     with pytest.raises(FlowError, match=r"No module.*pip install 'printctl\[svzerod\]'"):
         run_svzerod(_windkessel(), tmp_path / "svzerod.csv")
 

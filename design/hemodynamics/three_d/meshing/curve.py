@@ -11,8 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.lagrange import quadratic, triangle_rule
-from design.hemodynamics.three_d.meshing.lumen_mesh import EDGES, WALL, LumenMesh, MeshPort
+from design.hemodynamics.three_d.meshing.lumen_mesh import (
+    EDGES,
+    WALL,
+    LumenMesh,
+    MeshPort,
+    quadratic,
+    triangle_rule,
+)
 from design.solids.remesh import LabelledSurface, Shape
 from kernels.arrays import FloatArray, IntArray
 

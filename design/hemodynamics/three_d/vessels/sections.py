@@ -23,8 +23,15 @@ from scipy.spatial import cKDTree
 from design.errors import FlowError
 from design.geometry.polyline import arc_lengths, places_along
 from design.hemodynamics.probes import Probes, ProbeWaves, clear_parts
-from design.hemodynamics.three_d.lagrange import jacobian, quadratic, shapes, tetrahedron_rule
-from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh, MeshPort
+from design.hemodynamics.three_d.meshing.lumen_mesh import (
+    WALL,
+    LumenMesh,
+    MeshPort,
+    jacobian,
+    quadratic,
+    shapes,
+    tetrahedron_rule,
+)
 from design.hemodynamics.three_d.solution import Field, ThreeDSolution
 from design.network import VesselNetwork
 from kernels.arrays import BoolArray, FloatArray, IntArray
