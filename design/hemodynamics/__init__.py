@@ -3,7 +3,8 @@
 Names are loaded when first asked for: a steady flow needs neither 1D waves nor pulses.
 
 Goes in: a network and boundary conditions. Comes out: pressure, flow and wall shear of each
-vessel. Begin with `zero_d/steady.py`.
+vessel. Begin with `zero_d/steady.py` (network, nodal solve, `FlowSolution`); `one_d`, `three_d`,
+`oxygen` and `dye.py` each name their own entry, `other_solvers` reads and writes their files.
 """
 
 from typing import TYPE_CHECKING

@@ -9,12 +9,13 @@ from typing import Literal
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.fluids import Fluid, Newtonian
+from design.hemodynamics.fluids import Fluid, Newtonian, require_above_zero
 from design.hemodynamics.pressure_drops import Losses
-from design.hemodynamics.vessel_coefficients import RigidWall, Wall, require_above_zero
+from design.hemodynamics.vessel_coefficients import RigidWall, Wall
 from design.hemodynamics.waveforms import Constant, Waveform
 from design.network import VesselNetwork
 from design.units import WATER_DENSITY
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -189,6 +190,23 @@ class WindkesselOutlet:
 Outlet = PressureOutlet | ResistanceOutlet | WindkesselOutlet
 
 
+def outlet_of(given: Outlet | Mapping[int, Outlet], node: int) -> Outlet:
+    """The condition of one outlet.
+
+    Raises
+    ------
+    FlowError
+        When it has none.
+    """
+    if not isinstance(given, Mapping):
+        return given
+    if node not in given:
+        raise FlowError(
+            f"outlet {node} has no condition; give it a pressure, a resistance or a Windkessel"
+        )
+    return given[node]
+
+
 @dataclass(frozen=True)
 class PulsatileConditions:
     """Conditions at a network's inlets and outlets, fluid and wall.
@@ -259,6 +277,11 @@ def scaled_network(network: VesselNetwork, factor: float) -> VesselNetwork:
         points=network.points * factor,
         radius=network.radius * factor,
     )
+
+
+def rescaled(network: VesselNetwork, scale: FloatArray) -> VesselNetwork:
+    """The same network, each vessel's radii times ``scale`` (v,)."""
+    return replace(network, radius=network.radius * np.repeat(scale, np.diff(network.offset)))
 
 
 def same_shear_conditions(conditions: FlowConditions, factor: float) -> FlowConditions:

@@ -15,6 +15,7 @@ from design.hemodynamics.conditions import (
     PulsatileConditions,
     ResistanceOutlet,
     WindkesselOutlet,
+    outlet_of,
 )
 from design.hemodynamics.probes import Probes
 from design.hemodynamics.vessel_coefficients import (
@@ -506,23 +507,6 @@ def _junctions(at: IntArray, count: int) -> Nodes:
         back=nothing.copy(),
         reflection=nothing,
     )
-
-
-def outlet_of(given: Outlet | Mapping[int, Outlet], node: int) -> Outlet:
-    """The condition of one outlet.
-
-    Raises
-    ------
-    FlowError
-        When it has none.
-    """
-    if not isinstance(given, Mapping):
-        return given
-    if node not in given:
-        raise FlowError(
-            f"outlet {node} has no condition; give it a pressure, a resistance or a Windkessel"
-        )
-    return given[node]
 
 
 def _attach(nodes: Nodes, place: int, outlet: Outlet, waves: list[Waveform]) -> None:

@@ -13,8 +13,9 @@ from design.hemodynamics.conditions import (
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
+    outlet_of,
 )
-from design.hemodynamics.one_d.grid import RESISTANCE, Grid, Nodes, end_impedance, outlet_of
+from design.hemodynamics.one_d.grid import RESISTANCE, Grid, Nodes, end_impedance
 from design.hemodynamics.one_d.kernels import (
     ROWS,
     cell_pressures,
@@ -24,11 +25,7 @@ from design.hemodynamics.one_d.kernels import (
     solve_ends,
 )
 from design.hemodynamics.zero_d.boundary import boundary_nodes
-from design.hemodynamics.zero_d.pulsatile import (
-    PulsatileSolution,
-    cycle_extremes,
-    solve_pulsatile,
-)
+from design.hemodynamics.zero_d.pulsatile import PulsatileSolution, cycle_extremes, solve_pulsatile
 from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
@@ -109,12 +106,7 @@ def settle_ends(
 
 @jit
 def advance(
-    grid: Grid,
-    nodes: Nodes,
-    state: State,
-    drives: FloatArray,
-    step: float,
-    work: MarchScratch,
+    grid: Grid, nodes: Nodes, state: State, drives: FloatArray, step: float, work: MarchScratch
 ) -> int:
     """March through steps in place.
 

@@ -374,9 +374,9 @@ def _read_outlets(
         if not ends[k]:
             refuse_inner(data, place)
             continue
-        end = VesselEnd(place, float(impedance[k]), float(vessels.walls.external_pa[k]))
+        external = float(vessels.walls.external_pa[k])
         node = int(vessels.network.vessel_nodes[k, 1])
-        vessels.outlets[node], part = outlet_of(data, end)
+        vessels.outlets[node], part = outlet_of(data, place, float(impedance[k]), external)
         if part is not None:
             vessels.reflection[node] = part
 
@@ -391,57 +391,40 @@ _RESISTANCE: Final = (1e-3, 1e30)
 _COMPLIANCE: Final = (1e-30, 1.0)
 
 
-@dataclass(frozen=True)
-class VesselEnd:
-    """What the last cross-section of a vessel is, for its outlet.
-
-    Attributes
-    ----------
-    place : str
-        Of the vessel, for messages.
-    impedance : float, Pa·s/m³
-        ϱ c/A at rest.
-    external_pa : float, Pa
-    """
-
-    place: str
-    impedance: float
-    external_pa: float
-
-
-def outlet_of(data: Mapping[str, Any], end: VesselEnd) -> tuple[Outlet, float | None]:
+def outlet_of(
+    data: Mapping[str, Any], place: str, impedance: float, external_pa: float
+) -> tuple[Outlet, float | None]:
     """Return the outlet's condition and, of a reflecting one, which part it sends back.
 
     As openBF runs it: R₁ from the vessel's end to the compliance, R₂ from there to `Pout`.
-    Without R₂, R₂ = R₁ - ϱ c/A at rest, and R₁ stays.
+    Without R₂, R₂ = R₁ - ``impedance`` (ϱ c/A at rest, Pa·s/m³), and R₁ stays.
 
     Raises
     ------
     FlowError
         For keys that don't go together, are missing or out of bounds.
     """
-    place = end.place
     given = {key for key in OUTLET if key in data}
     _check_word(data, given, place)
     if flag(data, "inlet_impedance_matching", place, default=False):
         raise FlowError(
             f"{place}: inlet_impedance_matching isn't modelled; write false, and for R1 the "
-            f"impedance at rest, {end.impedance:.6g}, with what is left of the sum for R2"
+            f"impedance at rest, {impedance:.6g}, with what is left of the sum for R2"
         )
     if "Rt" in given:
         others = sorted(given & {"R1", "R2", "Cc", "Pout"})
         if others:
             raise FlowError(f"{place}: Rt doesn't go with {others[0]}; leave one of them out")
         part = quantity(data, "Rt", place, (-1.0, 1.0))
-        return PressureOutlet(Constant(end.external_pa)), part
+        return PressureOutlet(Constant(external_pa)), part
     if not given & {"R1", "R2", "Cc"}:
         raise FlowError(f"{place} ends in an outlet; give it R1 and Cc (and R2), or Rt")
     proximal = quantity(data, "R1", place, _RESISTANCE)
-    distal = quantity(data, "R2", place, (0.0, 1e30), 0.0) or proximal - end.impedance
+    distal = quantity(data, "R2", place, (0.0, 1e30), 0.0) or proximal - impedance
     if distal <= 0.0:
         raise FlowError(
             f"{place}: R1 is {proximal:g} and without R2 has to be above the vessel's impedance, "
-            f"{end.impedance:.6g} Pa·s/m³; raise R1, or give R2"
+            f"{impedance:.6g} Pa·s/m³; raise R1, or give R2"
         )
     compliance = quantity(data, "Cc", place, _COMPLIANCE)
     back = quantity(data, "Pout", place, (-1e9, 1e9), 0.0)

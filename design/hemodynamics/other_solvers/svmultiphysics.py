@@ -6,13 +6,11 @@ pressure is in dyn/cm², and its tolerances are made for such numbers.
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +24,7 @@ from design.hemodynamics.conditions import (
     ResistanceOutlet,
 )
 from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
+from design.hemodynamics.three_d.solution import vtk_document
 from design.hemodynamics.waveforms import Waveform, cycle_times
 from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.units import DYN_CM2_PER_PA
@@ -58,10 +57,7 @@ class MarchSteps:
 
 
 def write_svmultiphysics(
-    folder: Path,
-    mesh: LumenMesh,
-    conditions: PulsatileConditions,
-    steps: MarchSteps | None = None,
+    folder: Path, mesh: LumenMesh, conditions: PulsatileConditions, steps: MarchSteps | None = None
 ) -> None:
     """Write `solver.xml`, `mesh-complete/` (see `write_mesh_complete`) and waveforms.
 
@@ -257,7 +253,6 @@ def _fill(
 
 CM_PER_MM: Final = 0.1
 _TETRA: Final = 10
-_TYPES: Final = {"f8": "Float64", "i4": "Int32", "u1": "UInt8"}
 Arrays = Mapping[str, NDArray[Any]]
 
 
@@ -331,65 +326,38 @@ def _element_behind(tets: IntArray, faces: IntArray) -> IntArray:
 
 def _write_volume(path: Path, points: NDArray[Any], tets: IntArray) -> None:
     count = len(tets)
-    cells: Arrays = {
-        "connectivity": _int32(tets.ravel()),
-        "offsets": _int32(4 * np.arange(1, count + 1)),
-        "types": np.full(count, _TETRA, dtype=np.uint8),
+    sections: dict[str, Arrays] = {
+        "PointData": {"GlobalNodeID": _int32(np.arange(1, len(points) + 1))},
+        "CellData": {
+            "GlobalElementID": _int32(np.arange(1, count + 1)),
+            "ModelRegionID": _int32(np.ones(count)),
+        },
+        "Points": {"Points": points},
+        "Cells": {
+            "connectivity": _int32(tets.ravel()),
+            "offsets": _int32(4 * np.arange(1, count + 1)),
+            "types": np.full(count, _TETRA, dtype=np.uint8),
+        },
     }
-    data: Arrays = {"GlobalElementID": np.arange(1, count + 1), "ModelRegionID": np.ones(count)}
-    sections = [
-        _section("PointData", {"GlobalNodeID": _int32(np.arange(1, len(points) + 1))}),
-        _section("CellData", {name: _int32(values) for name, values in data.items()}),
-        _section("Points", {"Points": points}),
-        _section("Cells", cells),
-    ]
-    counts = f'NumberOfPoints="{len(points)}" NumberOfCells="{count}"'
-    _write(path, "UnstructuredGrid", counts, sections)
+    counts = {"NumberOfPoints": len(points), "NumberOfCells": count}
+    write_text(path, vtk_document("UnstructuredGrid", counts, sections, bare_scalars=True))
 
 
 def _write_surface(path: Path, points: NDArray[Any], faces: IntArray, data: Arrays) -> None:
     """Only the nodes that the faces have, which GlobalNodeID leads back to the volume's."""
     nodes, corners = np.unique(faces, return_inverse=True)
-    polygons = {
-        "connectivity": _int32(corners.ravel()),
-        "offsets": _int32(3 * np.arange(1, len(faces) + 1)),
+    sections: dict[str, Arrays] = {
+        "PointData": {"GlobalNodeID": _int32(nodes + 1)},
+        "CellData": {name: _int32(values) for name, values in data.items()},
+        "Points": {"Points": points[nodes]},
+        "Polys": {
+            "connectivity": _int32(corners.ravel()),
+            "offsets": _int32(3 * np.arange(1, len(faces) + 1)),
+        },
     }
-    sections = [
-        _section("PointData", {"GlobalNodeID": _int32(nodes + 1)}),
-        _section("CellData", {name: _int32(values) for name, values in data.items()}),
-        _section("Points", {"Points": points[nodes]}),
-        _section("Polys", polygons),
-    ]
-    counts = f'NumberOfPoints="{len(nodes)}" NumberOfPolys="{len(faces)}"'
-    _write(path, "PolyData", counts, sections)
+    counts = {"NumberOfPoints": len(nodes), "NumberOfPolys": len(faces)}
+    write_text(path, vtk_document("PolyData", counts, sections, bare_scalars=True))
 
 
 def _int32(values: NDArray[Any]) -> NDArray[np.int32]:
     return values.astype(np.int32)
-
-
-def _section(tag: str, arrays: Arrays) -> str:
-    inside = "".join(_array(name, values) for name, values in arrays.items())
-    return f"<{tag}>\n{inside}</{tag}>\n"
-
-
-def _array(name: str, values: NDArray[Any]) -> str:
-    """One DataArray: its length in bytes as UInt64, then little-endian values, in base64."""
-    code = values.dtype.str[1:]
-    data = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).tobytes()
-    text = base64.b64encode(np.array(len(data), dtype="<u8").tobytes() + data).decode()
-    # Of scalars the number of components isn't given: some readers make columns of them then.
-    many = "" if values.ndim == 1 else f'NumberOfComponents="{values.shape[1]}" '
-    return (
-        f'<DataArray type="{_TYPES[code]}" Name={quoteattr(name)} {many}format="binary">'
-        f"{text}</DataArray>\n"
-    )
-
-
-def _write(path: Path, kind: str, counts: str, sections: list[str]) -> None:
-    write_text(
-        path,
-        '<?xml version="1.0"?>\n'
-        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f"<{kind}>\n<Piece {counts}>\n{''.join(sections)}</Piece>\n</{kind}>\n</VTKFile>\n",
-    )

@@ -28,12 +28,12 @@ from design.hemodynamics.conditions import (
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
+    outlet_of,
 )
 from design.hemodynamics.one_d.grid import (
     OneDOptions,
     check_compliant,
     external_pressure,
-    outlet_of,
     stiffness,
 )
 from design.hemodynamics.vessel_coefficients import VesselWalls

@@ -27,6 +27,7 @@ from design.hemodynamics.conditions import (
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
+    outlet_of,
 )
 from design.hemodynamics.other_solvers.json_keys import check_keys, entries, flag, whole
 from design.hemodynamics.vessel_coefficients import PARABOLIC, plug_inertance, vessel_resistance
@@ -91,7 +92,7 @@ def svzerod_input(
         waves.append(_wave(at[node], conditions.inlet, period, steps, flow=flow))
     for node in outlets.tolist():
         at[node] = f"OUTLET_{node}"
-        waves.append(_outlet(at[node], _of(conditions.outlet, node), period, steps))
+        waves.append(_outlet(at[node], outlet_of(conditions.outlet, node), period, steps))
     return {
         "simulation_parameters": {
             "number_of_cardiac_cycles": cycles,
@@ -102,14 +103,6 @@ def svzerod_input(
         "junctions": _junctions(network, set(at)),
         "vessels": _vessels(network, conditions, at),
     }
-
-
-def _of(given: Outlet | Mapping[int, Outlet], node: int) -> Outlet:
-    if not isinstance(given, Mapping):
-        return given
-    if node not in given:
-        raise FlowError(f"outlet {node} has no condition; give it one")
-    return given[node]
 
 
 def _wave(name: str, wave: Waveform, period: float, steps: int, *, flow: bool) -> dict[str, Any]:

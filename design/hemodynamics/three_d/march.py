@@ -14,11 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.conditions import (
-    PulsatileConditions,
-    ResistanceOutlet,
-    WindkesselOutlet,
-)
+from design.hemodynamics.conditions import PulsatileConditions, ResistanceOutlet, WindkesselOutlet
 from design.hemodynamics.three_d.engine import (
     CURVED,
     FlowOptions,
@@ -201,11 +197,7 @@ def _mass(room: Spaces, factor: float) -> Any:
 
 
 def _cycles(
-    stepper: _Stepper,
-    mesh: LumenMesh,
-    clock: Stepping,
-    period: float,
-    sections: Sequence[Section],
+    stepper: _Stepper, mesh: LumenMesh, clock: Stepping, period: float, sections: Sequence[Section]
 ) -> ThreeDWaves:
     changes: list[float] = []
     begins, ends = list[FloatArray](), list[FloatArray]()

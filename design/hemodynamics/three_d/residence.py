@@ -55,9 +55,7 @@ class ResidenceTime:
 
 
 def residence_time(
-    solution: ThreeDSolution,
-    diffusivity_mm2_s: float = GLUCOSE,
-    options: FlowOptions | None = None,
+    solution: ThreeDSolution, diffusivity_mm2_s: float = GLUCOSE, options: FlowOptions | None = None
 ) -> ResidenceTime:
     """Age of the fluid in a steady solution.
 

@@ -303,7 +303,7 @@ def energy_of(room: Spaces, plan: PortPlan, unknowns: FloatArray) -> Energy:
 # Write 3D flow in a lumen as VTK XML (`.vtu`) of quadratic tetrahedra, for ParaView.
 
 _QUADRATIC_TETRAHEDRON: Final = 24
-_TYPES: Final = {"f8": "Float64", "i8": "Int64", "u1": "UInt8"}
+_TYPES: Final = {"f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 
 
 def write_flow_vtu(
@@ -359,7 +359,7 @@ def _document(mesh: LumenMesh, data: Mapping[str, FloatArray]) -> str:
     for name, values in data.items():
         if len(values) != count:
             raise FlowError(f"{name}: {len(values)} values for {count} nodes; give one each")
-    sections = {
+    sections: dict[str, Mapping[str, NDArray[Any]]] = {
         "PointData": data,
         "Points": {"Points": mesh.points},
         "Cells": {
@@ -368,25 +368,42 @@ def _document(mesh: LumenMesh, data: Mapping[str, FloatArray]) -> str:
             "types": np.full(cells, _QUADRATIC_TETRAHEDRON, dtype=np.uint8),
         },
     }
+    counts = {"NumberOfPoints": count, "NumberOfCells": cells}
+    return vtk_document("UnstructuredGrid", counts, sections)
+
+
+def vtk_document(
+    kind: str,
+    counts: Mapping[str, int],
+    sections: Mapping[str, Mapping[str, NDArray[Any]]],
+    *,
+    bare_scalars: bool = False,
+) -> str:
+    """Return a VTK XML file of one piece; each section's tag with its arrays by name.
+
+    ``bare_scalars`` leaves out the number of components of scalars, of which some readers make
+    columns otherwise.
+    """
     body = "".join(
-        f"<{tag}>\n{''.join(_array(n, np.asarray(v)) for n, v in arrays.items())}</{tag}>\n"
+        f"<{tag}>\n{''.join(_array(n, v, bare_scalars) for n, v in arrays.items())}</{tag}>\n"
         for tag, arrays in sections.items()
     )
+    many = " ".join(f'{name}="{count}"' for name, count in counts.items())
     return (
         '<?xml version="1.0"?>\n'
-        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
-        'header_type="UInt64">\n<UnstructuredGrid>\n'
-        f'<Piece NumberOfPoints="{count}" NumberOfCells="{cells}">\n{body}'
-        "</Piece>\n</UnstructuredGrid>\n</VTKFile>\n"
+        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f"<{kind}>\n<Piece {many}>\n{body}</Piece>\n</{kind}>\n</VTKFile>\n"
     )
 
 
-def _array(name: str, values: NDArray[np.generic]) -> str:
+def _array(name: str, values: NDArray[Any], bare_scalars: bool) -> str:
     """One DataArray: its length in bytes as UInt64, then little-endian values, in base64."""
     raw = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).tobytes()
     text = base64.b64encode(np.uint64(len(raw)).astype("<u8").tobytes() + raw).decode()
     components = 1 if values.ndim == 1 else values.shape[1]
+    bare = bare_scalars and values.ndim == 1
+    many = "" if bare else f'NumberOfComponents="{components}" '
     return (
-        f'<DataArray type="{_TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)} '
-        f'NumberOfComponents="{components}" format="binary">{text}</DataArray>\n'
+        f'<DataArray type="{_TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)} {many}'
+        f'format="binary">{text}</DataArray>\n'
     )

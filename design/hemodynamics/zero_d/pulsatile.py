@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,19 +102,25 @@ def solve_pulsatile(
     Raises
     ------
     FlowError
-        As `build_circuit` and `solve_periodic`.
+        As `build_circuit`; waveforms of different periods, a branch without resistance, pressure
+        nowhere given.
     """
     circuit, slot = build_circuit(network, conditions)
-    return _of_phasors(solve_periodic(circuit, steps), slot, network.vessel_count)
-
-
-def _of_phasors(phasors: Phasors, slot: IntArray, vessels: int) -> PulsatileSolution:
+    _check_circuit(circuit, steps)
+    period = common_period(circuit.waveforms) or 1.0
+    harmonic, drives = harmonics_of(circuit.waveforms, period, steps)
+    structure = structure_of(np.column_stack([circuit.first, circuit.last]), circuit.held)
+    pressure = np.empty((len(harmonic), len(circuit.stored)), dtype=np.complex128)
+    flow_in, flow_out = np.empty((2, len(harmonic), len(circuit.first)), dtype=np.complex128)
+    for k, number in enumerate(harmonic):
+        omega = 2.0 * np.pi * number / period
+        p, series, shunt = _one_harmonic(circuit, structure, omega, drives[:, k])
+        pressure[k] = p
+        flow_in[k] = series + shunt * p[circuit.first]
+        flow_out[k] = series - shunt * p[circuit.last]
+    vessels = network.vessel_count
     return PulsatileSolution(
-        phasors.period_s,
-        phasors.harmonic,
-        phasors.pressure[:, slot],
-        phasors.flow_first[:, :vessels],
-        phasors.flow_last[:, :vessels],
+        period, harmonic, pressure[:, slot], flow_in[:, :vessels], flow_out[:, :vessels]
     )
 
 
@@ -168,22 +174,6 @@ class Circuit:
     drive: IntArray
     waveforms: tuple[Waveform, ...]
     womersley: FloatArray | None = None
-
-    @property
-    def node_count(self) -> int:
-        """Number of nodes."""
-        return len(self.stored)
-
-    def structure(self) -> Structure:
-        """What of it can be folded away."""
-        return structure_of(np.column_stack([self.first, self.last]), self.held)
-
-    def driven(self, samples: NDArray[Any]) -> NDArray[Any]:
-        """What drives each node, (n,), for a value of each waveform (w,)."""
-        values = np.zeros(self.node_count, samples.dtype)
-        on = self.drive >= 0
-        values[on] = samples[self.drive[on]]
-        return values
 
 
 # Build the electrical-analogue circuit of a network under its boundary conditions.
@@ -319,93 +309,30 @@ def _circuit(
 # complex admittances: a tree is eliminated in O(n), what loops remain are factorised.
 
 
-@dataclass(frozen=True)
-class Phasors:
-    """x(t) = Re Σ x_k exp(i ω_k t) with ω_k = 2π harmonic_k/period.
-
-    Attributes
-    ----------
-    period_s : float, s
-        1 where nothing changes.
-    harmonic : (k,) int64
-        The first is 0.
-    pressure : (k, n) complex128, Pa
-    flow_first, flow_last : (k, b) complex128, µL/s
-        Into each branch at its first node and out of it at its last.
-    series : (k, b) complex128, µL/s
-        Through each branch's resistance and inertance (in the middle of a Π).
-    """
-
-    period_s: float
-    harmonic: NDArray[np.int64]
-    pressure: ComplexArray
-    flow_first: ComplexArray
-    flow_last: ComplexArray
-    series: ComplexArray
+def _one_harmonic(
+    circuit: Circuit, structure: Structure, omega: float, drive: ComplexArray
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Pressures (n,), flows through branches and admittance to ground at either end (b,)."""
+    shunt = np.asarray(1j * omega * circuit.capacitance / 2.0, dtype=np.complex128)
+    along = np.asarray(1.0 / _impedance(circuit, omega), dtype=np.complex128)
+    ground = np.asarray(1j * omega * circuit.stored, dtype=np.complex128)
+    for where in (circuit.first, circuit.last):
+        ground += 1j * np.bincount(where, weights=shunt.imag, minlength=len(ground))
+        ground += np.bincount(where, weights=shunt.real, minlength=len(ground))
+    driven = np.zeros(len(ground), drive.dtype)
+    driven[circuit.drive >= 0] = drive[circuit.drive[circuit.drive >= 0]]
+    system = structure.factorise(along, ground)
+    pressure, flow = system.balanced(np.where(circuit.held, 0.0, driven), driven)
+    return pressure, flow, shunt
 
 
-def solve_periodic(circuit: Circuit, steps: int) -> Phasors:
-    """Find the periodic state.
-
-    Parameters
-    ----------
-    circuit : Circuit
-    steps : int
-        Of a cycle; harmonics as `harmonics_of` keeps them.
-
-    Raises
-    ------
-    FlowError
-        Waveforms of different periods, a branch without resistance, pressure nowhere given.
-    """
-    _check_circuit(circuit, steps)
-    period = common_period(circuit.waveforms)
-    harmonic, drives = harmonics_of(circuit.waveforms, period or 1.0, steps)
-    structure = circuit.structure()
-    size = (len(harmonic), len(circuit.first))
-    pressure = np.empty((len(harmonic), circuit.node_count), dtype=np.complex128)
-    first, last, series = (np.empty(size, dtype=np.complex128) for _ in range(3))
-    for k, number in enumerate(harmonic):
-        omega = 2.0 * np.pi * number / (period or 1.0)
-        p, q, s0, s1 = _one(circuit, structure, omega, drives[:, k])
-        pressure[k], series[k] = p, q
-        first[k] = q + s0 * p[circuit.first]
-        last[k] = q - s1 * p[circuit.last]
-    return Phasors(period or 1.0, harmonic, pressure, first, last, series)
-
-
-def impedance(circuit: Circuit, omega: float) -> ComplexArray:
+def _impedance(circuit: Circuit, omega: float) -> ComplexArray:
     """Of each branch's resistance and inertance in series at ``omega`` rad/s, (b,)."""
     plain = circuit.resistance + 1j * omega * circuit.inertance
     if circuit.womersley is None:
         return plain
     pipe = circuit.resistance * impedance_factor(circuit.womersley * np.sqrt(omega))
     return np.where(circuit.womersley > 0.0, pipe, plain)
-
-
-def admittances(circuit: Circuit, omega: float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Each branch as a Π: along it, and to ground at its first and at its last node, (b,) each."""
-    store = 1j * omega * circuit.capacitance
-    along = impedance(circuit, omega)
-    return _complex(1.0 / along), _complex(store / 2.0), _complex(store / 2.0)
-
-
-def _complex(values: NDArray[Any]) -> ComplexArray:
-    return np.asarray(values, dtype=np.complex128)
-
-
-def _one(
-    circuit: Circuit, structure: Structure, omega: float, drive: ComplexArray
-) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
-    series, s0, s1 = admittances(circuit, omega)
-    ground = _complex(1j * omega * circuit.stored)
-    for where, shunt in ((circuit.first, s0), (circuit.last, s1)):
-        ground += 1j * np.bincount(where, weights=shunt.imag, minlength=len(ground))
-        ground += np.bincount(where, weights=shunt.real, minlength=len(ground))
-    driven = circuit.driven(drive)
-    system = structure.factorise(series, ground)
-    pressure, flow = system.balanced(np.where(circuit.held, 0.0, driven), driven)
-    return pressure, flow, s0, s1
 
 
 def _check_circuit(circuit: Circuit, steps: int) -> None:

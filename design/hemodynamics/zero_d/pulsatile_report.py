@@ -29,7 +29,13 @@ from design.hemodynamics.zero_d.pulsatile import (
     PulsatileSolution,
     cycle_extremes,
 )
-from design.hemodynamics.zero_d.report import ENTRANCE_SHARE, LAMINAR_REYNOLDS, entrance_share
+from design.hemodynamics.zero_d.report import (
+    ENTRANCE_SHARE,
+    LAMINAR_REYNOLDS,
+    UW_PER_PA_UL_S,
+    entrance_share,
+    vessel_columns,
+)
 from design.hemodynamics.zero_d.steady import FlowSolution
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
@@ -117,13 +123,7 @@ def pulsatile_table(
     direction and ½ where it has none.
     """
     numbers = pulse_numbers(network, solution, conditions)
-    table: dict[str, NDArray[np.generic]] = {
-        "vessel": np.arange(network.vessel_count),
-        "kind": network.kind_names(),
-        "tree": network.tree,
-        "length_mm": network.lengths(),
-        "diameter_mm": 2.0 * network.mean_radius(),
-    }
+    table = vessel_columns(network)
     swings = cycle_extremes(solution, solution.pressure)
     for name, nodes in (("in", network.vessel_nodes[:, 0]), ("out", network.vessel_nodes[:, 1])):
         table |= _pressures(
@@ -210,7 +210,6 @@ def _ratio(over: NDArray[np.generic], under: NDArray[np.generic]) -> FloatArray:
 
 # Summarise a pulsatile 0D solution: totals, extremes, and waves at inlets and outlets.
 
-_UW_PER_PA_UL_S = 1e-3
 WAVES = 100
 """Times in a cycle of the waves written out."""
 
@@ -274,7 +273,7 @@ def pulsatile_summary(
         "wave_share_max": float(numbers.wave_share.max()),
         "quasi_steady_share": float(numbers.quasi_steady.mean()),
         "poiseuille_holds_share": float(numbers.poiseuille.mean()),
-        "dissipated_uw": lost * _UW_PER_PA_UL_S,
+        "dissipated_uw": lost * UW_PER_PA_UL_S,
         "mass_imbalance": mass_imbalance(network, solution, np.concatenate([inlets, outlets])),
         "energy_imbalance": abs(power - lost) / lost if lost > 0.0 else 0.0,
     }

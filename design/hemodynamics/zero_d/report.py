@@ -21,7 +21,7 @@ from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN, WATER_DENSITY
 from kernels.arrays import FloatArray, IntArray
 
-_UW_PER_PA_UL_S = 1e-3
+UW_PER_PA_UL_S = 1e-3
 
 
 def flow_summary(
@@ -81,7 +81,7 @@ def flow_summary(
         "reynolds_max": float(number.max()),
         "entrance_share_max": float(entrance_share(network, number).max()),
         "poiseuille_holds_share": float(poiseuille_holds(network, number).mean()),
-        "dissipated_uw": dissipated * _UW_PER_PA_UL_S,
+        "dissipated_uw": dissipated * UW_PER_PA_UL_S,
         "mass_imbalance": _mass_imbalance(network, solution.flow, inflow, ends),
         "energy_imbalance": abs(power - dissipated) / dissipated if dissipated > 0.0 else 0.0,
     }
@@ -101,6 +101,17 @@ def _mass_imbalance(
 # Make the per-vessel table of a steady 0D flow solution; write and read it as CSV.
 
 
+def vessel_columns(network: VesselNetwork) -> dict[str, NDArray[np.generic]]:
+    """First columns of a per-vessel table: number, kind, tree, length and diameter, each (v,)."""
+    return {
+        "vessel": np.arange(network.vessel_count),
+        "kind": network.kind_names(),
+        "tree": network.tree,
+        "length_mm": network.lengths(),
+        "diameter_mm": 2.0 * network.mean_radius(),
+    }
+
+
 def flow_table(
     network: VesselNetwork,
     solution: FlowSolution,
@@ -116,12 +127,7 @@ def flow_table(
     first, last = network.vessel_nodes.T
     pressure_in, pressure_out = solution.pressure[first], solution.pressure[last]
     number = reynolds(network, solution, density)
-    table: dict[str, NDArray[np.generic]] = {
-        "vessel": np.arange(network.vessel_count),
-        "kind": network.kind_names(),
-        "tree": network.tree,
-        "length_mm": network.lengths(),
-        "diameter_mm": 2.0 * network.mean_radius(),
+    table = vessel_columns(network) | {
         "pressure_in_pa": pressure_in,
         "pressure_out_pa": pressure_out,
         "pressure_in_mmhg": pressure_in / PA_PER_MMHG,

@@ -20,7 +20,6 @@ from design.hemodynamics.pressure_drops import (
     speed_and_shear,
 )
 from design.hemodynamics.zero_d.boundary import (
-    Boundary,
     boundary_nodes,
     check_parts,
     place_at,
@@ -136,45 +135,21 @@ def solve_flow(
     _check(known, network, conditions)
     pipes = measure_pipes(network)
     boundary = place_at(len(network.nodes), known.inlets, known.outlets, conditions, known.slot)
-    fluid = conditions.whole_fluid
-    if fluid.linear and not conditions.losses.any:
-        return _linear(pipes, boundary, known.nodal, _viscosities(network, pipes, conditions))
-    terms = (
-        loss_terms(network, pipes.radius, conditions.losses, conditions.density)
-        if conditions.losses.any
-        else None
-    )
-    pipes.resistance(1.0)
-    return _nonlinear(drops_of(network, pipes, fluid, terms), boundary, known.nodal)
-
-
-def _linear(
-    pipes: Pipes, boundary: Boundary, nodal: Structure, viscosity: FloatArray | float
-) -> FlowSolution:
-    """``viscosity``: that which gives each vessel its resistance, and so its wall shear."""
-    resistance, conductance = pipes.conductance(viscosity)
-    system = nodal.factorise(conductance, boundary.ground)
-    pressure, flow = system.balanced(boundary.injected, boundary.above_lowest())
-    return _solution(pipes, boundary, pressure, flow, viscosity, resistance, None)
-
-
-def _nonlinear(drops: Drops, boundary: Boundary, nodal: Structure) -> FlowSolution:
-    given = boundary.above_lowest()
-    pressure, flow, drop = solve_drops(nodal, drops, boundary.injected, given, boundary.ground)
-    loss = None if drops.losses is None else drop.loss
-    viscosity = drops.viscosity(flow)
-    return _solution(drops.pipes, boundary, pressure, flow, viscosity, drop.resistance, loss)
-
-
-def _solution(
-    pipes: Pipes,
-    boundary: Boundary,
-    pressure: FloatArray,
-    flow: FloatArray,
-    viscosity: FloatArray | float,
-    resistance: FloatArray,
-    loss: FloatArray | None,
-) -> FlowSolution:
+    losses, nodal, given = conditions.losses, known.nodal, boundary.above_lowest()
+    if conditions.whole_fluid.linear and not losses.any:
+        loss, viscosity = None, _viscosities(network, pipes, conditions)
+        resistance, conductance = pipes.conductance(viscosity)
+        system = nodal.factorise(conductance, boundary.ground)
+        pressure, flow = system.balanced(boundary.injected, given)
+    else:
+        terms = None
+        if losses.any:
+            terms = loss_terms(network, pipes.radius, losses, conditions.density)
+        pipes.resistance(1.0)
+        drops = drops_of(network, pipes, conditions.whole_fluid, terms)
+        pressure, flow, drop = solve_drops(nodal, drops, boundary.injected, given, boundary.ground)
+        loss, viscosity = None if terms is None else drop.loss, drops.viscosity(flow)
+        resistance = drop.resistance
     velocity, shear = speed_and_shear(pipes, flow, viscosity)
     return FlowSolution(boundary.at_nodes(pressure), flow, velocity, shear, resistance, loss)
 

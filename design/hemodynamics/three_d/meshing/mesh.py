@@ -54,14 +54,14 @@ class MeshOptions:
     growth: float = 0.3
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("edge_ratio", 0.1, 1.0),
-            ("fillet_ratio", 0.05, 2.0),
-            ("growth", 0.05, 1.0),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise FlowError(f"{name} {value:g} of a 3D mesh: give {low:g} to {high:g}")
+        _check_ranges(self, edge_ratio=(0.1, 1.0), fillet_ratio=(0.05, 2.0), growth=(0.05, 1.0))
+
+
+def _check_ranges(options: object, **limits: tuple[float, float]) -> None:
+    for name, (low, high) in limits.items():
+        value = getattr(options, name)
+        if not low <= value <= high:
+            raise FlowError(f"{name} {value:g} of a 3D mesh: give {low:g} to {high:g}")
 
 
 def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> LumenMesh:
@@ -115,14 +115,7 @@ class SurfaceOptions:
     smooth_passes: int = 0
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("edge_ratio", 0.1, 1.2),
-            ("growth", 0.05, 1.0),
-            ("smooth_passes", 0, 1000),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise FlowError(f"{name} {value:g} of a 3D mesh: give {low:g} to {high:g}")
+        _check_ranges(self, edge_ratio=(0.1, 1.2), growth=(0.05, 1.0), smooth_passes=(0, 1000))
 
 
 def surface_mesh(

@@ -208,10 +208,7 @@ class FacetWall:
 
 
 def facet_wall(
-    wall: Surface,
-    network: VesselNetwork,
-    ports: tuple[MeshPort, ...],
-    ratio: float,
+    wall: Surface, network: VesselNetwork, ports: tuple[MeshPort, ...], ratio: float
 ) -> FacetWall:
     """Make the shape of a wall's triangles.
 

@@ -16,6 +16,7 @@ from scipy.sparse.linalg import splu
 from design.errors import FlowError
 from design.files import atomic_replacement, write_bytes, write_text
 from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.fluids import require_above_zero
 from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
 from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.units import WATER_DENSITY
@@ -188,8 +189,7 @@ def _check(conditions: RankConditions) -> None:
         ("density", conditions.density, "Pa·s²/mm²"),
         ("tolerance", conditions.tolerance, ""),
     ):
-        if not (np.isfinite(value) and value > 0.0):
-            raise FlowError(f"{name} is {value:g} {unit}; give a number above 0".replace(" ;", ";"))
+        require_above_zero(name, value, unit)
     for port, given in enumerate(conditions.ports):
         _check_port(port, given, len(conditions.supplies))
     for supply, flow in enumerate(conditions.supplies):

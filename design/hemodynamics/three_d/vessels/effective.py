@@ -8,12 +8,12 @@ so that a network of the same graph with other radii has the flows and pressures
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.conditions import FlowConditions, rescaled
 from design.hemodynamics.pressure_drops import heads_of, measure_pipes
 from design.hemodynamics.probes import Probes, clear_parts
 from design.hemodynamics.three_d.solution import ThreeDSolution
@@ -161,21 +161,13 @@ def inflow_of(network: VesselNetwork, flow: FloatArray) -> float:
     return float(np.clip(net[free], 0.0, None).sum())
 
 
-def rescaled(network: VesselNetwork, scale: FloatArray) -> VesselNetwork:
-    """The same network, each vessel's radii times ``scale`` (v,)."""
-    return replace(network, radius=network.radius * np.repeat(scale, np.diff(network.offset)))
-
-
 def _before(network: VesselNetwork, probes: Probes, viscosity: float) -> FloatArray:
     """Nominal resistance from each vessel's first node to its probe, (v,)."""
     return measure_pipes(heads_of(network, probes)).resistance(viscosity)
 
 
 def _at_nodes(
-    network: VesselNetwork,
-    at_ends: FloatArray,
-    nominal_fall: FloatArray,
-    solution: ThreeDSolution,
+    network: VesselNetwork, at_ends: FloatArray, nominal_fall: FloatArray, solution: ThreeDSolution
 ) -> FloatArray:
     """Pressure of every node, (m,), Pa.
 

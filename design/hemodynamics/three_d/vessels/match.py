@@ -13,17 +13,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from design.errors import FlowError
-from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.conditions import FlowConditions, rescaled
 from design.hemodynamics.three_d.engine import FlowOptions
 from design.hemodynamics.three_d.meshing.curve import straighten_edges
 from design.hemodynamics.three_d.meshing.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.steady import solve_steady
-from design.hemodynamics.three_d.vessels.effective import (
-    Effective,
-    effective_network,
-    inflow_of,
-    rescaled,
-)
+from design.hemodynamics.three_d.vessels.effective import Effective, effective_network, inflow_of
 from design.hemodynamics.zero_d.steady import flow_and_sensitivity, solve_flow
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
