@@ -27,13 +27,11 @@ from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
 from design.hemodynamics.three_d.solution import vtk_document
 from design.hemodynamics.waveforms import Waveform, cycle_times
 from design.hemodynamics.zero_d.boundary import refuse_supplies
-from design.units import DYN_CM2_PER_PA
+from design.units import CM3_PER_UL, DYN_CM2_PER_PA, DYN_S_CM5_PER_PA_S_UL
 from kernels.arrays import IntArray
 
-CM3_PER_UL: Final = 1e-3
 POISE_PER_PA_S: Final = 10.0
 G_CM3_PER_PA_S2_MM2: Final = 1e3
-_R: Final = DYN_CM2_PER_PA / CM3_PER_UL
 _MODES: Final = 16
 Fields = dict[str, Any]
 
@@ -206,12 +204,12 @@ def _outlet(name: str, outlet: Outlet, period: float, files: dict[str, str]) -> 
                 f"{name}: svMultiPhysics' resistance ends at pressure 0, and distal_pa is "
                 f"{outlet.distal_pa:g} Pa; take pressures from there, or a Windkessel"
             )
-        resistance = outlet.resistance * _R
+        resistance = outlet.resistance * DYN_S_CM5_PER_PA_S_UL
         return {"Type": "Neu", "Time_dependence": "Resistance", "Value": resistance}
     values = {
         "Capacitance": outlet.compliance * CM3_PER_UL / DYN_CM2_PER_PA,
-        "Distal_resistance": outlet.distal * _R,
-        "Proximal_resistance": outlet.proximal * _R,
+        "Distal_resistance": outlet.distal * DYN_S_CM5_PER_PA_S_UL,
+        "Proximal_resistance": outlet.proximal * DYN_S_CM5_PER_PA_S_UL,
         "Distal_pressure": outlet.distal_pa * DYN_CM2_PER_PA,
         "Initial_pressure": outlet.distal_pa * DYN_CM2_PER_PA,
     }

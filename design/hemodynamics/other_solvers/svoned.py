@@ -40,10 +40,8 @@ from design.hemodynamics.vessel_coefficients import VesselWalls
 from design.hemodynamics.waveforms import Waveform, cycle_times
 from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
 from design.network import VesselNetwork
+from design.units import CM3_PER_UL, DYN_CM2_PER_PA, DYN_S_CM5_PER_PA_S_UL
 
-_PRESSURE: Final = 10.0
-_FLOW: Final = 1e-3
-_RESISTANCE: Final = _PRESSURE / _FLOW
 _CELLS: Final = 20
 _STEPS: Final = 1000
 _SAVED: Final = 10
@@ -116,7 +114,7 @@ def svoned_input(
     lines += _outlet_tables(conditions, outlets.tolist())
     period = conditions.inlet.period_s or 1.0
     flow = conditions.inlet_is == "flow"
-    lines += _table("INLET", conditions.inlet, period, _FLOW if flow else _PRESSURE)
+    lines += _table("INLET", conditions.inlet, period, CM3_PER_UL if flow else DYN_CM2_PER_PA)
     step = period / _STEPS
     kind = "FLOW" if flow else "PRESSURE_WAVE"
     total = _STEPS * _CYCLES
@@ -173,7 +171,7 @@ def _materials(
 ) -> Iterator[str]:
     radius = network.mean_radius()
     vessels = np.arange(network.vessel_count)
-    stiff = stiffness(network, conditions.wall, vessels, radius**2, radius**3) * _PRESSURE
+    stiff = stiffness(network, conditions.wall, vessels, radius**2, radius**3) * DYN_CM2_PER_PA
     density = conditions.density * 1e3
     viscosity = conditions.viscosity_pa_s * 10.0
     exponents = options.exponents(network.vessel_count).tolist()
@@ -196,15 +194,15 @@ def _outlet_tables(conditions: PulsatileConditions, outlets: list[int]) -> Itera
         if isinstance(outlet, PressureOutlet):
             if outlet.waveform.period_s is not None:
                 raise FlowError(f"outlet {node}'s pressure changes; svOneDSolver holds it")
-            values = [float(outlet.waveform.at(np.zeros(1))[0]) * _PRESSURE]
+            values = [float(outlet.waveform.at(np.zeros(1))[0]) * DYN_CM2_PER_PA]
         elif isinstance(outlet, ResistanceOutlet):
-            values = [outlet.resistance * _RESISTANCE, outlet.distal_pa * _PRESSURE]
+            values = [outlet.resistance * DYN_S_CM5_PER_PA_S_UL, outlet.distal_pa * DYN_CM2_PER_PA]
         else:
             values = [
-                outlet.proximal * _RESISTANCE,
-                outlet.compliance / _RESISTANCE,
-                outlet.distal * _RESISTANCE,
-                outlet.distal_pa * _PRESSURE,
+                outlet.proximal * DYN_S_CM5_PER_PA_S_UL,
+                outlet.compliance / DYN_S_CM5_PER_PA_S_UL,
+                outlet.distal * DYN_S_CM5_PER_PA_S_UL,
+                outlet.distal_pa * DYN_CM2_PER_PA,
             ]
         yield f"DATATABLE END{node} LIST"
         yield from (f"0.0 {value!r}" for value in values)

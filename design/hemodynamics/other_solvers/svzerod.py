@@ -34,11 +34,8 @@ from design.hemodynamics.vessel_coefficients import PARABOLIC, plug_inertance, v
 from design.hemodynamics.waveforms import Waveform, cycle_times
 from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
 from design.network import VesselNetwork
+from design.units import CM3_PER_UL, DYN_CM2_PER_PA, DYN_S_CM5_PER_PA_S_UL
 from kernels.arrays import FloatArray
-
-CM3_PER_UL: Final = 1e-3
-DYN_CM2_PER_PA: Final = 10.0
-_R: Final = DYN_CM2_PER_PA / CM3_PER_UL
 
 
 def write_svzerod(
@@ -121,12 +118,12 @@ def _outlet(name: str, outlet: Outlet, period: float, steps: int) -> dict[str, A
         return _wave(name, outlet.waveform, period, steps, flow=False)
     distal = outlet.distal_pa * DYN_CM2_PER_PA
     if isinstance(outlet, ResistanceOutlet):
-        values = {"R": outlet.resistance * _R, "Pd": distal}
+        values = {"R": outlet.resistance * DYN_S_CM5_PER_PA_S_UL, "Pd": distal}
         return {"bc_name": name, "bc_type": "RESISTANCE", "bc_values": values}
     values = {
-        "Rp": outlet.proximal * _R,
-        "C": outlet.compliance / _R,
-        "Rd": outlet.distal * _R,
+        "Rp": outlet.proximal * DYN_S_CM5_PER_PA_S_UL,
+        "C": outlet.compliance / DYN_S_CM5_PER_PA_S_UL,
+        "Rd": outlet.distal * DYN_S_CM5_PER_PA_S_UL,
         "Pd": distal,
     }
     return {"bc_name": name, "bc_type": "RCR", "bc_values": values}
@@ -167,9 +164,9 @@ def _vessels(
     network: VesselNetwork, conditions: PulsatileConditions, at: dict[int, str]
 ) -> list[dict[str, Any]]:
     lengths = network.lengths() / 10.0
-    resistance = vessel_resistance(network, conditions.viscosity_pa_s) * _R
-    inertance = PARABOLIC * plug_inertance(network, conditions.density) * _R
-    compliance = conditions.wall.compliance(network) / _R
+    resistance = vessel_resistance(network, conditions.viscosity_pa_s) * DYN_S_CM5_PER_PA_S_UL
+    inertance = PARABOLIC * plug_inertance(network, conditions.density) * DYN_S_CM5_PER_PA_S_UL
+    compliance = conditions.wall.compliance(network) / DYN_S_CM5_PER_PA_S_UL
     vessels = []
     for k, (first, last) in enumerate(network.vessel_nodes.tolist()):
         named = {"inlet": at.get(first), "outlet": at.get(last)}

@@ -15,6 +15,7 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics import (
     FlowConditions,
+    OutletLoad,
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
@@ -123,6 +124,8 @@ def test_conditions_of_a_network_hold_at_its_lumens_ports():
     found = rank_conditions(mesh, drawn, model="stokes")
     assert found.ports == (PortPressure(9.0), PortShare(0))
     assert (found.supplies, found.model) == ((-FLOW,), "stokes")
+    resisted = replace(driven, behind={1: OutletLoad(2.0, 5.0)})
+    assert rank_conditions(mesh, resisted).ports == (PortFlow(FLOW), PortPressure(5.0, 2.0))
     both = replace(mesh, ports=(*mesh.ports, replace(mesh.ports[0], node=2)))
     found = rank_conditions(both, driven)
     assert found.ports == (PortShare(0), PortPressure(3.0), PortShare(0))
