@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from design.display import LAB, Units
     from design.errors import DesignError
     from design.hemodynamics import FlowConditions, FlowSolution, flow_summary, solve_flow
-    from design.hemodynamics.zero_d.table import write_flow_csv
+    from design.hemodynamics.zero_d.report import write_flow_csv
     from design.network import VesselKind, VesselNetwork
     from design.network_files.by_suffix import read_network, write_network
     from design.solids import (

@@ -18,6 +18,8 @@ MM_PER: Final[dict[LengthUnit, float]] = {
 PA_PER_MMHG: Final = 133.322
 UL_S_PER_ML_MIN: Final = 1000.0 / 60.0
 DYN_CM2_PER_PA: Final = 10.0
+CM3_PER_UL: Final = 1e-3
+DYN_S_CM5_PER_PA_S_UL: Final = DYN_CM2_PER_PA / CM3_PER_UL
 PA_S2_MM2_PER_G_CM3: Final = 1e-3
 WATER_DENSITY: Final = 1.06e-3
 """Density of water-like media, Pa·s²/mm² (1.06 g/cm³)."""

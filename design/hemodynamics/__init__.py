@@ -3,7 +3,8 @@
 Names are loaded when first asked for: a steady flow needs neither 1D waves nor pulses.
 
 Goes in: a network and boundary conditions. Comes out: pressure, flow and wall shear of each
-vessel. Begin with `zero_d/steady.py`.
+vessel. Begin with `zero_d/steady.py` (network, nodal solve, `FlowSolution`); `one_d`, `three_d`,
+`oxygen` and `dye.py` each name their own entry, `other_solvers` reads and writes their files.
 """
 
 from typing import TYPE_CHECKING
@@ -11,7 +12,18 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.hemodynamics.conditions import FlowConditions, OutletLoad, Supply
+    from design.hemodynamics.conditions import (
+        FlowConditions,
+        OutletLoad,
+        PressureOutlet,
+        PulsatileConditions,
+        ResistanceOutlet,
+        Supply,
+        WindkesselOutlet,
+        same_shear_conditions,
+        scaled_flow,
+        scaled_network,
+    )
     from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
     from design.hemodynamics.one_d import (
         OneDOptions,
@@ -20,10 +32,9 @@ if TYPE_CHECKING:
         one_d_table,
         one_d_waves,
         solve_one_d,
-        write_svoned,
     )
+    from design.hemodynamics.other_solvers.svoned import write_svoned
     from design.hemodynamics.pressure_drops import Losses, Stenosis, resistance_at
-    from design.hemodynamics.print_scale import same_shear_conditions, scaled_flow, scaled_network
     from design.hemodynamics.probes import Probes, ProbeWaves
     from design.hemodynamics.vessel_coefficients import (
         GelWall,
@@ -32,30 +43,31 @@ if TYPE_CHECKING:
         VesselWalls,
         vessel_resistance,
     )
-    from design.hemodynamics.zero_d.at_probes import pulsatile_at_probes, steady_at_probes
     from design.hemodynamics.zero_d.balance import balance, flow_spread
-    from design.hemodynamics.zero_d.flow import FlowSolution
-    from design.hemodynamics.zero_d.pulsatile import (
-        PressureOutlet,
-        PulsatileConditions,
-        PulsatileSolution,
-        ResistanceOutlet,
-        WindkesselOutlet,
+    from design.hemodynamics.zero_d.pulsatile import PulsatileSolution, solve_pulsatile
+    from design.hemodynamics.zero_d.pulsatile_report import (
         end_waves,
+        pulsatile_at_probes,
         pulsatile_summary,
         pulsatile_table,
-        solve_pulsatile,
+        steady_at_probes,
     )
-    from design.hemodynamics.zero_d.shear_band import ShearBand, band_summary
+    from design.hemodynamics.zero_d.report import (
+        ShearBand,
+        band_summary,
+        flow_summary,
+        flow_table,
+        question_pressure,
+        read_flow_csv,
+        write_flow_csv,
+    )
     from design.hemodynamics.zero_d.steady import (
+        FlowSolution,
         FlowStructure,
         flow_structure,
         node_inflow,
         solve_flow,
     )
-    from design.hemodynamics.zero_d.summary import flow_summary
-    from design.hemodynamics.zero_d.table import flow_table, read_flow_csv, write_flow_csv
-    from design.hemodynamics.zero_d.validity import question_pressure
 
 __all__ = [
     "Carreau",

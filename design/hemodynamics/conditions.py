@@ -1,16 +1,21 @@
-"""Boundary conditions of steady flow in a network: inlets, outlets, fluid, pressure losses."""
+"""Conditions of steady and pulsatile flow; their scaling to a print of another size."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.fluids import Fluid, Newtonian
+from design.hemodynamics.fluids import Fluid, Newtonian, require_above_zero
 from design.hemodynamics.pressure_drops import Losses
+from design.hemodynamics.vessel_coefficients import RigidWall, Wall
+from design.hemodynamics.waveforms import Constant, Waveform
+from design.network import VesselNetwork
 from design.units import WATER_DENSITY
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -112,10 +117,10 @@ class FlowConditions:
         return self.fluid or Newtonian(self.viscosity_pa_s)
 
     def __post_init__(self) -> None:
-        _check(self)
+        _check_flow(self)
 
 
-def _check(conditions: FlowConditions) -> None:
+def _check_flow(conditions: FlowConditions) -> None:
     if not (np.isfinite(conditions.viscosity_pa_s) and conditions.viscosity_pa_s > 0.0):
         raise FlowError(
             f"viscosity {conditions.viscosity_pa_s:g} Pa·s isn't above 0; water has 0.001, "
@@ -132,3 +137,193 @@ def _check(conditions: FlowConditions) -> None:
     for name, value in values.items():
         if value is not None and not np.isfinite(value):
             raise FlowError(f"{name} is {value}; give a number")
+
+
+# Conditions of pulsatile flow: inlet waveform, outlets (pressure, R, Windkessel), wall.
+
+Profile = Literal["poiseuille", "womersley"]
+
+
+@dataclass(frozen=True)
+class PressureOutlet:
+    """A pressure, Pa."""
+
+    waveform: Waveform = field(default_factory=lambda: Constant(0.0))
+
+
+@dataclass(frozen=True)
+class ResistanceOutlet:
+    """A resistance, Pa·s/µL, to a constant pressure, Pa."""
+
+    resistance: float
+    distal_pa: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_above_zero("resistance", self.resistance, "Pa·s/µL")
+        _finite("distal_pa", self.distal_pa)
+
+
+@dataclass(frozen=True)
+class WindkesselOutlet:
+    """Three elements: a resistance, then a compliance to ground beside a second resistance.
+
+    Attributes
+    ----------
+    proximal, distal : float, Pa·s/µL
+    compliance : float, µL/Pa
+    distal_pa : float, Pa
+        Behind the second resistance.
+    """
+
+    proximal: float
+    compliance: float
+    distal: float
+    distal_pa: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_above_zero("proximal", self.proximal, "Pa·s/µL")
+        require_above_zero("distal", self.distal, "Pa·s/µL")
+        require_above_zero("compliance", self.compliance, "µL/Pa")
+        _finite("distal_pa", self.distal_pa)
+
+
+Outlet = PressureOutlet | ResistanceOutlet | WindkesselOutlet
+
+
+def outlet_of(given: Outlet | Mapping[int, Outlet], node: int) -> Outlet:
+    """The condition of one outlet.
+
+    Raises
+    ------
+    FlowError
+        When it has none.
+    """
+    if not isinstance(given, Mapping):
+        return given
+    if node not in given:
+        raise FlowError(
+            f"outlet {node} has no condition; give it a pressure, a resistance or a Windkessel"
+        )
+    return given[node]
+
+
+@dataclass(frozen=True)
+class PulsatileConditions:
+    """Conditions at a network's inlets and outlets, fluid and wall.
+
+    Attributes
+    ----------
+    viscosity_pa_s : float, Pa·s
+    inlet : Waveform
+        Flow in µL/s of all inlets together, which hang on one supply and share its pressure; or
+        the pressure in Pa of each.
+    inlet_is : {"flow", "pressure"}
+    outlet : Outlet or mapping of node to Outlet
+        One for every outlet, or each its own.
+    wall : Wall
+    profile : {"poiseuille", "womersley"}
+        Friction and inertia of each vessel: R and 4/3 of a plug's inertance, the limit of low
+        Womersley numbers; or Womersley's impedance at each frequency (periodic solutions only).
+    density : float, Pa·s²/mm²
+    inlets, outlets : tuples of nodes, optional
+        Where the network's own aren't meant.
+    supplies : tuple of Supply
+        Of inlets that don't hang on the common one; their flow is steady.
+    """
+
+    viscosity_pa_s: float
+    inlet: Waveform
+    inlet_is: Literal["flow", "pressure"] = "flow"
+    outlet: Outlet | Mapping[int, Outlet] = field(default_factory=PressureOutlet)
+    wall: Wall = field(default_factory=RigidWall)
+    profile: Profile = "poiseuille"
+    density: float = WATER_DENSITY
+    inlets: tuple[int, ...] | None = None
+    outlets: tuple[int, ...] | None = None
+    supplies: tuple[Supply, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_above_zero("viscosity_pa_s", self.viscosity_pa_s, "Pa·s")
+        require_above_zero("density", self.density, "Pa·s²/mm²")
+
+
+def _finite(name: str, value: float) -> None:
+    if not np.isfinite(value):
+        raise FlowError(f"{name} is {value}; give a number")
+
+
+# Scale a network and its flow conditions to a print of another size, at equal wall shear.
+#
+# In a network scaled by s with the same fluid, Poiseuille's law Δp = 8 μ L Q / (π r⁴) and the wall
+# shear τ = 4 μ Q / (π r³) give two ways to keep something:
+#
+# ========== ======== ============ ========== =================
+# kept       flow     pressure     wall shear Reynolds number
+# ========== ======== ============ ========== =================
+# wall shear s³ Q     Δp           τ          s² Re
+# Reynolds   s Q      Δp / s²      τ / s²     Re
+# ========== ======== ============ ========== =================
+#
+# A print is perfused at the same wall shear, which is what cells feel; outlet pressures stay.
+
+
+def scaled_network(network: VesselNetwork, factor: float) -> VesselNetwork:
+    """The network with every length times ``factor``, about the origin."""
+    if factor == 1:
+        return network
+    return replace(
+        network,
+        nodes=network.nodes * factor,
+        points=network.points * factor,
+        radius=network.radius * factor,
+    )
+
+
+def rescaled(network: VesselNetwork, scale: FloatArray) -> VesselNetwork:
+    """The same network, each vessel's radii times ``scale`` (v,)."""
+    return replace(network, radius=network.radius * np.repeat(scale, np.diff(network.offset)))
+
+
+def same_shear_conditions(conditions: FlowConditions, factor: float) -> FlowConditions:
+    """Conditions under which the scaled network's wall shear is the design's."""
+    if factor == 1:
+        return conditions
+    flow, outlets = conditions.inlet_flow_ul_s, conditions.outlet_flow_ul_s
+    losses = conditions.losses
+    narrow = (replace(s, length_mm=s.length_mm * factor) for s in losses.stenoses)
+    return replace(
+        conditions,
+        losses=replace(losses, stenoses=tuple(narrow)),
+        behind={
+            node: replace(behind, resistance=behind.resistance / factor**3)
+            for node, behind in conditions.behind.items()
+        },
+        supplies=tuple(
+            replace(supply, flow_ul_s=supply.flow_ul_s * factor**3)
+            for supply in conditions.supplies
+        ),
+        inlet_flow_ul_s=None if flow is None else flow * factor**3,
+        outlet_flow_ul_s={node: out * factor**3 for node, out in outlets.items()},
+    )
+
+
+def scaled_flow(summary: dict[str, float], factor: float) -> dict[str, dict[str, float]]:
+    """What the design's flow asks of a print of ``factor``, both ways.
+
+    Parameters
+    ----------
+    summary : dict
+        Of the design, with ``inflow_ml_min`` and ``pressure_drop_mmhg`` (`flow_summary`).
+    factor : float
+
+    Returns
+    -------
+    dict
+        ``design``, ``same_wall_shear`` and ``same_reynolds``: flow (mL/min) and pressure (mmHg).
+    """
+    flow, drop = summary["inflow_ml_min"], summary["pressure_drop_mmhg"]
+    return {
+        "design": {"inflow_ml_min": flow, "pressure_drop_mmhg": drop},
+        "same_wall_shear": {"inflow_ml_min": flow * factor**3, "pressure_drop_mmhg": drop},
+        "same_reynolds": {"inflow_ml_min": flow * factor, "pressure_drop_mmhg": drop / factor**2},
+    }

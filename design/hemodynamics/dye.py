@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import exp1
 
 from design.hemodynamics.vessel_coefficients import integral_of_power
-from design.hemodynamics.zero_d.flow import FlowSolution
+from design.hemodynamics.zero_d.steady import FlowSolution
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 

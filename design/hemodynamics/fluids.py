@@ -63,7 +63,7 @@ class Newtonian:
     viscosity_pa_s: float
 
     def __post_init__(self) -> None:
-        check_positive("viscosity", self.viscosity_pa_s, "Pa·s")
+        require_above_zero("viscosity", self.viscosity_pa_s, "Pa·s")
 
     @property
     def linear(self) -> bool:
@@ -75,10 +75,10 @@ class Newtonian:
         return np.full(np.shape(rate), self.viscosity_pa_s), np.ones(np.shape(rate))
 
 
-def check_positive(name: str, value: float, unit: str) -> None:
-    """Raise `FlowError` where a value isn't above 0."""
+def require_above_zero(name: str, value: float, unit: str) -> None:
+    """Raise `FlowError` unless a number is finite and above 0."""
     if not (np.isfinite(value) and value > 0.0):
-        raise FlowError(f"{name} is {value:g} {unit}; give a number above 0".replace("  ", " "))
+        raise FlowError(f"{name} is {value:g} {unit}; give a number above 0".replace(" ;", ";"))
 
 
 # Apparent viscosity of a Carreau-Yasuda fluid in tube flow, by the Rabinowitsch relation.
@@ -120,9 +120,9 @@ class Carreau:
     yasuda: float = 2.0
 
     def __post_init__(self) -> None:
-        check_positive("the viscosity at rest", self.zero_shear_pa_s, "Pa·s")
-        check_positive("the viscosity at infinite shear", self.infinite_shear_pa_s, "Pa·s")
-        check_positive("the Carreau time", self.time_s, "s")
+        require_above_zero("the viscosity at rest", self.zero_shear_pa_s, "Pa·s")
+        require_above_zero("the viscosity at infinite shear", self.infinite_shear_pa_s, "Pa·s")
+        require_above_zero("the Carreau time", self.time_s, "s")
         if self.infinite_shear_pa_s > self.zero_shear_pa_s:
             raise FlowError(
                 f"the viscosity at infinite shear, {self.infinite_shear_pa_s:g} Pa·s, is above "
@@ -213,7 +213,7 @@ class PowerLaw:
     index: float
 
     def __post_init__(self) -> None:
-        check_positive("the power law's consistency", self.consistency_pa_sn, "Pa·sⁿ")
+        require_above_zero("the power law's consistency", self.consistency_pa_sn, "Pa·sⁿ")
         if not 0.1 <= self.index <= 2.0:
             raise FlowError(f"the power law's index is {self.index:g}; give 0.1 to 2")
 
@@ -251,7 +251,7 @@ class Pries1994:
     haematocrit: float = 0.45
 
     def __post_init__(self) -> None:
-        check_positive("viscosity", self.viscosity_pa_s, "Pa·s")
+        require_above_zero("viscosity", self.viscosity_pa_s, "Pa·s")
         if not 0.0 <= self.haematocrit <= 0.8:
             raise FlowError(f"the haematocrit is {self.haematocrit:g}; give 0 to 0.8")
 

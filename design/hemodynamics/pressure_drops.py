@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from design.errors import FlowError, FlowInputError
+from design.errors import FlowInputError
 from design.hemodynamics.fluids import Fluid
 from design.hemodynamics.probes import Probes
+from design.hemodynamics.vessel_coefficients import refuse_absurd_resistance
 from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
@@ -94,7 +95,7 @@ class Pipes:
         resistance, inverse = np.empty((2, len(self.radius)))
         each = np.broadcast_to(np.asarray(viscosity, dtype=np.float64), resistance.shape)
         if not _resist(each, self.per_viscosity, resistance, inverse):
-            _refuse(self, resistance)
+            refuse_absurd_resistance(self.network, resistance)
         return resistance, inverse
 
 
@@ -314,22 +315,6 @@ def speed_and_shear(
     each = np.broadcast_to(np.asarray(viscosity, dtype=np.float64), flow.shape)
     _speed(pipes.radius, flow, each, speed, shear)
     return speed, shear
-
-
-def _refuse(pipes: Pipes, resistance: FloatArray) -> None:
-    length = pipes.network.lengths()
-    flat = np.flatnonzero(~(length > 0.0))
-    if len(flat):
-        raise FlowError(
-            f"vessel {int(flat[0])} has zero length ({len(flat)} such vessels), and so no "
-            "resistance; remove it or move its ends apart"
-        )
-    vessel = int(np.flatnonzero(~(np.isfinite(resistance) & (resistance > 0.0)))[0])
-    raise FlowError(
-        f"vessel {vessel}: resistance {resistance[vessel]:g} Pa·s/µL from length "
-        f"{length[vessel]:g} mm and radius {pipes.radius[vessel]:g} mm; check the "
-        "network's unit"
-    )
 
 
 @jit

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import jve
 
 from design.errors import FlowError
+from design.hemodynamics.fluids import require_above_zero
 from design.network import VesselNetwork
 from design.units import WATER_DENSITY
 from kernels import jit
@@ -71,30 +72,29 @@ def vessel_resistance(network: VesselNetwork, viscosity_pa_s: float) -> FloatArr
     FlowError
         For a vessel of zero length, or one whose resistance leaves the range of numbers.
     """
-    return resistance_of(network, viscosity_pa_s, integrals(network))
+    resistance = viscosity_pa_s * (8.0 / np.pi) * integrals(network)[POWERS[-4]]
+    refuse_absurd_resistance(network, resistance)
+    return resistance
 
 
-def resistance_of(
-    network: VesselNetwork, viscosity_pa_s: float, measured: FloatArray
-) -> FloatArray:
-    """As `vessel_resistance`, of a network whose `integrals` are known."""
-    resistance = viscosity_pa_s * (8.0 / np.pi) * measured[POWERS[-4]]
-    lengths = measured[0]
+def refuse_absurd_resistance(network: VesselNetwork, resistance: FloatArray) -> None:
+    """Raise `FlowError` for a vessel of zero length or a resistance beyond the range of numbers."""
+    absurd = np.flatnonzero(~(np.isfinite(resistance) & (resistance > 0.0)))
+    if not len(absurd):
+        return
+    lengths = network.lengths()
     flat = np.flatnonzero(~(lengths > 0.0))
     if len(flat):
         raise FlowError(
             f"vessel {int(flat[0])} has zero length ({len(flat)} such vessels), and so no "
             "resistance; remove it or move its ends apart"
         )
-    absurd = np.flatnonzero(~(np.isfinite(resistance) & (resistance > 0.0)))
-    if len(absurd):
-        vessel = int(absurd[0])
-        raise FlowError(
-            f"vessel {vessel}: resistance {resistance[vessel]:g} Pa·s/µL from length "
-            f"{lengths[vessel]:g} mm and radius {network.mean_radius()[vessel]:g} mm; check the "
-            "network's unit"
-        )
-    return resistance
+    vessel = int(absurd[0])
+    raise FlowError(
+        f"vessel {vessel}: resistance {resistance[vessel]:g} Pa·s/µL from length "
+        f"{lengths[vessel]:g} mm and radius {network.mean_radius()[vessel]:g} mm; check the "
+        "network's unit"
+    )
 
 
 PARABOLIC: Final = 4.0 / 3.0
@@ -306,12 +306,6 @@ def wave_speed(inertance: FloatArray, compliance: FloatArray, length: FloatArray
     """
     with np.errstate(divide="ignore"):
         return np.asarray(length / np.sqrt(inertance * compliance))
-
-
-def require_above_zero(name: str, value: float, unit: str) -> None:
-    """Raise `FlowError` unless a number is finite and above 0."""
-    if not (np.isfinite(value) and value > 0.0):
-        raise FlowError(f"{name} is {value:g} {unit}; give a number above 0")
 
 
 def _poisson(value: float) -> None:

@@ -12,9 +12,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from design.hemodynamics.three_d import Field, LumenMesh, WallShear
-from design.hemodynamics.three_d.lumen_mesh import WALL
-from design.hemodynamics.three_d.streamlines import trace_streamlines
-from design.hemodynamics.three_d.vtu import at_points
+from design.hemodynamics.three_d.meshing.lumen_mesh import WALL
+from design.hemodynamics.three_d.residence import trace_streamlines
+from design.hemodynamics.three_d.solution import at_points
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG
 from kernels.arrays import FloatArray
 from registration.report.drawing import styled, to_svg

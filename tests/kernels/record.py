@@ -119,8 +119,8 @@ def connect(scratch: Path) -> None:
 
 def flow_in_3d(scratch: Path) -> None:
     """Even triangles on lumens' walls; needs none of the extra's solvers."""
-    from design.hemodynamics.three_d.surface import wall_surface
-    from design.hemodynamics.three_d.wall import lumen_wall
+    from design.hemodynamics.three_d.meshing.surface import wall_surface
+    from design.hemodynamics.three_d.meshing.wall import lumen_wall
     from design.vasculature import planar_four_vessel
 
     network = planar_four_vessel()

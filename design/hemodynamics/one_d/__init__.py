@@ -1,13 +1,12 @@
-"""Solve 1D pulse-wave flow in compliant vessels; summarise it; write svOneDSolver input.
+"""Solve 1D pulse-wave flow in compliant vessels; summarise it.
 
 Goes in: a network and pulsatile conditions. Comes out: one periodic cycle of flow and pressure.
 Begin with `solve.py`.
 """
 
-from design.hemodynamics.one_d.options import OneDOptions
+from design.hemodynamics.one_d.grid import OneDOptions
 from design.hemodynamics.one_d.solution import OneDSolution, one_d_summary, one_d_table, one_d_waves
 from design.hemodynamics.one_d.solve import solve_one_d
-from design.hemodynamics.one_d.svoned import svoned_input, write_svoned
 
 __all__ = [
     "OneDOptions",
@@ -16,6 +15,4 @@ __all__ = [
     "one_d_table",
     "one_d_waves",
     "solve_one_d",
-    "svoned_input",
-    "write_svoned",
 ]

@@ -1,13 +1,23 @@
-"""Divide vessels into finite-volume cells with rest areas and wall stiffness, for 1D flow."""
+"""Options, cells and nodes of the 1D flow solver."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.one_d.options import OneDOptions
+from design.hemodynamics.conditions import (
+    Outlet,
+    PressureOutlet,
+    PulsatileConditions,
+    ResistanceOutlet,
+    WindkesselOutlet,
+    outlet_of,
+)
+from design.hemodynamics.probes import Probes
 from design.hemodynamics.vessel_coefficients import (
     GelWall,
     ThinWall,
@@ -15,10 +25,111 @@ from design.hemodynamics.vessel_coefficients import (
     Wall,
     integral_of_power,
 )
-from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
+from design.hemodynamics.waveforms import Waveform
+from design.hemodynamics.zero_d.boundary import (
+    boundary_nodes,
+    check_parts,
+    number_unknowns,
+    refuse_supplies,
+)
 from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
+
+PARABOLIC = 2.0
+"""Exponent ζ of Poiseuille's profile."""
+
+
+@dataclass(frozen=True)
+class OneDOptions:
+    """Resolution, profile, wall viscosity and when to stop.
+
+    The velocity profile is u(r) = U (ζ + 2)/ζ (1 - (r/R)^ζ), which fixes the momentum's
+    correction α = (ζ + 2)/(ζ + 1) and the friction -2 (ζ + 2) π μ Q/(ϱ A) together: a parabola
+    has ζ = 2, α = 4/3 and 8πμ; Boileau et al. 2015 (doi 10.1002/cnm.2732) take ζ = 9, α = 1.1
+    and 22πμ for large arteries.
+
+    Attributes
+    ----------
+    cell_mm : float or (v,) float64, optional
+        Length of a cell, or of each vessel's; without it, what a wave runs in
+        1/`cells_per_period` of a period.
+    cells_per_period : int
+        How finely a wave is resolved where ``cell_mm`` isn't given.
+    least_cells : int
+        In every vessel, however short; 2 or more.
+    profile_exponent : float or (v,) float64
+        ζ, 2 or more; one, or each vessel's.
+    alpha : float, optional
+        The momentum's correction, where it isn't to be the profile's.
+    wall_viscosity_pa_s : float, Pa·s
+        φ of a Kelvin-Voigt wall, stress E ε + φ dε/dt; 0 is an elastic wall.
+    reflection : mapping of node to float
+        Outlets that send this part of each pressure wave back, -1 (open) to 1 (closed), about
+        the pressure that their `PressureOutlet` gives; 0 swallows what comes.
+    courant : float
+        Steps a wave may run in cells, up to 1.2.
+    samples : int
+        Of a cycle, in the results.
+    tolerance : float
+        A state is periodic when a cycle ends as it began, to this part of the swing.
+    most_cycles : int
+        After which it is given up.
+    probes : Probes, optional
+    """
+
+    cell_mm: float | FloatArray | None = None
+    cells_per_period: int = 800
+    least_cells: int = 2
+    profile_exponent: float | FloatArray = PARABOLIC
+    alpha: float | None = None
+    wall_viscosity_pa_s: float = 0.0
+    reflection: Mapping[int, float] = field(default_factory=dict)
+    courant: float = 0.9
+    samples: int = 100
+    tolerance: float = 1e-4
+    most_cycles: int = 60
+    probes: Probes | None = None
+
+    def __post_init__(self) -> None:
+        for name, low, high in _LIMITS:
+            value = getattr(self, name)
+            for one in () if value is None else np.atleast_1d(value).tolist():
+                if not low <= one <= high:
+                    raise FlowError(f"{name} is {one:g}; give {low:g} to {high:g}")
+        for node, part in self.reflection.items():
+            if not -1.0 <= part <= 1.0:
+                raise FlowError(f"outlet {node} reflects {part:g} of a wave; give -1 to 1")
+
+    def exponents(self, vessels: int) -> FloatArray:
+        """ζ of each vessel, (v,)."""
+        return np.array(np.broadcast_to(self.profile_exponent, vessels), dtype=np.float64)
+
+    def momentum_alpha(self, vessels: int) -> FloatArray:
+        """∫u² dA A/Q² of each vessel's profile, (v,)."""
+        zeta = self.exponents(vessels)
+        return (zeta + 2.0) / (zeta + 1.0) if self.alpha is None else np.full(vessels, self.alpha)
+
+    def friction(self, vessels: int, viscosity_pa_s: float, density: float) -> FloatArray:
+        """2 (ζ + 2) π μ/ϱ of each vessel, (v,), mm²/s: the momentum's loss is this times Q/A."""
+        return 2.0 * (self.exponents(vessels) + 2.0) * np.pi * viscosity_pa_s / density
+
+
+_LIMITS = (
+    ("cell_mm", 1e-6, 1e6),
+    ("cells_per_period", 10, 1e6),
+    ("least_cells", 2, 1e6),
+    ("profile_exponent", 2.0, 100.0),
+    ("alpha", 1.0, 2.0),
+    ("wall_viscosity_pa_s", 0.0, 1e9),
+    ("courant", 0.01, 1.2),
+    ("samples", 8, 100_000),
+    ("tolerance", 1e-12, 0.1),
+    ("most_cycles", 1, 1_000_000),
+)
+
+
+# Divide vessels into finite-volume cells with rest areas and wall stiffness, for 1D flow.
 
 
 class Grid(NamedTuple):
@@ -307,3 +418,127 @@ def wall_drag(
     if isinstance(wall, VesselWalls):
         drag += wall.damping(vessel, np.sqrt(area / np.pi)) / area
     return np.asarray(drag)
+
+
+# Set up node arrays of the 1D solver from junctions and inlet and outlet conditions.
+
+JUNCTION: Final = 0
+PRESSURE: Final = 1
+RESISTANCE: Final = 2
+REFLECTION: Final = 3
+
+
+class Nodes(NamedTuple):
+    """Nodes by the vessel ends that meet there.
+
+    End ``2 k`` is vessel k's first, ``2 k + 1`` its last.
+
+    Attributes
+    ----------
+    start : (m + 1,) int64
+        Ends of node ``j`` are ``end[start[j]:start[j + 1]]``.
+    end : (2 v,) int64
+    kind : (m,) int64
+        `JUNCTION` (with a flow from outside, where it has a wave), `PRESSURE`, `RESISTANCE` (the
+        first of a Windkessel, or all there is) or `REFLECTION`.
+    wave : (m,) int64
+        Row of what drives it, -1 for none.
+    proximal, distal, capacitance, back : (m,) float64, Pa·s/µL, Pa·s/µL, µL/Pa, Pa
+        Of outlets; without a capacitance the pressure behind `proximal` stays at `back`.
+    reflection : (m,) float64
+    """
+
+    start: IntArray
+    end: IntArray
+    kind: IntArray
+    wave: IntArray
+    proximal: FloatArray
+    distal: FloatArray
+    capacitance: FloatArray
+    back: FloatArray
+    reflection: FloatArray
+
+
+def place_nodes(
+    network: VesselNetwork, conditions: PulsatileConditions, reflection: Mapping[int, float]
+) -> tuple[Nodes, IntArray, tuple[Waveform, ...]]:
+    """Nodes, which of them each of the network's is (inlets on one flow share theirs), waves.
+
+    Raises
+    ------
+    FlowError
+        No inlet, no outlet, an isolated part, an outlet without a condition, a reflection where
+        it can't be.
+    """
+    refuse_supplies(conditions.supplies, "1D flow")
+    inlets, outlets = boundary_nodes(network, conditions)
+    check_parts(network, inlets, outlets)
+    slot = np.arange(len(network.nodes))
+    if conditions.inlet_is == "flow":
+        slot[inlets] = inlets[0]
+    (slot,) = number_unknowns(slot)
+    nodes = _junctions(slot[network.vessel_nodes].ravel(), int(slot.max()) + 1)
+    nodes.wave[slot[inlets]] = 0
+    if conditions.inlet_is == "pressure":
+        nodes.kind[slot[inlets]] = PRESSURE
+    waves: list[Waveform] = [conditions.inlet]
+    strangers = sorted(set(reflection) - set(outlets.tolist()))
+    if strangers:
+        raise FlowError(f"node {strangers[0]} has a reflection and isn't one of the outlets")
+    for node in outlets.tolist():
+        place = int(slot[node])
+        _attach(nodes, place, outlet_of(conditions.outlet, node), waves)
+        if node in reflection:
+            _reflect(nodes, node, place, reflection[node])
+    return nodes, slot, tuple(waves)
+
+
+def _junctions(at: IntArray, count: int) -> Nodes:
+    """So many nodes, of which vessel ends are ``at`` (2 v,), with nothing asked of any."""
+    nothing = np.zeros(count)
+    return Nodes(
+        start=np.concatenate([[0], np.cumsum(np.bincount(at, minlength=count))]),
+        end=np.argsort(at, kind="stable"),
+        kind=np.full(count, JUNCTION),
+        wave=np.full(count, -1),
+        proximal=nothing.copy(),
+        distal=nothing.copy(),
+        capacitance=nothing.copy(),
+        back=nothing.copy(),
+        reflection=nothing,
+    )
+
+
+def _attach(nodes: Nodes, place: int, outlet: Outlet, waves: list[Waveform]) -> None:
+    if isinstance(outlet, PressureOutlet):
+        nodes.kind[place] = PRESSURE
+        if outlet.waveform not in waves[1:]:
+            waves.append(outlet.waveform)
+        nodes.wave[place] = 1 + waves[1:].index(outlet.waveform)
+        return
+    nodes.kind[place], nodes.back[place] = RESISTANCE, outlet.distal_pa
+    if isinstance(outlet, ResistanceOutlet):
+        nodes.proximal[place] = outlet.resistance
+    elif isinstance(outlet, WindkesselOutlet):
+        nodes.proximal[place], nodes.distal[place] = outlet.proximal, outlet.distal
+        nodes.capacitance[place] = outlet.compliance
+
+
+def _reflect(nodes: Nodes, node: int, place: int, part: float) -> None:
+    if nodes.kind[place] != PRESSURE:
+        raise FlowError(
+            f"outlet {node} has a reflection, and a resistance of its own; give it a pressure, "
+            "about which waves are sent back"
+        )
+    if nodes.start[place + 1] - nodes.start[place] != 1:
+        raise FlowError(f"several vessels meet at outlet {node}; a reflection is for one")
+    nodes.kind[place], nodes.reflection[place] = REFLECTION, part
+
+
+def end_impedance(grid: Grid) -> FloatArray:
+    """ϱ c/A at rest of each vessel's ends, (2 v,), Pa·s/µL."""
+    faces = (
+        np.column_stack([grid.offset[:-1], grid.offset[1:]]) + np.arange(len(grid.cell))[:, None]
+    )
+    speed = np.sqrt(grid.face_stiffness / (2.0 * grid.density))
+    return np.asarray((grid.density * speed / grid.face_area)[faces].ravel())

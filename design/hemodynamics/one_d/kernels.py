@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.hemodynamics.one_d.grid import Grid
-from design.hemodynamics.one_d.nodes import JUNCTION, PRESSURE, REFLECTION, Nodes
+from design.hemodynamics.one_d.grid import JUNCTION, PRESSURE, REFLECTION, Grid, Nodes
 from kernels import jit
 from kernels.arrays import FloatArray
 

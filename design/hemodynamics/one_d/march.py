@@ -8,7 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.one_d.grid import Grid
+from design.hemodynamics.conditions import (
+    Outlet,
+    PressureOutlet,
+    PulsatileConditions,
+    ResistanceOutlet,
+    outlet_of,
+)
+from design.hemodynamics.one_d.grid import RESISTANCE, Grid, Nodes, end_impedance
 from design.hemodynamics.one_d.kernels import (
     ROWS,
     cell_pressures,
@@ -17,19 +24,8 @@ from design.hemodynamics.one_d.kernels import (
     smooth_viscously,
     solve_ends,
 )
-from design.hemodynamics.one_d.nodes import RESISTANCE, Nodes, end_impedance, outlet_of
 from design.hemodynamics.zero_d.boundary import boundary_nodes
-from design.hemodynamics.zero_d.pulsatile.conditions import (
-    Outlet,
-    PressureOutlet,
-    PulsatileConditions,
-    ResistanceOutlet,
-)
-from design.hemodynamics.zero_d.pulsatile.solution import (
-    PulsatileSolution,
-    cycle_extremes,
-    solve_pulsatile,
-)
+from design.hemodynamics.zero_d.pulsatile import PulsatileSolution, cycle_extremes, solve_pulsatile
 from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
@@ -110,12 +106,7 @@ def settle_ends(
 
 @jit
 def advance(
-    grid: Grid,
-    nodes: Nodes,
-    state: State,
-    drives: FloatArray,
-    step: float,
-    work: MarchScratch,
+    grid: Grid, nodes: Nodes, state: State, drives: FloatArray, step: float, work: MarchScratch
 ) -> int:
     """March through steps in place.
 

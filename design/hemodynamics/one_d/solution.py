@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.hemodynamics.conditions import PulsatileConditions
 from design.hemodynamics.probes import ProbeWaves
 from design.hemodynamics.vessel_coefficients import plug_inertance, wave_speed, womersley_number
 from design.hemodynamics.zero_d.boundary import boundary_nodes
-from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
+from design.hemodynamics.zero_d.report import vessel_columns
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray, IntArray
@@ -160,13 +161,7 @@ def one_d_table(
     greatest. ``wave_share`` is the length over the wavelength of the cycle, ``widest`` and
     ``narrowest`` diameters over the rest's.
     """
-    table: Table = {
-        "vessel": np.arange(network.vessel_count),
-        "kind": network.kind_names(),
-        "tree": network.tree,
-        "length_mm": network.lengths(),
-        "diameter_mm": 2.0 * network.mean_radius(),
-    }
+    table = vessel_columns(network)
     for name, waves in (("in", solution.pressure_in), ("out", solution.pressure_out)):
         table |= _wave(f"pressure_{name}", waves, "pa")
         table |= {

@@ -9,7 +9,16 @@ from typing import Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.one_d.grid import Grid, check_compliant, make_grid
+from design.hemodynamics.conditions import PulsatileConditions
+from design.hemodynamics.one_d.grid import (
+    RESISTANCE,
+    Grid,
+    Nodes,
+    OneDOptions,
+    check_compliant,
+    make_grid,
+    place_nodes,
+)
 from design.hemodynamics.one_d.march import (
     LumpedForecast,
     MarchScratch,
@@ -23,13 +32,10 @@ from design.hemodynamics.one_d.march import (
     settle_ends,
     with_small_changes,
 )
-from design.hemodynamics.one_d.nodes import RESISTANCE, Nodes, place_nodes
-from design.hemodynamics.one_d.options import OneDOptions
 from design.hemodynamics.one_d.solution import OneDSolution
 from design.hemodynamics.probes import Probes, ProbeWaves, midpoints
 from design.hemodynamics.vessel_coefficients import plug_inertance, wave_speed
 from design.hemodynamics.waveforms import Waveform, common_period
-from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 

@@ -32,7 +32,7 @@ from design.hemodynamics.oxygen.transport import (
     sweep,
     transport_of,
 )
-from design.hemodynamics.zero_d.flow import FlowSolution
+from design.hemodynamics.zero_d.steady import FlowSolution
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
 

@@ -12,8 +12,7 @@ from scipy.special import i0e
 
 from design.hemodynamics.oxygen.conditions import OxygenConditions
 from design.hemodynamics.oxygen.tissue_grid import TissueGrid
-from design.hemodynamics.zero_d.flow import FlowSolution
-from design.hemodynamics.zero_d.steady import node_inflow
+from design.hemodynamics.zero_d.steady import FlowSolution, node_inflow
 from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray

@@ -4,21 +4,27 @@ Goes in: a network, or a lumen's surface, and conditions. Comes out: velocity an
 lumen. Begin with `steady.py`.
 """
 
-from design.hemodynamics.three_d.curve import least_jacobian, straighten_edges
-from design.hemodynamics.three_d.derived import wall_shear
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh, MeshPort
+from design.hemodynamics.three_d.engine import FlowOptions
 from design.hemodynamics.three_d.march import Stepping, check_cycles, march_flow
-from design.hemodynamics.three_d.options import FlowOptions
+from design.hemodynamics.three_d.meshing.curve import least_jacobian, straighten_edges
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh, MeshPort
 from design.hemodynamics.three_d.residence import ResidenceTime, residence_time
-from design.hemodynamics.three_d.sections import (
+from design.hemodynamics.three_d.solution import (
+    Field,
+    ThreeDSolution,
+    ThreeDWaves,
+    WallShear,
+    at_points,
+    wall_shear,
+    write_flow_vtu,
+)
+from design.hemodynamics.three_d.steady import ErrorEstimate, estimate_error, solve_steady
+from design.hemodynamics.three_d.vessels.sections import (
     Section,
     place_of,
     probe_steady,
     sections_at,
 )
-from design.hemodynamics.three_d.solution import Field, ThreeDSolution, ThreeDWaves, WallShear
-from design.hemodynamics.three_d.steady import ErrorEstimate, estimate_error, solve_steady
-from design.hemodynamics.three_d.vtu import at_points, write_flow_vtu
 
 __all__ = [
     "ErrorEstimate",

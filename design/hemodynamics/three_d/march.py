@@ -14,17 +14,27 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.derived import field_of, port_pressures
-from design.hemodynamics.three_d.engine import CURVED, engine_mesh, engine_threads
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.conditions import PulsatileConditions, ResistanceOutlet, WindkesselOutlet
+from design.hemodynamics.three_d.engine import (
+    CURVED,
+    FlowOptions,
+    check_memory,
+    engine_mesh,
+    engine_threads,
+)
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import (
     BorderBlocks,
+    Convection,
     FlowProblem,
     Guide,
+    Spaces,
+    Stokes,
+    matrix_operator,
     newton,
     solve_newton,
+    spaces,
 )
-from design.hemodynamics.three_d.options import FlowOptions, check_memory
 from design.hemodynamics.three_d.ports import (
     CoupledPorts,
     GivenFlow,
@@ -33,16 +43,10 @@ from design.hemodynamics.three_d.ports import (
     inflow_of,
     pulsatile_plan,
 )
-from design.hemodynamics.three_d.sections import Section
-from design.hemodynamics.three_d.solution import Field, ThreeDWaves
+from design.hemodynamics.three_d.solution import Field, ThreeDWaves, field_of, port_pressures
 from design.hemodynamics.three_d.steady import check_laminar, columns_of, steady_problem
-from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes, matrix_operator, spaces
+from design.hemodynamics.three_d.vessels.sections import Section
 from design.hemodynamics.waveforms import common_period, cycle_times
-from design.hemodynamics.zero_d.pulsatile.conditions import (
-    PulsatileConditions,
-    ResistanceOutlet,
-    WindkesselOutlet,
-)
 from kernels.arrays import FloatArray
 
 _TOLERANCE: Final = 1e-5
@@ -193,11 +197,7 @@ def _mass(room: Spaces, factor: float) -> Any:
 
 
 def _cycles(
-    stepper: _Stepper,
-    mesh: LumenMesh,
-    clock: Stepping,
-    period: float,
-    sections: Sequence[Section],
+    stepper: _Stepper, mesh: LumenMesh, clock: Stepping, period: float, sections: Sequence[Section]
 ) -> ThreeDWaves:
     changes: list[float] = []
     begins, ends = list[FloatArray](), list[FloatArray]()

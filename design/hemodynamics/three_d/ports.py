@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
-from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.three_d.engine import CURVED, WALL_NAME, port_name
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
-from design.hemodynamics.three_d.stokes import Spaces
-from design.hemodynamics.waveforms import Constant, Waveform, harmonics_of
-from design.hemodynamics.zero_d.boundary import refuse_supplies
-from design.hemodynamics.zero_d.pulsatile.conditions import (
+from design.hemodynamics.conditions import (
+    FlowConditions,
     Outlet,
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
     WindkesselOutlet,
 )
+from design.hemodynamics.three_d.engine import CURVED, WALL_NAME, port_name
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
+from design.hemodynamics.three_d.newton import Spaces
+from design.hemodynamics.waveforms import Constant, Waveform, harmonics_of
+from design.hemodynamics.zero_d.boundary import refuse_supplies
 from kernels.arrays import FloatArray
 
 

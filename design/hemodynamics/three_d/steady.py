@@ -7,17 +7,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.three_d.derived import energy_of, field_of, port_pressures, wall_shear
-from design.hemodynamics.three_d.engine import engine_mesh, engine_threads
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.conditions import FlowConditions, PulsatileConditions, ResistanceOutlet
+from design.hemodynamics.three_d.engine import (
+    LAMINAR,
+    FlowOptions,
+    check_memory,
+    engine_mesh,
+    engine_threads,
+)
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import (
     BorderBlocks,
+    Convection,
     FlowProblem,
     NewtonSolution,
+    Spaces,
+    Stokes,
     solve_newton,
+    spaces,
 )
-from design.hemodynamics.three_d.options import LAMINAR, FlowOptions, check_memory
 from design.hemodynamics.three_d.ports import (
     CoupledPorts,
     GivenFlow,
@@ -26,10 +34,14 @@ from design.hemodynamics.three_d.ports import (
     steady_plan,
     unit_profile,
 )
-from design.hemodynamics.three_d.solution import ThreeDSolution
-from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes, spaces
+from design.hemodynamics.three_d.solution import (
+    ThreeDSolution,
+    energy_of,
+    field_of,
+    port_pressures,
+    wall_shear,
+)
 from design.hemodynamics.waveforms import Waveform, cycle_times
-from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions, ResistanceOutlet
 from kernels.arrays import FloatArray
 
 _MEAN_SAMPLES = 512

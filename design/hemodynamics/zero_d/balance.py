@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +11,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import lsmr
 
 from design.errors import FlowError
-from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.conditions import FlowConditions, rescaled
 from design.hemodynamics.vessel_coefficients import vessel_resistance
 from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
-from design.hemodynamics.zero_d.nodal.conductance import factorise
+from design.hemodynamics.zero_d.nodal import factorise
 from design.hemodynamics.zero_d.steady import solve_flow
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray, IntArray
@@ -114,7 +113,9 @@ def balance(
     resistance = vessel_resistance(network, conditions.viscosity_pa_s)
     needed = _needed(network, conditions, loops, wanted, resistance, WIDEST if widen else 1.0)
     _refuse_impossible(loops, needed, resistance[loops], widen=widen)
-    adjusted = _scaled(network, loops, (resistance[loops] / needed) ** 0.25)
+    scale = np.ones(network.vessel_count)
+    scale[loops] = (resistance[loops] / needed) ** 0.25
+    adjusted = rescaled(network, scale)
     _refuse_thin(adjusted, loops, smallest_radius_mm)
     left = flow_spread(adjusted, conditions, wanted)
     if left > spread:
@@ -277,9 +278,3 @@ def _floating(
             "connections; give shares that add up there"
         )
     return floating
-
-
-def _scaled(network: VesselNetwork, vessels: IntArray, factor: FloatArray) -> VesselNetwork:
-    each = np.ones(network.vessel_count)
-    each[vessels] = factor
-    return replace(network, radius=network.radius * np.repeat(each, np.diff(network.offset)))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from design.hemodynamics import write_svoned
-from design.hemodynamics.zero_d.svzerod_input import write_svzerod
+from design.hemodynamics.other_solvers.svzerod import write_svzerod
 from design.network import VesselNetwork
 from printctl.analysis.flow.conditions import Driven
 from printctl.analysis.flow.solve import one_d_options
@@ -55,8 +55,8 @@ def write_exports(
         write_svoned(paths["svoned"], network, conditions, options)
     if "svmultiphysics" in paths:
         # Heavy (3D flow), and few ask for it.
+        from design.hemodynamics.other_solvers.svmultiphysics import write_svmultiphysics
         from design.hemodynamics.three_d import straighten_edges
-        from design.hemodynamics.three_d.svmultiphysics import write_svmultiphysics
         from printctl.analysis.flow.printed_fidelities import mesh_of
 
         mesh = straighten_edges(mesh_of(network, space, fillet_ratio))[0]

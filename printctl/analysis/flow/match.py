@@ -11,8 +11,8 @@ import numpy as np
 
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import ThreeDSolution
-from design.hemodynamics.three_d.effective import effective_network, flow_error
-from design.hemodynamics.three_d.match import (
+from design.hemodynamics.three_d.vessels.effective import effective_network, flow_error
+from design.hemodynamics.three_d.vessels.match import (
     MatchedNetwork,
     MatchOptions,
     ideal_target,

@@ -14,7 +14,7 @@ from scipy.special import ndtri
 from design.files import write_text
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d.engine import load_engine
-from design.hemodynamics.three_d.mesh import SurfaceOptions, surface_mesh
+from design.hemodynamics.three_d.meshing.mesh import SurfaceOptions, surface_mesh
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from kernels.arrays import FloatArray

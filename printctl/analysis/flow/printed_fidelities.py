@@ -23,8 +23,8 @@ from design.hemodynamics.three_d import (
     solve_steady,
     straighten_edges,
 )
-from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
-from design.hemodynamics.three_d.sections import vessel_flows
+from design.hemodynamics.three_d.meshing.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.vessels.sections import vessel_flows
 from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray

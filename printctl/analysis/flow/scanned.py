@@ -15,10 +15,10 @@ from design.errors import FlowError
 from design.geometry.polyline import arc_lengths, vectors_across
 from design.geometry.surface import Surface
 from design.hemodynamics.probes import clear_parts
-from design.hemodynamics.three_d.lumen_mesh import MeshPort
-from design.hemodynamics.three_d.mesh import manifold_arrays
-from design.hemodynamics.three_d.surface import axis_places, corner_normals
-from design.hemodynamics.three_d.wall import free_ends
+from design.hemodynamics.three_d.meshing.lumen_mesh import MeshPort
+from design.hemodynamics.three_d.meshing.mesh import manifold_arrays
+from design.hemodynamics.three_d.meshing.surface import axis_places, corner_normals
+from design.hemodynamics.three_d.meshing.wall import free_ends
 from design.network import VesselNetwork
 from design.solids.lumen import lumen_solid
 from design.solids.manifolds import denoised, solid_manifold, to_manifold

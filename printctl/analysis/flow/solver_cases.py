@@ -12,8 +12,8 @@ import numpy as np
 import yaml
 
 from design.errors import FlowError
-from design.hemodynamics.json_keys import entries, parse_json
-from design.hemodynamics.zero_d.svzerod_run import run_svzerod
+from design.hemodynamics.other_solvers.json_keys import entries, parse_json
+from design.hemodynamics.other_solvers.svzerod import run_svzerod
 from design.units import PA_PER_MMHG
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import UsageError
@@ -99,7 +99,7 @@ def read_openbf(path: Path) -> dict[str, Any] | None:
     """
     if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
         return None
-    from design.hemodynamics.one_d import openbf
+    from design.hemodynamics.other_solvers import openbf
 
     try:
         data = read_yaml(path.read_text(encoding="utf-8-sig"))
@@ -136,22 +136,22 @@ def run_openbf_case(
     UsageError
         For an inlet's table that isn't there.
     FlowError, OSError
-        As `openbf.case_of`, `openbf_waves.run_openbf` and the writers.
+        As `openbf.case_of`, `openbf.run_openbf` and the writers.
     """
     from design.hemodynamics import question_pressure
-    from design.hemodynamics.one_d import openbf, openbf_waves
+    from design.hemodynamics.other_solvers import openbf
 
     try:
         case = openbf.case_of(data, _inlet(path, openbf.inlet_file(data)))
         if cell_mm is not None:
             case = replace(case, options=replace(case.options, cell_mm=cell_mm))
-        solution, waves = openbf_waves.run_openbf(case, tell)
+        solution, waves = openbf.run_openbf(case, tell)
         question_pressure(float(solution.pressure_high.max()))
     except FlowError as exc:
         raise FlowError(f"{path}: {exc}") from exc
     file = where(case.folder)
     npz = file.suffix == ".npz"
-    write = openbf_waves.write_openbf_npz if npz else openbf_waves.write_openbf_csv
+    write = openbf.write_openbf_npz if npz else openbf.write_openbf_csv
     write(file, waves)
     summary: Summary = {
         "project": case.project,

@@ -28,10 +28,10 @@ from design.hemodynamics.three_d import (
     straighten_edges,
     write_flow_vtu,
 )
-from design.hemodynamics.three_d.lumen_mesh import WALL
-from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
-from design.hemodynamics.three_d.sections import clear_sections, conserve_mass, vessel_flows
-from design.hemodynamics.three_d.surface import axis_places
+from design.hemodynamics.three_d.meshing.lumen_mesh import WALL
+from design.hemodynamics.three_d.meshing.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.meshing.surface import axis_places
+from design.hemodynamics.three_d.vessels.sections import clear_sections, conserve_mass, vessel_flows
 from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray

@@ -23,7 +23,7 @@ from design.hemodynamics import (
     solve_flow,
     vessel_resistance,
 )
-from design.hemodynamics.zero_d.sensitivity import flow_and_sensitivity
+from design.hemodynamics.zero_d.steady import flow_and_sensitivity
 from design.network import VesselKind, VesselNetwork
 from tests.design.hemodynamics.networks import VISCOSITY, network_of, random_tree
 from tests.design.networks import network, polyline

@@ -26,7 +26,7 @@ from design.hemodynamics import (
     vessel_resistance,
 )
 from design.hemodynamics.waveforms import Sine
-from design.hemodynamics.zero_d.nodal.conductance import structure_of
+from design.hemodynamics.zero_d.nodal import structure_of
 from design.network import VesselNetwork
 from design.units import WATER_DENSITY
 from tests.design.hemodynamics.networks import VISCOSITY, network_of, random_tree

@@ -16,10 +16,9 @@ from design.hemodynamics import (
     WindkesselOutlet,
     solve_pulsatile,
 )
+from design.hemodynamics.other_solvers import svzerod
+from design.hemodynamics.other_solvers.svzerod import run_svzerod, svzerod_input, write_svzerod
 from design.hemodynamics.waveforms import Sine
-from design.hemodynamics.zero_d import svzerod_run
-from design.hemodynamics.zero_d.svzerod_input import svzerod_input, write_svzerod
-from design.hemodynamics.zero_d.svzerod_run import run_svzerod
 from tests.design.hemodynamics.networks import VISCOSITY, network_of
 
 FORK = network_of([[0, 0, 0], [4, 0, 0], [8, 2, 0], [8, -2, 0]], [(0, 1), (1, 2), (1, 3)], 0.4)
@@ -274,8 +273,8 @@ def test_a_faulty_case_ends_in_one_message(
 def test_a_case_without_the_package_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    script = svzerod_run._SCRIPT.replace("import svzerod", "import svzerod_of_nowhere")
-    monkeypatch.setattr(svzerod_run, "_SCRIPT", script)
+    script = svzerod._SCRIPT.replace("import svzerod", "import svzerod_of_nowhere")
+    monkeypatch.setattr(svzerod, "_SCRIPT", script)
     with pytest.raises(FlowError, match=r"No module.*pip install 'printctl\[svzerod\]'"):
         run_svzerod(_windkessel(), tmp_path / "svzerod.csv")
 

@@ -15,9 +15,10 @@ from scipy.sparse.linalg import splu
 
 from design.errors import FlowError
 from design.files import atomic_replacement, write_bytes, write_text
-from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh
-from design.hemodynamics.zero_d.boundary import refuse_supplies
+from design.hemodynamics.conditions import FlowConditions, ResistanceOutlet
+from design.hemodynamics.fluids import require_above_zero
+from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
+from design.hemodynamics.three_d.ports import GivenFlow, steady_plan
 from design.units import WATER_DENSITY
 from kernels.arrays import FloatArray, IntArray
 
@@ -188,8 +189,7 @@ def _check(conditions: RankConditions) -> None:
         ("density", conditions.density, "Pa·s²/mm²"),
         ("tolerance", conditions.tolerance, ""),
     ):
-        if not (np.isfinite(value) and value > 0.0):
-            raise FlowError(f"{name} is {value:g} {unit}; give a number above 0".replace(" ;", ";"))
+        require_above_zero(name, value, unit)
     for port, given in enumerate(conditions.ports):
         _check_port(port, given, len(conditions.supplies))
     for supply, flow in enumerate(conditions.supplies):
@@ -236,44 +236,29 @@ def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any)
     Raises
     ------
     FlowError
-        No inlet, a node that isn't at a port, pressure nowhere given.
+        As `steady_plan`.
     """
-    refuse_supplies(conditions.supplies, "3D flow")
-    inlets = _inlets(mesh, conditions)
-    ports: list[PortCondition] = []
+    plan = steady_plan(mesh, conditions, conditions.density)
+    at_rest = np.zeros(1)
+    ports: dict[int, PortCondition] = {
+        k: PortPressure(float(waveform.at(at_rest)[0])) for k, waveform in plan.held
+    }
+    if plan.inflow is not None:
+        ports[plan.inflow] = PortFlow(float(plan.flow.at(at_rest)[0]))
     supplies: list[float] = []
-    if conditions.inlet_flow_ul_s is not None and len(inlets) > 1:
-        supplies.append(conditions.inlet_flow_ul_s)
-    for k, port in enumerate(mesh.ports):
-        if k in inlets:
-            ports.append(_inlet(conditions, bool(supplies)))
-        elif port.node in conditions.outlet_flow_ul_s:
-            ports.append(PortShare(len(supplies)))
-            supplies.append(-conditions.outlet_flow_ul_s[port.node])
-        else:
-            ports.append(PortPressure(conditions.outlet_pressure_pa))
-    options_given = {"density": conditions.density, **options}
-    return RankConditions(tuple(ports), conditions.viscosity_pa_s, tuple(supplies), **options_given)
-
-
-def _inlets(mesh: LumenMesh, conditions: FlowConditions) -> set[int]:
-    place = {port.node: k for k, port in enumerate(mesh.ports)}
-    named = {*(conditions.inlets or ()), *(conditions.outlets or ()), *conditions.outlet_flow_ul_s}
-    if strangers := named - set(place):
-        raise FlowError(f"node {min(strangers)} isn't at a port of the lumen's mesh")
-    if conditions.inlets is not None:
-        inlets = {place[node] for node in conditions.inlets}
-    else:
-        inlets = {k for k, port in enumerate(mesh.ports) if port.inlet}
-    if not inlets:
-        raise FlowError("the lumen's mesh has no inlet; open one, or name its node in inlets")
-    return inlets
-
-
-def _inlet(conditions: FlowConditions, shared: bool) -> PortCondition:
-    if conditions.inlet_flow_ul_s is None:
-        return PortPressure(conditions.inlet_pressure_pa or 0.0)
-    return PortShare(0) if shared else PortFlow(conditions.inlet_flow_ul_s)
+    # The inlets' common supply first, then outlets in the ports' order.
+    for group in sorted(plan.coupled, key=lambda each: (len(each.ports) == 1, each.ports)):
+        if isinstance(group.law, GivenFlow):
+            ports |= dict.fromkeys(group.ports, PortShare(len(supplies)))
+            supplies.append(-group.law.factor * float(group.law.waveform.at(at_rest)[0]))
+        elif isinstance(group.law, ResistanceOutlet):
+            ports[group.ports[0]] = PortPressure(group.law.distal_pa, group.law.resistance)
+    return RankConditions(
+        tuple(ports[k] for k in range(len(mesh.ports))),
+        conditions.viscosity_pa_s,
+        tuple(supplies),
+        **{"density": conditions.density, **options},
+    )
 
 
 # Dunavant 1985 (doi 10.1002/nme.1620210612), degree 5 on the triangle; weights sum up to 1/2.

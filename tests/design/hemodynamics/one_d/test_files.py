@@ -21,7 +21,8 @@ from design.hemodynamics import (
     solve_one_d,
     write_svoned,
 )
-from design.hemodynamics.one_d import openbf, svoned_input
+from design.hemodynamics.other_solvers import openbf
+from design.hemodynamics.other_solvers.svoned import svoned_input
 from design.hemodynamics.waveforms import Constant, Sine
 from tests.design.hemodynamics.networks import network_of
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from design.hemodynamics.three_d.lumen_mesh import EDGES, LumenMesh, MeshPort
+from design.hemodynamics.three_d.meshing.lumen_mesh import EDGES, LumenMesh, MeshPort
 from kernels.arrays import FloatArray, IntArray
 
 Map = Callable[[FloatArray], FloatArray]

@@ -8,8 +8,9 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, Probes, solve_flow
 from design.hemodynamics.three_d import FlowOptions, probe_steady, solve_steady, straighten_edges
-from design.hemodynamics.three_d.effective import effective_network, flow_error
-from design.hemodynamics.three_d.match import (
+from design.hemodynamics.three_d.meshing.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.vessels.effective import effective_network, flow_error
+from design.hemodynamics.three_d.vessels.match import (
     MatchOptions,
     free_radii,
     ideal_target,
@@ -17,7 +18,6 @@ from design.hemodynamics.three_d.match import (
     next_scales,
     outlet_target,
 )
-from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.network import VesselNetwork
 from design.vasculature import planar_four_vessel
 from tests.design.hemodynamics.networks import network_of

@@ -9,9 +9,9 @@ import pytest
 
 from design.errors import FlowError
 from design.hemodynamics.three_d import LumenMesh, least_jacobian, straighten_edges
-from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
-from design.hemodynamics.three_d.surface import check_surface, wall_surface
-from design.hemodynamics.three_d.wall import lumen_wall
+from design.hemodynamics.three_d.meshing.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.meshing.surface import check_surface, wall_surface
+from design.hemodynamics.three_d.meshing.wall import lumen_wall
 from design.network import VesselNetwork
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.shapes import (

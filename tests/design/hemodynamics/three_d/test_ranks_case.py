@@ -15,12 +15,14 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics import (
     FlowConditions,
+    OutletLoad,
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
     WindkesselOutlet,
 )
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.other_solvers.svmultiphysics import MarchSteps, write_svmultiphysics
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.ranks import (
     PortFlow,
     PortPressure,
@@ -31,7 +33,6 @@ from design.hemodynamics.three_d.ranks import (
     write_case,
 )
 from design.hemodynamics.three_d.ranks.case import ENGINE, port_velocity
-from design.hemodynamics.three_d.svmultiphysics import MarchSteps, write_svmultiphysics
 from design.hemodynamics.waveforms import Constant, Sine
 from tests.design.hemodynamics.three_d.lumens import pipe
 
@@ -123,6 +124,8 @@ def test_conditions_of_a_network_hold_at_its_lumens_ports():
     found = rank_conditions(mesh, drawn, model="stokes")
     assert found.ports == (PortPressure(9.0), PortShare(0))
     assert (found.supplies, found.model) == ((-FLOW,), "stokes")
+    resisted = replace(driven, behind={1: OutletLoad(2.0, 5.0)})
+    assert rank_conditions(mesh, resisted).ports == (PortFlow(FLOW), PortPressure(5.0, 2.0))
     both = replace(mesh, ports=(*mesh.ports, replace(mesh.ports[0], node=2)))
     found = rank_conditions(both, driven)
     assert found.ports == (PortShare(0), PortPressure(3.0), PortShare(0))

@@ -16,10 +16,10 @@ from design.hemodynamics.three_d import (
     wall_shear,
     write_flow_vtu,
 )
-from design.hemodynamics.three_d.lagrange import gradients, nodes, quadratic, shapes
-from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
-from design.hemodynamics.three_d.sections import VesselSections
-from design.hemodynamics.three_d.streamlines import trace_streamlines
+from design.hemodynamics.three_d.meshing.lumen_mesh import gradients, nodes, quadratic, shapes
+from design.hemodynamics.three_d.meshing.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.residence import trace_streamlines
+from design.hemodynamics.three_d.vessels.sections import VesselSections
 from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import bend, pipe

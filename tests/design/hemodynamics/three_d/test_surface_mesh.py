@@ -8,7 +8,12 @@ from skimage.measure import marching_cubes
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straighten_edges
-from design.hemodynamics.three_d.mesh import MeshOptions, SurfaceOptions, lumen_mesh, surface_mesh
+from design.hemodynamics.three_d.meshing.mesh import (
+    MeshOptions,
+    SurfaceOptions,
+    lumen_mesh,
+    surface_mesh,
+)
 from kernels.arrays import FloatArray, IntArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight, voxels_of_tube

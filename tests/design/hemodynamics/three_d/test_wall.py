@@ -7,8 +7,8 @@ import pytest
 
 from design.errors import FlowError
 from design.hemodynamics.three_d import LumenMesh, least_jacobian, straighten_edges
-from design.hemodynamics.three_d.lagrange import jacobian, nodes, quadratic, triangle_rule
-from design.hemodynamics.three_d.wall import lumen_wall
+from design.hemodynamics.three_d.meshing.lumen_mesh import jacobian, nodes, quadratic, triangle_rule
+from design.hemodynamics.three_d.meshing.wall import lumen_wall
 from kernels.arrays import FloatArray
 from tests.design.hemodynamics.three_d.lumens import pipe
 from tests.design.hemodynamics.three_d.shapes import bent, cross, straight

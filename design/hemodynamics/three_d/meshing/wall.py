@@ -1,0 +1,418 @@
+"""Signed distance from a network's lumen walls, rounded at junctions; project points on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from design.errors import FlowError
+from design.hemodynamics.three_d.meshing.lumen_mesh import MeshPort
+from design.network import VesselNetwork
+from design.solids.smooth.fillet import COLUMNS, rounded_distance, wall_distance, wall_rows
+from kernels import jit
+from kernels.arrays import BoolArray, FloatArray, IntArray
+
+BEYOND = 3.0
+"""Radii by which the field goes on beyond a free end, so that it is a tube's there."""
+_KINK = np.cos(np.radians(15.0))
+"""Where a polyline turns by more it has a fillet, as at a node; not where its pieces are shorter
+than a radius, as those of a rough centreline are."""
+_ROOM = 2.0
+"""Over the distance of the seam's end: with `FADE` a fillet is whole to 4/3 of it."""
+
+
+class Cells(NamedTuple):
+    """Boxes by the cells that they reach into.
+
+    Attributes
+    ----------
+    low : (3,) float64, mm
+        Corner of the grid.
+    size : float, mm
+        Of a cell.
+    shape : (3,) int64
+    first : (cells + 1,) int64
+        Where each cell's boxes begin in ``item``.
+    item : (k,) int64
+        Numbers of boxes.
+    """
+
+    low: FloatArray
+    size: float
+    shape: IntArray
+    first: IntArray
+    item: IntArray
+
+
+@dataclass(frozen=True)
+class LumenWall:
+    """Signed distance from the lumens' wall, negative inside, and what lies on it.
+
+    Pieces are cones with a ball at either end (`wall_distance`), united and closed by a rolling
+    ball (`rounded_distance`) whose radius is the junction's own: the lumen that `lumen_solid`
+    makes, as a function.
+
+    Attributes
+    ----------
+    rows : (n, 10) float64
+        Of `wall_rows`, free ends drawn out by `BEYOND` radii.
+    joints : (m, 6) float64, mm
+        Place, ball's radius, fillet's radius and how far it reaches, of each node where vessels
+        meet and each kink of a polyline.
+    cells : Cells
+        Pieces near a place.
+    ports : tuple of MeshPort
+    ratio : float
+        Wanted edge length over the lumen's radius.
+    """
+
+    rows: FloatArray
+    joints: FloatArray
+    cells: Cells
+    ports: tuple[MeshPort, ...]
+    ratio: float
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Signed distance at each of ``points`` (n, 3), mm; right in sign and zero."""
+        signed = np.empty(len(points))
+        distances(self.rows, self.joints, self.cells, np.ascontiguousarray(points), signed)
+        return signed
+
+    def size(self, points: FloatArray) -> FloatArray:
+        """Wanted edge length at each point, mm: a share of the nearest vessel's radius."""
+        sizes = np.empty(len(points))
+        radii(self.rows, self.cells, np.ascontiguousarray(points), sizes)
+        return self.ratio * sizes
+
+    def onto(self, points: FloatArray, patch: IntArray) -> FloatArray:
+        """Points moved onto the wall, onto their port, or onto the rim between (see `Shape`)."""
+        moved = np.array(points, dtype=np.float64)
+        port = np.where(patch < 0, -1 - patch, patch) - 1
+        plane = np.zeros((len(points), 3))
+        for k, each in enumerate(self.ports):
+            mine = port == k
+            plane[mine] = each.outward
+            moved[mine] -= np.outer((moved[mine] - each.centre) @ each.outward, each.outward)
+        project(self.rows, self.joints, self.cells, moved, plane, patch <= 0)
+        return moved
+
+
+def lumen_wall(network: VesselNetwork, fillet_ratio: float, ratio: float) -> LumenWall:
+    """Make the field of a network's lumens.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+    fillet_ratio : float
+        Radius of the rolling ball at a junction over that of its thinnest vessel.
+    ratio : float
+        Wanted edge length over the lumen's radius.
+
+    Raises
+    ------
+    FlowError
+        For a vessel without length, or of radius 0.
+    """
+    start, end, r0, r1, vessel = network.pieces()
+    length = np.linalg.norm(end - start, axis=1)
+    for bad, what in ((length <= 0.0, "length"), (np.minimum(r0, r1) <= 0.0, "radius")):
+        if bad.any():
+            raise FlowError(
+                f"vessel {int(vessel[bad][0])} has a piece without {what}; mend the network first"
+            )
+    axis = (end - start) / length[:, None]
+    ports = free_ends(network)
+    slope = (r1 - r0) / length
+    ends = [_beyond(network, port) for port in ports]
+    rows = np.concatenate(
+        [wall_rows(start, axis, length, r0, slope), np.reshape(ends, (-1, COLUMNS))]
+    )
+    joints = _joints(network, fillet_ratio)
+    reach = 3.0 * (joints[:, 4].max() if len(joints) else 0.0)
+    return LumenWall(rows, joints, _cells_of(rows, reach), ports, ratio)
+
+
+def free_ends(network: VesselNetwork) -> tuple[MeshPort, ...]:
+    """A port at every free end, square to its vessel."""
+    inlets = set(network.inlets().tolist())
+    ports = []
+    for node in np.flatnonzero(network.degree() == 1).tolist():
+        vessel, side = (int(x[0]) for x in np.nonzero(network.vessel_nodes == node))
+        points, radius = network.polyline(vessel)
+        if side == 1:
+            points, radius = points[::-1], radius[::-1]
+        outward = points[0] - points[1]
+        outward = outward / np.linalg.norm(outward)
+        ports.append(MeshPort(node, points[0], outward, float(radius[0]), node in inlets))
+    return tuple(ports)
+
+
+def _beyond(network: VesselNetwork, port: MeshPort) -> FloatArray:
+    """The row of a piece that draws a free end out."""
+    length = np.array([BEYOND * port.radius_mm])
+    return wall_rows(
+        port.centre[None], port.outward[None], length, np.array([port.radius_mm]), np.zeros(1)
+    )
+
+
+def _joints(network: VesselNetwork, fillet_ratio: float) -> FloatArray:
+    """Rows of `LumenWall.joints`: nodes where vessels meet, and kinks of polylines."""
+    at, way, radius, place = _branches(network)
+    order = np.argsort(at, kind="stable")
+    rows = []
+    for mine in np.split(order, np.flatnonzero(np.diff(at[order])) + 1):
+        if len(mine) > 1:
+            ball = fillet_ratio * float(radius[mine].min())
+            seam = _seam(way[mine], radius[mine], ball)
+            rows.append([*place[mine[0]], radius[mine].max(), ball, seam])
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+
+
+def _branches(network: VesselNetwork) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """What leaves each node or kink: its number, unit direction, radius, place."""
+    start, end, r0, r1, _ = network.pieces()
+    way = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+    inner, first = np.arange(len(network.points)), network.offset[:-1]
+    last = network.offset[1:] - 1
+    # Polylines' ends go by their nodes' numbers, inner points come after these.
+    number = len(network.nodes) + inner
+    number[first], number[last] = network.vessel_nodes.T
+    begins = np.setdiff1d(inner, last)
+    at = np.concatenate([number[begins], number[begins + 1]])
+    ways = np.concatenate([way, -way])
+    within = np.setdiff1d(begins, first)
+    piece = np.searchsorted(begins, within)
+    along = np.einsum("ij,ij->i", way[piece], way[piece - 1])
+    long = np.linalg.norm(end - start, axis=1) > np.minimum(r0, r1)
+    kink = (along < _KINK) & long[piece] & long[piece - 1]
+    smooth = np.isin(at, number[within[~kink]])
+    radius, place = np.concatenate([r0, r1]), np.concatenate([start, end])
+    return at[~smooth], ways[~smooth], radius[~smooth], place[~smooth]
+
+
+def _seam(way: FloatArray, radius: FloatArray, ball: float) -> float:
+    """How far from a node the ball still touches two vessels, mm, with room for it to fade.
+
+    Its centre is as far from both axes as it is from their walls, in the plane of the two:
+    (r + ρ) / sin(θ/2) from the node at an angle θ between them.
+    """
+    i, j = np.triu_indices(len(way), 1)
+    half = np.sqrt(np.clip(0.5 * (1.0 - np.einsum("ij,ij->i", way[i], way[j])), 1e-4, None))
+    wide = np.maximum(radius[i], radius[j]) + ball
+    return float(_ROOM * (wide / half).max())
+
+
+def _cells_of(rows: FloatArray, reach: float) -> Cells:
+    """Pieces sorted by the places within ``reach`` or half a radius of them."""
+    start, step = rows[:, :3], rows[:, 3:6] * rows[:, 6:7]
+    wide = np.maximum(rows[:, 7], rows[:, 7] + rows[:, 8] * rows[:, 6])
+    margin = (wide + np.maximum(reach, 0.5 * wide))[:, None]
+    low, high = np.minimum(start, start + step) - margin, np.maximum(start, start + step) + margin
+    return sort_boxes(low, high, float(2.0 * np.median(margin)))
+
+
+# Compute signed distances from lumen walls, and project points onto them (compiled).
+
+MOST = 64
+"""Pieces, the nearest, that a fillet is made of: those of a finely drawn curve crowd there."""
+SHARPNESS = 8
+"""Power by which a junction's fillet loses its say with distance."""
+FADE = 3.0
+"""A fillet is whole up to 1 - 1/FADE of a junction's reach."""
+FLAT = 0.25
+"""Square of the least slope that is believed."""
+STEPS = 12
+SETTLED = 1e-9
+PROBE = 1e-4
+
+
+@jit
+def _near(cells: Cells, x: float, y: float, z: float) -> tuple[int, int]:
+    """Where the pieces near a place begin and end in the cells' items."""
+    i = int(np.floor((x - cells.low[0]) / cells.size))
+    j = int(np.floor((y - cells.low[1]) / cells.size))
+    k = int(np.floor((z - cells.low[2]) / cells.size))
+    if min(i, j, k) < 0 or i >= cells.shape[0] or j >= cells.shape[1] or k >= cells.shape[2]:
+        return 0, 0
+    cell = (i * cells.shape[1] + j) * cells.shape[2] + k
+    return int(cells.first[cell]), int(cells.first[cell + 1])
+
+
+@jit
+def _fillet(joints: FloatArray, x: float, y: float, z: float) -> float:
+    """Radius of the rolling ball: the nearest junction's, blended between two.
+
+    It goes to 0 beyond the junctions' seams: a ball can't pass between vessels that run side by
+    side without being joined, and would join them.
+    """
+    total = weight = reached = 0.0
+    for m in range(len(joints)):
+        dx, dy, dz = x - joints[m, 0], y - joints[m, 1], z - joints[m, 2]
+        away = dx * dx + dy * dy + dz * dz
+        near = away / joints[m, 3] ** 2 + 1e-12
+        reached = max(reached, min(1.0, FADE * (1.0 - sqrt(away) / joints[m, 5])))
+        share = near ** (-SHARPNESS / 2)
+        total += share * joints[m, 4]
+        weight += share
+    return reached * total / weight if weight > 0.0 and reached > 0.0 else 0.0
+
+
+@jit
+def _sharp(
+    rows: FloatArray,
+    cells: Cells,
+    at: FloatArray,
+    g: FloatArray,
+    near: FloatArray,
+    apart: FloatArray,
+) -> tuple[float, float, int]:
+    """Distance from the nearest piece, from the next one, and how many pieces ``near`` holds.
+
+    The nearest one's gradient goes into ``g`` (3,), the rows of the nearest pieces into ``near``
+    and their distances into ``apart``.
+    """
+    least, second, used = inf, inf, 0
+    begin, end = _near(cells, at[0], at[1], at[2])
+    for n in range(begin, end):
+        row = rows[cells.item[n]]
+        a, gx, gy, gz = wall_distance(row, at[0], at[1], at[2])
+        if a < least:
+            least, second = a, least
+            g[0], g[1], g[2] = gx, gy, gz
+        else:
+            second = min(second, a)
+        place = used
+        if used == len(apart):
+            place = int(np.argmax(apart))
+            if apart[place] <= a:
+                continue
+        else:
+            used += 1
+        near[place], apart[place] = row, a
+    return least, second, used
+
+
+@jit
+def _rounded(near: FloatArray, rho: float, at: FloatArray, g: FloatArray) -> float:
+    """Distance from the rounded pieces, and its gradient by differences."""
+    x, y, z = at[0], at[1], at[2]
+    step = PROBE * rho
+    g[0] = rounded_distance(near, rho, x + step, y, z) - rounded_distance(near, rho, x - step, y, z)
+    g[1] = rounded_distance(near, rho, x, y + step, z) - rounded_distance(near, rho, x, y - step, z)
+    g[2] = rounded_distance(near, rho, x, y, z + step) - rounded_distance(near, rho, x, y, z - step)
+    g /= 2.0 * step
+    return rounded_distance(near, rho, x, y, z)
+
+
+@jit
+def field(
+    rows: FloatArray, joints: FloatArray, cells: Cells, at: FloatArray, g: FloatArray
+) -> float:
+    """Signed distance at a place, mm; its gradient into ``g`` (3,). inf where no piece is near."""
+    near, apart = np.empty((MOST, COLUMNS)), np.empty(MOST)
+    least, second, used = _sharp(rows, cells, at, g, near, apart)
+    if used < 2:
+        return least
+    rho = _fillet(joints, at[0], at[1], at[2])
+    if rho <= 0.0 or second > 2.0 * rho or least >= rho:
+        return least
+    return _rounded(near[:used], rho, at, g)
+
+
+@jit
+def distances(
+    rows: FloatArray, joints: FloatArray, cells: Cells, points: FloatArray, signed: FloatArray
+) -> None:
+    """`field` at each of ``points`` (n, 3), into ``signed`` (n,)."""
+    g = np.empty(3)
+    for n in range(len(points)):
+        signed[n] = field(rows, joints, cells, points[n], g)
+
+
+@jit
+def radii(rows: FloatArray, cells: Cells, points: FloatArray, sizes: FloatArray) -> None:
+    """Radius of the vessel whose wall is nearest, or that holds the place deepest."""
+    for n in range(len(points)):
+        least, sizes[n] = inf, 0.0
+        begin, end = _near(cells, points[n, 0], points[n, 1], points[n, 2])
+        for m in range(begin, end):
+            row = rows[cells.item[m]]
+            a, _, _, _ = wall_distance(row, points[n, 0], points[n, 1], points[n, 2])
+            s = 0.0
+            for k in range(3):
+                s += (points[n, k] - row[k]) * row[3 + k]
+            radius = row[7] + row[8] * min(max(s, 0.0), row[6])
+            if abs(a) / radius < least:
+                least, sizes[n] = abs(a) / radius, radius
+
+
+@jit
+def project(
+    rows: FloatArray,
+    joints: FloatArray,
+    cells: Cells,
+    points: FloatArray,
+    plane: FloatArray,
+    move: BoolArray,
+) -> None:
+    """Newton's steps along the gradient, within a plane where its normal isn't 0."""
+    g = np.empty(3)
+    for n in range(len(points)):
+        if not move[n]:
+            continue
+        for _ in range(STEPS):
+            value = field(rows, joints, cells, points[n], g)
+            if value == inf:
+                break
+            across = g[0] * plane[n, 0] + g[1] * plane[n, 1] + g[2] * plane[n, 2]
+            g -= across * plane[n]
+            square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
+            if square < 1e-6:
+                break
+            # Between walls the field is flat, and Newton's step would go far.
+            points[n] -= value / max(square, FLAT) * g
+            if abs(value) < SETTLED * sqrt(square):
+                break
+
+
+# Sort bounding boxes into cells of a grid, for quick look-up of boxes near a point.
+
+_MOST_CELLS = 4_000_000
+
+
+def sort_boxes(low: FloatArray, high: FloatArray, size: float) -> Cells:
+    """Sort boxes from ``low`` to ``high``, (n, 3) each, into cells of about ``size`` mm."""
+    corner, span = low.min(axis=0), np.ptp(np.concatenate([low, high]), axis=0)
+    size = max(size, float(np.cbrt(np.prod(span) / _MOST_CELLS)))
+    shape = np.floor(span / size).astype(np.int64) + 1
+    first = np.zeros(int(np.prod(shape)) + 1, np.int64)
+    begin = np.floor((low - corner) / size).astype(np.int64)
+    end = np.minimum(np.floor((high - corner) / size).astype(np.int64), shape - 1)
+    _count(begin, end, shape, first)
+    first = np.cumsum(first)
+    item = np.empty(int(first[-1]), np.int64)
+    _fill(begin, end, shape, first[:-1].copy(), item)
+    return Cells(corner, size, shape, first, item)
+
+
+@jit
+def _count(begin: IntArray, end: IntArray, shape: IntArray, first: IntArray) -> None:
+    for n in range(len(begin)):
+        for i in range(begin[n, 0], end[n, 0] + 1):
+            for j in range(begin[n, 1], end[n, 1] + 1):
+                for k in range(begin[n, 2], end[n, 2] + 1):
+                    first[(i * shape[1] + j) * shape[2] + k + 1] += 1
+
+
+@jit
+def _fill(begin: IntArray, end: IntArray, shape: IntArray, at: IntArray, item: IntArray) -> None:
+    for n in range(len(begin)):
+        for i in range(begin[n, 0], end[n, 0] + 1):
+            for j in range(begin[n, 1], end[n, 1] + 1):
+                for k in range(begin[n, 2], end[n, 2] + 1):
+                    cell = (i * shape[1] + j) * shape[2] + k
+                    item[at[cell]] = n
+                    at[cell] += 1
