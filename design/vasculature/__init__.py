@@ -7,7 +7,6 @@ Goes in: a tissue and options. Comes out: a `VesselTree` or a `VesselNetwork`. B
 from design.vasculature.collide import Collisions, check_given_once, check_network, collisions
 from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
 from design.vasculature.growth.grow import grow_tree
-from design.vasculature.growth.large_growth import ClusterPool
 from design.vasculature.growth.parts import (
     GrownParts,
     Inlet,
@@ -16,6 +15,7 @@ from design.vasculature.growth.parts import (
     terminals_of,
 )
 from design.vasculature.growth.printable import PrintableTree, grow_printable
+from design.vasculature.growth.regions import ClusterPool
 from design.vasculature.growth.supply import (
     PartSupply,
     SupplyBalance,

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.tissue import Tissue
+from design.vasculature.growth.cost import TRUNK, Segments, follow_radii, refresh_all, spread_down
+from design.vasculature.growth.kernel import Scale
 from design.vasculature.growth.points import LEAST_FLOW
-from design.vasculature.growth.state import TRUNK, Segments, follow_radii, refresh_all, spread_down
-from design.vasculature.growth.step import Scale
 from design.vasculature.growth.supply import demand_points, points_for, territory_demand
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions

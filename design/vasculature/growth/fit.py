@@ -9,6 +9,7 @@ import numpy as np
 
 from design.geometry import point_segment, segment_segment
 from design.tissue.grid import depth_along
+from design.vasculature.growth.cost import Sprout, from_gamma, to_gamma, to_lambda
 from design.vasculature.growth.index import (
     REACH,
     CellIndex,
@@ -18,7 +19,6 @@ from design.vasculature.growth.index import (
     kept_apart,
     neighbours_of,
 )
-from design.vasculature.growth.state import Sprout, from_gamma, to_gamma, to_lambda
 from design.vasculature.options import Law, Limits
 from kernels import jit, scalar_jit
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 from design.errors import DesignError, GrowthError, NoRoomError, RootError, TissueError
 from design.network import VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.growth.large_growth import LargeGrowth, suits_regions
+from design.vasculature.growth.regions import LargeGrowth, suits_regions
 from design.vasculature.growth.root import deep_roots, search_root
-from design.vasculature.growth.surroundings import Surroundings
-from design.vasculature.growth.tree_growth import ROUNDS, TreeGrowth
+from design.vasculature.growth.territories import Surroundings
+from design.vasculature.growth.tree import ROUNDS, TreeGrowth
 from design.vasculature.growth.trunk import Trunk, trunk_of
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
@@ -66,7 +66,7 @@ def grow_tree(
         Growth goes on from it (`growth.trunk`): its segments stay, its radii follow
         from what they then feed. Its ends count as terminals, unless the terminals are given.
     pool : concurrent.futures.Executor, optional
-        Who grows the regions of a large tree (`growth.large_growth`): processes, or a Dask cluster
+        Who grows the regions of a large tree (`growth.regions`): processes, or a Dask cluster
         (`ClusterPool`). By default threads, as many as numba may use. The tree is the same by any.
 
     Returns

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
+from design.vasculature.growth.cost import SEGMENT, Segments
 from design.vasculature.growth.final_tree import final_arrays
 from design.vasculature.growth.index import MARGIN, CellIndex, Clearances, empty_index
+from design.vasculature.growth.kernel import CANDIDATES, PROGRESS, Scale, list_all, list_from
 from design.vasculature.growth.points import GivenPoints, Sampler, Samples, depth_first
-from design.vasculature.growth.state import SEGMENT, Segments
-from design.vasculature.growth.step import CANDIDATES, PROGRESS, Scale, list_all, list_from
-from design.vasculature.growth.surroundings import Surroundings, clear_of
+from design.vasculature.growth.territories import Surroundings, clear_of
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.penalty import PenaltyArrays, sample_penalty

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from design.geometry import point_segment
 from design.tissue.columns import GridArrays
-from design.vasculature.growth.state import TRUNK
+from design.vasculature.growth.cost import TRUNK
 from design.vasculature.options import Limits
 from kernels import scalar_jit
 

@@ -14,7 +14,7 @@ from design.tissue import Tissue
 from design.tissue.columns import GridArrays
 from design.tissue.demand import UniformDemand
 from design.tissue.grid import read
-from design.vasculature.growth.state import Segments
+from design.vasculature.growth.cost import Segments
 from design.vasculature.options import GrowthOptions
 from kernels import jit
 from kernels.arrays import FloatArray

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from design.vasculature.growth.cost import ENOUGH, Sprout, climb
 from design.vasculature.growth.fit import best_place, distance, fits, split_value
 from design.vasculature.growth.index import CellIndex, Clearances, TrialBifurcation
-from design.vasculature.growth.state import ENOUGH, Sprout, climb
 from design.vasculature.options import Law
 from design.vasculature.penalty import PenaltyArrays, weigh_rise
 from kernels import jit, scalar_jit

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
+from design.vasculature.growth.cost import SEGMENT, Segments, refresh
 from design.vasculature.growth.growth_state import ALL_AROUND, CELL, clearances_of, index_segments
 from design.vasculature.growth.index import REACH, empty_index
+from design.vasculature.growth.kernel import GROWTH_POWER, PROGRESS, REBUILD, Scale, derive_radii
 from design.vasculature.growth.points import Sampler
 from design.vasculature.growth.region_split import SHARED, RegionSampler, Split
-from design.vasculature.growth.state import SEGMENT, Segments, refresh
-from design.vasculature.growth.step import GROWTH_POWER, PROGRESS, REBUILD, Scale, derive_radii
-from design.vasculature.growth.surroundings import Surroundings
-from design.vasculature.growth.tree_growth import TRIES, TreeGrowth
+from design.vasculature.growth.territories import Surroundings
+from design.vasculature.growth.tree import TRIES, TreeGrowth
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.penalty import sample_penalty
 from kernels import jit

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from design.tissue import Tissue
+from design.vasculature.growth.cost import Segments
 from design.vasculature.growth.points import Sampler, Samples, inside, share_terminals
-from design.vasculature.growth.state import Segments
 from design.vasculature.growth.supply import demand_points
 from kernels.arrays import FloatArray, IntArray
 

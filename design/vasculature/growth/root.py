@@ -9,8 +9,8 @@ import numpy as np
 
 from design.errors import DesignError, GrowthError, RootError, TissueError
 from design.tissue import Tissue
+from design.vasculature.growth.cost import Segments, place, refresh
 from design.vasculature.growth.index import Clearances
-from design.vasculature.growth.state import Segments, place, refresh
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii

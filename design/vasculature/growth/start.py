@@ -9,10 +9,10 @@ import numpy as np
 from design.errors import RootError
 from design.geometry import point_segment
 from design.tissue import Tissue
+from design.vasculature.growth.cost import place, refresh
 from design.vasculature.growth.fit import angles_fit, distance, in_tissue, shares_fit
 from design.vasculature.growth.index import Clearances, kept_apart
 from design.vasculature.growth.points import Samples
-from design.vasculature.growth.state import place, refresh
 from design.vasculature.options import Law
 from kernels import jit
 from kernels.arrays import FloatArray

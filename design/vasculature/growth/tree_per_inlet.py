@@ -17,7 +17,7 @@ from design.vasculature.growth.grow import grow_tree
 from design.vasculature.growth.points import share_terminals
 from design.vasculature.growth.root import deep_roots
 from design.vasculature.growth.supply import Probes, probes_for, unreached
-from design.vasculature.growth.surroundings import Surroundings
+from design.vasculature.growth.territories import Surroundings
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from kernels.arrays import FloatArray

@@ -15,12 +15,12 @@ from design.vasculature import (
     tree_from_topology,
     tree_radii,
 )
+from design.vasculature.growth.checks import prune
+from design.vasculature.growth.cost import SEGMENT, Sprout, climb, place, refresh, spread_down
 from design.vasculature.growth.fit import best_place, split_value
 from design.vasculature.growth.propose import trial
-from design.vasculature.growth.prune import prune
-from design.vasculature.growth.state import SEGMENT, Sprout, climb, place, refresh, spread_down
-from design.vasculature.growth.surroundings import Surroundings
-from design.vasculature.growth.tree_growth import TreeGrowth
+from design.vasculature.growth.territories import Surroundings
+from design.vasculature.growth.tree import TreeGrowth
 from design.vasculature.options import Law
 from tests.design.networks import network, polyline
 from tests.design.vasculature import oracles

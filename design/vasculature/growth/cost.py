@@ -48,7 +48,7 @@ finished tree as predicted, mm; allowed : largest radius that tissue and neighbo
 full : 1 where this segment or one above it can't grow wider; given : `TRUNK` or `PLANNED` for a
 segment that stays where it is, else 0; by_* : derivatives of the cost; thick : viscosity over μ,
 read only where the law has a haematocrit; audited : radius with which a large tree's audit measured
-its room, mm, 0 where it hasn't been (`growth.large_growth`).
+its room, mm, 0 where it hasn't been (`growth.regions`).
 """
 Segments = NDArray[np.void]
 TRUNK, PLANNED = 1, 2

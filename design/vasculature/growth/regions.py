@@ -12,6 +12,8 @@ import numpy as np
 
 from design.tissue import Tissue
 from design.tissue.grid import least_depth_along
+from design.vasculature.growth.checks import drop_marked, measure_changed, too_wide
+from design.vasculature.growth.cost import refresh_all
 from design.vasculature.growth.fit import (
     growth_factor,
     limit_children,
@@ -19,13 +21,11 @@ from design.vasculature.growth.fit import (
     seven_integers,
 )
 from design.vasculature.growth.index import REACH, CellIndex, Clearances, neighbours_of
+from design.vasculature.growth.kernel import derive_radii
 from design.vasculature.growth.points import depth_first
-from design.vasculature.growth.prune import drop_marked, measure_changed, too_wide
 from design.vasculature.growth.region_growth import Store, grow_region, region_job
 from design.vasculature.growth.region_split import Split, split_tree
-from design.vasculature.growth.state import refresh_all
-from design.vasculature.growth.step import derive_radii
-from design.vasculature.growth.tree_growth import TreeGrowth
+from design.vasculature.growth.tree import TreeGrowth
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from kernels import scalar_jit
@@ -274,7 +274,7 @@ def mark_changed(segments: Any, count: int) -> None:
 def measure_in_parallel(
     segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, threads: int
 ) -> int:
-    """Derive allowed radii as `growth.prune.measure_allowed_radii` with joints does.
+    """Derive allowed radii as `growth.checks.measure_allowed_radii` with joints does.
 
     Every segment is measured by itself, so that the result doesn't depend on the threads.
 
@@ -323,7 +323,7 @@ def measure_alone(
 
 @scalar_jit
 def limit_joints(segments: Any, count: int, room: Clearances) -> None:
-    """Lower the allowed radii of children that don't part, as `growth.prune` does."""
+    """Lower the allowed radii of children that don't part, as `growth.checks` does."""
     for i in range(count):
         _, _, left, right = neighbours_of(segments, i)
         if right >= 0:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
+from design.vasculature.growth.cost import SEGMENT
 from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import CellIndex, Clearances
-from design.vasculature.growth.state import SEGMENT
 from kernels import jit
 from kernels.arrays import FloatArray
 

@@ -7,6 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from design.tissue.grid import least_depth_along, read
+from design.vasculature.growth.cost import (
+    Sprout,
+    follow_radii,
+    place,
+    refresh,
+    refresh_upwards,
+    spread_down,
+)
 from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import (
     REACH,
@@ -19,14 +27,6 @@ from design.vasculature.growth.index import (
 )
 from design.vasculature.growth.points import Samples
 from design.vasculature.growth.propose import propose, trials_for
-from design.vasculature.growth.state import (
-    Sprout,
-    follow_radii,
-    place,
-    refresh,
-    refresh_upwards,
-    spread_down,
-)
 from design.vasculature.options import Law
 from design.vasculature.penalty import PenaltyArrays
 from kernels import jit, scalar_jit

@@ -8,6 +8,7 @@ import numpy as np
 
 from design.geometry import point_segment
 from design.tissue.grid import depth_along, least_depth_along
+from design.vasculature.growth.cost import from_gamma, place, refresh, refresh_upwards, to_gamma
 from design.vasculature.growth.fit import (
     GOES,
     distance,
@@ -28,7 +29,6 @@ from design.vasculature.growth.index import (
     neighbours_of,
     widest_of,
 )
-from design.vasculature.growth.state import from_gamma, place, refresh, refresh_upwards, to_gamma
 from design.vasculature.options import Law
 from kernels import jit
 

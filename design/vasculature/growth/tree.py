@@ -6,6 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import GrowthError, NoRoomError, RootError
+from design.vasculature.growth.checks import (
+    measure_allowed_radii,
+    measure_changed,
+    prune,
+    retip_thin,
+)
+from design.vasculature.growth.cost import place, refresh
 from design.vasculature.growth.final_tree import final_radii, share_by_demand
 from design.vasculature.growth.growth_state import (
     ALL_AROUND,
@@ -14,17 +21,7 @@ from design.vasculature.growth.growth_state import (
     just_below,
 )
 from design.vasculature.growth.index import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT, Clearances
-from design.vasculature.growth.points import GivenPoints, Samples, obstructing_segments
-from design.vasculature.growth.prune import (
-    measure_allowed_radii,
-    measure_changed,
-    prune,
-    retip_thin,
-)
-from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
-from design.vasculature.growth.start import first_pair, sole_end
-from design.vasculature.growth.state import place, refresh
-from design.vasculature.growth.step import (
+from design.vasculature.growth.kernel import (
     DONE,
     FULL_INDEX,
     MORE_POINTS,
@@ -33,6 +30,9 @@ from design.vasculature.growth.step import (
     derive_radii,
     grow,
 )
+from design.vasculature.growth.points import GivenPoints, Samples, obstructing_segments
+from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
+from design.vasculature.growth.start import first_pair, sole_end
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
