@@ -1,41 +1,344 @@
-"""Remove terminals from a tree until no segment is wider than its surroundings allow."""
+"""Check bifurcations, audit a grown tree for collisions and limits, and repair it."""
 
 from __future__ import annotations
 
-from typing import Any
+from math import sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from design.geometry import point_segment
 from design.tissue.grid import depth_along, least_depth_along
-from design.vasculature.growth.cost import from_gamma, place, refresh, refresh_upwards, to_gamma
-from design.vasculature.growth.fit import (
-    GOES,
+from design.vasculature.growth.cost import (
     distance,
-    end_fits,
-    growth_factor,
-    in_tissue,
-    limit_children,
-    limit_smaller_child,
-    seven_integers,
-    start_fits,
+    drop_marked,
+    from_gamma,
+    place,
+    refresh,
+    refresh_upwards,
+    to_gamma,
 )
 from design.vasculature.growth.index import (
     REACH,
     CellIndex,
     Clearances,
+    growth_factor,
+    in_tissue,
     insert,
     kept_apart,
     neighbours_of,
+    seven_integers,
     widest_of,
 )
-from design.vasculature.options import Law
-from kernels import jit
+from design.vasculature.options import Law, Limits
+from kernels import jit, scalar_jit
 
+_ROUNDING = 1e-12
+GOES = -1.0
+"""Allowed radius of a branch that must go as a whole."""
 SPARE = 0.98
 """Part of the allowed radius that a segment is thinned out to: regrowth widens others' paths."""
 FEW = 4
 """A branch isn't thinned out below so many terminals, but taken."""
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+PARTS = (1.0, 0.7, 0.4)
+"""Lengths of the ways tried for a new tip, over that of the branch."""
+WAYS = 48
+"""Directions tried, spread over the sphere."""
+
+
+class TrialBifurcation(NamedTuple):
+    """A trial bifurcation on a segment: its place, the new end, three radii (mm).
+
+    ``flow`` and ``thick`` are what the new branch brings; see `cost.Sprout`.
+    """
+
+    segment: np.int64
+    bx: float
+    by: float
+    bz: float
+    tx: float
+    ty: float
+    tz: float
+    up: float
+    low: float
+    new: float
+    flow: float
+    thick: float
+
+
+@scalar_jit
+def fits(index: CellIndex, segments: Any, room: Clearances, fork: TrialBifurcation) -> bool:
+    """Whether a fork fits everywhere; the cheap tests first."""
+    if not joint_fits(segments, room, fork):
+        return False
+    s = segments[fork.segment]
+    bx, by, bz = fork.bx, fork.by, fork.bz
+    tx, ty, tz = fork.tx, fork.ty, fork.tz
+    if not in_tissue(room, bx, by, bz, tx, ty, tz, fork.new):
+        return False
+    i = fork.segment
+    # A trunk's segment stays where it is; whoever meets it wider must go, as the audit will find.
+    if s.given == 0 and not in_tissue(room, s.px, s.py, s.pz, bx, by, bz, fork.up):
+        return False
+    if s.given == 0 and not in_tissue(room, bx, by, bz, s.dx, s.dy, s.dz, fork.low):
+        return False
+    parent, sibling, left, right = neighbours_of(segments, i)
+    skip = seven_integers(i, -1, -1, -1, -1, -1, -1)
+    if (
+        growth_factor(index, segments, room, bx, by, bz, tx, ty, tz, fork.new, skip, False)
+        < room.reserve
+    ):
+        return False
+    if s.given != 0:
+        return True
+    skip = seven_integers(i, parent, sibling, -1, -1, -1, -1)
+    if (
+        growth_factor(index, segments, room, s.px, s.py, s.pz, bx, by, bz, fork.up, skip, False)
+        < room.reserve
+    ):
+        return False
+    skip = seven_integers(i, left, right, -1, -1, -1, -1)
+    return bool(
+        growth_factor(index, segments, room, bx, by, bz, s.dx, s.dy, s.dz, fork.low, skip, False)
+        >= room.reserve
+    )
+
+
+@jit
+def _cosine(at: Any, a: Any, b: Any) -> float:
+    """Cosine of the angle at one point between the ways to two others; 1 where there is none."""
+    ux, uy, uz = a[0] - at[0], a[1] - at[1], a[2] - at[2]
+    vx, vy, vz = b[0] - at[0], b[1] - at[1], b[2] - at[2]
+    size = sqrt((ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz))
+    if not size > 0.0:
+        return 1.0
+    return (ux * vx + uy * vy + uz * vz) / size
+
+
+@jit
+def angles_fit(limits: Limits, begin: Any, at: Any, one: Any, two: Any) -> bool:
+    """Whether a joint at ``at`` keeps the limits on angles.
+
+    Parameters
+    ----------
+    begin : (float, float, float), mm
+        Where the parent comes from.
+    one, two : (float, float, float), mm
+        Ends of the children.
+    """
+    c = _cosine(at, one, two)
+    if c > limits.narrow + _ROUNDING or c < limits.wide - _ROUNDING:
+        return False
+    for end in (one, two):
+        c = -_cosine(at, begin, end)
+        if c > limits.slight + _ROUNDING or c < limits.sharp - _ROUNDING:
+            return False
+    return True
+
+
+@jit
+def shares_fit(limits: Limits, one: float, two: float) -> bool:
+    """Whether two children's flows are near enough to each other."""
+    return bool(min(one, two) >= (limits.share - _ROUNDING) * max(one, two))
+
+
+@scalar_jit
+def flows_fit(segments: Any, limits: Limits, i: Any, flow: float) -> bool:
+    """Whether a fork on segment ``i`` for a branch of ``flow`` parts the flow as it must.
+
+    On the way to the root no joint may be pushed out of the limits, or further out.
+    """
+    if limits.share <= 0.0:
+        return True
+    if not shares_fit(limits, segments[i].flow, flow):
+        return False
+    here = i
+    while segments[here].parent >= 0:
+        _, sibling, _, _ = neighbours_of(segments, here)
+        if sibling >= 0:
+            mine, other = segments[here].flow + flow, segments[sibling].flow
+            fixed = segments[here].given != 0 and segments[sibling].given != 0
+            if not fixed and mine > other and not shares_fit(limits, mine, other):
+                return False
+        here = segments[here].parent
+    return True
+
+
+@scalar_jit
+def fork_within_limits(segments: Any, limits: Limits, fork: Any) -> bool:
+    """Whether a fork's joint, and those at either end of the parted segment, keep the limits."""
+    i = int(fork.segment)
+    s = segments[i]
+    p, d = (s.px, s.py, s.pz), (s.dx, s.dy, s.dz)
+    b, t = (fork.bx, fork.by, fork.bz), (fork.tx, fork.ty, fork.tz)
+    if not angles_fit(limits, p, b, d, t):
+        return False
+    # The parts of a trunk's segment go on as it did.
+    if s.given == 0 and not (
+        start_fits(segments, limits, i, b) and end_fits(segments, limits, i, b)
+    ):
+        return False
+    return flows_fit(segments, limits, i, fork.flow)
+
+
+@scalar_jit
+def start_fits(segments: Any, limits: Limits, i: Any, end: Any) -> bool:
+    """Whether the joint at the near end of segment ``i`` keeps the limits if it ends at ``end``."""
+    parent, sibling, _, _ = neighbours_of(segments, i)
+    if parent < 0 or sibling < 0:
+        return True
+    up, s, o = segments[parent], segments[i], segments[sibling]
+    return angles_fit(limits, (up.px, up.py, up.pz), (s.px, s.py, s.pz), end, (o.dx, o.dy, o.dz))
+
+
+@scalar_jit
+def end_fits(segments: Any, limits: Limits, i: Any, begin: Any) -> bool:
+    """Whether the joint at its far end keeps the limits if segment ``i`` begins at ``begin``."""
+    s = segments[i]
+    if s.left < 0 or s.right < 0:
+        return True
+    a, b = segments[s.left], segments[s.right]
+    return angles_fit(limits, begin, (s.dx, s.dy, s.dz), (a.dx, a.dy, a.dz), (b.dx, b.dy, b.dz))
+
+
+@scalar_jit
+def joint_within_limits(segments: Any, limits: Limits, i: Any) -> bool:
+    """Whether the joint at the far end of segment ``i`` keeps all limits."""
+    s = segments[i]
+    if s.left < 0 or s.right < 0:
+        return True
+    if not end_fits(segments, limits, i, (s.px, s.py, s.pz)):
+        return False
+    return shares_fit(limits, segments[s.left].flow, segments[s.right].flow)
+
+
+@scalar_jit
+def ends_clear(
+    room: Clearances, tip: Any, radius: float, begin: Any, end: Any, other: float
+) -> bool:
+    """Whether a vessel's end keeps clear of a vessel that it shares its other node with.
+
+    With the room's reserve on both radii, for they go on growing: joints that just parted when
+    they were made cost a forest of 10,000 terminals a ninth of one tree at its audit.
+
+    Parameters
+    ----------
+    tip : (float, float, float), mm
+        The end away from the joint of a vessel of ``radius``.
+    begin, end : (float, float, float), mm
+        The other vessel, of radius ``other``.
+    """
+    away, _ = point_segment(
+        tip[0], tip[1], tip[2], begin[0], begin[1], begin[2], end[0], end[1], end[2]
+    )
+    return bool(away >= room.reserve * (radius + other) + kept_apart(room, radius, other))
+
+
+@scalar_jit
+def joint_fits(segments: Any, room: Clearances, fork: TrialBifurcation) -> bool:
+    """Whether a fork's three pieces are long enough, and part from each other and at their ends."""
+    s = segments[fork.segment]
+    p, d = (s.px, s.py, s.pz), (s.dx, s.dy, s.dz)
+    b, t = (fork.bx, fork.by, fork.bz), (fork.tx, fork.ty, fork.tz)
+    k = room.length_to_radius
+    if distance(p[0], p[1], p[2], b[0], b[1], b[2]) < k * fork.up:
+        return False
+    if distance(b[0], b[1], b[2], d[0], d[1], d[2]) < k * fork.low:
+        return False
+    if distance(b[0], b[1], b[2], t[0], t[1], t[2]) < k * fork.new:
+        return False
+    if not ends_clear(room, t, fork.new, b, d, fork.low):
+        return False
+    if not ends_clear(room, d, fork.low, b, t, fork.new):
+        return False
+    if not ends_clear(room, t, fork.new, p, b, fork.up):
+        return False
+    if not ends_clear(room, d, fork.low, p, b, fork.up):
+        return False
+    if s.given == 0 and not _still_parted(segments, room, fork, p, b, d):
+        return False
+    return not room.limits.on or fork_within_limits(segments, room.limits, fork)
+
+
+@scalar_jit
+def _still_parted(
+    segments: Any, room: Clearances, fork: TrialBifurcation, p: Any, b: Any, d: Any
+) -> bool:
+    """Whether the joints at either end of the parted segment bear the pieces it leaves there."""
+    parent, sibling, left, right = neighbours_of(segments, fork.segment)
+    if parent >= 0:
+        o = segments[parent]
+        begin, end = (o.px, o.py, o.pz), (o.dx, o.dy, o.dz)
+        if not ends_clear(room, b, fork.up, begin, end, o.radius):
+            return False
+    if sibling >= 0:
+        o = segments[sibling]
+        begin, end = (o.px, o.py, o.pz), (o.dx, o.dy, o.dz)
+        if not ends_clear(room, b, fork.up, begin, end, o.radius):
+            return False
+        if not ends_clear(room, end, o.radius, p, b, fork.up):
+            return False
+    for child in (left, right):
+        if child >= 0:
+            o = segments[child]
+            if not ends_clear(room, (o.dx, o.dy, o.dz), o.radius, b, d, fork.low):
+                return False
+    return True
+
+
+@scalar_jit
+def limit_smaller_child(segments: Any, room: Clearances, i: int) -> None:
+    """Allow the smaller child of a joint that breaks the room's limits nothing: it must go."""
+    if not room.limits.on or joint_within_limits(segments, room.limits, i):
+        return
+    one, two = segments[segments[i].left], segments[segments[i].right]
+    if one.given != 0 and two.given != 0:
+        return
+    small = one
+    if one.given != 0 or (two.flow < one.flow and two.given == 0):
+        small = two
+    small.allowed = GOES
+
+
+@scalar_jit
+def limit_children(segments: Any, room: Clearances, left: Any, right: Any, parent: Any) -> None:
+    """Lower the ``allowed`` radii of a segment's children to where they still part.
+
+    Each must end clear of its sibling and its parent, and be long enough for its radius. Where
+    siblings don't part the thinner is held to blame: to take it costs fewest terminals. A given
+    trunk's segment never is.
+    """
+    one, two = segments[left], segments[right]
+    thin, wide = one, two
+    if one.given != 0 or (two.radius < one.radius and two.given == 0):
+        thin, wide = two, one
+    for tip, other in ((one, two), (two, one)):
+        thin.allowed = min(
+            thin.allowed, largest_radius_beside(room, away_from(tip, other), wide.radius)
+        )
+    for child in (left, right):
+        c = segments[child]
+        c.allowed = min(c.allowed, largest_radius_beside(room, away_from(c, parent), parent.radius))
+        if room.length_to_radius > 0.0:
+            c.allowed = min(c.allowed, c.length / room.length_to_radius)
+
+
+@scalar_jit
+def away_from(tip: Any, other: Any) -> float:
+    """Distance of a vessel's far end from another's axis, mm."""
+    o = other
+    away, _ = point_segment(tip.dx, tip.dy, tip.dz, o.px, o.py, o.pz, o.dx, o.dy, o.dz)
+    return away
+
+
+@scalar_jit
+def largest_radius_beside(room: Clearances, away: float, other: float) -> float:
+    """Largest radius of a vessel ``away`` from another of radius ``other``, all in mm."""
+    free = away - other
+    # The kept distance goes by the thinner of the two, whichever that comes out to be.
+    kept = max(free / (1.0 + room.ratio), free - room.ratio * other)
+    return max(0.0, min(free - room.clearance, kept))
 
 
 @jit
@@ -233,24 +536,6 @@ def _mark(segments: Any, i: int, gone: Any) -> None:
             top += 2
 
 
-@jit
-def drop_marked(segments: Any, count: int, gone: Any) -> int:
-    """Close the gaps of segments that are gone; return the new count."""
-    number = np.full(count + 1, -1, np.int32)
-    size = 0
-    for i in range(count):
-        if gone[i] == 0:
-            number[i] = size
-            size += 1
-    for i in range(count):
-        if gone[i] == 0:
-            s = segments[i]
-            # number[-1] is -1: no parent, no child.
-            s.parent, s.left, s.right = number[s.parent], number[s.left], number[s.right]
-            segments[number[i]] = s
-    return size
-
-
 # Compute how wide each segment of a grown tree may be without collision; count those too wide.
 
 
@@ -281,6 +566,28 @@ def measure_allowed_radii(
     return too_wide(segments, count)
 
 
+@scalar_jit
+def allowed_radius(
+    segments: Any, i: Any, index: CellIndex, room: Clearances, record: bool
+) -> float:
+    """Largest radius that the tissue and the neighbours leave to segment ``i``, mm.
+
+    With ``record`` the neighbours' ``allowed`` radii are lowered too.
+    """
+    s = segments[i]
+    depth = np.inf
+    # The stem enters through the surface.
+    if i > 0:
+        most = REACH * s.radius + room.wall
+        depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
+    parent, sibling, left, right = neighbours_of(segments, i)
+    skip = seven_integers(i, parent, sibling, left, right, -1, -1)
+    free = growth_factor(
+        index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, record
+    )
+    return min(depth - room.wall, free * s.radius, widest_of(segments, room, i))
+
+
 @jit
 def measure_changed(
     segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, joints: bool
@@ -291,22 +598,14 @@ def measure_changed(
         changed[i] = segments[i].allowed == np.inf
     for i in range(count):
         s = segments[i]
-        parent, sibling, left, right = neighbours_of(segments, i)
+        _, _, left, right = neighbours_of(segments, i)
         if joints and right >= 0 and (changed[i] or changed[left] or changed[right]):
             limit_children(segments, room, left, right, s)
             limit_smaller_child(segments, room, i)
         # What comes near a given trunk finds it itself.
         if not changed[i] or s.given != 0:
             continue
-        if i > 0:
-            most = REACH * s.radius + room.wall
-            depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
-            s.allowed = min(s.allowed, depth - room.wall)
-        skip = seven_integers(i, parent, sibling, left, right, -1, -1)
-        free = growth_factor(
-            index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
-        )
-        s.allowed = min(s.allowed, free * s.radius, widest_of(segments, room, i))
+        s.allowed = min(s.allowed, allowed_radius(segments, i, index, room, True))
         if left < 0 and s.radius < smallest:
             s.allowed = min(s.allowed, 0.0)
     for i in range(count):
@@ -321,15 +620,6 @@ def too_wide(segments: Any, count: int) -> int:
     for i in range(count):
         bad += segments[i].radius > segments[i].allowed
     return bad
-
-
-# Find a new end point for a terminal that has no room, or that is left of a pruned branch.
-
-GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-PARTS = (1.0, 0.7, 0.4)
-"""Lengths of the ways tried for a new tip, over that of the branch."""
-WAYS = 48
-"""Directions tried, spread over the sphere."""
 
 
 @jit
@@ -459,3 +749,13 @@ def move_tip(segments: Any, i: int, index: CellIndex, room: Clearances, law: Law
     refresh_upwards(segments, s.parent, law)
     # Without room in the index the audit that follows still sees what meets the new tip.
     insert(index, i, s, REACH * s.radius + room.clearance)
+
+
+@scalar_jit
+def limit_joints(segments: Any, count: int, room: Clearances) -> None:
+    """Lower the allowed radii of children that don't part, as `growth.checks` does."""
+    for i in range(count):
+        _, _, left, right = neighbours_of(segments, i)
+        if right >= 0:
+            limit_children(segments, room, left, right, segments[i])
+            limit_smaller_child(segments, room, i)

@@ -1,4 +1,29 @@
-"""Segment records of a growing tree: sum flow and cost towards the root, radii from the root."""
+"""Segment records of a growing tree, and its cost as sums kept on each segment.
+
+The cost of a tree is Σ ℓᵘ r^λ (length, radius).
+
+A segment that feeds terminals of the relative flows q_t has the flow n = Σ q_t, in units of the
+mean terminal's; with equal terminal flows n is their number. Of the quantities of Karch et al.
+1999 (R*, C*, the ratios β) these two are kept for each segment:
+
+- load   W = n R*
+- spend  K = W^(λ/4) C*
+
+Put into R* = 8μℓ/π + 1/(β_l⁴/R*_l + β_r⁴/R*_r) with β_l = (1 + x^-γ)^(-1/γ) and
+x = (n_l R*_l / n_r R*_r)^¼ = (W_l/W_r)^¼, the bifurcation's algebra shrinks to
+
+- m = (W_l^(γ/4) + W_r^(γ/4))^(4/γ), the load of both children together
+- W = n k v ℓ + m, with k = 8μ/π; a terminal's is q k v ℓ
+- β_l⁴ = W_l / m
+- K = W^(λ/4) (ℓᵘ + (K_l + K_r) / m^(λ/4))
+
+because n_l + n_r = n and β_l⁴/R*_l = n_l / m. At the root r⁴ = Q R*/Δp = (Q/n) W/Δp, so the
+cost r_root^λ C*_root is K_root times a constant: growth compares K_root alone.
+
+v is the segment's viscosity over μ: 1 for a Newtonian fluid, else what
+`viscosity` gives for its radius. Where a segment has one child alone (a bend of a given trunk), m
+is the child's W.
+"""
 
 from __future__ import annotations
 
@@ -190,29 +215,52 @@ def refresh_all(segments: Any, count: int, law: Law) -> None:
         refresh(segments, i, law)
 
 
-# Compute a tree's cost Σ ℓᵘ r^λ (length, radius) from sums per segment, updated as it grows.
-#
-# A segment that feeds terminals of the relative flows q_t has the flow n = Σ q_t, in units of the
-# mean terminal's; with equal terminal flows n is their number. Of the quantities of Karch et al.
-# 1999 (R\*, C\*, the ratios β) these two are kept for each segment:
-#
-# - load   W = n R\*
-# - spend  K = W^(λ/4) C\*
-#
-# Put into R\* = 8μℓ/π + 1/(β_l⁴/R\*_l + β_r⁴/R\*_r) with β_l = (1 + x^-γ)^(-1/γ) and
-# x = (n_l R\*_l / n_r R\*_r)^¼ = (W_l/W_r)^¼, the bifurcation's algebra shrinks to
-#
-# - m = (W_l^(γ/4) + W_r^(γ/4))^(4/γ), the load of both children together
-# - W = n k v ℓ + m, with k = 8μ/π; a terminal's is q k v ℓ
-# - β_l⁴ = W_l / m
-# - K = W^(λ/4) (ℓᵘ + (K_l + K_r) / m^(λ/4))
-#
-# because n_l + n_r = n and β_l⁴/R\*_l = n_l / m. At the root r⁴ = Q R\*/Δp = (Q/n) W/Δp, so the
-# cost r_root^λ C\*_root is K_root times a constant: growth compares K_root alone.
-#
-# v is the segment's viscosity over μ: 1 for a Newtonian fluid, else what
-# `viscosity` gives for its radius. Where a segment has one child alone (a bend of a given trunk), m
-# is the child's W.
+@jit
+def depth_first(segments: Any, count: int) -> Any:
+    """Renumber segments so that each is followed by its branch; a copy of the array."""
+    order = np.empty(count, np.int32)
+    number = np.full(count + 1, -1, np.int32)
+    stack = np.empty(count, np.int32)
+    stack[0] = 0
+    top = 1
+    size = 0
+    while top > 0:
+        top -= 1
+        i = stack[top]
+        order[size] = i
+        number[i] = size
+        size += 1
+        if segments[i].left >= 0:
+            if segments[i].right >= 0:
+                stack[top] = segments[i].right
+                top += 1
+            stack[top] = segments[i].left
+            top += 1
+    result = segments.copy()
+    for n in range(count):
+        result[n] = segments[order[n]]
+        s = result[n]
+        # number[-1] is -1: no parent, no child.
+        s.parent, s.left, s.right = number[s.parent], number[s.left], number[s.right]
+    return result
+
+
+@jit
+def drop_marked(segments: Any, count: int, gone: Any) -> int:
+    """Close the gaps of segments that are gone; return the new count."""
+    number = np.full(count + 1, -1, np.int32)
+    size = 0
+    for i in range(count):
+        if gone[i] == 0:
+            number[i] = size
+            size += 1
+    for i in range(count):
+        if gone[i] == 0:
+            s = segments[i]
+            # number[-1] is -1: no parent, no child.
+            s.parent, s.left, s.right = number[s.parent], number[s.left], number[s.right]
+            segments[number[i]] = s
+    return size
 
 
 @jit
@@ -359,3 +407,123 @@ def follow_radii(segments: Any, count: int, law: Law) -> tuple[float, float]:
             tips += 1
     refresh_all(segments, count, law)
     return change, total / tips
+
+
+@jit
+def distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
+    """Distance of two points, never below a nanometre so that lengths divide."""
+    x, y, z = bx - ax, by - ay, bz - az
+    return max(1e-6, sqrt(x * x + y * y + z * z))
+
+
+@jit
+def split_value(
+    s: Any, up: float, low: float, new: float, sprout: Sprout, law: Law
+) -> tuple[float, float, float, float, float, float, float, float, float, float]:
+    """Load and spend above a bifurcation that parts segment ``s``, and their derivatives.
+
+    Parameters
+    ----------
+    s : record
+        The segment as it is.
+    up, low, new : float, mm
+        Lengths from its start to the bifurcation, on to its end, and to the new terminal.
+    sprout : Sprout
+        The new terminal's flow and viscosity.
+
+    Returns
+    -------
+    load, spend : float
+        Of the upper part, over the lower part and the new terminal.
+    load_by_up, load_by_low, load_by_new, spend_by_up, spend_by_low, spend_by_new : float
+    low_load, m : float
+        Load of the lower part; joint load of it and the new terminal.
+    """
+    e = 0.25 * law.lam
+    n, above, own = s.flow, s.flow + sprout.flow, sprout.flow
+    if law.haematocrit >= 0.0:
+        n, above, own = n * s.thick, above * s.thick, own * sprout.thick
+    # Both cases here in one: LLVM would work out the powers of `to_u` in any case, to choose then.
+    if law.u == 1.0:
+        u_old, u_up, u_low, u_new = s.length, up, low, new
+        slope_up, slope_low, slope_new = 1.0, 1.0, 1.0
+    else:
+        u_old, u_up, u_low, u_new = s.length**law.u, up**law.u, low**law.u, new**law.u
+        slope_up, slope_low, slope_new = law.u * u_up / up, law.u * u_low / low, law.u * u_new / new
+    # C* of the lower part: the old one with the length exchanged.
+    reduced = s.spend / to_lambda(s.load, law) - u_old + u_low
+    low_load = s.load + n * law.k * (low - s.length)
+    low_e = to_lambda(low_load, law)
+    low_spend = low_e * reduced
+    new_load = own * law.k * new
+    new_e = to_lambda(new_load, law)
+    new_spend = new_e * u_new
+    a_low, a_new = to_gamma(low_load, law), to_gamma(new_load, law)
+    total = a_low + a_new
+    m = from_gamma(total, law)
+    load = above * law.k * up + m
+    m_e, up_e = to_lambda(m, law), to_lambda(load, law)
+    both = low_spend + new_spend
+    spend = up_e * (u_up + both / m_e)
+
+    m_by_low = (m / total) * (a_low / low_load) * n * law.k
+    m_by_new = (m / total) * (a_new / new_load) * own * law.k
+    low_spend_by = e * low_spend / low_load * n * law.k + low_e * slope_low
+    new_spend_by = e * new_spend / new + new_e * slope_new
+    by_load = e * spend / load
+    by_m = by_load - e * up_e * both / (m_e * m)
+    return (
+        load,
+        spend,
+        above * law.k,
+        m_by_low,
+        m_by_new,
+        by_load * above * law.k + up_e * slope_up,
+        by_m * m_by_low + up_e / m_e * low_spend_by,
+        by_m * m_by_new + up_e / m_e * new_spend_by,
+        low_load,
+        m,
+    )
+
+
+@jit
+def best_place(
+    s: Any,
+    tx: float,
+    ty: float,
+    tz: float,
+    by_load: float,
+    by_spend: float,
+    steps: int,
+    sprout: Sprout,
+    law: Law,
+) -> tuple[float, float, float]:
+    """Bifurcation of least cost for a terminal at t on segment ``s``.
+
+    The cost is a function of three lengths; at its minimum the weighted unit vectors along
+    them cancel (Fermat-Weber). Weiszfeld's iteration with weights that follow the lengths.
+    """
+    bx = (s.px + s.dx + tx) / 3.0
+    by = (s.py + s.dy + ty) / 3.0
+    bz = (s.pz + s.dz + tz) / 3.0
+    for _ in range(steps):
+        up = distance(s.px, s.py, s.pz, bx, by, bz)
+        low = distance(bx, by, bz, s.dx, s.dy, s.dz)
+        new = distance(bx, by, bz, tx, ty, tz)
+        _, _, l_up, l_low, l_new, s_up, s_low, s_new, _, _ = split_value(
+            s, up, low, new, sprout, law
+        )
+        w_up = max(0.0, by_load * l_up + by_spend * s_up) / up
+        w_low = max(0.0, by_load * l_low + by_spend * s_low) / low
+        w_new = max(0.0, by_load * l_new + by_spend * s_new) / new
+        total = w_up + w_low + w_new
+        if not total > 0.0:
+            break
+        nx = (w_up * s.px + w_low * s.dx + w_new * tx) / total
+        ny = (w_up * s.py + w_low * s.dy + w_new * ty) / total
+        nz = (w_up * s.pz + w_low * s.dz + w_new * tz) / total
+        moved = abs(nx - bx) + abs(ny - by) + abs(nz - bz)
+        bx, by, bz = nx, ny, nz
+        if moved < 1e-3 * s.length:
+            break
+    return bx, by, bz

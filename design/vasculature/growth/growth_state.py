@@ -10,25 +10,38 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
-from design.vasculature.growth.cost import SEGMENT, Segments
+from design.vasculature.growth.cost import SEGMENT, depth_first
 from design.vasculature.growth.final_tree import final_arrays
-from design.vasculature.growth.index import MARGIN, CellIndex, Clearances, empty_index
-from design.vasculature.growth.kernel import CANDIDATES, PROGRESS, Scale, list_all, list_from
-from design.vasculature.growth.points import GivenPoints, Sampler, Samples, depth_first
-from design.vasculature.growth.territories import Surroundings, clear_of
+from design.vasculature.growth.index import (
+    CELL,
+    CellIndex,
+    Clearances,
+    clear_of,
+    clearances_of,
+    empty_index,
+    index_segments,
+)
+from design.vasculature.growth.kernel import CANDIDATES, PROGRESS, Scale
+from design.vasculature.growth.points import GivenPoints, Sampler, Samples
+from design.vasculature.growth.territories import Surroundings
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.penalty import PenaltyArrays, sample_penalty
 from design.vasculature.tree import VesselTree
-from kernels.arrays import FloatArray
 
 _EAGER, _PATIENT = 6, 400
 """Patience (see `Scale`) of thin trees, which get everywhere at once, and of those with a smallest
 radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lumen, not 1.9."""
+
+
 _SMALL = 10_000
 """Terminals below which a tree is in the cache, however it is ordered."""
+
+
 _EARLY = 0.45
 """Part of the terminals up to which a given trunk's branches are kept narrow."""
+
+
 ALL_AROUND = 40
 """Nearest segments considered for given points missed at first, or with a flow ratio."""
 
@@ -189,41 +202,6 @@ class GrowthState:
         del s
         self.segments = self.segments[:0].copy()
         return arrays.tree(self.options)
-
-
-# Build a growing tree's segment index; make its clearances from the options.
-
-CELL = 1.2
-"""Edge of a cell over the mean spacing of terminals."""
-
-
-def index_segments(
-    bounds: FloatArray, cell_mm: float, segments: Segments, own: int, others: int, room: Clearances
-) -> CellIndex:
-    """An index of the first ``own`` segments and the last ``others``, with room to spare."""
-    end = len(segments)
-    entries = 16 * end + 4096
-    while True:
-        index = empty_index(bounds, cell_mm, entries, end)
-        done = list_all(segments, own, index, room)
-        done = done and list_from(segments, end - others, end, index, room)
-        if done and index.used[0] < 0.5 * entries:
-            return index
-        entries *= 2
-
-
-def clearances_of(tissue: Tissue, options: GrowthOptions) -> Clearances:
-    """The distances and limits that the options ask for."""
-    return Clearances(
-        tissue.grid.arrays,
-        options.clearance_mm,
-        options.clearance_mm,
-        options.clearance_ratio,
-        options.length_to_radius,
-        MARGIN,
-        options.limits,
-        np.inf,
-    )
 
 
 def just_below(value: float) -> float:

@@ -1,4 +1,4 @@
-"""Index a tree's segments by grid cells, to find those near a point or capsule."""
+"""Index a tree's segments by grid cells; find those near a point or capsule."""
 
 from __future__ import annotations
 
@@ -8,14 +8,72 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.geometry import point_segment
+from design.geometry import point_segment, segment_segment
+from design.tissue import Tissue
 from design.tissue.columns import GridArrays
-from design.vasculature.growth.cost import TRUNK
-from design.vasculature.options import Limits
-from kernels import scalar_jit
+from design.tissue.grid import depth_along
+from design.vasculature.growth.cost import TRUNK, Segments
+from design.vasculature.options import GrowthOptions, Limits
+from kernels import jit, scalar_jit
+from kernels.arrays import FloatArray
 
 REACH = 1.3
 """Capsules are listed with this much larger radii: they may grow before the next rebuild."""
+CELL = 1.2
+"""Edge of a cell over the mean spacing of terminals."""
+LEAVES = 1.5
+"""Way along a branch, over its radius and its trunk's, within which it is still leaving that."""
+MARGIN, MARGIN_LEFT, MARGIN_AT_MOST = 1.02, 0.03, 1.15
+"""Trial forks must fit with larger radii, because every later terminal widens its path: by the
+first factor, plus the second times the logarithm of how often the tree has yet to grow by e, the
+third at most."""
+
+Seven = tuple[np.int64, np.int64, np.int64, np.int64, np.int64, np.int64, np.int64]
+
+
+class Clearances(NamedTuple):
+    """The tissue and the distances to be kept, as kernels take them.
+
+    Attributes
+    ----------
+    grid : GridArrays
+    wall : float, mm
+        Kept from the tissue's surface.
+    clearance : float, mm
+    ratio : float
+        Clearance over the thinner radius; the larger of the two counts.
+    length_to_radius : float
+    reserve : float
+        Factor on the radii of a trial fork and its neighbours; see `MARGIN`.
+    limits : Limits
+        On angles and flows at joints.
+    widest_branch : float
+        Of a given trunk, over the root's radius: one as wide takes on no more terminals; inf for
+        no limit.
+    """
+
+    grid: GridArrays
+    wall: float
+    clearance: float
+    ratio: float
+    length_to_radius: float
+    reserve: float
+    limits: Limits
+    widest_branch: float
+
+
+def clearances_of(tissue: Tissue, options: GrowthOptions) -> Clearances:
+    """The distances and limits that the options ask for."""
+    return Clearances(
+        tissue.grid.arrays,
+        options.clearance_mm,
+        options.clearance_mm,
+        options.clearance_ratio,
+        options.length_to_radius,
+        MARGIN,
+        options.limits,
+        np.inf,
+    )
 
 
 class CellIndex(NamedTuple):
@@ -107,6 +165,31 @@ def insert(index: CellIndex, i: int, s: Any, reach: float) -> bool:
     return True
 
 
+@jit
+def list_from(segments: Any, first: int, end: int, index: CellIndex, room: Clearances) -> bool:
+    """List segments ``first`` to ``end`` in an index; False when it runs out of room."""
+    for i in range(first, end):
+        s = segments[i]
+        if not insert(index, i, s, REACH * s.radius + room.clearance):
+            return False
+    return True
+
+
+def index_segments(
+    bounds: FloatArray, cell_mm: float, segments: Segments, own: int, others: int, room: Clearances
+) -> CellIndex:
+    """An index of the first ``own`` segments and the last ``others``, with room to spare."""
+    end = len(segments)
+    entries = 16 * end + 4096
+    while True:
+        index = empty_index(bounds, cell_mm, entries, end)
+        done = list_from(segments, 0, own, index, room)
+        done = done and list_from(segments, end - others, end, index, room)
+        if done and index.used[0] < 0.5 * entries:
+            return index
+        entries *= 2
+
+
 @scalar_jit
 def nearest_segments(
     index: CellIndex,
@@ -178,65 +261,6 @@ def nearest_segments(
     return size
 
 
-# Data classes: clearances that a growing tree must keep, and a trial bifurcation.
-
-MARGIN, MARGIN_LEFT, MARGIN_AT_MOST = 1.02, 0.03, 1.15
-"""Trial forks must fit with larger radii, because every later terminal widens its path: by the
-first factor, plus the second times the logarithm of how often the tree has yet to grow by e, the
-third at most."""
-
-
-class Clearances(NamedTuple):
-    """The tissue and the distances to be kept, as kernels take them.
-
-    Attributes
-    ----------
-    grid : GridArrays
-    wall : float, mm
-        Kept from the tissue's surface.
-    clearance : float, mm
-    ratio : float
-        Clearance over the thinner radius; the larger of the two counts.
-    length_to_radius : float
-    reserve : float
-        Factor on the radii of a trial fork and its neighbours; see `MARGIN`.
-    limits : Limits
-        On angles and flows at joints.
-    widest_branch : float
-        Of a given trunk, over the root's radius: one as wide takes on no more terminals; inf for
-        no limit.
-    """
-
-    grid: GridArrays
-    wall: float
-    clearance: float
-    ratio: float
-    length_to_radius: float
-    reserve: float
-    limits: Limits
-    widest_branch: float
-
-
-class TrialBifurcation(NamedTuple):
-    """A trial bifurcation on a segment: its place, the new end, three radii (mm).
-
-    ``flow`` and ``thick`` are what the new branch brings; see `cost.Sprout`.
-    """
-
-    segment: np.int64
-    bx: float
-    by: float
-    bz: float
-    tx: float
-    ty: float
-    tz: float
-    up: float
-    low: float
-    new: float
-    flow: float
-    thick: float
-
-
 @scalar_jit
 def kept_apart(room: Clearances, one: float, two: float) -> float:
     """Clearance between vessels of radii ``one`` and ``two``, mm."""
@@ -261,3 +285,159 @@ def neighbours_of(segments: Any, index: Any) -> tuple[np.int64, np.int64, np.int
         sibling = np.int64(above.right if above.left == index else above.left)
     # One width for all four, so that callers may loop over them.
     return np.int64(s.parent), np.int64(sibling), np.int64(s.left), np.int64(s.right)
+
+
+@jit
+def seven_integers(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any) -> Seven:
+    """Make a tuple of equal integers, whatever their widths."""
+    wide = np.int64
+    return (wide(a), wide(b), wide(c), wide(d), wide(e), wide(f), wide(g))
+
+
+@scalar_jit
+def pair_growth_factor(room: Clearances, away: float, one: float, two: float) -> float:
+    """Factor by which vessels ``away`` (mm) from each other could both widen until they collide."""
+    both = one + two
+    factor = away / (both + room.ratio * min(one, two))
+    if room.clearance > 0.0:
+        # The fixed part of the clearance doesn't grow with the radii.
+        factor = min(factor, (away - room.clearance) / both)
+    return factor
+
+
+@scalar_jit
+def away_from_trunk(
+    s: Any,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    radius: float,
+    away: float,
+) -> float:
+    """Distance of a branch from a trunk's segment; where it begins in its lumen, once outside.
+
+    A trunk's pieces may be shorter than it is wide, so that a branch of one begins within the
+    next. ``away`` is the distance of the axes.
+    """
+    inner, _ = point_segment(ax, ay, az, s.px, s.py, s.pz, s.dx, s.dy, s.dz)
+    if inner >= s.radius:
+        return away
+    x, y, z = bx - ax, by - ay, bz - az
+    part = LEAVES * (s.radius + radius) / max(1e-12, np.sqrt(x * x + y * y + z * z))
+    if part >= 1.0:
+        return np.inf
+    x, y, z = ax + part * x, ay + part * y, az + part * z
+    return float(segment_segment(x, y, z, bx, by, bz, s.px, s.py, s.pz, s.dx, s.dy, s.dz)[0])
+
+
+@scalar_jit
+def growth_factor(
+    index: CellIndex,
+    segments: Any,
+    room: Clearances,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    radius: float,
+    skip: Seven,
+    record: bool,
+) -> float:
+    """How far a capsule and its neighbours could grow, all by one factor, before they collide.
+
+    Parameters
+    ----------
+    skip : seven int
+        Segments left out (itself, and those that share a node with it), or -1.
+    record : bool
+        Lower the neighbours' ``allowed`` radii to that factor.
+
+    Returns
+    -------
+    float
+        Below 1 when there is a collision; at most `REACH`. Without ``record`` the search ends
+        below the room's reserve.
+    """
+    least = REACH
+    reach = REACH * radius
+    index.query[0] += 1
+    query = index.query[0]
+    for i in skip:
+        if i >= 0:
+            index.stamp[i] = query
+    i0, i1 = cell_range(index, 0, min(ax, bx) - reach, max(ax, bx) + reach)
+    j0, j1 = cell_range(index, 1, min(ay, by) - reach, max(ay, by) + reach)
+    k0, k1 = cell_range(index, 2, min(az, bz) - reach, max(az, bz) + reach)
+    far = reach + 0.8660254037844386 * index.cell
+    several = i1 > i0 or j1 > j0 or k1 > k0
+    for a in range(i0, i1 + 1):
+        x = index.origin[0] + (a + 0.5) * index.cell
+        for b in range(j0, j1 + 1):
+            y = index.origin[1] + (b + 0.5) * index.cell
+            for c in range(k0, k1 + 1):
+                entry = index.head[(a * index.shape[1] + b) * index.shape[2] + c]
+                if entry < 0:
+                    continue
+                if several:
+                    z = index.origin[2] + (c + 0.5) * index.cell
+                    if point_segment(x, y, z, ax, ay, az, bx, by, bz)[0] > far:
+                        continue
+                while entry >= 0:
+                    i = index.item[entry]
+                    entry = index.following[entry]
+                    if index.stamp[i] == query:
+                        continue
+                    index.stamp[i] = query
+                    s = segments[i]
+                    d, _, _ = segment_segment(
+                        ax, ay, az, bx, by, bz, s.px, s.py, s.pz, s.dx, s.dy, s.dz
+                    )
+                    if s.given != 0:
+                        d = away_from_trunk(s, ax, ay, az, bx, by, bz, radius, d)
+                    factor = pair_growth_factor(room, d, radius, s.radius)
+                    if factor < least:
+                        least = factor
+                        if least < room.reserve and not record:
+                            return least
+                    if record and factor * s.radius < s.allowed:
+                        s.allowed = factor * s.radius
+    return least
+
+
+@scalar_jit
+def in_tissue(
+    room: Clearances,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    radius: float,
+) -> bool:
+    """Whether a capsule keeps its distance from the tissue's surface."""
+    need = room.reserve * radius + room.wall
+    return bool(depth_along(room.grid, ax, ay, az, bx, by, bz, need) >= need)
+
+
+@jit
+def clear_of(
+    segments: Any, index: CellIndex, room: Clearances, begin: Any, points: Any, radius: float
+) -> Any:
+    """Whether capsules from ``begin`` (3,) to each of ``points`` (n, 3) clear all that is listed.
+
+    The index must list the vessels of others alone.
+    """
+    free = np.zeros(len(points), np.bool_)
+    skip = seven_integers(-1, -1, -1, -1, -1, -1, -1)
+    for n in range(len(points)):
+        t = points[n]
+        x, y, z = begin[0], begin[1], begin[2]
+        least = growth_factor(index, segments, room, x, y, z, t[0], t[1], t[2], radius, skip, False)
+        free[n] = least >= room.reserve
+    return free

@@ -1,39 +1,73 @@
-"""Grow a tree terminal by terminal: take the best branch point, add it, update radii."""
+"""Grow a tree terminal by terminal: propose the cheapest bifurcation, add it, update radii."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from design.tissue.grid import least_depth_along, read
+from design.geometry import point_segment
+from design.tissue.grid import read
+from design.vasculature.growth.checks import (
+    TrialBifurcation,
+    allowed_radius,
+    angles_fit,
+    fits,
+    shares_fit,
+)
 from design.vasculature.growth.cost import (
+    ENOUGH,
     Sprout,
+    best_place,
+    climb,
+    distance,
     follow_radii,
     place,
     refresh,
     refresh_upwards,
+    split_value,
     spread_down,
 )
-from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import (
     REACH,
     CellIndex,
     Clearances,
+    in_tissue,
     insert,
+    kept_apart,
     nearest_segments,
-    neighbours_of,
     widest_of,
 )
 from design.vasculature.growth.points import Samples
-from design.vasculature.growth.propose import propose, trials_for
 from design.vasculature.options import Law
-from design.vasculature.penalty import PenaltyArrays
+from design.vasculature.penalty import PenaltyArrays, weigh_rise
 from kernels import jit, scalar_jit
 
 CANDIDATES = 10
 """Nearest segments considered for a new terminal."""
-
+TRIED = 4
+"""Of the segments considered the cheapest, for which other places than the best are tried."""
+ITERATIONS = 8
+"""Weiszfeld steps at most."""
+ON_AXIS = 7
+"""Places tried along a segment that mustn't bend, before the best is refined."""
+HALVINGS = 8
+"""Steps in which a place is refined."""
+DONE, MORE_POINTS, FULL_INDEX, REBUILD = 0, 1, 2, 3
+"""Why `grow` returned."""
+REFRESH = 24
+"""Radii are derived anew each time the tree has grown by one in this many terminals."""
+GROWTH_POWER = 0.02
+"""Root radius grows with about this power of the number of terminals (measured)."""
+KEPT = 0.02
+"""A vessel must be able to become this part wider than predicted to take on more terminals, times
+the part of the tree that has yet to grow: at the end the prediction is exact, and a trunk that is
+as wide as it can be would close all of its branches."""
+THIN_MARGIN = 1.08
+"""A new terminal must be this much wider than the limit: later ones make it thinner."""
+_RELAX, _TIGHTEN = 0.93, 1.01
+_APART = 0.9
 PROGRESS = np.dtype(
     [
         ("count", "i8"),
@@ -93,25 +127,384 @@ class Scale(NamedTuple):
     share: float = 1.0
 
 
-DONE, MORE_POINTS, FULL_INDEX, REBUILD = 0, 1, 2, 3
-"""Why `grow` returned."""
+@jit
+def first_pair(
+    segments: Any, room: Clearances, law: Law, root_radius: float, samples: Samples, least: float
+) -> bool:
+    """Grow the stem's two first terminals from two of the samples; False when none fit.
 
-REFRESH = 24
-"""Radii are derived anew each time the tree has grown by one in this many terminals."""
+    Each is at least ``least`` away from the stem and from the other one's segment.
+    """
+    s, points, flow = segments[0], samples.at, samples.flow
+    e = (s.dx, s.dy, s.dz)
+    one = -1
+    for n in range(len(points)):
+        t = points[n]
+        length = distance(e[0], e[1], e[2], t[0], t[1], t[2])
+        if length < least:
+            continue
+        if one < 0:
+            radius = root_radius * 0.5 ** (1.0 / law.gamma)
+            if _stands(room, s, t, radius, root_radius):
+                one = n
+            continue
+        other = points[one]
+        m = distance(e[0], e[1], e[2], other[0], other[1], other[2])
+        a, b = np.sqrt(np.sqrt(flow[n] * length)), np.sqrt(np.sqrt(flow[one] * m))
+        total = (a**law.gamma + b**law.gamma) ** (1.0 / law.gamma)
+        r0, r1 = root_radius * b / total, root_radius * a / total
+        if not (_stands(room, s, t, r1, root_radius) and _stands(room, s, other, r0, root_radius)):
+            continue
+        gap = r0 + r1 + kept_apart(room, r0, r1) + 0.25 * least
+        if _ends_apart(e, t, other) < gap:
+            continue
+        if room.limits.on and not (
+            angles_fit(room.limits, (s.px, s.py, s.pz), e, other, t)
+            and shares_fit(room.limits, flow[one], flow[n])
+        ):
+            continue
+        for i in range(1, 3):
+            place(segments, i, e, (other[0], other[1], other[2]) if i == 1 else (t[0], t[1], t[2]))
+            segments[i].parent = 0
+            segments[i].left, segments[i].right = -1, -1
+            segments[i].full = 0
+            segments[i].flow = flow[one] if i == 1 else flow[n]
+            refresh(segments, i, law)
+        segments[0].left, segments[0].right = 1, 2
+        refresh(segments, 0, law)
+        return True
+    return False
 
-GROWTH_POWER = 0.02
-"""Root radius grows with about this power of the number of terminals (measured)."""
 
-KEPT = 0.02
-"""A vessel must be able to become this part wider than predicted to take on more terminals, times
-the part of the tree that has yet to grow: at the end the prediction is exact, and a trunk that is
-as wide as it can be would close all of its branches."""
+@jit
+def _stands(room: Clearances, stem: Any, t: Any, radius: float, root_radius: float) -> bool:
+    """Whether a vessel from the stem's end to ``t`` is in the tissue and leaves the stem."""
+    gap = radius + root_radius + kept_apart(room, radius, root_radius)
+    away, _ = point_segment(t[0], t[1], t[2], stem.px, stem.py, stem.pz, stem.dx, stem.dy, stem.dz)
+    return bool(
+        away >= gap and in_tissue(room, stem.dx, stem.dy, stem.dz, t[0], t[1], t[2], radius)
+    )
 
-THIN_MARGIN = 1.08
-"""A new terminal must be this much wider than the limit: later ones make it thinner."""
 
-_RELAX, _TIGHTEN = 0.93, 1.01
-_APART = 0.9
+@jit
+def _ends_apart(e: tuple[float, float, float], t: Any, other: Any) -> float:
+    """Least distance of either end from the other one's segment."""
+    one, _ = point_segment(t[0], t[1], t[2], e[0], e[1], e[2], other[0], other[1], other[2])
+    two, _ = point_segment(other[0], other[1], other[2], e[0], e[1], e[2], t[0], t[1], t[2])
+    return min(one, two)
+
+
+class Trials(NamedTuple):
+    """Scratch of `propose`, for up to k segments.
+
+    Attributes
+    ----------
+    costs, places, slopes, order : (k,), (k, 3), (k, 3) float64, (k,) int64
+        Of the best place on each segment; the segments from the cheapest on.
+    values, others, rank : (m,), (m, 3) float64, (m,) int64
+        The same of other places.
+    """
+
+    costs: NDArray[np.float64]
+    places: NDArray[np.float64]
+    slopes: NDArray[np.float64]
+    order: NDArray[np.int64]
+    values: NDArray[np.float64]
+    others: NDArray[np.float64]
+    rank: NDArray[np.int64]
+
+
+@jit
+def trials_for(k: int) -> Trials:
+    """Make the scratch for up to ``k`` segments."""
+    m = TRIED * 6
+    return Trials(
+        np.empty(k),
+        np.empty((k, 3)),
+        np.empty((k, 3)),
+        np.empty(k, np.int64),
+        np.empty(m),
+        np.empty((m, 3)),
+        np.empty(m, np.int64),
+    )
+
+
+@scalar_jit
+def sort_by(values: Any, size: int, order: Any) -> None:
+    """Write the numbers of ``values[:size]`` into ``order``, least first, equal ones as they stand.
+
+    NaN becomes inf, and so stands last.
+    """
+    for n in range(size):
+        if not values[n] < np.inf:
+            values[n] = np.inf
+        at = n
+        while at > 0 and values[order[at - 1]] > values[n]:
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = n
+
+
+@scalar_jit
+def trial(
+    segments: Any,
+    i: int,
+    b: Any,
+    t: Any,
+    sprout: Sprout,
+    law: Law,
+) -> tuple[Any, float]:
+    """Fork with its radii, and the rise of the cost, of a terminal at ``t`` by way of ``b``."""
+    s = segments[i]
+    up = distance(s.px, s.py, s.pz, b[0], b[1], b[2])
+    low = distance(b[0], b[1], b[2], s.dx, s.dy, s.dz)
+    new = distance(b[0], b[1], b[2], t[0], t[1], t[2])
+    load, spend, _, _, _, _, _, _, low_load, m = split_value(s, up, low, new, sprout, law)
+    rise, _, _, r_up = climb(segments, i, load, spend, sprout.flow, ENOUGH, law)
+    r_low = r_up * np.sqrt(np.sqrt(low_load / m))
+    r_new = r_up * np.sqrt(np.sqrt(sprout.flow * sprout.thick * law.k * new / m))
+    fork = TrialBifurcation(
+        np.int64(i),
+        b[0],
+        b[1],
+        b[2],
+        t[0],
+        t[1],
+        t[2],
+        r_up,
+        r_low,
+        r_new,
+        sprout.flow,
+        sprout.thick,
+    )
+    return fork, rise
+
+
+@scalar_jit
+def not_too_thin(segments: Any, fork: Any, limit: float) -> bool:
+    """Whether the new terminal, and the parted segment if it is one, are wide enough."""
+    if fork.new < limit:
+        return False
+    return bool(segments[fork.segment].left >= 0 or fork.low >= limit)
+
+
+@scalar_jit
+def estimate(
+    segments: Any,
+    i: int,
+    t: Any,
+    sprout: Sprout,
+    penalty: PenaltyArrays,
+    place_out: Any,
+    slopes: Any,
+    law: Law,
+) -> float:
+    """Best place on segment ``i`` by the linear model, and the model's cost there.
+
+    ``place_out`` (3,) receives the place, ``slopes`` (3,) the model: the cost at no load and
+    spend, and its derivatives by the two. A trunk's segment is left on its axis.
+    """
+    s = segments[i]
+    bx = (s.px + s.dx + t[0]) / 3.0
+    by = (s.py + s.dy + t[1]) / 3.0
+    bz = (s.pz + s.dz + t[2]) / 3.0
+    load, spend, _, _, _, _, _, _, _, _ = split_value(
+        s,
+        distance(s.px, s.py, s.pz, bx, by, bz),
+        distance(bx, by, bz, s.dx, s.dy, s.dz),
+        distance(bx, by, bz, t[0], t[1], t[2]),
+        sprout,
+        law,
+    )
+    rise, by_load, by_spend, _ = climb(segments, i, load, spend, sprout.flow, ENOUGH, law)
+    slopes[0] = rise - by_load * load - by_spend * spend
+    slopes[1] = by_load
+    slopes[2] = by_spend
+    if s.given != 0:
+        return best_on_axis(segments, s, t, sprout, penalty, place_out, slopes, law)
+    bx, by, bz = best_place(s, t[0], t[1], t[2], by_load, by_spend, ITERATIONS, sprout, law)
+    place_out[0], place_out[1], place_out[2] = bx, by, bz
+    if penalty.on:
+        return best_penalised(segments, s, t, sprout, penalty, place_out, slopes, law)
+    return model(s, place_out, t, slopes, sprout, law)
+
+
+@scalar_jit
+def value_at(
+    segments: Any,
+    s: Any,
+    b: Any,
+    t: Any,
+    sprout: Sprout,
+    penalty: PenaltyArrays,
+    slopes: Any,
+    law: Law,
+) -> float:
+    """What place ``b`` is compared by: the model's rise of the cost, a penalty included."""
+    rise = model(s, b, t, slopes, sprout, law)
+    return weigh_rise(penalty, b, segments[0].spend, rise)
+
+
+@scalar_jit
+def best_on_axis(
+    segments: Any,
+    s: Any,
+    t: Any,
+    sprout: Sprout,
+    penalty: PenaltyArrays,
+    place_out: Any,
+    slopes: Any,
+    law: Law,
+) -> float:
+    """Best place on a segment's axis: the best of some, then halving steps about it."""
+    best, along = np.inf, 0.5
+    step = 1.0 / (ON_AXIS + 1)
+    for n in range(ON_AXIS):
+        at = (n + 1) * step
+        value = value_at(segments, s, along_axis(s, at), t, sprout, penalty, slopes, law)
+        if value < best:
+            best, along = value, at
+    for _ in range(HALVINGS):
+        step *= 0.5
+        middle = along
+        for at in (middle - step, middle + step):
+            value = value_at(segments, s, along_axis(s, at), t, sprout, penalty, slopes, law)
+            if value < best:
+                best, along = value, at
+    place_out[0], place_out[1], place_out[2] = along_axis(s, along)
+    return best
+
+
+@jit
+def along_axis(s: Any, part: float) -> tuple[float, float, float]:
+    """The point a part of the way along a segment."""
+    return (
+        s.px + part * (s.dx - s.px),
+        s.py + part * (s.dy - s.py),
+        s.pz + part * (s.dz - s.pz),
+    )
+
+
+@scalar_jit
+def other_place(s: Any, t: Any, kind: int) -> tuple[float, float, float]:
+    """Return the place of a kind (0 to 5): on the axis, or towards the terminal."""
+    along, pull = 0.25 + 0.25 * (kind % 3), 0.3 * (kind // 3)
+    return (
+        (1.0 - pull) * (s.px + along * (s.dx - s.px)) + pull * t[0],
+        (1.0 - pull) * (s.py + along * (s.dy - s.py)) + pull * t[1],
+        (1.0 - pull) * (s.pz + along * (s.dz - s.pz)) + pull * t[2],
+    )
+
+
+@scalar_jit
+def best_penalised(
+    segments: Any,
+    s: Any,
+    t: Any,
+    sprout: Sprout,
+    penalty: PenaltyArrays,
+    place_out: Any,
+    slopes: Any,
+    law: Law,
+) -> float:
+    """From the best place without a penalty to the best with it.
+
+    The better of that and six others, then steps along the axes that halve where none helps.
+    """
+    best = value_at(segments, s, place_out, t, sprout, penalty, slopes, law)
+    for kind in range(6):
+        at = other_place(s, t, kind)
+        value = value_at(segments, s, at, t, sprout, penalty, slopes, law)
+        if value < best:
+            best = value
+            place_out[0], place_out[1], place_out[2] = at
+    step = 0.25 * (s.length + distance(place_out[0], place_out[1], place_out[2], t[0], t[1], t[2]))
+    for _ in range(HALVINGS):
+        better = False
+        for axis in range(3):
+            for sign in (-1.0, 1.0):
+                before = place_out[axis]
+                place_out[axis] = before + sign * step
+                value = value_at(segments, s, place_out, t, sprout, penalty, slopes, law)
+                if value < best:
+                    best = value
+                    better = True
+                else:
+                    place_out[axis] = before
+        if not better:
+            step *= 0.5
+    return best
+
+
+@scalar_jit
+def model(s: Any, b: Any, t: Any, slopes: Any, sprout: Sprout, law: Law) -> float:
+    """Cost of place ``b`` by the linear model."""
+    load, spend, _, _, _, _, _, _, _, _ = split_value(
+        s,
+        distance(s.px, s.py, s.pz, b[0], b[1], b[2]),
+        distance(b[0], b[1], b[2], s.dx, s.dy, s.dz),
+        distance(b[0], b[1], b[2], t[0], t[1], t[2]),
+        sprout,
+        law,
+    )
+    return slopes[0] + slopes[1] * load + slopes[2] * spend
+
+
+@scalar_jit
+def propose(
+    segments: Any,
+    index: CellIndex,
+    room: Clearances,
+    penalty: PenaltyArrays,
+    law: Law,
+    limit: float,
+    t: Any,
+    sprout: Sprout,
+    nearest: Any,
+    size: int,
+    work: Trials,
+) -> tuple[bool, Any]:
+    """The cheapest fork that fits, of the segments ``found[:size]``; ``work`` is overwritten."""
+    fork = TrialBifurcation(np.int64(-1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    costs, places, slopes, order = work.costs, work.places, work.slopes, work.order
+    for n in range(size):
+        costs[n] = np.inf
+        # The root's own segment is the stem: it stays as the user placed it.
+        free = nearest[n] > 0 or segments[0].given != 0
+        if free and segments[nearest[n]].full == 0:
+            costs[n] = estimate(segments, nearest[n], t, sprout, penalty, places[n], slopes[n], law)
+    sort_by(costs, size, order)
+    for rank in range(size):
+        n = order[rank]
+        if costs[n] == np.inf:
+            break
+        fork, _ = trial(segments, nearest[n], places[n], t, sprout, law)
+        if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
+            return True, fork
+    others, values = work.others, work.values
+    values[:] = np.inf
+    for rank in range(min(TRIED, size)):
+        n = order[rank]
+        if costs[n] == np.inf:
+            break
+        s = segments[nearest[n]]
+        for kind in range(6):
+            if s.given != 0 and kind > 2:
+                continue
+            at = other_place(s, t, kind)
+            others[rank * 6 + kind, 0] = at[0]
+            others[rank * 6 + kind, 1] = at[1]
+            others[rank * 6 + kind, 2] = at[2]
+            values[rank * 6 + kind] = value_at(segments, s, at, t, sprout, penalty, slopes[n], law)
+    sort_by(values, len(values), work.rank)
+    for n in work.rank:
+        if values[n] == np.inf:
+            break
+        i = nearest[order[n // 6]]
+        fork, _ = trial(segments, i, others[n], t, sprout, law)
+        if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
+            return True, fork
+    return False, fork
 
 
 @scalar_jit
@@ -145,15 +538,8 @@ def set_allowed_radius(segments: Any, index: CellIndex, room: Clearances, i: int
     s = segments[i]
     if s.given != 0:
         s.allowed = widest_of(segments, room, i)
-        return insert(index, i, s, REACH * s.radius + room.clearance)
-    parent, sibling, left, right = neighbours_of(segments, i)
-    skip = seven_integers(i, parent, sibling, left, right, -1, -1)
-    most = REACH * s.radius + room.wall
-    depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
-    free = growth_factor(
-        index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
-    )
-    s.allowed = min(depth - room.wall, free * s.radius, widest_of(segments, room, i))
+    else:
+        s.allowed = allowed_radius(segments, i, index, room, True)
     return insert(index, i, s, REACH * s.radius + room.clearance)
 
 
@@ -319,19 +705,3 @@ def grow(
         if not listed:
             return FULL_INDEX, n + 1
     return (DONE if s.terminals >= scale.goal else MORE_POINTS), len(points)
-
-
-@jit
-def list_all(segments: Any, count: int, index: CellIndex, room: Clearances) -> bool:
-    """List all segments in an empty index; False when it runs out of room."""
-    return list_from(segments, 0, count, index, room)
-
-
-@jit
-def list_from(segments: Any, first: int, end: int, index: CellIndex, room: Clearances) -> bool:
-    """List segments ``first`` to ``end`` in an index; False when it runs out of room."""
-    for i in range(first, end):
-        s = segments[i]
-        if not insert(index, i, s, REACH * s.radius + room.clearance):
-            return False
-    return True

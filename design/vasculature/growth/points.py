@@ -21,6 +21,8 @@ from kernels.arrays import FloatArray
 
 LEAST_FLOW = 0.05
 """Of a terminal, over the mean terminal's, where flows follow demand."""
+
+
 NAMED = 5
 """Points at most that a message names."""
 
@@ -251,36 +253,6 @@ def _spread_bits(value: int) -> int:
     value = (value | (value << 8)) & 0x0300F00F
     value = (value | (value << 4)) & 0x030C30C3
     return (value | (value << 2)) & 0x09249249
-
-
-@jit
-def depth_first(segments: Any, count: int) -> Any:
-    """Renumber segments so that each is followed by its branch; a copy of the array."""
-    order = np.empty(count, np.int32)
-    number = np.full(count + 1, -1, np.int32)
-    stack = np.empty(count, np.int32)
-    stack[0] = 0
-    top = 1
-    size = 0
-    while top > 0:
-        top -= 1
-        i = stack[top]
-        order[size] = i
-        number[i] = size
-        size += 1
-        if segments[i].left >= 0:
-            if segments[i].right >= 0:
-                stack[top] = segments[i].right
-                top += 1
-            stack[top] = segments[i].left
-            top += 1
-    result = segments.copy()
-    for n in range(count):
-        result[n] = segments[order[n]]
-        s = result[n]
-        # number[-1] is -1: no parent, no child.
-        s.parent, s.left, s.right = number[s.parent], number[s.left], number[s.right]
-    return result
 
 
 def share_terminals(

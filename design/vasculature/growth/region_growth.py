@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.growth.cost import SEGMENT, Segments, refresh
-from design.vasculature.growth.growth_state import ALL_AROUND, CELL, clearances_of, index_segments
-from design.vasculature.growth.index import REACH, empty_index
+from design.vasculature.growth.growth_state import ALL_AROUND
+from design.vasculature.growth.index import CELL, REACH, clearances_of, empty_index, index_segments
 from design.vasculature.growth.kernel import GROWTH_POWER, PROGRESS, REBUILD, Scale, derive_radii
 from design.vasculature.growth.points import Sampler
 from design.vasculature.growth.region_split import SHARED, RegionSampler, Split

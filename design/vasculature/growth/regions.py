@@ -11,18 +11,16 @@ from typing import Any, Final
 import numpy as np
 
 from design.tissue import Tissue
-from design.tissue.grid import least_depth_along
-from design.vasculature.growth.checks import drop_marked, measure_changed, too_wide
-from design.vasculature.growth.cost import refresh_all
-from design.vasculature.growth.fit import (
-    growth_factor,
-    limit_children,
-    limit_smaller_child,
-    seven_integers,
+from design.vasculature.growth.checks import (
+    allowed_radius,
+    drop_marked,
+    limit_joints,
+    measure_changed,
+    too_wide,
 )
-from design.vasculature.growth.index import REACH, CellIndex, Clearances, neighbours_of
+from design.vasculature.growth.cost import depth_first, refresh_all
+from design.vasculature.growth.index import CellIndex, Clearances
 from design.vasculature.growth.kernel import derive_radii
-from design.vasculature.growth.points import depth_first
 from design.vasculature.growth.region_growth import Store, grow_region, region_job
 from design.vasculature.growth.region_split import Split, split_tree
 from design.vasculature.growth.tree import TreeGrowth
@@ -32,10 +30,16 @@ from kernels import scalar_jit
 
 LARGE: Final = 100_000
 """Terminals from which a tree is grown by regions."""
+
+
 REGION: Final = 8_000
 """Terminals of a region at most, about: its segments stay in a core's cache."""
+
+
 EARLY: Final = 10_000
 """Terminals at least that a tree has before it is split into regions."""
+
+
 PART: Final = 50
 """A tree is split when it has one in so many of its terminals."""
 
@@ -229,8 +233,6 @@ class ClusterPool(Executor):
         return self._sent[id(value)][1]
 
 
-# Compute how wide segments of a large tree may be without collision, on several threads.
-
 _AT_A_TIME = 50_000
 """Segments that a thread measures before it takes more."""
 LARGER, SMALLER = 1.03, 0.85
@@ -307,25 +309,6 @@ def measure_alone(
         s.allowed, s.audited = np.inf, s.radius
         if s.given != 0:
             continue
-        parent, sibling, left, right = neighbours_of(segments, i)
-        if i > 0:
-            most = REACH * s.radius + room.wall
-            depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
-            s.allowed = depth - room.wall
-        skip = seven_integers(i, parent, sibling, left, right, -1, -1)
-        free = growth_factor(
-            index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, False
-        )
-        s.allowed = min(s.allowed, free * s.radius)
-        if left < 0 and s.radius < smallest:
+        s.allowed = allowed_radius(segments, i, index, room, False)
+        if s.left < 0 and s.radius < smallest:
             s.allowed = min(s.allowed, 0.0)
-
-
-@scalar_jit
-def limit_joints(segments: Any, count: int, room: Clearances) -> None:
-    """Lower the allowed radii of children that don't part, as `growth.checks` does."""
-    for i in range(count):
-        _, _, left, right = neighbours_of(segments, i)
-        if right >= 0:
-            limit_children(segments, room, left, right, segments[i])
-            limit_smaller_child(segments, room, i)

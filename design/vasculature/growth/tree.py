@@ -14,13 +14,14 @@ from design.vasculature.growth.checks import (
 )
 from design.vasculature.growth.cost import place, refresh
 from design.vasculature.growth.final_tree import final_radii, share_by_demand
-from design.vasculature.growth.growth_state import (
-    ALL_AROUND,
-    GrowthState,
+from design.vasculature.growth.growth_state import ALL_AROUND, GrowthState, just_below
+from design.vasculature.growth.index import (
+    MARGIN,
+    MARGIN_AT_MOST,
+    MARGIN_LEFT,
+    Clearances,
     clearances_of,
-    just_below,
 )
-from design.vasculature.growth.index import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT, Clearances
 from design.vasculature.growth.kernel import (
     DONE,
     FULL_INDEX,
@@ -28,11 +29,12 @@ from design.vasculature.growth.kernel import (
     THIN_MARGIN,
     Scale,
     derive_radii,
+    first_pair,
     grow,
 )
 from design.vasculature.growth.points import GivenPoints, Samples, obstructing_segments
 from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
-from design.vasculature.growth.start import first_pair, sole_end
+from design.vasculature.growth.start import sole_end
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 
 from design.vasculature import VesselTree, tree_radii
 from design.vasculature.growth.cost import SEGMENT, Sprout, refresh_all, spread_down
-from design.vasculature.growth.propose import estimate
+from design.vasculature.growth.kernel import estimate
 from design.vasculature.options import Law
 from design.vasculature.penalty import no_penalty
 

@@ -16,9 +16,17 @@ from design.vasculature import (
     tree_radii,
 )
 from design.vasculature.growth.checks import prune
-from design.vasculature.growth.cost import SEGMENT, Sprout, climb, place, refresh, spread_down
-from design.vasculature.growth.fit import best_place, split_value
-from design.vasculature.growth.propose import trial
+from design.vasculature.growth.cost import (
+    SEGMENT,
+    Sprout,
+    best_place,
+    climb,
+    place,
+    refresh,
+    split_value,
+    spread_down,
+)
+from design.vasculature.growth.kernel import trial
 from design.vasculature.growth.territories import Surroundings
 from design.vasculature.growth.tree import TreeGrowth
 from design.vasculature.options import Law
