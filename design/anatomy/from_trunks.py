@@ -22,8 +22,8 @@ from design.errors import WideTrunkError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.forest import RootSpec, grow_forest, likely_radius
-from design.vasculature.growth.grow import SPREADS
 from design.vasculature.growth.territories import Surroundings
+from design.vasculature.growth.tree import SPREADS
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii

@@ -11,10 +11,9 @@ import numpy as np
 from design.errors import DesignError, GrowthError, NoRoomError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.growth.grow import ATTEMPTS, ROUNDS, SPREADS
 from design.vasculature.growth.root import stem
 from design.vasculature.growth.territories import Surroundings, part_tissue
-from design.vasculature.growth.tree import TreeGrowth
+from design.vasculature.growth.tree import ATTEMPTS, ROUNDS, SPREADS, TreeGrowth
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +26,8 @@ LEAST_FLOW = 0.05
 
 NAMED = 5
 """Points at most that a message names."""
+_ONE_AT_A_TIME = Lock()
+"""A demand may be read by a kernel of several threads, which can't be entered twice."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,18 @@ class Sampler:
         Points are uniform, and each terminal's flow follows the demand there.
     owns : function of (k, 3) float64 to (k,) bool, optional
         Which points lie in the tree's territory.
+    corners : (m, 3) float64, mm, optional
+        Lowest corners of the cells of a grid that points are drawn from, in place of the bounds.
+    edge_mm : float
+        Of a cell.
     """
 
     tissue: Tissue
     dense: bool
     flows: bool
     owns: Callable[[FloatArray], NDArray[np.bool_]] | None
+    corners: FloatArray | None = None
+    edge_mm: float = 0.0
 
     @classmethod
     def by(
@@ -64,25 +73,40 @@ class Sampler:
         """Part of the points inside that sampling by demand keeps."""
         return self.tissue.demand.mean_weight if self.dense else 1.0
 
+    @property
+    def volume_mm3(self) -> float:
+        """Volume that points are drawn from."""
+        if self.corners is not None:
+            return len(self.corners) * self.edge_mm**3
+        return float(np.prod(np.ptp(self.tissue.bounds, axis=0)))
+
     def none(self) -> Samples:
         """No points."""
         return plain_samples(np.empty((0, 3)))
 
     def draw(self, random: np.random.Generator, tries: int, in_order: bool) -> Samples:
-        """Those of so many points in the tissue's bounds that lie inside and are wanted."""
-        low, high = self.tissue.bounds
-        points = random.uniform(low, high, (tries, 3))
+        """Those of so many points that lie inside the tissue and are wanted."""
+        if self.corners is None:
+            low, high = self.tissue.bounds
+            points = random.uniform(low, high, (tries, 3))
+        else:
+            low, high = self.corners.min(axis=0), self.corners.max(axis=0) + self.edge_mm
+            cell = random.integers(len(self.corners), size=tries)
+            points = self.corners[cell] + self.edge_mm * random.uniform(size=(tries, 3))
+            in_order = True
         # Most points lie outside a thin tissue, and whose they are costs more to ask.
         points = inside(self.tissue.grid.arrays, points, low, high, in_order)
         if self.owns is not None:
             points = points[self.owns(points)]
-        return self.weighed(random, points)
+        return self._weighed(random, points)
 
-    def weighed(self, random: np.random.Generator, points: FloatArray) -> Samples:
+    def _weighed(self, random: np.random.Generator, points: FloatArray) -> Samples:
         """Those of some points inside the tissue that are wanted, with their flows."""
         if not (self.dense or self.flows):
             return plain_samples(points)
-        weight, mean = self.tissue.demand.weight(points), self.tissue.demand.mean_weight
+        with _ONE_AT_A_TIME:
+            weight = self.tissue.demand.weight(points)
+        mean = self.tissue.demand.mean_weight
         least = random.uniform(size=len(points)) if self.dense else np.zeros(len(points))
         wanted = weight > least
         points, share = points[wanted], weight[wanted] / mean

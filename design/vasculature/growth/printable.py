@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from design.errors import DesignError, GrowthError
 from design.tissue import Tissue
-from design.vasculature.growth.grow import SPREADS, grow_from_root
 from design.vasculature.growth.root import deep_roots
+from design.vasculature.growth.tree import SPREADS, grow_from_root
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 

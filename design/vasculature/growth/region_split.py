@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise, product
-from threading import Lock
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +12,12 @@ from scipy.spatial import KDTree
 
 from design.tissue import Tissue
 from design.vasculature.growth.cost import Segments
-from design.vasculature.growth.points import Sampler, Samples, inside, share_terminals
+from design.vasculature.growth.points import share_terminals
 from design.vasculature.growth.supply import demand_points
 from kernels.arrays import FloatArray, IntArray
 
+REGION: Final = 8_000
+"""Terminals of a region at most, about: its segments stay in a core's cache."""
 SHARED = -1
 """Region of segments that feed branches of several regions."""
 _BRANCHES = 8
@@ -123,10 +123,8 @@ class Split:
         return len(self.goal)
 
 
-def split_tree(
-    early: Segments, tissue: Tissue, terminals: int, size: int, dense: bool, seed: int
-) -> Split:
-    """Split an early tree into regions of about ``size`` terminals when it is grown.
+def split_tree(early: Segments, tissue: Tissue, terminals: int, dense: bool, seed: int) -> Split:
+    """Split an early tree into regions of about `REGION` terminals when it is grown.
 
     Parameters
     ----------
@@ -135,14 +133,12 @@ def split_tree(
     tissue : Tissue
     terminals : int
         Of the finished tree.
-    size : int
-        Terminals of a region at most, about.
     dense : bool
         Whether terminals are denser where the demand is higher.
     seed : int
         Of the points by which demand is measured.
     """
-    most = max(2.0, size * len(early) / (2.0 * terminals))
+    most = max(2.0, REGION * len(early) / (2.0 * terminals))
     branch, roots = _branches(early, max(1, int(most / _BRANCHES)))
     tips = np.flatnonzero((early["left"] < 0) & (branch >= 0))
     at = np.column_stack([early["dx"], early["dy"], early["dz"]])[tips]
@@ -250,8 +246,6 @@ def _wanted(early: Segments, region: IntArray, growth: FloatArray) -> FloatArray
 
 _ROWS = 1 << 18
 """Centres of cells made at a time."""
-_ONE_AT_A_TIME = Lock()
-"""A demand may be read by a kernel of several threads, which can't be entered twice."""
 
 
 def _shifted(step: tuple[int, ...], side: int) -> tuple[slice, ...]:
@@ -280,33 +274,3 @@ def divide(tissue: Tissue, edge_mm: float, tips: FloatArray, region: NDArray[Any
         touches = tissue.grid.distance(centre) < 0.5 * np.sqrt(3.0) * edge_mm
         owner[some[touches]] = region[nearest.query(centre[touches])[1]]
     return RegionCells(low, edge_mm, owner.reshape(shape))
-
-
-@dataclass(frozen=True)
-class RegionSampler(Sampler):
-    """Points in a region's cells.
-
-    Attributes
-    ----------
-    corners : (m, 3) float64, mm
-        Lowest corner of each cell.
-    edge_mm : float
-    """
-
-    corners: FloatArray
-    edge_mm: float
-
-    @cached_property
-    def box(self) -> tuple[FloatArray, FloatArray]:
-        """Lowest and highest corner of all cells, mm."""
-        return self.corners.min(axis=0), self.corners.max(axis=0) + self.edge_mm
-
-    def draw(self, random: np.random.Generator, tries: int, in_order: bool) -> Samples:
-        """Those of so many points in the cells that lie in the tissue and are wanted."""
-        cell = random.integers(len(self.corners), size=tries)
-        points = self.corners[cell] + self.edge_mm * random.uniform(size=(tries, 3))
-        points = inside(self.tissue.grid.arrays, points, *self.box, True)
-        if not (self.dense or self.flows):
-            return self.weighed(random, points)
-        with _ONE_AT_A_TIME:
-            return self.weighed(random, points)

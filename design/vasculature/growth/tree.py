@@ -1,58 +1,414 @@
-"""Grow one tree to its number of terminals: add, check radii for collisions, repair; repeat."""
+"""Grow one tree: add terminals, audit with the final radii, repair; retry from other roots."""
 
 from __future__ import annotations
+
+from concurrent.futures import Executor, Future
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.errors import GrowthError, NoRoomError, RootError
+from design.errors import DesignError, GrowthError, NoRoomError, RootError, TissueError
+from design.network import VesselNetwork
+from design.tissue import Tissue
 from design.vasculature.growth.checks import (
     measure_allowed_radii,
     measure_changed,
     prune,
     retip_thin,
 )
-from design.vasculature.growth.cost import place, refresh
-from design.vasculature.growth.final_tree import final_radii, share_by_demand
-from design.vasculature.growth.growth_state import ALL_AROUND, GrowthState, just_below
+from design.vasculature.growth.cost import (
+    SEGMENT,
+    TRUNK,
+    Segments,
+    depth_first,
+    follow_radii,
+    place,
+    refresh,
+    refresh_all,
+    spread_down,
+)
 from design.vasculature.growth.index import (
+    CELL,
     MARGIN,
     MARGIN_AT_MOST,
     MARGIN_LEFT,
+    CellIndex,
     Clearances,
+    clear_of,
     clearances_of,
+    empty_index,
+    index_segments,
 )
 from design.vasculature.growth.kernel import (
+    CANDIDATES,
     DONE,
     FULL_INDEX,
     MORE_POINTS,
+    PROGRESS,
+    REBUILD,
     THIN_MARGIN,
     Scale,
     derive_radii,
     first_pair,
     grow,
 )
-from design.vasculature.growth.points import GivenPoints, Samples, obstructing_segments
-from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
-from design.vasculature.growth.start import sole_end
-from design.vasculature.growth.trunk import Trunk
+from design.vasculature.growth.points import (
+    LEAST_FLOW,
+    GivenPoints,
+    Sampler,
+    Samples,
+    obstructing_segments,
+)
+from design.vasculature.growth.region_split import split_tree
+from design.vasculature.growth.regions import (
+    NEAREST_IN_REGION,
+    Region,
+    grow_regions,
+    measure_again,
+    measure_in_parallel,
+    terminals_before_split,
+    thread_count,
+)
+from design.vasculature.growth.root import (
+    deep_roots,
+    lengthen_stem,
+    search_root,
+    sole_end,
+    stem,
+    stem_is_short,
+)
+from design.vasculature.growth.supply import demand_points, points_for, territory_demand
+from design.vasculature.growth.territories import Surroundings
+from design.vasculature.growth.trunk import Trunk, trunk_of
 from design.vasculature.options import GrowthOptions
+from design.vasculature.penalty import PenaltyArrays, sample_penalty
 from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology
+from design.vasculature.viscosity import ROUNDS as VISCOSITY_ROUNDS
+from design.vasculature.viscosity import SETTLED
 from kernels.arrays import FloatArray
 
+SPREADS = (1.7, 1.5, 1.6, 1.4, 1.3)
+"""Terminal spreads tried in turn where none is given: wide ones leave the terminals free, narrow
+ones keep the trunk thin. One whose trunk was too wide for half of the terminals isn't tried
+again, nor a wider one."""
+ATTEMPTS = 24
+"""Growths from other random numbers, where one gets stuck and nothing else is said."""
+DEEP_ROOTS = 3
+"""Deep places tried where the default root is too shallow, or its tree gets stuck."""
+PROBES = 3
+"""Growths from a deep place after the default root's tree got stuck, and of each of the small
+trees by which a root is searched for."""
+TRIED_AT_MOST = 2_000_000
+"""Points tried in failed attempts, after which no third or later one is begun."""
 ROUNDS = 20
 """Audits and repairs at most."""
+_EAGER, _PATIENT = 6, 400
+"""Patience (see `Scale`) of thin trees, which get everywhere at once, and of those with a smallest
+radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lumen, not 1.9."""
+_SMALL = 10_000
+"""Terminals below which a tree is in the cache, however it is ordered."""
+_EARLY = 0.45
+"""Part of the terminals up to which a given trunk's branches are kept narrow."""
+_ALL_AROUND = 40
+"""Nearest segments considered for given points missed at first, or with a flow ratio."""
 _PATIENCE = 20_000
+"""Points in a row that find no place before growth is given up."""
 _CHUNK = 4096
-TRIES = 0.5
+_TRIES = 0.5
 """Points in the tissue sampled at a time, over the terminals there are: few enough that a tree
 grown to them in order is like one grown in random order."""
 _WAYS_MADE = 40
 """How often what is in the way of given points is taken away."""
+_SYNC = 8
+"""Branches outside a region are made to grow alike each time it has grown by one in so many."""
+_DEMAND_SEED = 1 << 40
+"""Added to the seed: a later report on supply must not measure it with the points that set it."""
 
 
-class TreeGrowth(GrowthState):
-    """The loop that has a tree grown, audited and repaired."""
+def grow_tree(
+    tissue: Tissue,
+    options: GrowthOptions,
+    *,
+    attempts: int = ATTEMPTS,
+    trunk: VesselNetwork | VesselTree | None = None,
+    pool: Executor | None = None,
+) -> VesselTree:
+    """Grow a tree that stays in the tissue and doesn't collide.
+
+    Without a root of the user's the tree enters at the highest vertex. Where no trunk fits there,
+    or the tree gets stuck before half of its terminals, it enters where the tissue is deep; its
+    notes say so.
+
+    Points are sampled in the tissue by its demand, or given. Each joins the tree at the segment
+    and place that cost least (Schreiner & Buxbaum 1993; exact over the whole tree), among those
+    whose vessels fit with the radii that the finished tree is predicted to have. At the end all
+    pairs are audited with the true radii; what doesn't fit is pruned and grown elsewhere.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    options : GrowthOptions
+    attempts : int
+        Growths from other random numbers at most, where one gets stuck.
+    trunk : VesselNetwork or VesselTree, optional
+        Growth goes on from it (`growth.trunk`): its segments stay, its radii follow
+        from what they then feed. Its ends count as terminals, unless the terminals are given.
+    pool : concurrent.futures.Executor, optional
+        Who grows the regions of a large tree (`growth.regions`): processes, or a Dask cluster
+        (`ClusterPool`). By default threads, as many as numba may use. The tree is the same by any.
+
+    Returns
+    -------
+    VesselTree
+        Same tissue, options and seed: the same bytes. Its notes say where a root searched for
+        was found, and what became of a trunk.
+
+    Raises
+    ------
+    TissueError
+        When the tissue is too thin for the root's branches.
+    GrowthError
+        When the root is misplaced, no more terminals fit (with how many did), given terminals
+        can't be reached (with which), or repair fails (with how many vessels are left that don't
+        fit).
+    """
+    stem = None if trunk is None else trunk_of(trunk)
+    if not options.root_candidates:
+        try:
+            return grow_from_root(tissue, options, attempts, stem, pool)
+        except (RootError, NoRoomError) as error:
+            half_placed = 2 * _placed(error) >= options.terminals
+            if stem is not None or options.root_point_mm is not None or half_placed:
+                raise
+            return _grow_from_deep_root(tissue, options, attempts, error, pool)
+    if stem is not None:
+        raise GrowthError("a trunk has a root of its own; set root_candidates to 0")
+    root = search_root(tissue, options, partial(grow_from_root, attempts=PROBES))
+    point, way = root.points[root.best].tolist(), root.directions[root.best].tolist()
+    placed = replace(
+        options, root_candidates=0, root_point_mm=tuple(point), root_direction=tuple(way)
+    )
+    tree = grow_from_root(tissue, placed, attempts, None, pool)
+    return replace(tree, notes=(root.note, *tree.notes))
+
+
+def _grow_from_deep_root(
+    tissue: Tissue,
+    options: GrowthOptions,
+    attempts: int,
+    why: RootError | NoRoomError,
+    pool: Executor | None,
+) -> VesselTree:
+    """Grow from where the tissue is deep, after the default root failed by ``why``.
+
+    Raises
+    ------
+    RootError, NoRoomError
+        When none of the places holds the tree: of the root that placed most terminals.
+    """
+    trouble = "no trunk fits at the highest point"
+    if isinstance(why, NoRoomError):
+        attempts = min(attempts, PROBES)
+        trouble = f"from the highest point only {why.placed} terminals fit"
+    for point, way in zip(*deep_roots(tissue, DEEP_ROOTS, options.seed), strict=True):
+        x, y, z = point.tolist()
+        dx, dy, dz = way.tolist()
+        placed = replace(options, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
+        try:
+            tree = grow_from_root(tissue, placed, attempts, None, pool)
+        except (RootError, NoRoomError) as error:
+            why = max(why, error, key=_placed)
+            continue
+        note = (
+            f"{trouble}, so the root was put at ({x:.4g}, {y:.4g}, {z:.4g}) mm, where the tissue "
+            "is deep"
+        )
+        return replace(tree, notes=(note, *tree.notes))
+    raise why
+
+
+def _placed(error: RootError | NoRoomError) -> int:
+    """Return the number of terminals that found a place."""
+    return error.placed if isinstance(error, NoRoomError) else 0
+
+
+def grow_from_root(
+    tissue: Tissue,
+    options: GrowthOptions,
+    attempts: int,
+    trunk: Trunk | None = None,
+    pool: Executor | None = None,
+) -> VesselTree:
+    """The first attempt that succeeds from the root as it is given, or from the highest point.
+
+    Raises
+    ------
+    TissueError, GrowthError
+        As `grow_tree`, but no other root is tried: `RootError` where none of the attempts found
+        room for a trunk.
+    """
+    spreads = [options.terminal_spread] if options.terminal_spread else list(SPREADS)
+    tried, most = 0, -1
+    best: DesignError = GrowthError("not tried")
+    for attempt in range(attempts):
+        spread = spreads[attempt % len(spreads)]
+        split_at = terminals_before_split(options, trunk)
+        growth = TreeGrowth.open(
+            tissue, options, Surroundings(), spread, attempt, trunk, split_at=split_at
+        )
+        growth.pool = pool
+        try:
+            return growth.run()
+        except (GrowthError, TissueError) as error:
+            grown = growth.terminals
+            if grown > most:
+                most, best = grown, error
+        if grown < options.terminals // 2:
+            spreads = [s for s in spreads if s < spread] or spreads
+        tried += int(growth.progress["tried"][0])
+        if attempt > 0 and tried > TRIED_AT_MOST:
+            break
+    raise best.around(after=f" (best of {attempt + 1} attempts)") from best
+
+
+@dataclass
+class TreeGrowth:
+    """State and loop of one tree's growth: terminals are added, audited and repaired.
+
+    A large tree is divided into regions at ``split_at`` terminals. Each region is grown by a growth
+    of its own (`grow_region`), on any thread, process or machine.
+
+    Attributes
+    ----------
+    tissue, options, others, scale
+        What the tree depends on; ``others`` are vessels that it keeps clear of.
+    segments : Segments
+        Its own, room for those to come, and behind all the vessels of others.
+    random : Generator
+    trunk : Trunk, optional
+    given : GivenPoints, optional
+    split_at : int
+        Terminals at which the tree is divided into regions; 0 where it isn't (any more).
+    pool : Executor, optional
+        Who grows the regions; threads of this process, one a core, by default.
+    region : Region, optional
+        The part of a large tree that this growth is of.
+    room, index, sampler, penalty, progress
+        As kernels take them.
+    """
+
+    tissue: Tissue
+    options: GrowthOptions
+    others: Surroundings
+    scale: Scale
+    segments: Segments
+    random: np.random.Generator
+    trunk: Trunk | None = None
+    given: GivenPoints | None = None
+    split_at: int = 0
+    pool: Executor | None = None
+    region: Region | None = None
+    room: Clearances = field(init=False)
+    index: CellIndex = field(init=False)
+    sampler: Sampler = field(init=False)
+    penalty: PenaltyArrays = field(init=False)
+    progress: NDArray[np.void] = field(init=False)
+    _by_regions: bool = field(init=False)
+    _is_audited: bool = False
+    _indexed: int = 0
+    _stage: int = -1
+    _unreached: int = -1
+    _narrow_until: int = 0
+    _sync_at: int = 0
+
+    def __post_init__(self) -> None:
+        tissue, options, trunk = self.tissue, self.options, self.trunk
+        self._by_regions = self.split_at > 0
+        self.room = clearances_of(tissue, options)
+        self.index = empty_index(tissue.bounds, float(np.ptp(tissue.bounds)), 1, 1)
+        self.sampler = Sampler.by(tissue, options, self.others.owns)
+        nearest = CANDIDATES
+        if self.region is not None:
+            nearest = NEAREST_IN_REGION
+            self.sampler = replace(
+                self.sampler, corners=self.region.corners, edge_mm=self.region.edge_mm
+            )
+        self.penalty = sample_penalty(tissue, options.penalty)
+        self.progress = np.zeros(1, PROGRESS)
+        self.progress["apart"], self.progress["thick"] = 0.9, 1.0
+        self.progress["candidates"] = _ALL_AROUND if options.flow_ratio else nearest
+        if trunk is not None and trunk.widest_branch < np.inf:
+            self._narrow_until = round(_EARLY * self.goal)
+
+    @classmethod
+    def open(
+        cls,
+        tissue: Tissue,
+        options: GrowthOptions,
+        others: Surroundings,
+        spread: float,
+        attempt: int,
+        trunk: Trunk | None = None,
+        *,
+        split_at: int = 0,
+    ) -> Self:
+        """Return a growth with nothing in it yet; same arguments, same growth."""
+        if options.root_candidates:
+            raise GrowthError(
+                "a root is searched for a tree alone (grow_tree); give each of several trees its "
+                "root point"
+            )
+        given = GivenPoints.of(tissue, options)
+        goal = options.terminals + (trunk.tips if given is not None and trunk is not None else 0)
+        if trunk is not None:
+            trunk.check(goal, options, tissue)
+        fixed = options.smallest_radius_mm or 0.0
+        spread = spread if fixed else 0.0
+        root = fixed * spread * goal ** (1.0 / options.murray_exponent)
+        volume = others.share * tissue.volume_mm3
+        drop = options.flow_ul_s(volume) / options.pressure_drop_pa
+        patience = _PATIENT if fixed else _EAGER
+        size = 2 * (split_at or goal) + 1 + (len(trunk.parent) if trunk else 0)
+        own = np.zeros(size, SEGMENT)
+        # The stem and its first two; all others get theirs when they are made. Memory that isn't
+        # written isn't taken.
+        own["flow"][:3] = own["thick"][:3] = 1.0
+        return cls(
+            tissue,
+            options,
+            others,
+            Scale(drop, root, spread, goal, volume, patience),
+            np.concatenate([own, others.records()]) if others.count else own,
+            np.random.default_rng([options.seed, attempt]),
+            trunk,
+            given,
+            split_at,
+        )
+
+    @property
+    def count(self) -> int:
+        """Segments grown."""
+        return int(self.progress["count"][0])
+
+    @property
+    def goal(self) -> int:
+        """Terminals of the finished tree; with given points, a trunk's own besides."""
+        return self.scale.goal
+
+    @property
+    def terminals(self) -> int:
+        """Terminals grown."""
+        return int(self.progress["terminals"][0])
+
+    def meet(self, others: Surroundings) -> None:
+        """Take the vessels of others as they are now."""
+        own = self.segments[: len(self.segments) - self.others.count]
+        self.others, self.segments = others, np.concatenate([own, others.records()])
 
     def run(self) -> VesselTree:
         """Grow, audit and repair until everything fits."""
@@ -72,7 +428,10 @@ class TreeGrowth(GrowthState):
         """Plant the trunk, or place the stem and the first two terminals."""
         law = self.options.law
         if self.trunk is not None:
-            self._plant(self.trunk)
+            self.trunk.plant(self.segments, law)
+            self.progress["count"] = len(self.trunk.parent)
+            self.progress["terminals"] = self.trunk.tips
+            derive_radii(self.segments, self.progress, law, self.scale)
             return
         settings = self._enter_stage()
         begin, end = stem(self.tissue, settings, self._first_guess(), self.room.wall)
@@ -117,11 +476,6 @@ class TreeGrowth(GrowthState):
         across = float(np.linalg.norm(np.ptp(self.tissue.bounds, axis=0)))
         return max(1.0, across / float(np.linalg.norm(end - begin)))
 
-    def _plant(self, trunk: Trunk) -> None:
-        trunk.plant(self.segments, self.options.law)
-        self.progress["count"], self.progress["terminals"] = len(trunk.parent), trunk.tips
-        derive_radii(self.segments, self.progress, self.options.law, self.scale)
-
     def _first_pair(self) -> None:
         law, root = self.options.law, self._first_guess()
         apart = 0.5 * float(np.cbrt(self.scale.volume))
@@ -148,13 +502,54 @@ class TreeGrowth(GrowthState):
         load = 2.0 * self.options.law.k * float(np.cbrt(self.tissue.volume_mm3))
         return float((self.scale.flow_over_drop * load) ** 0.25)
 
+    def _clear(self, begin: Any, points: Any, radius: float) -> Any:
+        """Whether capsules from ``begin`` to each of ``points`` clear the vessels of others."""
+        self._reindex(own=0)
+        return clear_of(self.segments, self.index, self.room, begin, points, radius)
+
+    def _enter_stage(self) -> GrowthOptions:
+        """Take the parameters of the stage that growth is in, and return them."""
+        stages, settings, now = self.options.stages, self.options, -1
+        if stages:
+            ends = [stage.terminals for stage in stages[:-1]]
+            now = int(np.searchsorted(ends, self.terminals, side="right"))
+            settings = self.options.at_stage(stages[now])
+        self.room = clearances_of(self.tissue, settings)
+        if now != self._stage:
+            self._stage = now
+            self.sampler = Sampler.by(self.tissue, settings, self.others.owns)
+            self.penalty = sample_penalty(self.tissue, settings.penalty)
+        return settings
+
     def grow(self, until: int | None = None) -> None:
         """Grow up to the goal, wherever growth stands, or to so many terminals on the way."""
-        goal = min(until or self.goal, self.goal)
+        if self.split_at:
+            self._grow_in_stages(self.split_at)
+            self._grow_regions()
+        self._grow_in_stages(min(until or self.goal, self.goal))
+
+    def _grow_in_stages(self, goal: int) -> None:
         while self.terminals < goal:
             self._enter_stage()
             stages = self.options.stages
-            self.grow_to(min(goal, stages[self.stage].terminals) if stages else goal)
+            self.grow_to(min(goal, stages[self._stage].terminals) if stages else goal)
+
+    def _grow_regions(self) -> None:
+        """Divide the tree into regions and grow each; what they fall short of grows later."""
+        law = self.options.law
+        derive_radii(self.segments, self.progress, law, self.scale)
+        early = depth_first(self.segments, self.count)[: self.count]
+        seed = int(self.random.integers(1 << 62))
+        split = split_tree(early, self.tissue, self.goal, self.sampler.dense, seed)
+
+        def submit(pool: Executor, region: Region) -> Future[Any]:
+            return pool.submit(grow_region, self.tissue, self.options, self.scale, region, seed)
+
+        self.segments, count = grow_regions(split, self.options.clearance_mm, self.pool, submit)
+        self.split_at = 0
+        refresh_all(self.segments, count, law)
+        self.progress["count"], self.progress["terminals"] = count, self.segments["terminals"][0]
+        derive_radii(self.segments, self.progress, law, self.scale)
 
     def grow_to(self, goal: int) -> None:
         """Grow to so many terminals with the parameters of now."""
@@ -180,8 +575,8 @@ class TreeGrowth(GrowthState):
             )
             # Points in the order of a curve fail together: a whole lot of them must.
             stuck = self.progress["since"][0] > max(_PATIENCE, len(samples.at))
-            if stuck and self.terminals < self.narrow_until:
-                self.narrow_until, status = 0, FULL_INDEX
+            if stuck and self.terminals < self._narrow_until:
+                self._narrow_until, status = 0, FULL_INDEX
                 self.progress["since"] = 0
             elif stuck and self.given is None:
                 begun = self.trunk.tips if self.trunk else 0
@@ -191,11 +586,19 @@ class TreeGrowth(GrowthState):
 
     def _pause_at(self) -> int:
         """Terminals at which growth pauses, unless the index is full before."""
-        double, wide = 2 * self.indexed, self.narrow_until
-        return min(double, wide) if self.terminals < wide else double
+        at = 2 * self._indexed
+        if self.terminals < self._narrow_until:
+            at = min(at, self._narrow_until)
+        return at if self.region is None else min(at, self._sync_at)
 
     def _pause(self, status: int) -> None:
-        """What is due before growth goes on."""
+        """Do what is due before growth goes on."""
+        if self.region is not None:
+            self.region.grow_elsewhere(self.segments, self.terminals, self.options.law)
+            self._sync_at = self.terminals + max(1, self.terminals // _SYNC)
+            if status == REBUILD and self.terminals < 2 * self._indexed:
+                derive_radii(self.segments, self.progress, self.options.law, self.scale)
+                return
         self._relist()
 
     def _relist(self) -> None:
@@ -204,8 +607,32 @@ class TreeGrowth(GrowthState):
         self._measure()
         derive_radii(self.segments, self.progress, self.options.law, self.scale)
 
+    def _reindex(self, own: int | None = None) -> None:
+        """List everything anew, in cells that suit the tree until it has doubled.
+
+        Of the tree's own segments ``own`` are listed, or all.
+        """
+        region = self.region
+        if region is None:
+            self._indexed, others = max(4, self.terminals), self.others.count
+            # Numbered by branch where the cache asks for it; regions need the early tree's order.
+            if self.terminals > _SMALL and not self.split_at:
+                self.segments = depth_first(self.segments, self.count)
+            bounds = self.tissue.bounds
+        else:
+            self._indexed, others = self.terminals, len(region.around)
+            grown = self.segments[len(region.held) : self.count]
+            bounds = np.stack(region.box(grown, self.room.clearance))
+        goal = min(self.goal, 2 * self.terminals)
+        cell = CELL * float(np.cbrt(self.scale.volume / max(8, goal)))
+        count = self.count if own is None else own
+        self.index = index_segments(bounds, cell, self.segments, count, others, self.room)
+
     def _measure(self) -> None:
         """Measure the room that each segment has, as far as it may have changed."""
+        if self.region is not None and self.terminals > self.region.terminals:
+            # What is new has measured itself and its neighbours, and shares change little.
+            return
         # By the limits of the audit: those that a later stage sets for its own joints would close
         # the earlier ones'.
         room = clearances_of(self.tissue, self.options.mildest())
@@ -217,26 +644,40 @@ class TreeGrowth(GrowthState):
             # Neighbours' shares have changed since each segment's room was measured.
             measure_allowed_radii(self.segments, self.count, self.index, room, 0.0, False)
 
+    def _samples(self, tries: int) -> Samples:
+        """Points to grow to: so many tries at new ones, or the given ones that are left."""
+        if self.given is not None:
+            return self.given.samples(self.random.permutation(self._missing(self.given)))
+        return self.sampler.draw(self.random, tries, self.terminals > _SMALL)
+
+    def _missing(self, given: GivenPoints) -> NDArray[np.int64]:
+        """Given points that aren't reached."""
+        s = self.segments[: self.count]
+        tips = s[(s["left"] < 0) & (s["given"] == 0)]
+        return given.missing(np.column_stack([tips["dx"], tips["dy"], tips["dz"]]))
+
     def _more(self) -> Samples:
         """More points to grow to."""
         if self.given is None:
             return self._samples(self._tries())
         missing = self._missing(self.given)
-        if len(missing) == self.unreached:
+        if len(missing) == self._unreached:
             # A whole pass reached none of them.
             return self._made_way(self.given, missing)
-        self.unreached = len(missing)
+        self._unreached = len(missing)
         return self.given.samples(self.random.permutation(missing))
 
     def _tries(self) -> int:
-        """Points to draw at a time."""
-        tries = TRIES * self._per_wanted * self.terminals
-        return int(np.clip(tries, _CHUNK, 1 << 21))
+        """Return how many points to draw at a time."""
+        per_wanted = self.sampler.volume_mm3 / (self.scale.volume * self.sampler.kept)
+        tries = _TRIES * per_wanted * self.terminals
+        # A region's points come in order, so that more would make another tree: 2 % more volume.
+        return int(tries) + 1 if self.region is not None else int(np.clip(tries, _CHUNK, 1 << 21))
 
     def _made_way(self, given: GivenPoints, missing: NDArray[np.int64]) -> Samples:
         """Take away what lies nearest to points that can't be reached, and put these first."""
         passes = given.stuck_on(missing)
-        self.progress["candidates"] = ALL_AROUND
+        self.progress["candidates"] = _ALL_AROUND
         if passes > _WAYS_MADE:
             raise given.unreached(missing, self.tissue)
         s = self.segments[: self.count]
@@ -249,13 +690,13 @@ class TreeGrowth(GrowthState):
             raise given.unreached(missing, self.tissue) from error
         self._relist()
         freed = np.setdiff1d(self._missing(given), missing)
-        self.unreached = len(missing) + len(freed)
+        self._unreached = len(missing) + len(freed)
         order = [self.random.permutation(some) for some in (missing, freed)]
         return given.samples(np.concatenate(order))
 
     def _widest_branch(self) -> float:
         """Radius, over the root's, at which a branch takes on no more terminals now."""
-        early = self.terminals < self.narrow_until
+        early = self.terminals < self._narrow_until
         return self.trunk.widest_branch if self.trunk is not None and early else np.inf
 
     def _reserve(self) -> float:
@@ -271,19 +712,50 @@ class TreeGrowth(GrowthState):
         With a smallest radius, a thinner terminal doesn't fit either; nor does a stem too short
         for its radius, nor a joint that breaks the limits.
         """
-        smallest = self.options.smallest_radius_mm
         self.room = clearances_of(self.tissue, self.options.mildest())
         if self.sampler.flows:
-            share_by_demand(self.segments, self.count, self.tissue, self.options, self.others.owns)
-        final_radii(self.segments, self.count, self.options, self.scale)
+            self._share_by_demand()
+        self._derive_final_radii()
         self._reindex()
-        least = just_below(smallest or 0.0)
+        # What meets the smallest radius to rounding passes.
+        least = (self.options.smallest_radius_mm or 0.0) * (1.0 - 1e-9)
         return self._too_wide(least) + self._stem_is_short()
 
     def _too_wide(self, least: float) -> int:
-        """How many segments the final audit finds wider than allowed."""
-        index, room = self.index, self.room
-        return int(measure_allowed_radii(self.segments, self.count, index, room, least, True))
+        """Return how many segments the final audit finds wider than allowed."""
+        known = self.segments, self.count, self.index, self.room, least
+        if not self._by_regions:
+            return int(measure_allowed_radii(*known, True))
+        if self._is_audited:
+            return measure_again(*known)
+        self._is_audited = True
+        return measure_in_parallel(*known, thread_count())
+
+    def _share_by_demand(self) -> None:
+        """Give each terminal the flow that its territory asks for."""
+        s = self.segments[: self.count]
+        tips = np.flatnonzero(s["left"] < 0)
+        at = np.column_stack([s["dx"], s["dy"], s["dz"]])[tips]
+        many, seed = points_for(self.options.terminals), self.options.seed + _DEMAND_SEED
+        points, weight = demand_points(self.tissue, many, seed, self.others.owns)
+        share = len(tips) * territory_demand(points, weight, at)
+        s["flow"][tips] = np.maximum(share, LEAST_FLOW)
+        refresh_all(self.segments, self.count, self.options.law)
+
+    def _derive_final_radii(self) -> None:
+        """Derive radii by the pressure drop, or as wide as the smallest radius asks for."""
+        law, smallest, top = self.options.law, self.options.smallest_radius_mm, self.segments[0]
+        for _ in range(VISCOSITY_ROUNDS):
+            root = self.scale.root_radius or float(
+                (self.scale.flow_over_drop * float(top["load"]) / float(top["flow"])) ** 0.25
+            )
+            thinnest = spread_down(self.segments, self.count, root, 1.0, law)
+            if smallest is not None and thinnest > smallest:
+                spread_down(self.segments, self.count, root * (smallest / thinnest), 1.0, law)
+            if law.haematocrit < 0.0:
+                return
+            if follow_radii(self.segments, self.count, law)[0] < SETTLED:
+                return
 
     def _stem_is_short(self) -> bool:
         return self.trunk is None and stem_is_short(self.segments, self.room)
@@ -292,6 +764,7 @@ class TreeGrowth(GrowthState):
         """Lengthen the stem, or move tips that are too thin and take away what else doesn't fit."""
         self.progress["careful"] = 1
         if self._stem_is_short():
+            self._is_audited = False
             lengthen_stem(self.segments, self.room, self.options.law)
             return
         if self.options.smallest_radius_mm is not None and self.given is None:
@@ -322,6 +795,69 @@ class TreeGrowth(GrowthState):
         self.progress["terminals"] = self.segments["terminals"][0]
         self.progress["apart"] = 0.9
         derive_radii(self.segments, self.progress, self.options.law, self.scale)
+
+    def tree(self) -> VesselTree:
+        """Return the finished tree, its ratios computed afresh; the growth's arrays are let go."""
+        options, trunk, smallest = self.options, self.trunk, self.options.smallest_radius_mm
+        self.index = empty_index(self.tissue.bounds, 1e9, 1, 1)
+        s = self.segments[: self.count]
+        flow, drop = options.flow_ul_s(self.scale.volume), options.pressure_drop_pa
+        if smallest:
+            drop = flow * float(s["load"][0]) / (float(s["flow"][0]) * float(s["radius"][0]) ** 4)
+        notes = () if trunk is None else (trunk.note(s, self.tissue),)
+        equal = options.terminal_flow == "equal" and options.terminal_flows is None
+        arrays = (
+            np.column_stack([s["px"], s["py"], s["pz"]]),
+            np.column_stack([s["dx"], s["dy"], s["dz"]]),
+            s["parent"].copy(),
+            np.column_stack([s["left"], s["right"]]),
+        )
+        relative_flow = None if equal and trunk is None else s["flow"].copy()
+        given = s["given"] == TRUNK
+        del s
+        self.segments = self.segments[:0].copy()
+        tree = tree_from_topology(
+            *arrays,
+            flow_ul_s=flow,
+            pressure_drop_pa=drop,
+            murray_exponent=options.murray_exponent,
+            viscosity_pa_s=options.viscosity_pa_s,
+            relative_flow=relative_flow,
+            haematocrit=options.law_haematocrit,
+            given=given,
+        )
+        tree = scaled_to_smallest_radius(tree, smallest) if smallest else tree
+        return replace(tree, notes=notes) if notes else tree
+
+
+def grow_region(
+    tissue: Tissue, options: GrowthOptions, scale: Scale, region: Region, seed: int
+) -> Segments:
+    """Grow a region as far as there is room.
+
+    ``scale`` is that of the whole tree. Returns the region's segments, numbered on from those that
+    hold it.
+    """
+    held, new, share = (
+        len(region.held),
+        2 * (region.goal - region.terminals),
+        region.goal / scale.goal,
+    )
+    growth = TreeGrowth(
+        tissue,
+        options,
+        Surroundings(),
+        scale._replace(goal=region.goal, volume=share * scale.volume, share=share),
+        np.concatenate([region.segments, np.zeros(new, SEGMENT), region.around]),
+        np.random.default_rng([seed, region.number]),
+        region=region,
+    )
+    growth.progress["count"], growth.progress["terminals"] = len(region.segments), region.terminals
+    growth.progress["held"] = held
+    # Out of room: what is missing grows elsewhere, or that says so.
+    with suppress(GrowthError):
+        growth.grow_to(region.goal)
+    return growth.segments[held : growth.count].copy()
 
 
 def out_of_room_error(

@@ -104,6 +104,19 @@ class Trunk:
         own["given"] = TRUNK if self.planned is None else np.where(self.planned, PLANNED, TRUNK)
         refresh_all(segments, len(own), law)
 
+    def note(self, segments: Segments, tissue: Tissue) -> str:
+        """Return what the user should know of the trunk in a finished tree."""
+        own = segments[segments["given"] != 0]
+        begin, end = (np.column_stack([own[f"{side}{x}"] for x in "xyz"]) for side in "pd")
+        out = np.count_nonzero(~tissue.grid.capsule_inside(begin, end, own["radius"]))
+        return (
+            f"the trunk's {len(self.parent)} segments stay where they are (straightened by "
+            f"{self.moved_mm:.3g} mm at most), but their radii follow from the "
+            f"{segments['terminals'][0]} terminals that they feed now: {own['radius'][0]:.3g} mm "
+            f"at the root in place of {self.root_radius_mm:.3g} mm. {out} of its {len(own)} pieces "
+            "reach out of the tissue, and it isn't held against itself"
+        )
+
 
 def trunk_of(source: VesselNetwork | VesselTree) -> Trunk:
     """Take a network or a tree as a trunk.
