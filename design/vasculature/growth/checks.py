@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from design.geometry import point_segment
 from design.tissue.grid import depth_along, least_depth_along
 from design.vasculature.growth.cost import (
+    TrialBifurcation,
     distance,
     drop_marked,
     from_gamma,
@@ -47,61 +48,45 @@ WAYS = 48
 """Directions tried, spread over the sphere."""
 
 
-class TrialBifurcation(NamedTuple):
-    """A trial bifurcation on a segment: its place, the new end, three radii (mm).
-
-    ``flow`` and ``thick`` are what the new branch brings; see `cost.Sprout`.
-    """
-
-    segment: np.int64
-    bx: float
-    by: float
-    bz: float
-    tx: float
-    ty: float
-    tz: float
-    up: float
-    low: float
-    new: float
-    flow: float
-    thick: float
-
-
 @scalar_jit
-def fits(index: CellIndex, segments: Any, room: Clearances, fork: TrialBifurcation) -> bool:
+def fits(index: CellIndex, segments: Any, clearances: Clearances, fork: TrialBifurcation) -> bool:
     """Whether a fork fits everywhere; the cheap tests first."""
-    if not joint_fits(segments, room, fork):
+    if not joint_fits(segments, clearances, fork):
         return False
     s = segments[fork.segment]
     bx, by, bz = fork.bx, fork.by, fork.bz
     tx, ty, tz = fork.tx, fork.ty, fork.tz
-    if not in_tissue(room, bx, by, bz, tx, ty, tz, fork.new):
+    if not in_tissue(clearances, bx, by, bz, tx, ty, tz, fork.new):
         return False
     i = fork.segment
     # A trunk's segment stays where it is; whoever meets it wider must go, as the audit will find.
-    if s.given == 0 and not in_tissue(room, s.px, s.py, s.pz, bx, by, bz, fork.up):
+    if s.given == 0 and not in_tissue(clearances, s.px, s.py, s.pz, bx, by, bz, fork.up):
         return False
-    if s.given == 0 and not in_tissue(room, bx, by, bz, s.dx, s.dy, s.dz, fork.low):
+    if s.given == 0 and not in_tissue(clearances, bx, by, bz, s.dx, s.dy, s.dz, fork.low):
         return False
     parent, sibling, left, right = neighbours_of(segments, i)
     skip = seven_integers(i, -1, -1, -1, -1, -1, -1)
     if (
-        growth_factor(index, segments, room, bx, by, bz, tx, ty, tz, fork.new, skip, False)
-        < room.reserve
+        growth_factor(index, segments, clearances, bx, by, bz, tx, ty, tz, fork.new, skip, False)
+        < clearances.reserve
     ):
         return False
     if s.given != 0:
         return True
     skip = seven_integers(i, parent, sibling, -1, -1, -1, -1)
     if (
-        growth_factor(index, segments, room, s.px, s.py, s.pz, bx, by, bz, fork.up, skip, False)
-        < room.reserve
+        growth_factor(
+            index, segments, clearances, s.px, s.py, s.pz, bx, by, bz, fork.up, skip, False
+        )
+        < clearances.reserve
     ):
         return False
     skip = seven_integers(i, left, right, -1, -1, -1, -1)
     return bool(
-        growth_factor(index, segments, room, bx, by, bz, s.dx, s.dy, s.dz, fork.low, skip, False)
-        >= room.reserve
+        growth_factor(
+            index, segments, clearances, bx, by, bz, s.dx, s.dy, s.dz, fork.low, skip, False
+        )
+        >= clearances.reserve
     )
 
 
@@ -215,12 +200,12 @@ def joint_within_limits(segments: Any, limits: Limits, i: Any) -> bool:
 
 @scalar_jit
 def ends_clear(
-    room: Clearances, tip: Any, radius: float, begin: Any, end: Any, other: float
+    clearances: Clearances, tip: Any, radius: float, begin: Any, end: Any, other: float
 ) -> bool:
     """Whether a vessel's end keeps clear of a vessel that it shares its other node with.
 
-    With the room's reserve on both radii, for they go on growing: joints that just parted when
-    they were made cost a forest of 10,000 terminals a ninth of one tree at its audit.
+    With the reserve of ``clearances`` on both radii, for they go on growing: joints that just
+    parted when they were made cost a forest of 10,000 terminals a ninth of one tree at its audit.
 
     Parameters
     ----------
@@ -232,65 +217,67 @@ def ends_clear(
     away, _ = point_segment(
         tip[0], tip[1], tip[2], begin[0], begin[1], begin[2], end[0], end[1], end[2]
     )
-    return bool(away >= room.reserve * (radius + other) + kept_apart(room, radius, other))
+    return bool(
+        away >= clearances.reserve * (radius + other) + kept_apart(clearances, radius, other)
+    )
 
 
 @scalar_jit
-def joint_fits(segments: Any, room: Clearances, fork: TrialBifurcation) -> bool:
+def joint_fits(segments: Any, clearances: Clearances, fork: TrialBifurcation) -> bool:
     """Whether a fork's three pieces are long enough, and part from each other and at their ends."""
     s = segments[fork.segment]
     p, d = (s.px, s.py, s.pz), (s.dx, s.dy, s.dz)
     b, t = (fork.bx, fork.by, fork.bz), (fork.tx, fork.ty, fork.tz)
-    k = room.length_to_radius
+    k = clearances.length_to_radius
     if distance(p[0], p[1], p[2], b[0], b[1], b[2]) < k * fork.up:
         return False
     if distance(b[0], b[1], b[2], d[0], d[1], d[2]) < k * fork.low:
         return False
     if distance(b[0], b[1], b[2], t[0], t[1], t[2]) < k * fork.new:
         return False
-    if not ends_clear(room, t, fork.new, b, d, fork.low):
+    if not ends_clear(clearances, t, fork.new, b, d, fork.low):
         return False
-    if not ends_clear(room, d, fork.low, b, t, fork.new):
+    if not ends_clear(clearances, d, fork.low, b, t, fork.new):
         return False
-    if not ends_clear(room, t, fork.new, p, b, fork.up):
+    if not ends_clear(clearances, t, fork.new, p, b, fork.up):
         return False
-    if not ends_clear(room, d, fork.low, p, b, fork.up):
+    if not ends_clear(clearances, d, fork.low, p, b, fork.up):
         return False
-    if s.given == 0 and not _still_parted(segments, room, fork, p, b, d):
+    if s.given == 0 and not _still_parted(segments, clearances, fork, p, b, d):
         return False
-    return not room.limits.on or fork_within_limits(segments, room.limits, fork)
+    return not clearances.limits.on or fork_within_limits(segments, clearances.limits, fork)
 
 
 @scalar_jit
 def _still_parted(
-    segments: Any, room: Clearances, fork: TrialBifurcation, p: Any, b: Any, d: Any
+    segments: Any, clearances: Clearances, fork: TrialBifurcation, p: Any, b: Any, d: Any
 ) -> bool:
     """Whether the joints at either end of the parted segment bear the pieces it leaves there."""
     parent, sibling, left, right = neighbours_of(segments, fork.segment)
     if parent >= 0:
         o = segments[parent]
         begin, end = (o.px, o.py, o.pz), (o.dx, o.dy, o.dz)
-        if not ends_clear(room, b, fork.up, begin, end, o.radius):
+        if not ends_clear(clearances, b, fork.up, begin, end, o.radius):
             return False
     if sibling >= 0:
         o = segments[sibling]
         begin, end = (o.px, o.py, o.pz), (o.dx, o.dy, o.dz)
-        if not ends_clear(room, b, fork.up, begin, end, o.radius):
+        if not ends_clear(clearances, b, fork.up, begin, end, o.radius):
             return False
-        if not ends_clear(room, end, o.radius, p, b, fork.up):
+        if not ends_clear(clearances, end, o.radius, p, b, fork.up):
             return False
     for child in (left, right):
         if child >= 0:
             o = segments[child]
-            if not ends_clear(room, (o.dx, o.dy, o.dz), o.radius, b, d, fork.low):
+            if not ends_clear(clearances, (o.dx, o.dy, o.dz), o.radius, b, d, fork.low):
                 return False
     return True
 
 
 @scalar_jit
-def limit_smaller_child(segments: Any, room: Clearances, i: int) -> None:
-    """Allow the smaller child of a joint that breaks the room's limits nothing: it must go."""
-    if not room.limits.on or joint_within_limits(segments, room.limits, i):
+def limit_smaller_child(segments: Any, clearances: Clearances, i: int) -> None:
+    """Allow the smaller child of a joint that breaks the limits nothing: it must go."""
+    if not clearances.limits.on or joint_within_limits(segments, clearances.limits, i):
         return
     one, two = segments[segments[i].left], segments[segments[i].right]
     if one.given != 0 and two.given != 0:
@@ -302,7 +289,9 @@ def limit_smaller_child(segments: Any, room: Clearances, i: int) -> None:
 
 
 @scalar_jit
-def limit_children(segments: Any, room: Clearances, left: Any, right: Any, parent: Any) -> None:
+def limit_children(
+    segments: Any, clearances: Clearances, left: Any, right: Any, parent: Any
+) -> None:
     """Lower the ``allowed`` radii of a segment's children to where they still part.
 
     Each must end clear of its sibling and its parent, and be long enough for its radius. Where
@@ -315,13 +304,15 @@ def limit_children(segments: Any, room: Clearances, left: Any, right: Any, paren
         thin, wide = two, one
     for tip, other in ((one, two), (two, one)):
         thin.allowed = min(
-            thin.allowed, largest_radius_beside(room, away_from(tip, other), wide.radius)
+            thin.allowed, largest_radius_beside(clearances, away_from(tip, other), wide.radius)
         )
     for child in (left, right):
         c = segments[child]
-        c.allowed = min(c.allowed, largest_radius_beside(room, away_from(c, parent), parent.radius))
-        if room.length_to_radius > 0.0:
-            c.allowed = min(c.allowed, c.length / room.length_to_radius)
+        c.allowed = min(
+            c.allowed, largest_radius_beside(clearances, away_from(c, parent), parent.radius)
+        )
+        if clearances.length_to_radius > 0.0:
+            c.allowed = min(c.allowed, c.length / clearances.length_to_radius)
 
 
 @scalar_jit
@@ -333,17 +324,17 @@ def away_from(tip: Any, other: Any) -> float:
 
 
 @scalar_jit
-def largest_radius_beside(room: Clearances, away: float, other: float) -> float:
+def largest_radius_beside(clearances: Clearances, away: float, other: float) -> float:
     """Largest radius of a vessel ``away`` from another of radius ``other``, all in mm."""
     free = away - other
     # The kept distance goes by the thinner of the two, whichever that comes out to be.
-    kept = max(free / (1.0 + room.ratio), free - room.ratio * other)
-    return max(0.0, min(free - room.clearance, kept))
+    kept = max(free / (1.0 + clearances.ratio), free - clearances.ratio * other)
+    return max(0.0, min(free - clearances.clearance, kept))
 
 
 @jit
 def prune(
-    segments: Any, count: int, index: CellIndex, room: Clearances, law: Law, smallest: float
+    segments: Any, count: int, index: CellIndex, clearances: Clearances, law: Law, smallest: float
 ) -> int:
     """Take terminals away until no segment is wider than allowed; return the new count.
 
@@ -379,9 +370,9 @@ def prune(
         if s.allowed > 0.0:
             goal = int(fed[n] * (SPARE * s.allowed / s.radius) ** law.gamma)
         if s.allowed == GOES:
-            _take(segments, i, gone, index, room, law, smallest)
-        elif goal < FEW or not _thin_out(segments, i, goal, gone, index, room, law):
-            _take(segments, _smaller_end(segments, i), gone, index, room, law, smallest)
+            _take(segments, i, gone, index, clearances, law, smallest)
+        elif goal < FEW or not _thin_out(segments, i, goal, gone, index, clearances, law):
+            _take(segments, _smaller_end(segments, i), gone, index, clearances, law, smallest)
         if segments[0].left < 0:
             return 1
     return drop_marked(segments, count, gone)
@@ -389,7 +380,7 @@ def prune(
 
 @jit
 def _thin_out(
-    segments: Any, i: int, goal: int, gone: Any, index: CellIndex, room: Clearances, law: Law
+    segments: Any, i: int, goal: int, gone: Any, index: CellIndex, clearances: Clearances, law: Law
 ) -> bool:
     """Take single terminals from a branch until it feeds ``goal``; False when they don't do."""
     tips = np.empty(segments[i].terminals, np.int32)
@@ -420,7 +411,7 @@ def _thin_out(
             parent, sibling, _, _ = neighbours_of(segments, tip)
             if gone[tip] != 0 or parent == i or segments[parent].left < 0:
                 continue
-            if _straight_fits(segments, index, room, int(parent), int(sibling), tip):
+            if _straight_fits(segments, index, clearances, int(parent), int(sibling), tip):
                 _join(segments, int(parent), int(sibling), tip, gone, law)
     return bool(segments[i].terminals <= goal)
 
@@ -437,7 +428,13 @@ def _smaller_end(segments: Any, i: int) -> int:
 
 @jit
 def _take(
-    segments: Any, i: int, gone: Any, index: CellIndex, room: Clearances, law: Law, smallest: float
+    segments: Any,
+    i: int,
+    gone: Any,
+    index: CellIndex,
+    clearances: Clearances,
+    law: Law,
+    smallest: float,
 ) -> None:
     """Take a branch away; where no straight is left for its sibling, all but one terminal of it.
 
@@ -448,12 +445,12 @@ def _take(
         if segments[i].given != 0:
             return
         stem = parent == 0 and segments[0].given == 0
-        if not stem and _straight_fits(segments, index, room, int(parent), int(sibling), i):
+        if not stem and _straight_fits(segments, index, clearances, int(parent), int(sibling), i):
             _join(segments, int(parent), int(sibling), i, gone, law)
             return
         # A single terminal with a new tip is a gain only where it was itself too wide.
         gain = segments[i].left >= 0 or segments[i].radius > segments[i].allowed
-        if gain and _leave_one(segments, i, gone, index, room, law, smallest):
+        if gain and _leave_one(segments, i, gone, index, clearances, law, smallest):
             return
         if stem:
             segments[0].left, segments[0].right = -1, -1
@@ -463,21 +460,27 @@ def _take(
 
 @jit
 def _leave_one(
-    segments: Any, i: int, gone: Any, index: CellIndex, room: Clearances, law: Law, smallest: float
+    segments: Any,
+    i: int,
+    gone: Any,
+    index: CellIndex,
+    clearances: Clearances,
+    law: Law,
+    smallest: float,
 ) -> bool:
     """Make a branch one terminal with a tip that fits; False when there is none."""
     one = i
     while segments[one].left >= 0:
         one = int(segments[one].left)
-    flow, thick = segments[one].flow, segments[one].thick
-    fits, t = tip_near(segments, i, index, room, law, flow * thick, smallest)
+    flow, relative_viscosity = segments[one].flow, segments[one].relative_viscosity
+    fits, t = tip_near(segments, i, index, clearances, law, flow * relative_viscosity, smallest)
     if not fits:
         return False
     _mark(segments, i, gone)
     gone[i] = 0
     s = segments[i]
-    s.left, s.right, s.flow, s.thick = -1, -1, flow, thick
-    move_tip(segments, i, index, room, law, t)
+    s.left, s.right, s.flow, s.relative_viscosity = -1, -1, flow, relative_viscosity
+    move_tip(segments, i, index, clearances, law, t)
     return True
 
 
@@ -498,25 +501,25 @@ def _join(segments: Any, parent: int, kept: int, taken: int, gone: Any, law: Law
 
 @jit
 def _straight_fits(
-    segments: Any, index: CellIndex, room: Clearances, parent: int, kept: int, taken: int
+    segments: Any, index: CellIndex, clearances: Clearances, parent: int, kept: int, taken: int
 ) -> bool:
     """Whether ``parent`` and ``kept`` can be one straight segment once ``taken`` is gone."""
     a, b = segments[parent], segments[kept]
     # A trunk's two parts are one straight already.
     if a.given != 0 and b.given != 0:
         return True
-    if room.limits.on:
-        ends = start_fits(segments, room.limits, parent, (b.dx, b.dy, b.dz))
-        if not (ends and end_fits(segments, room.limits, kept, (a.px, a.py, a.pz))):
+    if clearances.limits.on:
+        ends = start_fits(segments, clearances.limits, parent, (b.dx, b.dy, b.dz))
+        if not (ends and end_fits(segments, clearances.limits, kept, (a.px, a.py, a.pz))):
             return False
     radius = a.radius
-    need = radius + room.wall
-    if depth_along(room.grid, a.px, a.py, a.pz, b.dx, b.dy, b.dz, need) < need:
+    need = radius + clearances.wall
+    if depth_along(clearances.grid, a.px, a.py, a.pz, b.dx, b.dy, b.dz, need) < need:
         return False
     above, aunt, _, _ = neighbours_of(segments, parent)
     skip = seven_integers(parent, kept, taken, above, aunt, b.left, b.right)
     free = growth_factor(
-        index, segments, room, a.px, a.py, a.pz, b.dx, b.dy, b.dz, radius, skip, False
+        index, segments, clearances, a.px, a.py, a.pz, b.dx, b.dy, b.dz, radius, skip, False
     )
     return bool(free >= 1.0)
 
@@ -541,13 +544,18 @@ def _mark(segments: Any, i: int, gone: Any) -> None:
 
 @jit
 def measure_allowed_radii(
-    segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, joints: bool
+    segments: Any,
+    count: int,
+    index: CellIndex,
+    clearances: Clearances,
+    smallest: float,
+    joints: bool,
 ) -> int:
     """Derive every segment's allowed radius from tissue and neighbours.
 
     The index must list all segments with their present radii. A terminal thinner than
     ``smallest`` is allowed no radius at all, nor is the smaller branch of a joint that breaks the
-    room's limits. A given trunk's segments are allowed any: whoever meets them must go.
+    limits. A given trunk's segments are allowed any: whoever meets them must go.
 
     Parameters
     ----------
@@ -562,13 +570,13 @@ def measure_allowed_radii(
     """
     for i in range(count):
         segments[i].allowed = np.inf
-    measure_changed(segments, count, index, room, smallest, joints)
+    measure_changed(segments, count, index, clearances, smallest, joints)
     return too_wide(segments, count)
 
 
 @scalar_jit
 def allowed_radius(
-    segments: Any, i: Any, index: CellIndex, room: Clearances, record: bool
+    segments: Any, i: Any, index: CellIndex, clearances: Clearances, record: bool
 ) -> float:
     """Largest radius that the tissue and the neighbours leave to segment ``i``, mm.
 
@@ -578,19 +586,24 @@ def allowed_radius(
     depth = np.inf
     # The stem enters through the surface.
     if i > 0:
-        most = REACH * s.radius + room.wall
-        depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
+        most = REACH * s.radius + clearances.wall
+        depth = least_depth_along(clearances.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
     parent, sibling, left, right = neighbours_of(segments, i)
     skip = seven_integers(i, parent, sibling, left, right, -1, -1)
     free = growth_factor(
-        index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, record
+        index, segments, clearances, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, record
     )
-    return min(depth - room.wall, free * s.radius, widest_of(segments, room, i))
+    return min(depth - clearances.wall, free * s.radius, widest_of(segments, clearances, i))
 
 
 @jit
 def measure_changed(
-    segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, joints: bool
+    segments: Any,
+    count: int,
+    index: CellIndex,
+    clearances: Clearances,
+    smallest: float,
+    joints: bool,
 ) -> None:
     """Derive allowed radii as `measure_allowed_radii`, where a segment's own is inf."""
     changed = np.zeros(count, np.bool_)
@@ -600,17 +613,17 @@ def measure_changed(
         s = segments[i]
         _, _, left, right = neighbours_of(segments, i)
         if joints and right >= 0 and (changed[i] or changed[left] or changed[right]):
-            limit_children(segments, room, left, right, s)
-            limit_smaller_child(segments, room, i)
+            limit_children(segments, clearances, left, right, s)
+            limit_smaller_child(segments, clearances, i)
         # What comes near a given trunk finds it itself.
         if not changed[i] or s.given != 0:
             continue
-        s.allowed = min(s.allowed, allowed_radius(segments, i, index, room, True))
+        s.allowed = min(s.allowed, allowed_radius(segments, i, index, clearances, True))
         if left < 0 and s.radius < smallest:
             s.allowed = min(s.allowed, 0.0)
     for i in range(count):
         if segments[i].given != 0:
-            segments[i].allowed = widest_of(segments, room, i)
+            segments[i].allowed = widest_of(segments, clearances, i)
 
 
 @jit
@@ -624,7 +637,13 @@ def too_wide(segments: Any, count: int) -> int:
 
 @jit
 def tip_near(
-    segments: Any, i: int, index: CellIndex, room: Clearances, law: Law, weight: float, least: float
+    segments: Any,
+    i: int,
+    index: CellIndex,
+    clearances: Clearances,
+    law: Law,
+    weight: float,
+    least: float,
 ) -> tuple[bool, tuple[float, float, float]]:
     """A tip that fits for branch ``i``, were it a terminal of flow times viscosity ``weight``.
 
@@ -638,7 +657,7 @@ def tip_near(
     s = segments[i]
     _, sibling, _, _ = neighbours_of(segments, i)
     p = (s.px, s.py, s.pz)
-    if sibling < 0 or room.limits.on:
+    if sibling < 0 or clearances.limits.on:
         return False, p
     ways = np.empty((WAYS + 1, 3))
     ways[0] = ((s.dx - s.px) / s.length, (s.dy - s.py) / s.length, (s.dz - s.pz) / s.length)
@@ -649,11 +668,11 @@ def tip_near(
     for part in PARTS:
         length = part * s.length
         radius = _tip_radius(segments, i, weight, length, law)
-        if radius < least or length < room.length_to_radius * radius:
+        if radius < least or length < clearances.length_to_radius * radius:
             continue
         for way in ways:
             t = (p[0] + length * way[0], p[1] + length * way[1], p[2] + length * way[2])
-            if _tip_fits(segments, i, index, room, t, radius):
+            if _tip_fits(segments, i, index, clearances, t, radius):
                 return True, t
     return False, p
 
@@ -663,7 +682,7 @@ def retip_thin(
     segments: Any,
     count: int,
     index: CellIndex,
-    room: Clearances,
+    clearances: Clearances,
     law: Law,
     points: Any,
     least: float,
@@ -675,27 +694,33 @@ def retip_thin(
     """
     for i in range(1, count):
         if segments[i].left < 0 and segments[i].allowed == 0.0 and segments[i].given == 0:
-            best = _nearest_tip(segments, i, index, room, law, points, least)
+            best = _nearest_tip(segments, i, index, clearances, law, points, least)
             if best >= 0:
-                move_tip(segments, i, index, room, law, points[best])
+                move_tip(segments, i, index, clearances, law, points[best])
 
 
 @jit
 def _nearest_tip(
-    segments: Any, i: int, index: CellIndex, room: Clearances, law: Law, points: Any, least: float
+    segments: Any,
+    i: int,
+    index: CellIndex,
+    clearances: Clearances,
+    law: Law,
+    points: Any,
+    least: float,
 ) -> int:
     s = segments[i]
     shortest, best = np.inf, -1
-    weight = s.flow * s.thick
+    weight = s.flow * s.relative_viscosity
     for n in range(len(points)):
         t = points[n]
         length = distance(s.px, s.py, s.pz, t[0], t[1], t[2])
         if length >= shortest:
             continue
         radius = _tip_radius(segments, i, weight, length, law)
-        if radius < least or length < room.length_to_radius * radius:
+        if radius < least or length < clearances.length_to_radius * radius:
             continue
-        if _tip_fits(segments, i, index, room, t, radius):
+        if _tip_fits(segments, i, index, clearances, t, radius):
             shortest = length
             best = n
     return best
@@ -712,50 +737,52 @@ def _tip_radius(segments: Any, i: int, weight: float, length: float, law: Law) -
 
 @jit
 def _tip_fits(
-    segments: Any, i: int, index: CellIndex, room: Clearances, t: Any, radius: float
+    segments: Any, i: int, index: CellIndex, clearances: Clearances, t: Any, radius: float
 ) -> bool:
     s = segments[i]
     parent, sibling, _, _ = neighbours_of(segments, i)
     for n in (parent, sibling):
         o = segments[n]
-        gap = radius + o.radius + kept_apart(room, radius, o.radius)
+        gap = radius + o.radius + kept_apart(clearances, radius, o.radius)
         away, _ = point_segment(t[0], t[1], t[2], o.px, o.py, o.pz, o.dx, o.dy, o.dz)
         if away < gap:
             return False
     o = segments[sibling]
-    gap = radius + o.radius + kept_apart(room, radius, o.radius)
+    gap = radius + o.radius + kept_apart(clearances, radius, o.radius)
     away, _ = point_segment(o.dx, o.dy, o.dz, s.px, s.py, s.pz, t[0], t[1], t[2])
     if away < gap:
         return False
-    if room.limits.on and not start_fits(segments, room.limits, i, (t[0], t[1], t[2])):
+    if clearances.limits.on and not start_fits(segments, clearances.limits, i, (t[0], t[1], t[2])):
         return False
-    if not in_tissue(room, s.px, s.py, s.pz, t[0], t[1], t[2], radius):
+    if not in_tissue(clearances, s.px, s.py, s.pz, t[0], t[1], t[2], radius):
         return False
     skip = seven_integers(i, parent, sibling, -1, -1, -1, -1)
     free = growth_factor(
-        index, segments, room, s.px, s.py, s.pz, t[0], t[1], t[2], radius, skip, False
+        index, segments, clearances, s.px, s.py, s.pz, t[0], t[1], t[2], radius, skip, False
     )
-    return bool(free >= room.reserve)
+    return bool(free >= clearances.reserve)
 
 
 @jit
-def move_tip(segments: Any, i: int, index: CellIndex, room: Clearances, law: Law, t: Any) -> None:
+def move_tip(
+    segments: Any, i: int, index: CellIndex, clearances: Clearances, law: Law, t: Any
+) -> None:
     """Put a terminal's tip elsewhere, and list it there besides."""
     s = segments[i]
     place(segments, i, (s.px, s.py, s.pz), (t[0], t[1], t[2]))
-    s.radius = _tip_radius(segments, i, s.flow * s.thick, s.length, law)
+    s.radius = _tip_radius(segments, i, s.flow * s.relative_viscosity, s.length, law)
     s.allowed = np.inf
     refresh(segments, i, law)
     refresh_upwards(segments, s.parent, law)
-    # Without room in the index the audit that follows still sees what meets the new tip.
-    insert(index, i, s, REACH * s.radius + room.clearance)
+    # Where the index is full the audit that follows still sees what meets the new tip.
+    insert(index, i, s, REACH * s.radius + clearances.clearance)
 
 
 @scalar_jit
-def limit_joints(segments: Any, count: int, room: Clearances) -> None:
+def limit_joints(segments: Any, count: int, clearances: Clearances) -> None:
     """Lower the allowed radii of children that don't part, as `growth.checks` does."""
     for i in range(count):
         _, _, left, right = neighbours_of(segments, i)
         if right >= 0:
-            limit_children(segments, room, left, right, segments[i])
-            limit_smaller_child(segments, room, i)
+            limit_children(segments, clearances, left, right, segments[i])
+            limit_smaller_child(segments, clearances, i)

@@ -7,7 +7,7 @@ mean terminal's; with equal terminal flows n is their number. Of the quantities 
 1999 (R*, C*, the ratios β) these two are kept for each segment:
 
 - load   W = n R*
-- spend  K = W^(λ/4) C*
+- cost sum  K = W^(λ/4) C*
 
 Put into R* = 8μℓ/π + 1/(β_l⁴/R*_l + β_r⁴/R*_r) with β_l = (1 + x^-γ)^(-1/γ) and
 x = (n_l R*_l / n_r R*_r)^¼ = (W_l/W_r)^¼, the bifurcation's algebra shrinks to
@@ -40,7 +40,7 @@ from kernels import jit, scalar_jit
 SEGMENT = np.dtype(
     [
         ("load", "f8"),
-        ("spend", "f8"),
+        ("cost_sum", "f8"),
         ("length", "f8"),
         ("flow", "f8"),
         ("parent", "i4"),
@@ -58,22 +58,22 @@ SEGMENT = np.dtype(
         ("full", "i4"),
         ("given", "i4"),
         ("by_load", "f8"),
-        ("by_spend", "f8"),
+        ("by_cost_sum", "f8"),
         ("by_one", "f8"),
-        ("thick", "f8"),
+        ("relative_viscosity", "f8"),
         ("audited", "f8"),
     ]
 )
 """Fields of a growing segment.
 
-load, spend : see `tree_cost` below; length : mm; flow : over the mean terminal's; parent,
+load, cost_sum : see above; length : mm; flow : over the mean terminal's; parent,
 left, right : -1 for none (right alone where a given trunk bends); terminals : downstream, 0 for a
 vessel of another tree (kept behind all the tree's own); p and d : ends, mm; radius : of the
 finished tree as predicted, mm; allowed : largest radius that tissue and neighbours leave, mm;
 full : 1 where this segment or one above it can't grow wider; given : `TRUNK` or `PLANNED` for a
-segment that stays where it is, else 0; by_* : derivatives of the cost; thick : viscosity over μ,
-read only where the law has a haematocrit; audited : radius with which a large tree's audit measured
-its room, mm, 0 where it hasn't been (`growth.regions`).
+segment that stays where it is, else 0; by_* : derivatives of the cost; relative_viscosity :
+viscosity over μ, read only where the law has a haematocrit; audited : radius with which a large
+tree's audit measured what it is allowed, mm, 0 where it hasn't been (`growth.regions`).
 """
 Segments = NDArray[np.void]
 TRUNK, PLANNED = 1, 2
@@ -95,30 +95,32 @@ def weight_of(s: Any, law: Law) -> float:
     """A segment's flow times its viscosity over μ."""
     if law.haematocrit < 0.0:
         return s.flow
-    return s.flow * s.thick
+    return s.flow * s.relative_viscosity
 
 
 @scalar_jit
 def refresh(segments: Any, i: int, law: Law) -> None:
-    """Recompute a segment's load, spend, flow and terminals from its children's.
+    """Recompute a segment's load, cost sum, flow and terminals from its children's.
 
     A terminal's flow is its own, and stays.
     """
     s = segments[i]
     if s.left < 0:
         s.terminals = 1
-        s.load, s.spend = leaf(s.length, weight_of(s, law), law)
+        s.load, s.cost_sum = leaf(s.length, weight_of(s, law), law)
         return
     a = segments[s.left]
-    terminals, flow, load1, spend1 = a.terminals, a.flow, 0.0, 0.0
+    terminals, flow, load1, cost_sum1 = a.terminals, a.flow, 0.0, 0.0
     if s.right >= 0:
         b = segments[s.right]
         terminals += b.terminals
         flow += b.flow
-        load1, spend1 = b.load, b.spend
+        load1, cost_sum1 = b.load, b.cost_sum
     s.terminals, s.flow = terminals, flow
-    load, spend, _ = joined_load(a.load, a.spend, load1, spend1, s.length, weight_of(s, law), law)
-    s.load, s.spend = load, spend
+    load, cost_sum, _ = joined_load(
+        a.load, a.cost_sum, load1, cost_sum1, s.length, weight_of(s, law), law
+    )
+    s.load, s.cost_sum = load, cost_sum
 
 
 @scalar_jit
@@ -146,7 +148,7 @@ def spread_down(segments: Any, count: int, root_radius: float, slack: float, law
     top = 1
     root = segments[0]
     root.radius, root.full = root_radius, 0
-    root.by_load, root.by_spend, root.by_one = 0.0, 1.0, 0.0
+    root.by_load, root.by_cost_sum, root.by_one = 0.0, 1.0, 0.0
     smallest = np.inf
     while top > 0:
         top -= 1
@@ -159,17 +161,17 @@ def spread_down(segments: Any, count: int, root_radius: float, slack: float, law
             continue
         a = segments[s.left]
         # As in `climb`, from the other end.
-        in_a, in_b, spends = to_gamma(a.load, law), 0.0, a.spend
+        in_a, in_b, cost_sums = to_gamma(a.load, law), 0.0, a.cost_sum
         if s.right >= 0:
             in_b = to_gamma(segments[s.right].load, law)
-            spends += segments[s.right].spend
+            cost_sums += segments[s.right].cost_sum
         m = from_gamma(in_a + in_b, law)
         m_e, s_e = to_lambda(m, law), to_lambda(s.load, law)
-        own = e * s.spend / s.load
-        by_m = s.by_load + s.by_spend * (own - e * s_e * spends / (m_e * m))
-        by_one = law.k * s.length * (s.by_load + s.by_spend * own)
+        own = e * s.cost_sum / s.load
+        by_m = s.by_load + s.by_cost_sum * (own - e * s_e * cost_sums / (m_e * m))
+        by_one = law.k * s.length * (s.by_load + s.by_cost_sum * own)
         if law.haematocrit >= 0.0:
-            by_one *= s.thick
+            by_one *= s.relative_viscosity
         by_one += s.by_one
         for which, part in ((s.left, in_a), (s.right, in_b)):
             if which < 0:
@@ -178,7 +180,7 @@ def spread_down(segments: Any, count: int, root_radius: float, slack: float, law
             child.radius = s.radius * np.sqrt(np.sqrt(child.load / m))
             child.full = s.full
             child.by_load = by_m * (m / (in_a + in_b)) * (part / child.load)
-            child.by_spend = s.by_spend * s_e / m_e
+            child.by_cost_sum = s.by_cost_sum * s_e / m_e
             child.by_one = by_one
         stack[top] = s.left
         top += 1
@@ -295,32 +297,60 @@ def to_u(length: float, law: Law) -> float:
     return length**law.u
 
 
-class Sprout(NamedTuple):
+class NewTerminal(NamedTuple):
     """What a new terminal brings: its flow over the mean terminal's, its viscosity over μ."""
 
     flow: float
-    thick: float
+    relative_viscosity: float
+
+
+class TrialBifurcation(NamedTuple):
+    """A trial bifurcation on a segment: its place, the new end, three radii (mm).
+
+    ``flow`` and ``relative_viscosity`` are what the new branch brings; see `NewTerminal`.
+    """
+
+    segment: np.int64
+    bx: float
+    by: float
+    bz: float
+    tx: float
+    ty: float
+    tz: float
+    up: float
+    low: float
+    new: float
+    flow: float
+    relative_viscosity: float
 
 
 @jit
 def leaf(length: float, weight: float, law: Law) -> tuple[float, float]:
-    """Load and spend of a terminal segment; ``weight`` is its flow times its viscosity."""
+    """Return a terminal's load and cost sum; ``weight`` is its flow times its viscosity."""
     load = weight * law.k * length
     return load, to_lambda(load, law) * to_u(length, law)
 
 
 @jit
 def joined_load(
-    load0: float, spend0: float, load1: float, spend1: float, length: float, weight: float, law: Law
+    load0: float,
+    cost_sum0: float,
+    load1: float,
+    cost_sum1: float,
+    length: float,
+    weight: float,
+    law: Law,
 ) -> tuple[float, float, float]:
-    """Load and spend of a segment over two children, and the children's joint load m.
+    """Return load and cost sum of a segment over two children, and the children's joint load m.
 
     ``weight`` is the segment's flow times its viscosity; a child that isn't there has load 0.
     """
     m = from_gamma(to_gamma(load0, law) + to_gamma(load1, law), law)
     load = weight * law.k * length + m
-    spend = to_lambda(load, law) * (to_u(length, law) + (spend0 + spend1) / to_lambda(m, law))
-    return load, spend, m
+    cost_sum = to_lambda(load, law) * (
+        to_u(length, law) + (cost_sum0 + cost_sum1) / to_lambda(m, law)
+    )
+    return load, cost_sum, m
 
 
 ENOUGH = 64
@@ -330,9 +360,9 @@ linear model serves."""
 
 @scalar_jit
 def climb(
-    segments: Any, index: int, load: float, spend: float, flow: float, enough: int, law: Law
+    segments: Any, index: int, load: float, cost_sum: float, flow: float, enough: int, law: Law
 ) -> tuple[float, float, float, float]:
-    """Cost of a tree in which ``index`` has this load and spend, and all above ``flow`` more.
+    """Cost of a tree in which ``index`` has this load and cost sum, and all above ``flow`` more.
 
     Walks to the root, or to the first segment of ``enough`` times the flow and on from there by
     the derivatives kept in it (`state.spread_down`). The walk is exact; what is
@@ -343,12 +373,12 @@ def climb(
     rise : float
         Of the cost K_root.
     by_load, by_spend : float
-        Derivatives of the cost with respect to ``load`` and ``spend``.
+        Derivatives of the cost with respect to ``load`` and ``cost_sum``.
     radius : float, mm
         Of segment ``index``, as the radius stands of the segment where the walk ended.
     """
     e = 0.25 * law.lam
-    # Derivatives of this level's (load, spend) with respect to those at ``index``: a 2 x 2 matrix.
+    # Derivatives of this level's (load, cost sum) by those at ``index``: a 2 x 2 matrix.
     ll, ls, sl, ss = 1.0, 0.0, 0.0, 1.0
     share = 1.0
     here = index
@@ -359,30 +389,37 @@ def climb(
         if other == here:
             other = segments[up].right
         a0 = to_gamma(load, law)
-        total, both = a0, spend
+        total, both = a0, cost_sum
         if other >= 0:
             total += to_gamma(segments[other].load, law)
-            both += segments[other].spend
+            both += segments[other].cost_sum
         m = from_gamma(total, law)
         mass = (segments[up].flow + flow) * law.k * segments[up].length
         if law.haematocrit >= 0.0:
-            mass *= segments[up].thick
+            mass *= segments[up].relative_viscosity
         above = mass + m
         me, we = to_lambda(m, law), to_lambda(above, law)
-        up_spend = we * (to_u(segments[up].length, law) + both / me)
+        up_cost_sum = we * (to_u(segments[up].length, law) + both / me)
         m_by_load = (m / total) * (a0 / load)
-        spend_by_load = m_by_load * e * (up_spend / above - we * both / (me * m))
-        spend_by_spend = we / me
-        sl, ss = spend_by_load * ll + spend_by_spend * sl, spend_by_load * ls + spend_by_spend * ss
+        cost_sum_by_load = m_by_load * e * (up_cost_sum / above - we * both / (me * m))
+        cost_sum_by_cost_sum = we / me
+        sl, ss = (
+            cost_sum_by_load * ll + cost_sum_by_cost_sum * sl,
+            cost_sum_by_load * ls + cost_sum_by_cost_sum * ss,
+        )
         ll, ls = m_by_load * ll, m_by_load * ls
         share *= load / m
-        load, spend, here = above, up_spend, up
+        load, cost_sum, here = above, up_cost_sum, up
     end = segments[here]
-    rise = end.by_load * (load - end.load) + end.by_spend * (spend - end.spend) + flow * end.by_one
+    rise = (
+        end.by_load * (load - end.load)
+        + end.by_cost_sum * (cost_sum - end.cost_sum)
+        + flow * end.by_one
+    )
     return (
         rise,
-        end.by_load * ll + end.by_spend * sl,
-        end.by_load * ls + end.by_spend * ss,
+        end.by_load * ll + end.by_cost_sum * sl,
+        end.by_load * ls + end.by_cost_sum * ss,
         end.radius * sqrt(sqrt(share)),
     )
 
@@ -399,11 +436,11 @@ def follow_radii(segments: Any, count: int, law: Law) -> tuple[float, float]:
     change, total, tips = 0.0, 0.0, 0
     for i in range(count):
         s = segments[i]
-        thick = relative_viscosity(s.radius, law.haematocrit)
-        change = max(change, abs(thick / s.thick - 1.0))
-        s.thick = thick
+        viscosity = relative_viscosity(s.radius, law.haematocrit)
+        change = max(change, abs(viscosity / s.relative_viscosity - 1.0))
+        s.relative_viscosity = viscosity
         if s.left < 0:
-            total += thick
+            total += viscosity
             tips += 1
     refresh_all(segments, count, law)
     return change, total / tips
@@ -418,9 +455,9 @@ def distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -
 
 @jit
 def split_value(
-    s: Any, up: float, low: float, new: float, sprout: Sprout, law: Law
+    s: Any, up: float, low: float, new: float, new_terminal: NewTerminal, law: Law
 ) -> tuple[float, float, float, float, float, float, float, float, float, float]:
-    """Load and spend above a bifurcation that parts segment ``s``, and their derivatives.
+    """Return load and cost sum above a bifurcation that parts segment ``s``, and their derivatives.
 
     Parameters
     ----------
@@ -428,21 +465,25 @@ def split_value(
         The segment as it is.
     up, low, new : float, mm
         Lengths from its start to the bifurcation, on to its end, and to the new terminal.
-    sprout : Sprout
+    new_terminal : NewTerminal
         The new terminal's flow and viscosity.
 
     Returns
     -------
-    load, spend : float
+    load, cost_sum : float
         Of the upper part, over the lower part and the new terminal.
     load_by_up, load_by_low, load_by_new, spend_by_up, spend_by_low, spend_by_new : float
     low_load, m : float
         Load of the lower part; joint load of it and the new terminal.
     """
     e = 0.25 * law.lam
-    n, above, own = s.flow, s.flow + sprout.flow, sprout.flow
+    n, above, own = s.flow, s.flow + new_terminal.flow, new_terminal.flow
     if law.haematocrit >= 0.0:
-        n, above, own = n * s.thick, above * s.thick, own * sprout.thick
+        n, above, own = (
+            n * s.relative_viscosity,
+            above * s.relative_viscosity,
+            own * new_terminal.relative_viscosity,
+        )
     # Both cases here in one: LLVM would work out the powers of `to_u` in any case, to choose then.
     if law.u == 1.0:
         u_old, u_up, u_low, u_new = s.length, up, low, new
@@ -451,36 +492,36 @@ def split_value(
         u_old, u_up, u_low, u_new = s.length**law.u, up**law.u, low**law.u, new**law.u
         slope_up, slope_low, slope_new = law.u * u_up / up, law.u * u_low / low, law.u * u_new / new
     # C* of the lower part: the old one with the length exchanged.
-    reduced = s.spend / to_lambda(s.load, law) - u_old + u_low
+    reduced = s.cost_sum / to_lambda(s.load, law) - u_old + u_low
     low_load = s.load + n * law.k * (low - s.length)
     low_e = to_lambda(low_load, law)
-    low_spend = low_e * reduced
+    low_cost_sum = low_e * reduced
     new_load = own * law.k * new
     new_e = to_lambda(new_load, law)
-    new_spend = new_e * u_new
+    new_cost_sum = new_e * u_new
     a_low, a_new = to_gamma(low_load, law), to_gamma(new_load, law)
     total = a_low + a_new
     m = from_gamma(total, law)
     load = above * law.k * up + m
     m_e, up_e = to_lambda(m, law), to_lambda(load, law)
-    both = low_spend + new_spend
-    spend = up_e * (u_up + both / m_e)
+    both = low_cost_sum + new_cost_sum
+    cost_sum = up_e * (u_up + both / m_e)
 
     m_by_low = (m / total) * (a_low / low_load) * n * law.k
     m_by_new = (m / total) * (a_new / new_load) * own * law.k
-    low_spend_by = e * low_spend / low_load * n * law.k + low_e * slope_low
-    new_spend_by = e * new_spend / new + new_e * slope_new
-    by_load = e * spend / load
+    low_cost_sum_by = e * low_cost_sum / low_load * n * law.k + low_e * slope_low
+    new_cost_sum_by = e * new_cost_sum / new + new_e * slope_new
+    by_load = e * cost_sum / load
     by_m = by_load - e * up_e * both / (m_e * m)
     return (
         load,
-        spend,
+        cost_sum,
         above * law.k,
         m_by_low,
         m_by_new,
         by_load * above * law.k + up_e * slope_up,
-        by_m * m_by_low + up_e / m_e * low_spend_by,
-        by_m * m_by_new + up_e / m_e * new_spend_by,
+        by_m * m_by_low + up_e / m_e * low_cost_sum_by,
+        by_m * m_by_new + up_e / m_e * new_cost_sum_by,
         low_load,
         m,
     )
@@ -493,9 +534,9 @@ def best_place(
     ty: float,
     tz: float,
     by_load: float,
-    by_spend: float,
+    by_cost_sum: float,
     steps: int,
-    sprout: Sprout,
+    new_terminal: NewTerminal,
     law: Law,
 ) -> tuple[float, float, float]:
     """Bifurcation of least cost for a terminal at t on segment ``s``.
@@ -511,11 +552,11 @@ def best_place(
         low = distance(bx, by, bz, s.dx, s.dy, s.dz)
         new = distance(bx, by, bz, tx, ty, tz)
         _, _, l_up, l_low, l_new, s_up, s_low, s_new, _, _ = split_value(
-            s, up, low, new, sprout, law
+            s, up, low, new, new_terminal, law
         )
-        w_up = max(0.0, by_load * l_up + by_spend * s_up) / up
-        w_low = max(0.0, by_load * l_low + by_spend * s_low) / low
-        w_new = max(0.0, by_load * l_new + by_spend * s_new) / new
+        w_up = max(0.0, by_load * l_up + by_cost_sum * s_up) / up
+        w_low = max(0.0, by_load * l_low + by_cost_sum * s_low) / low
+        w_new = max(0.0, by_load * l_new + by_cost_sum * s_new) / new
         total = w_up + w_low + w_new
         if not total > 0.0:
             break

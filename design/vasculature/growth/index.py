@@ -89,7 +89,7 @@ class CellIndex(NamedTuple):
     shape : (3,) int64
     head : (a * b * c,) int32
         First entry of each cell, -1 for none.
-    item, following : (room,) int32
+    item, following : (entries,) int32
         Segment of an entry, and the next entry.
     used : (1,) int64
         Entries in use.
@@ -110,16 +110,18 @@ class CellIndex(NamedTuple):
     query: NDArray[np.int32]
 
 
-def empty_index(bounds: NDArray[np.float64], cell_mm: float, room: int, segments: int) -> CellIndex:
-    """Create an index over ``bounds`` (2, 3), mm, with room for entries and segments."""
+def empty_index(
+    bounds: NDArray[np.float64], cell_mm: float, entries: int, segments: int
+) -> CellIndex:
+    """Create an index over ``bounds`` (2, 3), mm, for so many entries and segments."""
     shape = np.maximum(1, np.ceil((bounds[1] - bounds[0]) / cell_mm)).astype(np.int64)
     return CellIndex(
         bounds[0].copy(),
         float(cell_mm),
         shape,
         np.full(int(shape.prod()), -1, np.int32),
-        np.empty(room, np.int32),
-        np.empty(room, np.int32),
+        np.empty(entries, np.int32),
+        np.empty(entries, np.int32),
         np.zeros(1, np.int64),
         np.zeros(segments, np.int32),
         np.zeros(1, np.int32),
@@ -137,7 +139,7 @@ def cell_range(index: CellIndex, axis: int, low: float, high: float) -> tuple[in
 
 @scalar_jit
 def insert(index: CellIndex, i: int, s: Any, reach: float) -> bool:
-    """List segment ``i`` in all cells within ``reach`` of its axis; False when out of room."""
+    """List segment ``i`` in all cells within ``reach`` of its axis; False when it is full."""
     i0, i1 = cell_range(index, 0, min(s.px, s.dx) - reach, max(s.px, s.dx) + reach)
     j0, j1 = cell_range(index, 1, min(s.py, s.dy) - reach, max(s.py, s.dy) + reach)
     k0, k1 = cell_range(index, 2, min(s.pz, s.dz) - reach, max(s.pz, s.dz) + reach)
@@ -166,25 +168,32 @@ def insert(index: CellIndex, i: int, s: Any, reach: float) -> bool:
 
 
 @jit
-def list_from(segments: Any, first: int, end: int, index: CellIndex, room: Clearances) -> bool:
-    """List segments ``first`` to ``end`` in an index; False when it runs out of room."""
+def list_from(
+    segments: Any, first: int, end: int, index: CellIndex, clearances: Clearances
+) -> bool:
+    """List segments ``first`` to ``end`` in an index; False when it is full."""
     for i in range(first, end):
         s = segments[i]
-        if not insert(index, i, s, REACH * s.radius + room.clearance):
+        if not insert(index, i, s, REACH * s.radius + clearances.clearance):
             return False
     return True
 
 
 def index_segments(
-    bounds: FloatArray, cell_mm: float, segments: Segments, own: int, others: int, room: Clearances
+    bounds: FloatArray,
+    cell_mm: float,
+    segments: Segments,
+    own: int,
+    others: int,
+    clearances: Clearances,
 ) -> CellIndex:
-    """An index of the first ``own`` segments and the last ``others``, with room to spare."""
+    """An index of the first ``own`` segments and the last ``others``, half empty."""
     end = len(segments)
     entries = 16 * end + 4096
     while True:
         index = empty_index(bounds, cell_mm, entries, end)
-        done = list_from(segments, 0, own, index, room)
-        done = done and list_from(segments, end - others, end, index, room)
+        done = list_from(segments, 0, own, index, clearances)
+        done = done and list_from(segments, end - others, end, index, clearances)
         if done and index.used[0] < 0.5 * entries:
             return index
         entries *= 2
@@ -207,7 +216,7 @@ def nearest_segments(
     ----------
     least : float, mm
         The search ends at a segment that is nearer, which is then the only one found.
-    found, away : (k,)
+    nearest, away : (k,)
         Receive segments and distances, mm.
 
     Returns
@@ -215,7 +224,7 @@ def nearest_segments(
     int
         How many were found (fewer than k only when there are fewer).
     """
-    room = len(nearest)
+    most = len(nearest)
     size = 0
     index.query[0] += 1
     query = index.query[0]
@@ -225,7 +234,7 @@ def nearest_segments(
     widest = max(index.shape[0], max(index.shape[1], index.shape[2]))
     for ring in range(widest):
         # Whatever isn't listed in the rings done is at least this far.
-        if size == room and away[size - 1] <= (ring - 1) * index.cell:
+        if size == most and away[size - 1] <= (ring - 1) * index.cell:
             break
         for a in range(max(0, ci - ring), min(index.shape[0] - 1, ci + ring) + 1):
             for b in range(max(0, cj - ring), min(index.shape[1] - 1, cj + ring) + 1):
@@ -243,36 +252,36 @@ def nearest_segments(
                         index.stamp[i] = query
                         s = segments[i]
                         d, _ = point_segment(x, y, z, s.px, s.py, s.pz, s.dx, s.dy, s.dz)
-                        if size == room and d >= away[size - 1]:
+                        if size == most and d >= away[size - 1]:
                             continue
                         if s.terminals == 0:
                             continue
                         if d < least:
                             nearest[0], away[0] = i, d
                             return 1
-                        at = size if size < room else room - 1
+                        at = size if size < most else most - 1
                         while at > 0 and away[at - 1] > d:
                             away[at] = away[at - 1]
                             nearest[at] = nearest[at - 1]
                             at -= 1
                         away[at] = d
                         nearest[at] = i
-                        size = min(room, size + 1)
+                        size = min(most, size + 1)
     return size
 
 
 @scalar_jit
-def kept_apart(room: Clearances, one: float, two: float) -> float:
+def kept_apart(clearances: Clearances, one: float, two: float) -> float:
     """Clearance between vessels of radii ``one`` and ``two``, mm."""
-    return max(room.clearance, room.ratio * min(one, two))
+    return max(clearances.clearance, clearances.ratio * min(one, two))
 
 
 @scalar_jit
-def widest_of(segments: Any, room: Clearances, i: int) -> float:
+def widest_of(segments: Any, clearances: Clearances, i: int) -> float:
     """Radius from which on segment ``i`` takes on no more terminals, mm; inf for a trunk's."""
-    if segments[i].given == TRUNK or not room.widest_branch < np.inf:
+    if segments[i].given == TRUNK or not clearances.widest_branch < np.inf:
         return np.inf
-    return room.widest_branch * segments[0].radius
+    return clearances.widest_branch * segments[0].radius
 
 
 @scalar_jit
@@ -295,13 +304,13 @@ def seven_integers(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any) -> Se
 
 
 @scalar_jit
-def pair_growth_factor(room: Clearances, away: float, one: float, two: float) -> float:
+def pair_growth_factor(clearances: Clearances, away: float, one: float, two: float) -> float:
     """Factor by which vessels ``away`` (mm) from each other could both widen until they collide."""
     both = one + two
-    factor = away / (both + room.ratio * min(one, two))
-    if room.clearance > 0.0:
+    factor = away / (both + clearances.ratio * min(one, two))
+    if clearances.clearance > 0.0:
         # The fixed part of the clearance doesn't grow with the radii.
-        factor = min(factor, (away - room.clearance) / both)
+        factor = min(factor, (away - clearances.clearance) / both)
     return factor
 
 
@@ -337,7 +346,7 @@ def away_from_trunk(
 def growth_factor(
     index: CellIndex,
     segments: Any,
-    room: Clearances,
+    clearances: Clearances,
     ax: float,
     ay: float,
     az: float,
@@ -361,7 +370,7 @@ def growth_factor(
     -------
     float
         Below 1 when there is a collision; at most `REACH`. Without ``record`` the search ends
-        below the room's reserve.
+        below the reserve of ``clearances``.
     """
     least = REACH
     reach = REACH * radius
@@ -399,10 +408,10 @@ def growth_factor(
                     )
                     if s.given != 0:
                         d = away_from_trunk(s, ax, ay, az, bx, by, bz, radius, d)
-                    factor = pair_growth_factor(room, d, radius, s.radius)
+                    factor = pair_growth_factor(clearances, d, radius, s.radius)
                     if factor < least:
                         least = factor
-                        if least < room.reserve and not record:
+                        if least < clearances.reserve and not record:
                             return least
                     if record and factor * s.radius < s.allowed:
                         s.allowed = factor * s.radius
@@ -411,7 +420,7 @@ def growth_factor(
 
 @scalar_jit
 def in_tissue(
-    room: Clearances,
+    clearances: Clearances,
     ax: float,
     ay: float,
     az: float,
@@ -421,13 +430,13 @@ def in_tissue(
     radius: float,
 ) -> bool:
     """Whether a capsule keeps its distance from the tissue's surface."""
-    need = room.reserve * radius + room.wall
-    return bool(depth_along(room.grid, ax, ay, az, bx, by, bz, need) >= need)
+    need = clearances.reserve * radius + clearances.wall
+    return bool(depth_along(clearances.grid, ax, ay, az, bx, by, bz, need) >= need)
 
 
 @jit
 def clear_of(
-    segments: Any, index: CellIndex, room: Clearances, begin: Any, points: Any, radius: float
+    segments: Any, index: CellIndex, clearances: Clearances, begin: Any, points: Any, radius: float
 ) -> Any:
     """Whether capsules from ``begin`` (3,) to each of ``points`` (n, 3) clear all that is listed.
 
@@ -438,6 +447,8 @@ def clear_of(
     for n in range(len(points)):
         t = points[n]
         x, y, z = begin[0], begin[1], begin[2]
-        least = growth_factor(index, segments, room, x, y, z, t[0], t[1], t[2], radius, skip, False)
-        free[n] = least >= room.reserve
+        least = growth_factor(
+            index, segments, clearances, x, y, z, t[0], t[1], t[2], radius, skip, False
+        )
+        free[n] = least >= clearances.reserve
     return free

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from design.geometry import point_segment
 from design.tissue.grid import read
 from design.vasculature.growth.checks import (
-    TrialBifurcation,
     allowed_radius,
     angles_fit,
     fits,
@@ -18,7 +17,8 @@ from design.vasculature.growth.checks import (
 )
 from design.vasculature.growth.cost import (
     ENOUGH,
-    Sprout,
+    NewTerminal,
+    TrialBifurcation,
     best_place,
     climb,
     distance,
@@ -40,7 +40,7 @@ from design.vasculature.growth.index import (
     widest_of,
 )
 from design.vasculature.growth.points import Samples
-from design.vasculature.options import Law
+from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.penalty import PenaltyArrays, weigh_rise
 from kernels import jit, scalar_jit
 
@@ -68,6 +68,9 @@ THIN_MARGIN = 1.08
 """A new terminal must be this much wider than the limit: later ones make it thinner."""
 _RELAX, _TIGHTEN = 0.93, 1.01
 _APART = 0.9
+_EAGER, _PATIENT = 6, 400
+"""Patience (see `Scale`) of thin trees, which get everywhere at once, and of those with a smallest
+radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lumen, not 1.9."""
 PROGRESS = np.dtype(
     [
         ("count", "i8"),
@@ -75,25 +78,25 @@ PROGRESS = np.dtype(
         ("refresh_at", "i8"),
         ("tried", "i8"),
         ("since", "i8"),
-        ("apart", "f8"),
+        ("min_spacing_factor", "f8"),
         ("root_radius", "f8"),
         ("smallest", "f8"),
-        ("thick", "f8"),
+        ("relative_viscosity", "f8"),
         ("candidates", "i8"),
-        ("careful", "i8"),
-        ("held", "i8"),
+        ("check_each_terminal", "i8"),
+        ("frozen_count", "i8"),
     ]
 )
 """Where growth stands.
 
 count : segments; terminals : of them; refresh_at : terminals at which radii are derived anew;
-tried : points tried; since : points tried since the last success; apart : share of the mean
-spacing that a new terminal must be away from the tree; root_radius : predicted, mm;
-smallest : terminal radius, predicted, mm; thick : mean viscosity of the terminals, over μ;
-candidates : nearest segments considered for a new terminal; careful : 1 where vessels are kept
-from becoming too wide terminal by terminal, not only each time radii are derived anew;
-held : first segments that take no branch, nor do those from ``count`` on (a region's growth alone,
-`growth.by_regions`).
+tried : points tried; since : points tried since the last success; min_spacing_factor : share of the
+mean spacing that a new terminal must be away from the tree; root_radius : predicted, mm;
+smallest : terminal radius, predicted, mm; relative_viscosity : mean of the terminals;
+candidates : nearest segments considered for a new terminal; check_each_terminal : 1 where vessels
+are kept from becoming too wide terminal by terminal, not only each time radii are derived anew;
+frozen_count : first segments that take no branch, nor do those from ``count`` on (a region's growth
+alone, `growth.regions`).
 """
 
 
@@ -126,10 +129,25 @@ class Scale(NamedTuple):
     patience: int
     share: float = 1.0
 
+    @classmethod
+    def of(cls, options: GrowthOptions, volume_mm3: float, goal: int, spread: float) -> Scale:
+        """Return the scale of a tree of ``goal`` terminals; ``spread`` needs a smallest radius."""
+        drop = options.flow_ul_s(volume_mm3) / options.pressure_drop_pa
+        smallest = options.smallest_radius_mm
+        if not smallest:
+            return cls(drop, 0.0, 0.0, goal, volume_mm3, _EAGER)
+        root = smallest * spread * goal ** (1.0 / options.murray_exponent)
+        return cls(drop, root, spread, goal, volume_mm3, _PATIENT)
+
 
 @jit
 def first_pair(
-    segments: Any, room: Clearances, law: Law, root_radius: float, samples: Samples, least: float
+    segments: Any,
+    clearances: Clearances,
+    law: Law,
+    root_radius: float,
+    samples: Samples,
+    least: float,
 ) -> bool:
     """Grow the stem's two first terminals from two of the samples; False when none fit.
 
@@ -145,7 +163,7 @@ def first_pair(
             continue
         if one < 0:
             radius = root_radius * 0.5 ** (1.0 / law.gamma)
-            if _stands(room, s, t, radius, root_radius):
+            if _stands(clearances, s, t, radius, root_radius):
                 one = n
             continue
         other = points[one]
@@ -153,14 +171,17 @@ def first_pair(
         a, b = np.sqrt(np.sqrt(flow[n] * length)), np.sqrt(np.sqrt(flow[one] * m))
         total = (a**law.gamma + b**law.gamma) ** (1.0 / law.gamma)
         r0, r1 = root_radius * b / total, root_radius * a / total
-        if not (_stands(room, s, t, r1, root_radius) and _stands(room, s, other, r0, root_radius)):
+        if not (
+            _stands(clearances, s, t, r1, root_radius)
+            and _stands(clearances, s, other, r0, root_radius)
+        ):
             continue
-        gap = r0 + r1 + kept_apart(room, r0, r1) + 0.25 * least
+        gap = r0 + r1 + kept_apart(clearances, r0, r1) + 0.25 * least
         if _ends_apart(e, t, other) < gap:
             continue
-        if room.limits.on and not (
-            angles_fit(room.limits, (s.px, s.py, s.pz), e, other, t)
-            and shares_fit(room.limits, flow[one], flow[n])
+        if clearances.limits.on and not (
+            angles_fit(clearances.limits, (s.px, s.py, s.pz), e, other, t)
+            and shares_fit(clearances.limits, flow[one], flow[n])
         ):
             continue
         for i in range(1, 3):
@@ -177,12 +198,12 @@ def first_pair(
 
 
 @jit
-def _stands(room: Clearances, stem: Any, t: Any, radius: float, root_radius: float) -> bool:
+def _stands(clearances: Clearances, stem: Any, t: Any, radius: float, root_radius: float) -> bool:
     """Whether a vessel from the stem's end to ``t`` is in the tissue and leaves the stem."""
-    gap = radius + root_radius + kept_apart(room, radius, root_radius)
+    gap = radius + root_radius + kept_apart(clearances, radius, root_radius)
     away, _ = point_segment(t[0], t[1], t[2], stem.px, stem.py, stem.pz, stem.dx, stem.dy, stem.dz)
     return bool(
-        away >= gap and in_tissue(room, stem.dx, stem.dy, stem.dz, t[0], t[1], t[2], radius)
+        away >= gap and in_tissue(clearances, stem.dx, stem.dy, stem.dz, t[0], t[1], t[2], radius)
     )
 
 
@@ -251,7 +272,7 @@ def trial(
     i: int,
     b: Any,
     t: Any,
-    sprout: Sprout,
+    new_terminal: NewTerminal,
     law: Law,
 ) -> tuple[Any, float]:
     """Fork with its radii, and the rise of the cost, of a terminal at ``t`` by way of ``b``."""
@@ -259,10 +280,12 @@ def trial(
     up = distance(s.px, s.py, s.pz, b[0], b[1], b[2])
     low = distance(b[0], b[1], b[2], s.dx, s.dy, s.dz)
     new = distance(b[0], b[1], b[2], t[0], t[1], t[2])
-    load, spend, _, _, _, _, _, _, low_load, m = split_value(s, up, low, new, sprout, law)
-    rise, _, _, r_up = climb(segments, i, load, spend, sprout.flow, ENOUGH, law)
+    load, cost_sum, _, _, _, _, _, _, low_load, m = split_value(s, up, low, new, new_terminal, law)
+    rise, _, _, r_up = climb(segments, i, load, cost_sum, new_terminal.flow, ENOUGH, law)
     r_low = r_up * np.sqrt(np.sqrt(low_load / m))
-    r_new = r_up * np.sqrt(np.sqrt(sprout.flow * sprout.thick * law.k * new / m))
+    r_new = r_up * np.sqrt(
+        np.sqrt(new_terminal.flow * new_terminal.relative_viscosity * law.k * new / m)
+    )
     fork = TrialBifurcation(
         np.int64(i),
         b[0],
@@ -274,8 +297,8 @@ def trial(
         r_up,
         r_low,
         r_new,
-        sprout.flow,
-        sprout.thick,
+        new_terminal.flow,
+        new_terminal.relative_viscosity,
     )
     return fork, rise
 
@@ -293,7 +316,7 @@ def estimate(
     segments: Any,
     i: int,
     t: Any,
-    sprout: Sprout,
+    new_terminal: NewTerminal,
     penalty: PenaltyArrays,
     place_out: Any,
     slopes: Any,
@@ -302,31 +325,35 @@ def estimate(
     """Best place on segment ``i`` by the linear model, and the model's cost there.
 
     ``place_out`` (3,) receives the place, ``slopes`` (3,) the model: the cost at no load and
-    spend, and its derivatives by the two. A trunk's segment is left on its axis.
+    cost sum, and its derivatives by the two. A trunk's segment is left on its axis.
     """
     s = segments[i]
     bx = (s.px + s.dx + t[0]) / 3.0
     by = (s.py + s.dy + t[1]) / 3.0
     bz = (s.pz + s.dz + t[2]) / 3.0
-    load, spend, _, _, _, _, _, _, _, _ = split_value(
+    load, cost_sum, _, _, _, _, _, _, _, _ = split_value(
         s,
         distance(s.px, s.py, s.pz, bx, by, bz),
         distance(bx, by, bz, s.dx, s.dy, s.dz),
         distance(bx, by, bz, t[0], t[1], t[2]),
-        sprout,
+        new_terminal,
         law,
     )
-    rise, by_load, by_spend, _ = climb(segments, i, load, spend, sprout.flow, ENOUGH, law)
-    slopes[0] = rise - by_load * load - by_spend * spend
+    rise, by_load, by_cost_sum, _ = climb(
+        segments, i, load, cost_sum, new_terminal.flow, ENOUGH, law
+    )
+    slopes[0] = rise - by_load * load - by_cost_sum * cost_sum
     slopes[1] = by_load
-    slopes[2] = by_spend
+    slopes[2] = by_cost_sum
     if s.given != 0:
-        return best_on_axis(segments, s, t, sprout, penalty, place_out, slopes, law)
-    bx, by, bz = best_place(s, t[0], t[1], t[2], by_load, by_spend, ITERATIONS, sprout, law)
+        return best_on_axis(segments, s, t, new_terminal, penalty, place_out, slopes, law)
+    bx, by, bz = best_place(
+        s, t[0], t[1], t[2], by_load, by_cost_sum, ITERATIONS, new_terminal, law
+    )
     place_out[0], place_out[1], place_out[2] = bx, by, bz
     if penalty.on:
-        return best_penalised(segments, s, t, sprout, penalty, place_out, slopes, law)
-    return model(s, place_out, t, slopes, sprout, law)
+        return best_penalised(segments, s, t, new_terminal, penalty, place_out, slopes, law)
+    return model(s, place_out, t, slopes, new_terminal, law)
 
 
 @scalar_jit
@@ -335,14 +362,14 @@ def value_at(
     s: Any,
     b: Any,
     t: Any,
-    sprout: Sprout,
+    new_terminal: NewTerminal,
     penalty: PenaltyArrays,
     slopes: Any,
     law: Law,
 ) -> float:
     """What place ``b`` is compared by: the model's rise of the cost, a penalty included."""
-    rise = model(s, b, t, slopes, sprout, law)
-    return weigh_rise(penalty, b, segments[0].spend, rise)
+    rise = model(s, b, t, slopes, new_terminal, law)
+    return weigh_rise(penalty, b, segments[0].cost_sum, rise)
 
 
 @scalar_jit
@@ -350,7 +377,7 @@ def best_on_axis(
     segments: Any,
     s: Any,
     t: Any,
-    sprout: Sprout,
+    new_terminal: NewTerminal,
     penalty: PenaltyArrays,
     place_out: Any,
     slopes: Any,
@@ -361,14 +388,14 @@ def best_on_axis(
     step = 1.0 / (ON_AXIS + 1)
     for n in range(ON_AXIS):
         at = (n + 1) * step
-        value = value_at(segments, s, along_axis(s, at), t, sprout, penalty, slopes, law)
+        value = value_at(segments, s, along_axis(s, at), t, new_terminal, penalty, slopes, law)
         if value < best:
             best, along = value, at
     for _ in range(HALVINGS):
         step *= 0.5
         middle = along
         for at in (middle - step, middle + step):
-            value = value_at(segments, s, along_axis(s, at), t, sprout, penalty, slopes, law)
+            value = value_at(segments, s, along_axis(s, at), t, new_terminal, penalty, slopes, law)
             if value < best:
                 best, along = value, at
     place_out[0], place_out[1], place_out[2] = along_axis(s, along)
@@ -401,7 +428,7 @@ def best_penalised(
     segments: Any,
     s: Any,
     t: Any,
-    sprout: Sprout,
+    new_terminal: NewTerminal,
     penalty: PenaltyArrays,
     place_out: Any,
     slopes: Any,
@@ -411,10 +438,10 @@ def best_penalised(
 
     The better of that and six others, then steps along the axes that halve where none helps.
     """
-    best = value_at(segments, s, place_out, t, sprout, penalty, slopes, law)
+    best = value_at(segments, s, place_out, t, new_terminal, penalty, slopes, law)
     for kind in range(6):
         at = other_place(s, t, kind)
-        value = value_at(segments, s, at, t, sprout, penalty, slopes, law)
+        value = value_at(segments, s, at, t, new_terminal, penalty, slopes, law)
         if value < best:
             best = value
             place_out[0], place_out[1], place_out[2] = at
@@ -425,7 +452,7 @@ def best_penalised(
             for sign in (-1.0, 1.0):
                 before = place_out[axis]
                 place_out[axis] = before + sign * step
-                value = value_at(segments, s, place_out, t, sprout, penalty, slopes, law)
+                value = value_at(segments, s, place_out, t, new_terminal, penalty, slopes, law)
                 if value < best:
                     best = value
                     better = True
@@ -437,34 +464,34 @@ def best_penalised(
 
 
 @scalar_jit
-def model(s: Any, b: Any, t: Any, slopes: Any, sprout: Sprout, law: Law) -> float:
+def model(s: Any, b: Any, t: Any, slopes: Any, new_terminal: NewTerminal, law: Law) -> float:
     """Cost of place ``b`` by the linear model."""
-    load, spend, _, _, _, _, _, _, _, _ = split_value(
+    load, cost_sum, _, _, _, _, _, _, _, _ = split_value(
         s,
         distance(s.px, s.py, s.pz, b[0], b[1], b[2]),
         distance(b[0], b[1], b[2], s.dx, s.dy, s.dz),
         distance(b[0], b[1], b[2], t[0], t[1], t[2]),
-        sprout,
+        new_terminal,
         law,
     )
-    return slopes[0] + slopes[1] * load + slopes[2] * spend
+    return slopes[0] + slopes[1] * load + slopes[2] * cost_sum
 
 
 @scalar_jit
 def propose(
     segments: Any,
     index: CellIndex,
-    room: Clearances,
+    clearances: Clearances,
     penalty: PenaltyArrays,
     law: Law,
     limit: float,
     t: Any,
-    sprout: Sprout,
+    new_terminal: NewTerminal,
     nearest: Any,
     size: int,
     work: Trials,
 ) -> tuple[bool, Any]:
-    """The cheapest fork that fits, of the segments ``found[:size]``; ``work`` is overwritten."""
+    """The cheapest fork that fits, of the segments ``nearest[:size]``; ``work`` is overwritten."""
     fork = TrialBifurcation(np.int64(-1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     costs, places, slopes, order = work.costs, work.places, work.slopes, work.order
     for n in range(size):
@@ -472,14 +499,16 @@ def propose(
         # The root's own segment is the stem: it stays as the user placed it.
         free = nearest[n] > 0 or segments[0].given != 0
         if free and segments[nearest[n]].full == 0:
-            costs[n] = estimate(segments, nearest[n], t, sprout, penalty, places[n], slopes[n], law)
+            costs[n] = estimate(
+                segments, nearest[n], t, new_terminal, penalty, places[n], slopes[n], law
+            )
     sort_by(costs, size, order)
     for rank in range(size):
         n = order[rank]
         if costs[n] == np.inf:
             break
-        fork, _ = trial(segments, nearest[n], places[n], t, sprout, law)
-        if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
+        fork, _ = trial(segments, nearest[n], places[n], t, new_terminal, law)
+        if not_too_thin(segments, fork, limit) and fits(index, segments, clearances, fork):
             return True, fork
     others, values = work.others, work.values
     values[:] = np.inf
@@ -495,14 +524,16 @@ def propose(
             others[rank * 6 + kind, 0] = at[0]
             others[rank * 6 + kind, 1] = at[1]
             others[rank * 6 + kind, 2] = at[2]
-            values[rank * 6 + kind] = value_at(segments, s, at, t, sprout, penalty, slopes[n], law)
+            values[rank * 6 + kind] = value_at(
+                segments, s, at, t, new_terminal, penalty, slopes[n], law
+            )
     sort_by(values, len(values), work.rank)
     for n in work.rank:
         if values[n] == np.inf:
             break
         i = nearest[order[n // 6]]
-        fork, _ = trial(segments, i, others[n], t, sprout, law)
-        if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
+        fork, _ = trial(segments, i, others[n], t, new_terminal, law)
+        if not_too_thin(segments, fork, limit) and fits(index, segments, clearances, fork):
             return True, fork
     return False, fork
 
@@ -533,24 +564,24 @@ def mean_spacing(terminals: int, scale: Scale) -> float:
 
 
 @scalar_jit
-def set_allowed_radius(segments: Any, index: CellIndex, room: Clearances, i: int) -> bool:
+def set_allowed_radius(segments: Any, index: CellIndex, clearances: Clearances, i: int) -> bool:
     """Derive how wide segment ``i`` may grow and list it; False when the index is full."""
     s = segments[i]
     if s.given != 0:
-        s.allowed = widest_of(segments, room, i)
+        s.allowed = widest_of(segments, clearances, i)
     else:
-        s.allowed = allowed_radius(segments, i, index, room, True)
-    return insert(index, i, s, REACH * s.radius + room.clearance)
+        s.allowed = allowed_radius(segments, i, index, clearances, True)
+    return insert(index, i, s, REACH * s.radius + clearances.clearance)
 
 
 @scalar_jit
 def commit(
-    segments: Any, count: int, index: CellIndex, room: Clearances, law: Law, fork: Any
+    segments: Any, count: int, index: CellIndex, clearances: Clearances, law: Law, fork: Any
 ) -> bool:
     """Part the fork's segment and add the terminal as segments ``count`` and ``count + 1``.
 
     The segment itself becomes the upper part; the lower part takes its children. Returns False
-    when the index ran out of room (the tree itself is whole).
+    when the index is full (the tree itself is whole).
     """
     i, lower, tip = fork.segment, count, count + 1
     s = segments[i]
@@ -568,7 +599,10 @@ def commit(
     if right >= 0:
         segments[right].parent = lower
     segments[lower].flow, segments[tip].flow = s.flow, fork.flow
-    segments[lower].thick, segments[tip].thick = s.thick, fork.thick
+    segments[lower].relative_viscosity, segments[tip].relative_viscosity = (
+        s.relative_viscosity,
+        fork.relative_viscosity,
+    )
     segments[lower].given, segments[tip].given = s.given, 0
     s.left, s.right = lower, tip
     s.radius, segments[lower].radius, segments[tip].radius = fork.up, fork.low, fork.new
@@ -577,17 +611,17 @@ def commit(
     refresh(segments, lower, law)
     refresh(segments, tip, law)
     refresh_upwards(segments, i, law)
-    done = set_allowed_radius(segments, index, room, i)
-    done = set_allowed_radius(segments, index, room, lower) and done
-    return set_allowed_radius(segments, index, room, tip) and done
+    done = set_allowed_radius(segments, index, clearances, i)
+    done = set_allowed_radius(segments, index, clearances, lower) and done
+    return set_allowed_radius(segments, index, clearances, tip) and done
 
 
 @scalar_jit
-def drop_held(nearest: Any, size: int, held: int, count: int) -> int:
-    """Keep those of ``found[:size]`` that are numbered from ``held`` to below ``count``."""
+def drop_frozen(nearest: Any, size: int, frozen_count: int, count: int) -> int:
+    """Keep those of ``nearest[:size]`` that are numbered from the frozen ones to ``count``."""
     kept = 0
     for n in range(size):
-        if held <= nearest[n] < count:
+        if frozen_count <= nearest[n] < count:
             nearest[kept] = nearest[n]
             kept += 1
     return kept
@@ -595,7 +629,7 @@ def drop_held(nearest: Any, size: int, held: int, count: int) -> int:
 
 @scalar_jit
 def drop_full(segments: Any, nearest: Any, size: int, flow: float, law: Law) -> int:
-    """Keep those of ``found[:size]`` on whose way to the root no vessel becomes too wide."""
+    """Keep those of ``nearest[:size]`` on whose way to the root no vessel becomes too wide."""
     kept = 0
     for n in range(size):
         i = nearest[n]
@@ -628,11 +662,11 @@ def derive_radii(segments: Any, progress: Any, law: Law, scale: Scale) -> None:
     s.root_radius = predicted_root_radius(segments, law, scale)
     slack = 1.0 + KEPT * (1.0 - s.terminals / scale.goal)
     # What holds a region grows by all regions together: none is closed for it.
-    for i in range(s.held):
+    for i in range(s.frozen_count):
         segments[i].allowed = np.inf
     s.smallest = spread_down(segments, s.count, s.root_radius, slack, law)
     if law.haematocrit >= 0.0:
-        _, s.thick = follow_radii(segments, s.count, law)
+        _, s.relative_viscosity = follow_radii(segments, s.count, law)
     s.refresh_at = s.terminals + max(1, s.terminals // REFRESH)
 
 
@@ -640,7 +674,7 @@ def derive_radii(segments: Any, progress: Any, law: Law, scale: Scale) -> None:
 def grow(
     segments: Any,
     index: CellIndex,
-    room: Clearances,
+    clearances: Clearances,
     law: Law,
     scale: Scale,
     penalty: PenaltyArrays,
@@ -671,35 +705,35 @@ def grow(
         s.tried += 1
         s.since += 1
         if s.since % scale.patience == 0:
-            s.apart *= _RELAX
-        least = s.apart * (spacing * samples.near[n])
+            s.min_spacing_factor *= _RELAX
+        least = s.min_spacing_factor * (spacing * samples.near[n])
         size = nearest_segments(index, segments, t[0], t[1], t[2], least, nearest, away)
         if away[0] < least:
             continue
-        if s.held > 0:
-            size = drop_held(nearest, size, s.held, s.count)
-        if s.careful != 0:
+        if s.frozen_count > 0:
+            size = drop_frozen(nearest, size, s.frozen_count, s.count)
+        if s.check_each_terminal != 0:
             size = drop_full(segments, nearest, size, samples.flow[n], law)
         limit = thinnest(s.terminals + 1, s.root_radius, law, scale)
         whole = (s.terminals + 1) / scale.share
         tip = max(limit, 0.5 * s.root_radius * whole ** (-1.0 / law.gamma))
-        shallow = -read(room.grid, t[0], t[1], t[2]) < tip + room.wall
+        shallow = -read(clearances.grid, t[0], t[1], t[2]) < tip + clearances.wall
         if shallow and samples.near[n] > 0.0:
             continue
-        sprout = Sprout(samples.flow[n], s.thick)
+        new_terminal = NewTerminal(samples.flow[n], s.relative_viscosity)
         good, fork = propose(
-            segments, index, room, penalty, law, limit, t, sprout, nearest, size, work
+            segments, index, clearances, penalty, law, limit, t, new_terminal, nearest, size, work
         )
         if not good:
             continue
-        listed = commit(segments, s.count, index, room, law, fork)
-        if s.careful != 0:
+        listed = commit(segments, s.count, index, clearances, law, fork)
+        if s.check_each_terminal != 0:
             widen_above(segments, fork.segment, fork.flow, law)
         s.count += 2
         s.terminals += 1
         spacing = mean_spacing(s.terminals, scale)
         s.since = 0
-        s.apart = min(_APART, s.apart * _TIGHTEN)
+        s.min_spacing_factor = min(_APART, s.min_spacing_factor * _TIGHTEN)
         if s.terminals >= s.refresh_at:
             derive_radii(segments, progress, law, scale)
         if not listed:

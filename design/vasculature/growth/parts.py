@@ -16,7 +16,7 @@ from design.network import VesselKind, VesselNetwork
 from design.tissue import Part, Tissue, part_demands, part_numbers, part_tissue, parts_of
 from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
 from design.vasculature.growth.points import share_terminals
-from design.vasculature.growth.root import deep_roots
+from design.vasculature.growth.root import deep_roots, rooted_at
 from design.vasculature.growth.supply import (
     PartSupply,
     Probes,
@@ -257,7 +257,7 @@ def _reaching(
             break
         if len(trees) == 1:
             settings = [
-                _at(options, trees[0].proximal[0], trees[0].distal[0] - trees[0].proximal[0])
+                rooted_at(options, trees[0].proximal[0], trees[0].distal[0] - trees[0].proximal[0])
             ]
         for place in missed:
             owner[place.members] = len(settings)
@@ -318,10 +318,4 @@ def _root_into(
         best = int(good[0])
     else:
         best = int(np.argmin(KDTree(probes.points[members]).query(ahead)[0]))
-    return _at(options, places[best], ways[best])
-
-
-def _at(options: GrowthOptions, point: FloatArray, way: FloatArray) -> GrowthOptions:
-    x, y, z = point.tolist()
-    dx, dy, dz = way.tolist()
-    return replace(options, root_candidates=0, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
+    return rooted_at(options, places[best], ways[best])

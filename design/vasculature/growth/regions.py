@@ -246,7 +246,7 @@ class Region:
             np.round(first["terminals"] * growth),
             first["flow"] * growth,
             first["load"] * growth**LOAD_POWER,
-            first["spend"] * growth ** (0.25 * law.lam * LOAD_POWER),
+            first["cost_sum"] * growth ** (0.25 * law.lam * LOAD_POWER),
             law,
         )
 
@@ -259,13 +259,13 @@ def set_leaves(
     terminals: Any,
     flow: Any,
     load: Any,
-    spend: Any,
+    cost_sum: Any,
     law: Law,
 ) -> None:
     """Set what branches elsewhere carry, and recompute the ``held`` segments above them."""
     for n in range(len(leaves)):
         s = segments[leaves[n]]
-        s.terminals, s.flow, s.load, s.spend = terminals[n], flow[n], load[n], spend[n]
+        s.terminals, s.flow, s.load, s.cost_sum = terminals[n], flow[n], load[n], cost_sum[n]
     for i in range(held - 1, -1, -1):
         if segments[i].left >= 0:
             refresh(segments, i, law)
@@ -468,7 +468,7 @@ class Store:
 
 
 def measure_again(
-    segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float
+    segments: Any, count: int, index: CellIndex, clearances: Clearances, smallest: float
 ) -> int:
     """Derive allowed radii as `measure_in_parallel`, but only where they may be less.
 
@@ -483,8 +483,8 @@ def measure_again(
         How many are wider than allowed.
     """
     mark_changed(segments, count)
-    measure_changed(segments, count, index, room, smallest, False)
-    limit_joints(segments, count, room)
+    measure_changed(segments, count, index, clearances, smallest, False)
+    limit_joints(segments, count, clearances)
     return int(too_wide(segments, count))
 
 
@@ -499,7 +499,12 @@ def mark_changed(segments: Any, count: int) -> None:
 
 
 def measure_in_parallel(
-    segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, threads: int
+    segments: Any,
+    count: int,
+    index: CellIndex,
+    clearances: Clearances,
+    smallest: float,
+    threads: int,
 ) -> int:
     """Derive allowed radii as `growth.checks.measure_allowed_radii` with joints does.
 
@@ -511,7 +516,7 @@ def measure_in_parallel(
         How many are wider than allowed.
     """
     # Without a reserve the search for neighbours goes on to the nearest.
-    alone = room._replace(reserve=0.0)
+    alone = clearances._replace(reserve=0.0)
 
     def measure(begin: int) -> None:
         own = index._replace(stamp=np.zeros_like(index.stamp), query=np.zeros_like(index.query))
@@ -520,13 +525,13 @@ def measure_in_parallel(
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(measure, range(0, count, _AT_A_TIME)))
-    limit_joints(segments, count, room)
+    limit_joints(segments, count, clearances)
     return int(too_wide(segments, count))
 
 
 @scalar_jit
 def measure_alone(
-    segments: Any, begin: int, end: int, index: CellIndex, room: Clearances, smallest: float
+    segments: Any, begin: int, end: int, index: CellIndex, clearances: Clearances, smallest: float
 ) -> None:
     """Derive the allowed radii of segments ``begin`` to ``end`` from tissue and neighbours."""
     for i in range(begin, end):
@@ -534,6 +539,6 @@ def measure_alone(
         s.allowed, s.audited = np.inf, s.radius
         if s.given != 0:
             continue
-        s.allowed = allowed_radius(segments, i, index, room, False)
+        s.allowed = allowed_radius(segments, i, index, clearances, False)
         if s.left < 0 and s.radius < smallest:
             s.allowed = min(s.allowed, 0.0)

@@ -84,17 +84,24 @@ def stem(
     return point, point + along[end] * direction
 
 
-def stem_is_short(segments: Segments, room: Clearances) -> bool:
+def rooted_at(options: GrowthOptions, point: FloatArray, way: FloatArray) -> GrowthOptions:
+    """Return the options with a root at a point, mm, that enters along a direction."""
+    x, y, z = point.tolist()
+    dx, dy, dz = way.tolist()
+    return replace(options, root_candidates=0, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
+
+
+def stem_is_short(segments: Segments, clearances: Clearances) -> bool:
     """Whether the root's segment is shorter than its radius asks for."""
-    return bool(segments[0]["length"] < room.length_to_radius * segments[0]["radius"])
+    return bool(segments[0]["length"] < clearances.length_to_radius * segments[0]["radius"])
 
 
-def lengthen_stem(segments: Segments, room: Clearances, law: Law) -> None:
+def lengthen_stem(segments: Segments, clearances: Clearances, law: Law) -> None:
     """Move the root's bifurcation on along the stem; the audit that follows judges it there."""
     s = segments[0]
     begin = np.array([s["px"], s["py"], s["pz"]])
     end = np.array([s["dx"], s["dy"], s["dz"]])
-    longer = _LONGER * room.length_to_radius * s["radius"] / s["length"]
+    longer = _LONGER * clearances.length_to_radius * s["radius"] / s["length"]
     end = begin + longer * (end - begin)
     place(segments, 0, tuple(begin), tuple(end))
     for child in (int(s["left"]), int(s["right"])):
@@ -251,12 +258,8 @@ def search_root(
     cost = np.full(len(points), np.inf)
     first: DesignError | None = None
     for n, (point, way) in enumerate(zip(points, directions, strict=True)):
-        x, y, z = point.tolist()
-        dx, dy, dz = way.tolist()
         try:
-            tree = grow(
-                tissue, replace(probe, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
-            )
+            tree = grow(tissue, rooted_at(probe, point, way))
         except DesignError as error:
             first = first or error
             continue

@@ -285,6 +285,8 @@ def unreached(
 
 PER_TERMINAL, AT_LEAST, AT_MOST = 400, 100_000, 4_000_000
 """Points by which territories are measured."""
+_DEMAND_SEED = 1 << 40
+"""Added to the seed: a later report on supply must not measure it with the points that set it."""
 _GOLDEN = 1.2207440846057596
 """Root of x⁴ = x + 1: its inverse powers fill space evenly (Roberts 2018)."""
 
@@ -360,6 +362,28 @@ def territory_demand(points: FloatArray, weight: FloatArray, tips: FloatArray) -
     _, owner = KDTree(tips).query(points)
     share: FloatArray = np.bincount(owner, weights=weight, minlength=len(tips)) / weight.sum()
     return share
+
+
+def flows_by_demand(
+    tissue: Tissue,
+    tips: FloatArray,
+    terminals: int,
+    seed: int,
+    owns: Callable[[FloatArray], NDArray[np.bool_]] | None,
+) -> FloatArray:
+    """Return the flow that each terminal's territory asks for, (k,), over the mean terminal's.
+
+    Parameters
+    ----------
+    tips : (k, 3) float64, mm
+    terminals : int
+        By which the number of points is chosen.
+    seed : int
+    owns : function
+        As `demand_points` takes it.
+    """
+    points, weight = demand_points(tissue, points_for(terminals), seed + _DEMAND_SEED, owns)
+    return len(tips) * territory_demand(points, weight, tips)
 
 
 def supply_balance(

@@ -76,12 +76,13 @@ from design.vasculature.growth.regions import (
 from design.vasculature.growth.root import (
     deep_roots,
     lengthen_stem,
+    rooted_at,
     search_root,
     sole_end,
     stem,
     stem_is_short,
 )
-from design.vasculature.growth.supply import demand_points, points_for, territory_demand
+from design.vasculature.growth.supply import flows_by_demand
 from design.vasculature.growth.territories import Surroundings
 from design.vasculature.growth.trunk import Trunk, trunk_of
 from design.vasculature.options import GrowthOptions
@@ -107,9 +108,6 @@ TRIED_AT_MOST = 2_000_000
 """Points tried in failed attempts, after which no third or later one is begun."""
 ROUNDS = 20
 """Audits and repairs at most."""
-_EAGER, _PATIENT = 6, 400
-"""Patience (see `Scale`) of thin trees, which get everywhere at once, and of those with a smallest
-radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lumen, not 1.9."""
 _SMALL = 10_000
 """Terminals below which a tree is in the cache, however it is ordered."""
 _EARLY = 0.45
@@ -126,8 +124,6 @@ _WAYS_MADE = 40
 """How often what is in the way of given points is taken away."""
 _SYNC = 8
 """Branches outside a region are made to grow alike each time it has grown by one in so many."""
-_DEMAND_SEED = 1 << 40
-"""Added to the seed: a later report on supply must not measure it with the points that set it."""
 
 
 def grow_tree(
@@ -189,10 +185,7 @@ def grow_tree(
     if stem is not None:
         raise GrowthError("a trunk has a root of its own; set root_candidates to 0")
     root = search_root(tissue, options, partial(grow_from_root, attempts=PROBES))
-    point, way = root.points[root.best].tolist(), root.directions[root.best].tolist()
-    placed = replace(
-        options, root_candidates=0, root_point_mm=tuple(point), root_direction=tuple(way)
-    )
+    placed = rooted_at(options, root.points[root.best], root.directions[root.best])
     tree = grow_from_root(tissue, placed, attempts, None, pool)
     return replace(tree, notes=(root.note, *tree.notes))
 
@@ -216,17 +209,14 @@ def _grow_from_deep_root(
         attempts = min(attempts, PROBES)
         trouble = f"from the highest point only {why.placed} terminals fit"
     for point, way in zip(*deep_roots(tissue, DEEP_ROOTS, options.seed), strict=True):
-        x, y, z = point.tolist()
-        dx, dy, dz = way.tolist()
-        placed = replace(options, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
         try:
-            tree = grow_from_root(tissue, placed, attempts, None, pool)
+            tree = grow_from_root(tissue, rooted_at(options, point, way), attempts, None, pool)
         except (RootError, NoRoomError) as error:
             why = max(why, error, key=_placed)
             continue
         note = (
-            f"{trouble}, so the root was put at ({x:.4g}, {y:.4g}, {z:.4g}) mm, where the tissue "
-            "is deep"
+            "{}, so the root was put at ({:.4g}, {:.4g}, {:.4g}) mm, where the tissue is "
+            "deep".format(trouble, *point)
         )
         return replace(tree, notes=(note, *tree.notes))
     raise why
@@ -253,15 +243,14 @@ def grow_from_root(
         room for a trunk.
     """
     spreads = [options.terminal_spread] if options.terminal_spread else list(SPREADS)
+    split_at = terminals_before_split(options, trunk)
     tried, most = 0, -1
     best: DesignError = GrowthError("not tried")
     for attempt in range(attempts):
         spread = spreads[attempt % len(spreads)]
-        split_at = terminals_before_split(options, trunk)
         growth = TreeGrowth.open(
-            tissue, options, Surroundings(), spread, attempt, trunk, split_at=split_at
+            tissue, options, Surroundings(), spread, attempt, trunk, split_at=split_at, pool=pool
         )
-        growth.pool = pool
         try:
             return growth.run()
         except (GrowthError, TissueError) as error:
@@ -298,7 +287,7 @@ class TreeGrowth:
         Who grows the regions; threads of this process, one a core, by default.
     region : Region, optional
         The part of a large tree that this growth is of.
-    room, index, sampler, penalty, progress
+    clearances, index, sampler, penalty, progress
         As kernels take them.
     """
 
@@ -313,7 +302,7 @@ class TreeGrowth:
     split_at: int = 0
     pool: Executor | None = None
     region: Region | None = None
-    room: Clearances = field(init=False)
+    clearances: Clearances = field(init=False)
     index: CellIndex = field(init=False)
     sampler: Sampler = field(init=False)
     penalty: PenaltyArrays = field(init=False)
@@ -329,7 +318,7 @@ class TreeGrowth:
     def __post_init__(self) -> None:
         tissue, options, trunk = self.tissue, self.options, self.trunk
         self._by_regions = self.split_at > 0
-        self.room = clearances_of(tissue, options)
+        self.clearances = clearances_of(tissue, options)
         self.index = empty_index(tissue.bounds, float(np.ptp(tissue.bounds)), 1, 1)
         self.sampler = Sampler.by(tissue, options, self.others.owns)
         nearest = CANDIDATES
@@ -340,7 +329,7 @@ class TreeGrowth:
             )
         self.penalty = sample_penalty(tissue, options.penalty)
         self.progress = np.zeros(1, PROGRESS)
-        self.progress["apart"], self.progress["thick"] = 0.9, 1.0
+        self.progress["min_spacing_factor"], self.progress["relative_viscosity"] = 0.9, 1.0
         self.progress["candidates"] = _ALL_AROUND if options.flow_ratio else nearest
         if trunk is not None and trunk.widest_branch < np.inf:
             self._narrow_until = round(_EARLY * self.goal)
@@ -356,6 +345,7 @@ class TreeGrowth:
         trunk: Trunk | None = None,
         *,
         split_at: int = 0,
+        pool: Executor | None = None,
     ) -> Self:
         """Return a growth with nothing in it yet; same arguments, same growth."""
         if options.root_candidates:
@@ -367,27 +357,22 @@ class TreeGrowth:
         goal = options.terminals + (trunk.tips if given is not None and trunk is not None else 0)
         if trunk is not None:
             trunk.check(goal, options, tissue)
-        fixed = options.smallest_radius_mm or 0.0
-        spread = spread if fixed else 0.0
-        root = fixed * spread * goal ** (1.0 / options.murray_exponent)
-        volume = others.share * tissue.volume_mm3
-        drop = options.flow_ul_s(volume) / options.pressure_drop_pa
-        patience = _PATIENT if fixed else _EAGER
         size = 2 * (split_at or goal) + 1 + (len(trunk.parent) if trunk else 0)
         own = np.zeros(size, SEGMENT)
         # The stem and its first two; all others get theirs when they are made. Memory that isn't
         # written isn't taken.
-        own["flow"][:3] = own["thick"][:3] = 1.0
+        own["flow"][:3] = own["relative_viscosity"][:3] = 1.0
         return cls(
             tissue,
             options,
             others,
-            Scale(drop, root, spread, goal, volume, patience),
+            Scale.of(options, others.share * tissue.volume_mm3, goal, spread),
             np.concatenate([own, others.records()]) if others.count else own,
             np.random.default_rng([options.seed, attempt]),
             trunk,
             given,
             split_at,
+            pool,
         )
 
     @property
@@ -434,7 +419,7 @@ class TreeGrowth:
             derive_radii(self.segments, self.progress, law, self.scale)
             return
         settings = self._enter_stage()
-        begin, end = stem(self.tissue, settings, self._first_guess(), self.room.wall)
+        begin, end = stem(self.tissue, settings, self._first_guess(), self.clearances.wall)
         self.segments[0]["parent"] = self.segments[0]["left"] = self.segments[0]["right"] = -1
         place(self.segments, 0, tuple(begin), tuple(end))
         refresh(self.segments, 0, law)
@@ -464,17 +449,14 @@ class TreeGrowth:
         if self.given is not None:
             ends = samples
         elif self.options.root_direction is not None:
-            ends = begin + np.linspace(1.0, self._far(begin, end), _CHUNK)[:, None] * (end - begin)
+            across = float(np.linalg.norm(np.ptp(self.tissue.bounds, axis=0)))
+            far = max(1.0, across / float(np.linalg.norm(end - begin)))
+            ends = begin + np.linspace(1.0, far, _CHUNK)[:, None] * (end - begin)
         else:
             ends = np.concatenate([samples, end[None]])
         if self.others.count:
             ends = ends[self._clear(begin, ends, radius)]
-        return sole_end(self.tissue, begin, ends, middle, radius + self.room.wall)
-
-    def _far(self, begin: FloatArray, end: FloatArray) -> float:
-        """Factor by which the stem is as long as the tissue."""
-        across = float(np.linalg.norm(np.ptp(self.tissue.bounds, axis=0)))
-        return max(1.0, across / float(np.linalg.norm(end - begin)))
+        return sole_end(self.tissue, begin, ends, middle, radius + self.clearances.wall)
 
     def _first_pair(self) -> None:
         law, root = self.options.law, self._first_guess()
@@ -485,7 +467,7 @@ class TreeGrowth:
             if self.others.count:
                 clear = self._clear(at, samples.at, root)
                 samples = Samples(*(column[clear] for column in samples))
-            if first_pair(self.segments, self.room, law, root, samples, apart):
+            if first_pair(self.segments, self.clearances, law, root, samples, apart):
                 self.progress["count"], self.progress["terminals"] = 3, 2
                 self.segments["allowed"][:3] = np.inf
                 return
@@ -505,7 +487,7 @@ class TreeGrowth:
     def _clear(self, begin: Any, points: Any, radius: float) -> Any:
         """Whether capsules from ``begin`` to each of ``points`` clear the vessels of others."""
         self._reindex(own=0)
-        return clear_of(self.segments, self.index, self.room, begin, points, radius)
+        return clear_of(self.segments, self.index, self.clearances, begin, points, radius)
 
     def _enter_stage(self) -> GrowthOptions:
         """Take the parameters of the stage that growth is in, and return them."""
@@ -514,7 +496,7 @@ class TreeGrowth:
             ends = [stage.terminals for stage in stages[:-1]]
             now = int(np.searchsorted(ends, self.terminals, side="right"))
             settings = self.options.at_stage(stages[now])
-        self.room = clearances_of(self.tissue, settings)
+        self.clearances = clearances_of(self.tissue, settings)
         if now != self._stage:
             self._stage = now
             self.sampler = Sampler.by(self.tissue, settings, self.others.owns)
@@ -564,7 +546,9 @@ class TreeGrowth:
             status, first = grow(
                 self.segments,
                 self.index,
-                self.room._replace(reserve=self._reserve(), widest_branch=self._widest_branch()),
+                self.clearances._replace(
+                    reserve=self._reserve(), widest_branch=self._widest_branch()
+                ),
                 self.options.law,
                 self.scale,
                 self.penalty,
@@ -579,10 +563,28 @@ class TreeGrowth:
                 self._narrow_until, status = 0, FULL_INDEX
                 self.progress["since"] = 0
             elif stuck and self.given is None:
-                begun = self.trunk.tips if self.trunk else 0
-                raise out_of_room_error(
-                    self.terminals, self.options, self.scale, self.room, _PATIENCE, begun
-                )
+                raise self._out_of_room()
+
+    def _out_of_room(self) -> NoRoomError:
+        """Return the error that says how many terminals fit, and what might help."""
+        smallest, root, goal = self.options.smallest_radius_mm, self.scale.root_radius, self.goal
+        wide = f" of radius {smallest:g} mm or more" if smallest else ""
+        reserved = (
+            f" beside a trunk from {root:.3g} mm radius, reserved because {goal} terminals need it"
+        )
+        limits = ", milder limits on angles or flows" if self.clearances.limits.on else ""
+        hint = " (their thinner trunk leaves more room: more than here may then fit)"
+        # Without a smallest radius all radii follow from the drop, and fewer terminals have as wide
+        # a trunk.
+        narrower = "a smaller smallest radius" if smallest else "a higher pressure drop"
+        return NoRoomError(
+            f"only {self.terminals} of {goal} terminals{wide} fit with clearance "
+            f"{self.clearances.clearance:g} mm{reserved if root else ''}: {_PATIENCE} points in a "
+            "row found no place",
+            f"ask for {narrower} (narrower vessels), fewer "
+            f"terminals{hint if root else ''} or a smaller clearance{limits}",
+            placed=self.terminals - (self.trunk.tips if self.trunk else 0),
+        )
 
     def _pause_at(self) -> int:
         """Terminals at which growth pauses, unless the index is full before."""
@@ -602,7 +604,7 @@ class TreeGrowth:
         self._relist()
 
     def _relist(self) -> None:
-        """List everything anew, and measure the room that each segment has."""
+        """List everything anew, and measure how wide each segment may be."""
         self._reindex()
         self._measure()
         derive_radii(self.segments, self.progress, self.options.law, self.scale)
@@ -622,27 +624,27 @@ class TreeGrowth:
         else:
             self._indexed, others = self.terminals, len(region.around)
             grown = self.segments[len(region.held) : self.count]
-            bounds = np.stack(region.box(grown, self.room.clearance))
+            bounds = np.stack(region.box(grown, self.clearances.clearance))
         goal = min(self.goal, 2 * self.terminals)
         cell = CELL * float(np.cbrt(self.scale.volume / max(8, goal)))
         count = self.count if own is None else own
-        self.index = index_segments(bounds, cell, self.segments, count, others, self.room)
+        self.index = index_segments(bounds, cell, self.segments, count, others, self.clearances)
 
     def _measure(self) -> None:
-        """Measure the room that each segment has, as far as it may have changed."""
+        """Measure how wide each segment may be, as far as it may have changed."""
         if self.region is not None and self.terminals > self.region.terminals:
             # What is new has measured itself and its neighbours, and shares change little.
             return
         # By the limits of the audit: those that a later stage sets for its own joints would close
         # the earlier ones'.
-        room = clearances_of(self.tissue, self.options.mildest())
-        room = room._replace(widest_branch=self._widest_branch())
-        if self.progress["careful"][0]:
+        clearances = clearances_of(self.tissue, self.options.mildest())
+        clearances = clearances._replace(widest_branch=self._widest_branch())
+        if self.progress["check_each_terminal"][0]:
             # The audit has measured all but what was pruned since.
-            measure_changed(self.segments, self.count, self.index, room, 0.0, True)
+            measure_changed(self.segments, self.count, self.index, clearances, 0.0, True)
         else:
-            # Neighbours' shares have changed since each segment's room was measured.
-            measure_allowed_radii(self.segments, self.count, self.index, room, 0.0, False)
+            # Neighbours' shares have changed since each segment was measured.
+            measure_allowed_radii(self.segments, self.count, self.index, clearances, 0.0, False)
 
     def _samples(self, tries: int) -> Samples:
         """Points to grow to: so many tries at new ones, or the given ones that are left."""
@@ -712,7 +714,7 @@ class TreeGrowth:
         With a smallest radius, a thinner terminal doesn't fit either; nor does a stem too short
         for its radius, nor a joint that breaks the limits.
         """
-        self.room = clearances_of(self.tissue, self.options.mildest())
+        self.clearances = clearances_of(self.tissue, self.options.mildest())
         if self.sampler.flows:
             self._share_by_demand()
         self._derive_final_radii()
@@ -723,7 +725,7 @@ class TreeGrowth:
 
     def _too_wide(self, least: float) -> int:
         """Return how many segments the final audit finds wider than allowed."""
-        known = self.segments, self.count, self.index, self.room, least
+        known = self.segments, self.count, self.index, self.clearances, least
         if not self._by_regions:
             return int(measure_allowed_radii(*known, True))
         if self._is_audited:
@@ -736,9 +738,8 @@ class TreeGrowth:
         s = self.segments[: self.count]
         tips = np.flatnonzero(s["left"] < 0)
         at = np.column_stack([s["dx"], s["dy"], s["dz"]])[tips]
-        many, seed = points_for(self.options.terminals), self.options.seed + _DEMAND_SEED
-        points, weight = demand_points(self.tissue, many, seed, self.others.owns)
-        share = len(tips) * territory_demand(points, weight, at)
+        terminals, seed = self.options.terminals, self.options.seed
+        share = flows_by_demand(self.tissue, at, terminals, seed, self.others.owns)
         s["flow"][tips] = np.maximum(share, LEAST_FLOW)
         refresh_all(self.segments, self.count, self.options.law)
 
@@ -758,21 +759,21 @@ class TreeGrowth:
                 return
 
     def _stem_is_short(self) -> bool:
-        return self.trunk is None and stem_is_short(self.segments, self.room)
+        return self.trunk is None and stem_is_short(self.segments, self.clearances)
 
     def repair(self) -> None:
         """Lengthen the stem, or move tips that are too thin and take away what else doesn't fit."""
-        self.progress["careful"] = 1
+        self.progress["check_each_terminal"] = 1
         if self._stem_is_short():
             self._is_audited = False
-            lengthen_stem(self.segments, self.room, self.options.law)
+            lengthen_stem(self.segments, self.clearances, self.options.law)
             return
         if self.options.smallest_radius_mm is not None and self.given is None:
             retip_thin(
                 self.segments,
                 self.count,
                 self.index,
-                self.room,
+                self.clearances,
                 self.options.law,
                 self._samples(_CHUNK).at,
                 THIN_MARGIN * self.options.smallest_radius_mm,
@@ -785,7 +786,7 @@ class TreeGrowth:
         if self.given is not None:
             least = np.inf  # a given terminal stays where it is
         law = self.options.law
-        left = prune(self.segments, self.count, self.index, self.room, law, least)
+        left = prune(self.segments, self.count, self.index, self.clearances, law, least)
         if left == 1 and self.trunk is None:
             raise RootError(
                 "the branches at the root don't fit with their final radii; choose another "
@@ -793,7 +794,7 @@ class TreeGrowth:
             )
         self.progress["count"] = left
         self.progress["terminals"] = self.segments["terminals"][0]
-        self.progress["apart"] = 0.9
+        self.progress["min_spacing_factor"] = 0.9
         derive_radii(self.segments, self.progress, self.options.law, self.scale)
 
     def tree(self) -> VesselTree:
@@ -838,53 +839,20 @@ def grow_region(
     ``scale`` is that of the whole tree. Returns the region's segments, numbered on from those that
     hold it.
     """
-    held, new, share = (
-        len(region.held),
-        2 * (region.goal - region.terminals),
-        region.goal / scale.goal,
-    )
+    held, share = len(region.held), region.goal / scale.goal
+    to_come = np.zeros(2 * (region.goal - region.terminals), SEGMENT)
     growth = TreeGrowth(
         tissue,
         options,
         Surroundings(),
         scale._replace(goal=region.goal, volume=share * scale.volume, share=share),
-        np.concatenate([region.segments, np.zeros(new, SEGMENT), region.around]),
+        np.concatenate([region.segments, to_come, region.around]),
         np.random.default_rng([seed, region.number]),
         region=region,
     )
     growth.progress["count"], growth.progress["terminals"] = len(region.segments), region.terminals
-    growth.progress["held"] = held
+    growth.progress["frozen_count"] = held
     # Out of room: what is missing grows elsewhere, or that says so.
     with suppress(GrowthError):
         growth.grow_to(region.goal)
     return growth.segments[held : growth.count].copy()
-
-
-def out_of_room_error(
-    terminals: int,
-    options: GrowthOptions,
-    scale: Scale,
-    room: Clearances,
-    patience: int,
-    begun: int = 0,
-) -> NoRoomError:
-    """The error that says how many terminals fit, and what might help; a trunk had ``begun``."""
-    smallest = options.smallest_radius_mm
-    wide = f" of radius {smallest:g} mm or more" if smallest else ""
-    asked, root = scale.goal, scale.root_radius
-    reserved = (
-        f" beside a trunk from {root:.3g} mm radius, reserved because {asked} terminals need it"
-    )
-    limits = ", milder limits on angles or flows" if room.limits.on else ""
-    hint = " (their thinner trunk leaves more room: more than here may then fit)"
-    # Without a smallest radius all radii follow from the drop, and fewer terminals have as wide
-    # a trunk.
-    narrower = "a smaller smallest radius" if smallest else "a higher pressure drop"
-    return NoRoomError(
-        f"only {terminals} of {asked} terminals{wide} fit with clearance "
-        f"{room.clearance:g} mm{reserved if root else ''}: {patience} points in a "
-        "row found no place",
-        f"ask for {narrower} (narrower vessels), fewer "
-        f"terminals{hint if root else ''} or a smaller clearance{limits}",
-        placed=terminals - begun,
-    )

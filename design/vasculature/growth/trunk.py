@@ -98,7 +98,7 @@ class Trunk:
         for axis, name in enumerate("xyz"):
             own[f"p{name}"], own[f"d{name}"] = self.proximal[:, axis], self.distal[:, axis]
         own["length"] = np.linalg.norm(self.distal - self.proximal, axis=1)
-        own["parent"], own["flow"], own["thick"] = self.parent, self.flow, 1.0
+        own["parent"], own["flow"], own["relative_viscosity"] = self.parent, self.flow, 1.0
         own["left"], own["right"] = self.children.T
         own["allowed"] = np.inf
         own["given"] = TRUNK if self.planned is None else np.where(self.planned, PLANNED, TRUNK)
