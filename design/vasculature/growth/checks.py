@@ -34,18 +34,21 @@ from design.vasculature.growth.index import (
 from design.vasculature.options import Law, Limits
 from kernels import jit, scalar_jit
 
-_ROUNDING = 1e-12
-GOES = -1.0
+COSINE_TOLERANCE = 1e-12
+MUST_GO = -1.0
 """Allowed radius of a branch that must go as a whole."""
-SPARE = 0.98
+THINNING_FACTOR = 0.98
 """Part of the allowed radius that a segment is thinned out to: regrowth widens others' paths."""
-FEW = 4
+MIN_THINNED_TERMINALS = 4
 """A branch isn't thinned out below so many terminals, but taken."""
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-PARTS = (1.0, 0.7, 0.4)
+TIP_LENGTHS = (1.0, 0.7, 0.4)
 """Lengths of the ways tried for a new tip, over that of the branch."""
-WAYS = 48
+TIP_DIRECTIONS = 48
 """Directions tried, spread over the sphere."""
+
+
+# Check that a trial bifurcation fits: in the tissue, between neighbours, as a joint.
 
 
 @scalar_jit
@@ -113,11 +116,11 @@ def angles_fit(limits: Limits, begin: Any, at: Any, one: Any, two: Any) -> bool:
         Ends of the children.
     """
     c = _cosine(at, one, two)
-    if c > limits.narrow + _ROUNDING or c < limits.wide - _ROUNDING:
+    if c > limits.narrow + COSINE_TOLERANCE or c < limits.wide - COSINE_TOLERANCE:
         return False
     for end in (one, two):
         c = -_cosine(at, begin, end)
-        if c > limits.slight + _ROUNDING or c < limits.sharp - _ROUNDING:
+        if c > limits.slight + COSINE_TOLERANCE or c < limits.sharp - COSINE_TOLERANCE:
             return False
     return True
 
@@ -125,7 +128,7 @@ def angles_fit(limits: Limits, begin: Any, at: Any, one: Any, two: Any) -> bool:
 @jit
 def shares_fit(limits: Limits, one: float, two: float) -> bool:
     """Whether two children's flows are near enough to each other."""
-    return bool(min(one, two) >= (limits.share - _ROUNDING) * max(one, two))
+    return bool(min(one, two) >= (limits.share - COSINE_TOLERANCE) * max(one, two))
 
 
 @scalar_jit
@@ -285,7 +288,7 @@ def limit_smaller_child(segments: Any, clearances: Clearances, i: int) -> None:
     small = one
     if one.given != 0 or (two.flow < one.flow and two.given == 0):
         small = two
-    small.allowed = GOES
+    small.allowed = MUST_GO
 
 
 @scalar_jit
@@ -332,6 +335,9 @@ def largest_radius_beside(clearances: Clearances, away: float, other: float) -> 
     return max(0.0, min(free - clearances.clearance, kept))
 
 
+# Remove terminals from a tree until no segment is wider than its surroundings allow.
+
+
 @jit
 def prune(
     segments: Any, count: int, index: CellIndex, clearances: Clearances, law: Law, smallest: float
@@ -368,10 +374,12 @@ def prune(
             continue
         goal = 0
         if s.allowed > 0.0:
-            goal = int(fed[n] * (SPARE * s.allowed / s.radius) ** law.gamma)
-        if s.allowed == GOES:
+            goal = int(fed[n] * (THINNING_FACTOR * s.allowed / s.radius) ** law.gamma)
+        if s.allowed == MUST_GO:
             _take(segments, i, gone, index, clearances, law, smallest)
-        elif goal < FEW or not _thin_out(segments, i, goal, gone, index, clearances, law):
+        elif goal < MIN_THINNED_TERMINALS or not _thin_out(
+            segments, i, goal, gone, index, clearances, law
+        ):
             _take(segments, _smaller_end(segments, i), gone, index, clearances, law, smallest)
         if segments[0].left < 0:
             return 1
@@ -635,6 +643,9 @@ def too_wide(segments: Any, count: int) -> int:
     return bad
 
 
+# Find a new end point for a terminal that has no place, or that is left of a pruned branch.
+
+
 @jit
 def tip_near(
     segments: Any,
@@ -659,13 +670,13 @@ def tip_near(
     p = (s.px, s.py, s.pz)
     if sibling < 0 or clearances.limits.on:
         return False, p
-    ways = np.empty((WAYS + 1, 3))
+    ways = np.empty((TIP_DIRECTIONS + 1, 3))
     ways[0] = ((s.dx - s.px) / s.length, (s.dy - s.py) / s.length, (s.dz - s.pz) / s.length)
-    for n in range(WAYS):
-        up = 1.0 - (2 * n + 1) / WAYS
+    for n in range(TIP_DIRECTIONS):
+        up = 1.0 - (2 * n + 1) / TIP_DIRECTIONS
         flat, turn = np.sqrt(1.0 - up * up), GOLDEN_ANGLE * n
         ways[n + 1] = (flat * np.cos(turn), flat * np.sin(turn), up)
-    for part in PARTS:
+    for part in TIP_LENGTHS:
         length = part * s.length
         radius = _tip_radius(segments, i, weight, length, law)
         if radius < least or length < clearances.length_to_radius * radius:

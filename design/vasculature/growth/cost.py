@@ -353,7 +353,7 @@ def joined_load(
     return load, cost_sum, m
 
 
-ENOUGH = 64
+EXACT_FLOW_RATIO = 64
 """Flow, over that of a new terminal, above which this one changes a segment so little that the
 linear model serves."""
 

@@ -19,9 +19,9 @@ from kernels.arrays import FloatArray
 
 REACH = 1.3
 """Capsules are listed with this much larger radii: they may grow before the next rebuild."""
-CELL = 1.2
+CELL_FACTOR = 1.2
 """Edge of a cell over the mean spacing of terminals."""
-LEAVES = 1.5
+LEAVING_FACTOR = 1.5
 """Way along a branch, over its radius and its trunk's, within which it is still leaving that."""
 MARGIN, MARGIN_LEFT, MARGIN_AT_MOST = 1.02, 0.03, 1.15
 """Trial forks must fit with larger radii, because every later terminal widens its path: by the
@@ -335,7 +335,7 @@ def away_from_trunk(
     if inner >= s.radius:
         return away
     x, y, z = bx - ax, by - ay, bz - az
-    part = LEAVES * (s.radius + radius) / max(1e-12, np.sqrt(x * x + y * y + z * z))
+    part = LEAVING_FACTOR * (s.radius + radius) / max(1e-12, np.sqrt(x * x + y * y + z * z))
     if part >= 1.0:
         return np.inf
     x, y, z = ax + part * x, ay + part * y, az + part * z

@@ -16,7 +16,7 @@ from design.vasculature.growth.checks import (
     shares_fit,
 )
 from design.vasculature.growth.cost import (
-    ENOUGH,
+    EXACT_FLOW_RATIO,
     NewTerminal,
     TrialBifurcation,
     best_place,
@@ -46,11 +46,11 @@ from kernels import jit, scalar_jit
 
 CANDIDATES = 10
 """Nearest segments considered for a new terminal."""
-TRIED = 4
+SEGMENTS_RETRIED = 4
 """Of the segments considered the cheapest, for which other places than the best are tried."""
 ITERATIONS = 8
 """Weiszfeld steps at most."""
-ON_AXIS = 7
+PLACES_ON_AXIS = 7
 """Places tried along a segment that mustn't bend, before the best is refined."""
 HALVINGS = 8
 """Steps in which a place is refined."""
@@ -60,15 +60,17 @@ REFRESH = 24
 """Radii are derived anew each time the tree has grown by one in this many terminals."""
 GROWTH_POWER = 0.02
 """Root radius grows with about this power of the number of terminals (measured)."""
-KEPT = 0.02
+WIDENING_RESERVE = 0.02
 """A vessel must be able to become this part wider than predicted to take on more terminals, times
 the part of the tree that has yet to grow: at the end the prediction is exact, and a trunk that is
 as wide as it can be would close all of its branches."""
 THIN_MARGIN = 1.08
 """A new terminal must be this much wider than the limit: later ones make it thinner."""
-_RELAX, _TIGHTEN = 0.93, 1.01
-_APART = 0.9
-_EAGER, _PATIENT = 6, 400
+SPACING_RELAX, SPACING_TIGHTEN = 0.93, 1.01
+"""Factors on the spacing kept from the tree, after points without a place and after one with."""
+MAX_SPACING_FACTOR = 0.9
+"""Least distance of a new terminal from the tree, over the terminals' mean spacing, at first."""
+THIN_PATIENCE, WIDE_PATIENCE = 6, 400
 """Patience (see `Scale`) of thin trees, which get everywhere at once, and of those with a smallest
 radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lumen, not 1.9."""
 PROGRESS = np.dtype(
@@ -135,9 +137,9 @@ class Scale(NamedTuple):
         drop = options.flow_ul_s(volume_mm3) / options.pressure_drop_pa
         smallest = options.smallest_radius_mm
         if not smallest:
-            return cls(drop, 0.0, 0.0, goal, volume_mm3, _EAGER)
+            return cls(drop, 0.0, 0.0, goal, volume_mm3, THIN_PATIENCE)
         root = smallest * spread * goal ** (1.0 / options.murray_exponent)
-        return cls(drop, root, spread, goal, volume_mm3, _PATIENT)
+        return cls(drop, root, spread, goal, volume_mm3, WIDE_PATIENCE)
 
 
 @jit
@@ -238,7 +240,7 @@ class Trials(NamedTuple):
 @jit
 def trials_for(k: int) -> Trials:
     """Make the scratch for up to ``k`` segments."""
-    m = TRIED * 6
+    m = SEGMENTS_RETRIED * 6
     return Trials(
         np.empty(k),
         np.empty((k, 3)),
@@ -281,7 +283,7 @@ def trial(
     low = distance(b[0], b[1], b[2], s.dx, s.dy, s.dz)
     new = distance(b[0], b[1], b[2], t[0], t[1], t[2])
     load, cost_sum, _, _, _, _, _, _, low_load, m = split_value(s, up, low, new, new_terminal, law)
-    rise, _, _, r_up = climb(segments, i, load, cost_sum, new_terminal.flow, ENOUGH, law)
+    rise, _, _, r_up = climb(segments, i, load, cost_sum, new_terminal.flow, EXACT_FLOW_RATIO, law)
     r_low = r_up * np.sqrt(np.sqrt(low_load / m))
     r_new = r_up * np.sqrt(
         np.sqrt(new_terminal.flow * new_terminal.relative_viscosity * law.k * new / m)
@@ -340,7 +342,7 @@ def estimate(
         law,
     )
     rise, by_load, by_cost_sum, _ = climb(
-        segments, i, load, cost_sum, new_terminal.flow, ENOUGH, law
+        segments, i, load, cost_sum, new_terminal.flow, EXACT_FLOW_RATIO, law
     )
     slopes[0] = rise - by_load * load - by_cost_sum * cost_sum
     slopes[1] = by_load
@@ -385,8 +387,8 @@ def best_on_axis(
 ) -> float:
     """Best place on a segment's axis: the best of some, then halving steps about it."""
     best, along = np.inf, 0.5
-    step = 1.0 / (ON_AXIS + 1)
-    for n in range(ON_AXIS):
+    step = 1.0 / (PLACES_ON_AXIS + 1)
+    for n in range(PLACES_ON_AXIS):
         at = (n + 1) * step
         value = value_at(segments, s, along_axis(s, at), t, new_terminal, penalty, slopes, law)
         if value < best:
@@ -512,7 +514,7 @@ def propose(
             return True, fork
     others, values = work.others, work.values
     values[:] = np.inf
-    for rank in range(min(TRIED, size)):
+    for rank in range(min(SEGMENTS_RETRIED, size)):
         n = order[rank]
         if costs[n] == np.inf:
             break
@@ -660,7 +662,7 @@ def derive_radii(segments: Any, progress: Any, law: Law, scale: Scale) -> None:
     """Predict all radii anew."""
     s = progress[0]
     s.root_radius = predicted_root_radius(segments, law, scale)
-    slack = 1.0 + KEPT * (1.0 - s.terminals / scale.goal)
+    slack = 1.0 + WIDENING_RESERVE * (1.0 - s.terminals / scale.goal)
     # What holds a region grows by all regions together: none is closed for it.
     for i in range(s.frozen_count):
         segments[i].allowed = np.inf
@@ -705,7 +707,7 @@ def grow(
         s.tried += 1
         s.since += 1
         if s.since % scale.patience == 0:
-            s.min_spacing_factor *= _RELAX
+            s.min_spacing_factor *= SPACING_RELAX
         least = s.min_spacing_factor * (spacing * samples.near[n])
         size = nearest_segments(index, segments, t[0], t[1], t[2], least, nearest, away)
         if away[0] < least:
@@ -733,7 +735,7 @@ def grow(
         s.terminals += 1
         spacing = mean_spacing(s.terminals, scale)
         s.since = 0
-        s.min_spacing_factor = min(_APART, s.min_spacing_factor * _TIGHTEN)
+        s.min_spacing_factor = min(MAX_SPACING_FACTOR, s.min_spacing_factor * SPACING_TIGHTEN)
         if s.terminals >= s.refresh_at:
             derive_radii(segments, progress, law, scale)
         if not listed:

@@ -35,14 +35,15 @@ from kernels.arrays import FloatArray
 
 Place = tuple[float, float, float]
 
-_FAR = 0.1
+MAX_INLET_DISTANCE = 0.1
 """Of the tissue's largest extent: how far from its surface an inlet may be given."""
-ROUNDS = 5
+MAX_INLET_ROUNDS = 5
 """Growths with more inlets each time, until all of the tissue is reached."""
-
 INLETS_A_ROUND = 4
-_PLACES = 2000
-_LEAST = 2
+"""Inlets added at a time."""
+ROOT_PLACES = 2000
+"""Places on the surface looked at for an inlet to be added."""
+MIN_TERMINALS_PER_INLET = 2
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def check_inlet(tissue: Tissue, name: str, place: Place | None) -> None:
     if place is None:
         return
     tree = build_triangle_tree(tissue.surface.vertices, tissue.surface.faces)
-    most = _FAR * float(np.ptp(tissue.bounds, axis=0).max())
+    most = MAX_INLET_DISTANCE * float(np.ptp(tissue.bounds, axis=0).max())
     away = float(nearest_distance(tree, *place, np.inf))
     if away > most:
         raise TissueError(
@@ -250,7 +251,7 @@ def _reaching(
     probes = probes_for(tissue, options.terminals)
     owner = np.zeros(len(probes.points), dtype=np.int64)
     settings = [options]
-    for _ in range(ROUNDS):
+    for _ in range(MAX_INLET_ROUNDS):
         ends = np.concatenate([tree.distal[tree.children[:, 0] < 0] for tree in trees])
         missed = unreached(tissue, ends, probes)[:INLETS_A_ROUND]
         if not missed:
@@ -282,7 +283,7 @@ def _from_plots(
 ) -> tuple[VesselTree, ...]:
     """A tree from each root in its own territory, of the terminals that this asks for."""
     share = np.bincount(owner, weights=probes.asks, minlength=len(settings)).astype(np.float64)
-    count = share_terminals(share, np.full(len(settings), _LEAST), terminals)
+    count = share_terminals(share, np.full(len(settings), MIN_TERMINALS_PER_INLET), terminals)
     nearest = KDTree(probes.points)
     plots = [
         Surroundings(owns=partial(_owned, nearest, owner, n), share=float(count[n] / terminals))
@@ -308,7 +309,7 @@ def _root_into(
     members: NDArray[np.int64],
 ) -> GrowthOptions:
     """A root at the deepest place whose stem leads to some probes, away from other roots."""
-    places, ways = deep_roots(tissue, _PLACES, options.seed, apart=0.0)
+    places, ways = deep_roots(tissue, ROOT_PLACES, options.seed, apart=0.0)
     ahead = places + 0.5 * probes.reach_mm * ways
     first = np.isin(KDTree(probes.points).query(ahead)[1], members)
     others = np.array([one.root_point_mm for one in taken])

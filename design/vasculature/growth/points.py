@@ -20,11 +20,11 @@ from design.vasculature.options import GrowthOptions
 from kernels import jit
 from kernels.arrays import FloatArray
 
-LEAST_FLOW = 0.05
+MIN_TERMINAL_FLOW = 0.05
 """Of a terminal, over the mean terminal's, where flows follow demand."""
 
 
-NAMED = 5
+MAX_NAMED_POINTS = 5
 """Points at most that a message names."""
 _ONE_AT_A_TIME = Lock()
 """A demand may be read by a kernel of several threads, which can't be entered twice."""
@@ -113,7 +113,7 @@ class Sampler:
         ones = np.ones(len(points))
         if self.dense:
             return Samples(points, share ** (-1.0 / 3.0), ones)
-        return Samples(points, ones, np.maximum(share, LEAST_FLOW))
+        return Samples(points, ones, np.maximum(share, MIN_TERMINAL_FLOW))
 
 
 @dataclass(frozen=True)
@@ -188,9 +188,9 @@ def named_points(at: FloatArray, which: NDArray[np.int64], away: FloatArray) -> 
     """Number, place and distance (n,), mm, of the first few of ``which`` points (n, 3)."""
     parts = [
         f"number {n} at ({at[n, 0]:.4g}, {at[n, 1]:.4g}, {at[n, 2]:.4g}) mm, {away[n]:.3g} mm"
-        for n in which[:NAMED]
+        for n in which[:MAX_NAMED_POINTS]
     ]
-    more = len(which) - NAMED
+    more = len(which) - MAX_NAMED_POINTS
     return "; ".join(parts) + (f" (and {more} more)" if more > 0 else "")
 
 
@@ -210,7 +210,7 @@ def obstructing_segments(segments: Segments, points: FloatArray, most: int) -> N
     return np.unique(np.concatenate(near))
 
 
-# Filter target points to those inside the tissue, in Z-order; renumber segments depth first.
+# Filter target points to those inside the tissue, in Z-order.
 
 
 class Samples(NamedTuple):

@@ -20,13 +20,13 @@ REGION: Final = 8_000
 """Terminals of a region at most, about: its segments stay in a core's cache."""
 SHARED = -1
 """Region of segments that feed branches of several regions."""
-_BRANCHES = 8
+BRANCHES_PER_REGION = 8
 """Branches that make up a region, about."""
-_CELL = 0.6
+CELL_FACTOR = 0.6
 """Edge of a cell over the mean spacing of the early tree's terminals."""
-_POINTS = 1000
+POINTS_PER_REGION = 1000
 """Points by which a region's demand is measured, on average; and at least, at most of all."""
-_AT_LEAST, _AT_MOST = 100_000, 2_000_000
+MIN_POINTS, MAX_POINTS = 100_000, 2_000_000
 
 
 @dataclass(frozen=True)
@@ -139,14 +139,14 @@ def split_tree(early: Segments, tissue: Tissue, terminals: int, dense: bool, see
         Of the points by which demand is measured.
     """
     most = max(2.0, REGION * len(early) / (2.0 * terminals))
-    branch, roots = _branches(early, max(1, int(most / _BRANCHES)))
+    branch, roots = _branches(early, max(1, int(most / BRANCHES_PER_REGION)))
     tips = np.flatnonzero((early["left"] < 0) & (branch >= 0))
     at = np.column_stack([early["dx"], early["dy"], early["dz"]])[tips]
     weight = early["terminals"][roots].astype(np.float64)
     centre = [np.bincount(branch[tips], weights=at[:, x]) / weight for x in range(3)]
     of_branch = _halved(np.column_stack(centre), weight, most)
     region = np.where(branch >= 0, of_branch[branch], SHARED)
-    cells = divide(tissue, _CELL * _spacing(tissue, early), at, region[tips])
+    cells = divide(tissue, CELL_FACTOR * _spacing(tissue, early), at, region[tips])
     count = int(of_branch.max()) + 1
     has = np.bincount(region[tips], minlength=count)
     goal = share_terminals(_demand(tissue, cells, count, dense, seed), has, terminals)
@@ -208,7 +208,9 @@ def _spacing(tissue: Tissue, early: Segments) -> float:
 
 def _demand(tissue: Tissue, cells: RegionCells, count: int, dense: bool, seed: int) -> FloatArray:
     """Each region's share of what the terminals are placed by."""
-    points, weight = demand_points(tissue, int(np.clip(_POINTS * count, _AT_LEAST, _AT_MOST)), seed)
+    points, weight = demand_points(
+        tissue, int(np.clip(POINTS_PER_REGION * count, MIN_POINTS, MAX_POINTS)), seed
+    )
     owner = cells.owners(points)
     seen = owner >= 0
     weight = weight[seen] if dense else np.ones(np.count_nonzero(seen))
@@ -242,9 +244,9 @@ def _wanted(early: Segments, region: IntArray, growth: FloatArray) -> FloatArray
     return sums[first + 2 * early["terminals"] - 1] - sums[first]
 
 
-# Cells of a cubic grid that divide a tissue among regions; points drawn from them.
+# Cells of a cubic grid that divide a tissue among regions.
 
-_ROWS = 1 << 18
+CELLS_PER_BATCH = 1 << 18
 """Centres of cells made at a time."""
 
 
@@ -268,8 +270,8 @@ def divide(tissue: Tissue, edge_mm: float, tips: FloatArray, region: NDArray[Any
     shape = tuple(np.maximum(1, np.ceil((high - low) / edge_mm)).astype(int).tolist())
     owner = np.full(int(np.prod(shape)), -1, np.int32)
     nearest = KDTree(tips)
-    for begin in range(0, len(owner), _ROWS):
-        some = np.arange(begin, min(begin + _ROWS, len(owner)))
+    for begin in range(0, len(owner), CELLS_PER_BATCH):
+        some = np.arange(begin, min(begin + CELLS_PER_BATCH, len(owner)))
         centre = low + edge_mm * (np.column_stack(np.unravel_index(some, shape)) + 0.5)
         touches = tissue.grid.distance(centre) < 0.5 * np.sqrt(3.0) * edge_mm
         owner[some[touches]] = region[nearest.query(centre[touches])[1]]

@@ -35,18 +35,18 @@ LARGE: Final = 100_000
 """Terminals from which a tree is grown by regions."""
 EARLY: Final = 10_000
 """Terminals at least that a tree has before it is split into regions."""
-PART: Final = 50
+SPLIT_DIVISOR: Final = 50
 """A tree is split when it has one in so many of its terminals."""
 LOAD_POWER: Final = 1.0 + 4.0 * GROWTH_POWER
 """A branch's load grows with this power of its terminals: the root's radius with `GROWTH_POWER`."""
 NEAREST_IN_REGION: Final = 6
 """Nearest segments considered for a new terminal: with `kernel.CANDIDATES` it takes a fifth longer
 and the volume is no less (100,000 terminals: 1258 mm³, with these 1257)."""
-_EACH = 2
+TASKS_PER_THREAD = 2
 """Tasks under way for each thread of a worker, so that none waits for the next message."""
-_AT_A_TIME = 50_000
+SEGMENTS_PER_TASK = 50_000
 """Segments that a thread measures before it takes more."""
-LARGER, SMALLER = 1.03, 0.85
+MAX_RADIUS_RATIO, MIN_RADIUS_RATIO = 1.03, 0.85
 """A segment's room is measured anew once its radius is beyond these parts of what it was.
 
 Between them the search for neighbours reached far enough: `index.REACH` times the smaller one is
@@ -66,7 +66,7 @@ def terminals_before_split(options: GrowthOptions, trunk: Trunk | None) -> int:
         and options.terminal_points_mm is None
         and options.law_haematocrit < 0.0
     )
-    return max(EARLY, options.terminals // PART) if suits else 0
+    return max(EARLY, options.terminals // SPLIT_DIVISOR) if suits else 0
 
 
 def grow_regions(
@@ -174,7 +174,7 @@ class ClusterPool(Executor):
         self._client = client
         self._pool = client.get_executor(pure=False)
         self._sent: dict[int, tuple[Tissue, Any]] = {}
-        self.parallel = _EACH * max(1, sum(client.nthreads().values()))
+        self.parallel = TASKS_PER_THREAD * max(1, sum(client.nthreads().values()))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run a function on a worker."""
@@ -493,7 +493,7 @@ def mark_changed(segments: Any, count: int) -> None:
     """Allow any radius to what must be measured anew: that is what `measure_changed` looks for."""
     for i in range(count):
         s = segments[i]
-        alike = SMALLER * s.audited < s.radius < LARGER * s.audited
+        alike = MIN_RADIUS_RATIO * s.audited < s.radius < MAX_RADIUS_RATIO * s.audited
         if not alike or s.radius > s.allowed or s.allowed == np.inf:
             s.allowed, s.audited = np.inf, s.radius
 
@@ -520,11 +520,11 @@ def measure_in_parallel(
 
     def measure(begin: int) -> None:
         own = index._replace(stamp=np.zeros_like(index.stamp), query=np.zeros_like(index.query))
-        end = min(begin + _AT_A_TIME, count)
+        end = min(begin + SEGMENTS_PER_TASK, count)
         measure_alone(segments, begin, end, own, alone, smallest)
 
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(measure, range(0, count, _AT_A_TIME)))
+        list(pool.map(measure, range(0, count, SEGMENTS_PER_TASK)))
     limit_joints(segments, count, clearances)
     return int(too_wide(segments, count))
 

@@ -20,9 +20,9 @@ _STEM_DEPTH = 1.5
 """Depth of the stem's end over what its children need: they leave it sideways."""
 _STEM_LENGTH = 1.15
 """Length of the stem over its least: the final radius may be larger than predicted."""
-_LONGER = 1.01
+LENGTHENING_FACTOR = 1.01
 """The same where the stem turned out too short."""
-_LONGEST = 1000
+MAX_STEPS = 1000
 """Steps along each straight that is tried for the vessel of a tree with one terminal."""
 
 
@@ -101,7 +101,7 @@ def lengthen_stem(segments: Segments, clearances: Clearances, law: Law) -> None:
     s = segments[0]
     begin = np.array([s["px"], s["py"], s["pz"]])
     end = np.array([s["dx"], s["dy"], s["dz"]])
-    longer = _LONGER * clearances.length_to_radius * s["radius"] / s["length"]
+    longer = LENGTHENING_FACTOR * clearances.length_to_radius * s["radius"] / s["length"]
     end = begin + longer * (end - begin)
     place(segments, 0, tuple(begin), tuple(end))
     for child in (int(s["left"]), int(s["right"])):
@@ -185,7 +185,7 @@ def sole_end(
 
 def _stays_deep(tissue: Tissue, begin: FloatArray, end: FloatArray, depth_mm: float) -> bool:
     steps = int(np.linalg.norm(end - begin) / (0.25 * tissue.grid.spacing_mm)) + 2
-    part = np.linspace(0.0, 1.0, min(steps, _LONGEST))
+    part = np.linspace(0.0, 1.0, min(steps, MAX_STEPS))
     depth = -tissue.grid.distance(begin + part[:, None] * (end - begin))
     entered = part * np.linalg.norm(end - begin) > 2.0 * depth_mm + tissue.grid.spacing_mm
     deep = depth >= depth_mm
@@ -196,7 +196,7 @@ def _stays_deep(tissue: Tissue, begin: FloatArray, end: FloatArray, depth_mm: fl
 
 PROBE_TERMINALS = 200
 """Of the small tree grown from each candidate, at most."""
-_SAMPLES = 4000
+SURFACE_SAMPLES = 4000
 
 
 @dataclass(frozen=True)
@@ -299,10 +299,10 @@ def spread_over_surface(tissue: Tissue, count: int, seed: int) -> tuple[FloatArr
     10.1016/0304-3975(85)90224-5), beginning at the highest.
     """
     random = np.random.default_rng([seed, 0x5EA3])
-    points, normals = surface_points(tissue, _SAMPLES, random)
+    points, normals = surface_points(tissue, SURFACE_SAMPLES, random)
     chosen = [int(np.argmax(points[:, 2]))]
     away = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < min(count, _SAMPLES):
+    while len(chosen) < min(count, SURFACE_SAMPLES):
         chosen.append(int(np.argmax(away)))
         away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return points[chosen], normals[chosen]
@@ -311,12 +311,12 @@ def spread_over_surface(tissue: Tissue, count: int, seed: int) -> tuple[FloatArr
 # Find surface points with the deepest tissue below, as roots of trees with wide vessels.
 
 _DEPTH_SAMPLES = 2000
-_APART = 0.1
-_STEPS = 40
+MIN_ROOT_SEPARATION = 0.1
+DEPTH_STEPS = 40
 
 
 def deep_roots(
-    tissue: Tissue, count: int, seed: int, apart: float = _APART
+    tissue: Tissue, count: int, seed: int, apart: float = MIN_ROOT_SEPARATION
 ) -> tuple[FloatArray, FloatArray]:
     """Places on the surface below which the tissue is deepest, deepest first.
 
@@ -340,7 +340,7 @@ def deep_roots(
     """
     points, normals = surface_points(tissue, _DEPTH_SAMPLES, np.random.default_rng([seed, 0xDEEB]))
     reach = 2.5 * tissue.grid.deepest_mm
-    along = np.linspace(0.0, reach, _STEPS + 1)[1:]
+    along = np.linspace(0.0, reach, DEPTH_STEPS + 1)[1:]
     line = points[:, None] + along[None, :, None] * normals[:, None]
     depth = -tissue.grid.distance(line.reshape(-1, 3)).reshape(line.shape[:2])
     stays = np.logical_and.accumulate(depth > 0, axis=1)

@@ -58,10 +58,10 @@ SAMPLES = 20_000
 """Points by which volumes are measured: a share of a half is known to 0.4 %."""
 
 
-_STEPS = 400
+MAX_ITERATIONS = 400
 
 
-_CLOSE = 2e-3
+SHARE_TOLERANCE = 2e-3
 
 
 _SEED = 7
@@ -119,10 +119,10 @@ def part_tissue(tissue: Tissue, centre: FloatArray, wanted: FloatArray) -> Terri
         raise GrowthError("two roots of one kind have their stems' ends at one place; part them")
     step = float(np.ptp(tissue.bounds, axis=0).max()) ** 2
     before = np.zeros(len(centre))
-    for _ in range(_STEPS):
+    for _ in range(MAX_ITERATIONS):
         share = np.bincount(_owner(points, centre, weight), minlength=len(centre)) / len(points)
         short = wanted - share
-        if np.abs(short).max() < _CLOSE:
+        if np.abs(short).max() < SHARE_TOLERANCE:
             break
         if (short * before).sum() < 0:
             step *= 0.5

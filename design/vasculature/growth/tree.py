@@ -32,7 +32,7 @@ from design.vasculature.growth.cost import (
     spread_down,
 )
 from design.vasculature.growth.index import (
-    CELL,
+    CELL_FACTOR,
     MARGIN,
     MARGIN_AT_MOST,
     MARGIN_LEFT,
@@ -47,6 +47,7 @@ from design.vasculature.growth.kernel import (
     CANDIDATES,
     DONE,
     FULL_INDEX,
+    MAX_SPACING_FACTOR,
     MORE_POINTS,
     PROGRESS,
     REBUILD,
@@ -57,7 +58,7 @@ from design.vasculature.growth.kernel import (
     grow,
 )
 from design.vasculature.growth.points import (
-    LEAST_FLOW,
+    MIN_TERMINAL_FLOW,
     GivenPoints,
     Sampler,
     Samples,
@@ -89,8 +90,7 @@ from design.vasculature.options import GrowthOptions
 from design.vasculature.penalty import PenaltyArrays, sample_penalty
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology
-from design.vasculature.viscosity import ROUNDS as VISCOSITY_ROUNDS
-from design.vasculature.viscosity import SETTLED
+from design.vasculature.viscosity import ROUNDS, SETTLED
 from kernels.arrays import FloatArray
 
 SPREADS = (1.7, 1.5, 1.6, 1.4, 1.3)
@@ -104,25 +104,26 @@ DEEP_ROOTS = 3
 PROBES = 3
 """Growths from a deep place after the default root's tree got stuck, and of each of the small
 trees by which a root is searched for."""
-TRIED_AT_MOST = 2_000_000
+MAX_POINTS_TRIED = 2_000_000
 """Points tried in failed attempts, after which no third or later one is begun."""
-ROUNDS = 20
+MAX_AUDITS = 20
 """Audits and repairs at most."""
-_SMALL = 10_000
+REORDER_FROM = 10_000
 """Terminals below which a tree is in the cache, however it is ordered."""
-_EARLY = 0.45
+NARROW_PART = 0.45
 """Part of the terminals up to which a given trunk's branches are kept narrow."""
-_ALL_AROUND = 40
+MANY_CANDIDATES = 40
 """Nearest segments considered for given points missed at first, or with a flow ratio."""
-_PATIENCE = 20_000
+MAX_FAILED_POINTS = 20_000
 """Points in a row that find no place before growth is given up."""
-_CHUNK = 4096
-_TRIES = 0.5
+MIN_POINTS = 4096
+"""Points drawn at a time at least."""
+POINTS_PER_TERMINAL = 0.5
 """Points in the tissue sampled at a time, over the terminals there are: few enough that a tree
 grown to them in order is like one grown in random order."""
-_WAYS_MADE = 40
+MAX_CLEARINGS = 40
 """How often what is in the way of given points is taken away."""
-_SYNC = 8
+SYNC_PART = 8
 """Branches outside a region are made to grow alike each time it has grown by one in so many."""
 
 
@@ -260,7 +261,7 @@ def grow_from_root(
         if grown < options.terminals // 2:
             spreads = [s for s in spreads if s < spread] or spreads
         tried += int(growth.progress["tried"][0])
-        if attempt > 0 and tried > TRIED_AT_MOST:
+        if attempt > 0 and tried > MAX_POINTS_TRIED:
             break
     raise best.around(after=f" (best of {attempt + 1} attempts)") from best
 
@@ -329,10 +330,11 @@ class TreeGrowth:
             )
         self.penalty = sample_penalty(tissue, options.penalty)
         self.progress = np.zeros(1, PROGRESS)
-        self.progress["min_spacing_factor"], self.progress["relative_viscosity"] = 0.9, 1.0
-        self.progress["candidates"] = _ALL_AROUND if options.flow_ratio else nearest
+        self.progress["min_spacing_factor"] = MAX_SPACING_FACTOR
+        self.progress["relative_viscosity"] = 1.0
+        self.progress["candidates"] = MANY_CANDIDATES if options.flow_ratio else nearest
         if trunk is not None and trunk.widest_branch < np.inf:
-            self._narrow_until = round(_EARLY * self.goal)
+            self._narrow_until = round(NARROW_PART * self.goal)
 
     @classmethod
     def open(
@@ -398,14 +400,14 @@ class TreeGrowth:
     def run(self) -> VesselTree:
         """Grow, audit and repair until everything fits."""
         self.start()
-        for _ in range(ROUNDS):
+        for _ in range(MAX_AUDITS):
             self.grow()
             left = self.audit()
             if left == 0:
                 return self.tree()
             self.repair()
         raise GrowthError(
-            f"{left} of {self.count} vessels still collide or leave the tissue after {ROUNDS} "
+            f"{left} of {self.count} vessels still collide or leave the tissue after {MAX_AUDITS} "
             "repairs; ask for fewer terminals, a smaller smallest radius or clearance"
         )
 
@@ -444,14 +446,14 @@ class TreeGrowth:
         A root direction that is given is kept.
         """
         radius = self._first_guess()
-        samples = self._samples(_CHUNK).at
+        samples = self._samples(MIN_POINTS).at
         middle = samples.mean(axis=0) if len(samples) else end
         if self.given is not None:
             ends = samples
         elif self.options.root_direction is not None:
             across = float(np.linalg.norm(np.ptp(self.tissue.bounds, axis=0)))
             far = max(1.0, across / float(np.linalg.norm(end - begin)))
-            ends = begin + np.linspace(1.0, far, _CHUNK)[:, None] * (end - begin)
+            ends = begin + np.linspace(1.0, far, MIN_POINTS)[:, None] * (end - begin)
         else:
             ends = np.concatenate([samples, end[None]])
         if self.others.count:
@@ -463,7 +465,7 @@ class TreeGrowth:
         apart = 0.5 * float(np.cbrt(self.scale.volume))
         at = np.array([self.segments[name][0] for name in ("dx", "dy", "dz")])
         for _ in range(40):
-            samples = self._samples(_CHUNK)
+            samples = self._samples(MIN_POINTS)
             if self.others.count:
                 clear = self._clear(at, samples.at, root)
                 samples = Samples(*(column[clear] for column in samples))
@@ -558,7 +560,7 @@ class TreeGrowth:
                 min(self._pause_at(), goal),
             )
             # Points in the order of a curve fail together: a whole lot of them must.
-            stuck = self.progress["since"][0] > max(_PATIENCE, len(samples.at))
+            stuck = self.progress["since"][0] > max(MAX_FAILED_POINTS, len(samples.at))
             if stuck and self.terminals < self._narrow_until:
                 self._narrow_until, status = 0, FULL_INDEX
                 self.progress["since"] = 0
@@ -579,8 +581,8 @@ class TreeGrowth:
         narrower = "a smaller smallest radius" if smallest else "a higher pressure drop"
         return NoRoomError(
             f"only {self.terminals} of {goal} terminals{wide} fit with clearance "
-            f"{self.clearances.clearance:g} mm{reserved if root else ''}: {_PATIENCE} points in a "
-            "row found no place",
+            f"{self.clearances.clearance:g} mm{reserved if root else ''}: "
+            f"{MAX_FAILED_POINTS} points in a row found no place",
             f"ask for {narrower} (narrower vessels), fewer "
             f"terminals{hint if root else ''} or a smaller clearance{limits}",
             placed=self.terminals - (self.trunk.tips if self.trunk else 0),
@@ -597,7 +599,7 @@ class TreeGrowth:
         """Do what is due before growth goes on."""
         if self.region is not None:
             self.region.grow_elsewhere(self.segments, self.terminals, self.options.law)
-            self._sync_at = self.terminals + max(1, self.terminals // _SYNC)
+            self._sync_at = self.terminals + max(1, self.terminals // SYNC_PART)
             if status == REBUILD and self.terminals < 2 * self._indexed:
                 derive_radii(self.segments, self.progress, self.options.law, self.scale)
                 return
@@ -618,7 +620,7 @@ class TreeGrowth:
         if region is None:
             self._indexed, others = max(4, self.terminals), self.others.count
             # Numbered by branch where the cache asks for it; regions need the early tree's order.
-            if self.terminals > _SMALL and not self.split_at:
+            if self.terminals > REORDER_FROM and not self.split_at:
                 self.segments = depth_first(self.segments, self.count)
             bounds = self.tissue.bounds
         else:
@@ -626,7 +628,7 @@ class TreeGrowth:
             grown = self.segments[len(region.held) : self.count]
             bounds = np.stack(region.box(grown, self.clearances.clearance))
         goal = min(self.goal, 2 * self.terminals)
-        cell = CELL * float(np.cbrt(self.scale.volume / max(8, goal)))
+        cell = CELL_FACTOR * float(np.cbrt(self.scale.volume / max(8, goal)))
         count = self.count if own is None else own
         self.index = index_segments(bounds, cell, self.segments, count, others, self.clearances)
 
@@ -650,7 +652,7 @@ class TreeGrowth:
         """Points to grow to: so many tries at new ones, or the given ones that are left."""
         if self.given is not None:
             return self.given.samples(self.random.permutation(self._missing(self.given)))
-        return self.sampler.draw(self.random, tries, self.terminals > _SMALL)
+        return self.sampler.draw(self.random, tries, self.terminals > REORDER_FROM)
 
     def _missing(self, given: GivenPoints) -> NDArray[np.int64]:
         """Given points that aren't reached."""
@@ -672,15 +674,17 @@ class TreeGrowth:
     def _tries(self) -> int:
         """Return how many points to draw at a time."""
         per_wanted = self.sampler.volume_mm3 / (self.scale.volume * self.sampler.kept)
-        tries = _TRIES * per_wanted * self.terminals
+        tries = POINTS_PER_TERMINAL * per_wanted * self.terminals
         # A region's points come in order, so that more would make another tree: 2 % more volume.
-        return int(tries) + 1 if self.region is not None else int(np.clip(tries, _CHUNK, 1 << 21))
+        return (
+            int(tries) + 1 if self.region is not None else int(np.clip(tries, MIN_POINTS, 1 << 21))
+        )
 
     def _made_way(self, given: GivenPoints, missing: NDArray[np.int64]) -> Samples:
         """Take away what lies nearest to points that can't be reached, and put these first."""
         passes = given.stuck_on(missing)
-        self.progress["candidates"] = _ALL_AROUND
-        if passes > _WAYS_MADE:
+        self.progress["candidates"] = MANY_CANDIDATES
+        if passes > MAX_CLEARINGS:
             raise given.unreached(missing, self.tissue)
         s = self.segments[: self.count]
         s["allowed"] = np.inf
@@ -740,13 +744,13 @@ class TreeGrowth:
         at = np.column_stack([s["dx"], s["dy"], s["dz"]])[tips]
         terminals, seed = self.options.terminals, self.options.seed
         share = flows_by_demand(self.tissue, at, terminals, seed, self.others.owns)
-        s["flow"][tips] = np.maximum(share, LEAST_FLOW)
+        s["flow"][tips] = np.maximum(share, MIN_TERMINAL_FLOW)
         refresh_all(self.segments, self.count, self.options.law)
 
     def _derive_final_radii(self) -> None:
         """Derive radii by the pressure drop, or as wide as the smallest radius asks for."""
         law, smallest, top = self.options.law, self.options.smallest_radius_mm, self.segments[0]
-        for _ in range(VISCOSITY_ROUNDS):
+        for _ in range(ROUNDS):
             root = self.scale.root_radius or float(
                 (self.scale.flow_over_drop * float(top["load"]) / float(top["flow"])) ** 0.25
             )
@@ -775,7 +779,7 @@ class TreeGrowth:
                 self.index,
                 self.clearances,
                 self.options.law,
-                self._samples(_CHUNK).at,
+                self._samples(MIN_POINTS).at,
                 THIN_MARGIN * self.options.smallest_radius_mm,
             )
         self._prune()
@@ -794,7 +798,7 @@ class TreeGrowth:
             )
         self.progress["count"] = left
         self.progress["terminals"] = self.segments["terminals"][0]
-        self.progress["min_spacing_factor"] = 0.9
+        self.progress["min_spacing_factor"] = MAX_SPACING_FACTOR
         derive_radii(self.segments, self.progress, self.options.law, self.scale)
 
     def tree(self) -> VesselTree:
