@@ -619,8 +619,9 @@ class TreeGrowth:
         region = self.region
         if region is None:
             self._indexed, others = max(4, self.terminals), self.others.count
-            # Numbered by branch where the cache asks for it; regions need the early tree's order.
-            if self.terminals > REORDER_FROM and not self.split_at:
+            # Numbered by branch where the cache asks for it; grown by regions, it is so already.
+            is_grown_by_regions = self._by_regions and not self.split_at
+            if self.terminals > REORDER_FROM and not is_grown_by_regions:
                 self.segments = depth_first(self.segments, self.count)
             bounds = self.tissue.bounds
         else:
