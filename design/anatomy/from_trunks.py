@@ -24,8 +24,8 @@ from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.collide import collisions
 from design.vasculature.growth.forest import RootSpec, grow_forest, likely_radius
-from design.vasculature.growth.grow import SPREADS
-from design.vasculature.growth.surroundings import Surroundings
+from design.vasculature.growth.territories import Surroundings
+from design.vasculature.growth.tree import SPREADS
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii

@@ -6,8 +6,6 @@ Goes in: a tissue and options. Comes out: a `VesselTree` or a `VesselNetwork`. B
 
 from design.vasculature.collide import Collisions, check_given_once, check_network, collisions
 from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
-from design.vasculature.growth.grow import grow_tree
-from design.vasculature.growth.large_growth import ClusterPool
 from design.vasculature.growth.parts import (
     GrownParts,
     Inlet,
@@ -16,6 +14,7 @@ from design.vasculature.growth.parts import (
     terminals_of,
 )
 from design.vasculature.growth.printable import PrintableTree, grow_printable
+from design.vasculature.growth.regions import ClusterPool
 from design.vasculature.growth.supply import (
     PartSupply,
     SupplyBalance,
@@ -23,6 +22,7 @@ from design.vasculature.growth.supply import (
     check_supply,
     supply_balance,
 )
+from design.vasculature.growth.tree import grow_tree
 from design.vasculature.loops.loop_options import LoopOptions
 from design.vasculature.loops.loops import ClosedLoops, close_loops
 from design.vasculature.loops.mixing import JoinedTrees, join_forest, mix_trees

@@ -42,7 +42,7 @@ from design.vasculature import (
     join_forest,
     terminals_of,
 )
-from design.vasculature.growth.surroundings import Surroundings
+from design.vasculature.growth.territories import Surroundings
 from design.vasculature.growth.trunk import trunk_of
 from kernels.arrays import FloatArray
 from printctl.errors import RecipeError

@@ -11,23 +11,23 @@ import numpy as np
 from design.errors import DesignError, GrowthError, NoRoomError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.growth.grow import ATTEMPTS, ROUNDS, SPREADS, TreeGrowth
 from design.vasculature.growth.root import stem
-from design.vasculature.growth.surroundings import Surroundings, part_tissue
+from design.vasculature.growth.territories import Surroundings, part_tissue
+from design.vasculature.growth.tree import ATTEMPTS, MAX_AUDITS, SPREADS, TreeGrowth
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_to_network
 from kernels.arrays import FloatArray
 
-STEM_ROOM = 1.5
+STEM_CLEARANCE_FACTOR = 1.5
 """Stems of trees yet to grow are kept clear with this much larger radii."""
 
-_PLACES = 200
+ROOT_PLACES = 200
 """Surface places looked at for a root that isn't given."""
 
-_LIKELY = 2.0
-"""Root radius over that of a straight pipe through the tissue, for a stem's first guess."""
+PIPE_LENGTH_FACTOR = 2.0
+"""Length of a pipe of the root's resistance over the tissue's edge, for a stem's first guess."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def _grow_all(
                 growth.meet(_others(growths, stems, number, beside))
                 growth.grow(until)
             until *= 2
-        for _ in range(ROUNDS):
+        for _ in range(MAX_AUDITS):
             left = 0
             for number, growth in enumerate(growths):
                 growth.meet(_others(growths, stems, number, beside))
@@ -172,8 +172,8 @@ def _grow_all(
     except DesignError as error:
         raise error.around(f"tree {number} of {len(growths)}: ") from error
     raise GrowthError(
-        f"{left} vessels of the forest still collide or leave the tissue after {ROUNDS} repairs; "
-        "ask for fewer terminals, a smaller smallest radius or clearance"
+        f"{left} vessels of the forest still collide or leave the tissue after {MAX_AUDITS} "
+        "repairs; ask for fewer terminals, a smaller smallest radius or clearance"
     )
 
 
@@ -236,7 +236,7 @@ def _stem(tissue: Tissue, options: GrowthOptions) -> _Stem:
     radius = likely_radius(tissue, options)
     wall = options.clearance_mm
     begin, end = stem(tissue, options, radius, wall)
-    return _Stem(begin[None], end[None], np.array([STEM_ROOM * radius]))
+    return _Stem(begin[None], end[None], np.array([STEM_CLEARANCE_FACTOR * radius]))
 
 
 def likely_radius(tissue: Tissue, options: GrowthOptions) -> float:
@@ -245,7 +245,7 @@ def likely_radius(tissue: Tissue, options: GrowthOptions) -> float:
         spread = options.terminal_spread or 1.5
         count = float(options.terminals)
         return options.smallest_radius_mm * spread * count ** (1.0 / options.murray_exponent)
-    across = _LIKELY * float(np.cbrt(tissue.volume_mm3))
+    across = PIPE_LENGTH_FACTOR * float(np.cbrt(tissue.volume_mm3))
     flow = options.flow_ul_s(tissue.volume_mm3)
     resistance = 8.0 * options.viscosity_pa_s * across / pi
     return float((flow * resistance / options.pressure_drop_pa) ** 0.25)
@@ -259,7 +259,7 @@ def _with_root(tissue: Tissue, options: GrowthOptions, stems: list[_Stem]) -> Gr
     away = np.linalg.norm(tissue.surface.vertices[:, None] - taken[None], axis=2).min(axis=1)
     order = np.argsort(-away, kind="stable")
     last: DesignError | None = None
-    for vertex in order[:: max(1, len(order) // _PLACES)]:
+    for vertex in order[:: max(1, len(order) // ROOT_PLACES)]:
         x, y, z = tissue.surface.vertices[vertex]
         trial = replace(options, root_point_mm=(float(x), float(y), float(z)))
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,15 +15,19 @@ from design.tissue import Tissue
 from design.tissue.columns import GridArrays
 from design.tissue.demand import UniformDemand
 from design.tissue.grid import read
-from design.vasculature.growth.state import Segments
+from design.vasculature.growth.cost import Segments
 from design.vasculature.options import GrowthOptions
 from kernels import jit
 from kernels.arrays import FloatArray
 
-LEAST_FLOW = 0.05
+MIN_TERMINAL_FLOW = 0.05
 """Of a terminal, over the mean terminal's, where flows follow demand."""
-NAMED = 5
+
+
+MAX_NAMED_POINTS = 5
 """Points at most that a message names."""
+_ONE_AT_A_TIME = Lock()
+"""A demand may be read by a kernel of several threads, which can't be entered twice."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +43,18 @@ class Sampler:
         Points are uniform, and each terminal's flow follows the demand there.
     owns : function of (k, 3) float64 to (k,) bool, optional
         Which points lie in the tree's territory.
+    corners : (m, 3) float64, mm, optional
+        Lowest corners of the cells of a grid that points are drawn from, in place of the bounds.
+    edge_mm : float
+        Of a cell.
     """
 
     tissue: Tissue
     dense: bool
     flows: bool
     owns: Callable[[FloatArray], NDArray[np.bool_]] | None
+    corners: FloatArray | None = None
+    edge_mm: float = 0.0
 
     @classmethod
     def by(
@@ -62,32 +73,47 @@ class Sampler:
         """Part of the points inside that sampling by demand keeps."""
         return self.tissue.demand.mean_weight if self.dense else 1.0
 
+    @property
+    def volume_mm3(self) -> float:
+        """Volume that points are drawn from."""
+        if self.corners is not None:
+            return len(self.corners) * self.edge_mm**3
+        return float(np.prod(np.ptp(self.tissue.bounds, axis=0)))
+
     def none(self) -> Samples:
         """No points."""
         return plain_samples(np.empty((0, 3)))
 
     def draw(self, random: np.random.Generator, tries: int, in_order: bool) -> Samples:
-        """Those of so many points in the tissue's bounds that lie inside and are wanted."""
-        low, high = self.tissue.bounds
-        points = random.uniform(low, high, (tries, 3))
+        """Those of so many points that lie inside the tissue and are wanted."""
+        if self.corners is None:
+            low, high = self.tissue.bounds
+            points = random.uniform(low, high, (tries, 3))
+        else:
+            low, high = self.corners.min(axis=0), self.corners.max(axis=0) + self.edge_mm
+            cell = random.integers(len(self.corners), size=tries)
+            points = self.corners[cell] + self.edge_mm * random.uniform(size=(tries, 3))
+            in_order = True
         # Most points lie outside a thin tissue, and whose they are costs more to ask.
         points = inside(self.tissue.grid.arrays, points, low, high, in_order)
         if self.owns is not None:
             points = points[self.owns(points)]
-        return self.weighed(random, points)
+        return self._weighed(random, points)
 
-    def weighed(self, random: np.random.Generator, points: FloatArray) -> Samples:
+    def _weighed(self, random: np.random.Generator, points: FloatArray) -> Samples:
         """Those of some points inside the tissue that are wanted, with their flows."""
         if not (self.dense or self.flows):
             return plain_samples(points)
-        weight, mean = self.tissue.demand.weight(points), self.tissue.demand.mean_weight
+        with _ONE_AT_A_TIME:
+            weight = self.tissue.demand.weight(points)
+        mean = self.tissue.demand.mean_weight
         least = random.uniform(size=len(points)) if self.dense else np.zeros(len(points))
         wanted = weight > least
         points, share = points[wanted], weight[wanted] / mean
         ones = np.ones(len(points))
         if self.dense:
             return Samples(points, share ** (-1.0 / 3.0), ones)
-        return Samples(points, ones, np.maximum(share, LEAST_FLOW))
+        return Samples(points, ones, np.maximum(share, MIN_TERMINAL_FLOW))
 
 
 @dataclass(frozen=True)
@@ -162,9 +188,9 @@ def named_points(at: FloatArray, which: NDArray[np.int64], away: FloatArray) -> 
     """Number, place and distance (n,), mm, of the first few of ``which`` points (n, 3)."""
     parts = [
         f"number {n} at ({at[n, 0]:.4g}, {at[n, 1]:.4g}, {at[n, 2]:.4g}) mm, {away[n]:.3g} mm"
-        for n in which[:NAMED]
+        for n in which[:MAX_NAMED_POINTS]
     ]
-    more = len(which) - NAMED
+    more = len(which) - MAX_NAMED_POINTS
     return "; ".join(parts) + (f" (and {more} more)" if more > 0 else "")
 
 
@@ -184,7 +210,7 @@ def obstructing_segments(segments: Segments, points: FloatArray, most: int) -> N
     return np.unique(np.concatenate(near))
 
 
-# Filter target points to those inside the tissue, in Z-order; renumber segments depth first.
+# Filter target points to those inside the tissue, in Z-order.
 
 
 class Samples(NamedTuple):
@@ -251,36 +277,6 @@ def _spread_bits(value: int) -> int:
     value = (value | (value << 8)) & 0x0300F00F
     value = (value | (value << 4)) & 0x030C30C3
     return (value | (value << 2)) & 0x09249249
-
-
-@jit
-def depth_first(segments: Any, count: int) -> Any:
-    """Renumber segments so that each is followed by its branch; a copy of the array."""
-    order = np.empty(count, np.int32)
-    number = np.full(count + 1, -1, np.int32)
-    stack = np.empty(count, np.int32)
-    stack[0] = 0
-    top = 1
-    size = 0
-    while top > 0:
-        top -= 1
-        i = stack[top]
-        order[size] = i
-        number[i] = size
-        size += 1
-        if segments[i].left >= 0:
-            if segments[i].right >= 0:
-                stack[top] = segments[i].right
-                top += 1
-            stack[top] = segments[i].left
-            top += 1
-    result = segments.copy()
-    for n in range(count):
-        result[n] = segments[order[n]]
-        s = result[n]
-        # number[-1] is -1: no parent, no child.
-        s.parent, s.left, s.right = number[s.parent], number[s.left], number[s.right]
-    return result
 
 
 def share_terminals(

@@ -7,21 +7,15 @@ from dataclasses import dataclass, replace
 
 from design.errors import DesignError, GrowthError
 from design.tissue import Tissue
-from design.vasculature.growth.grow import SPREADS, grow_from_root
 from design.vasculature.growth.root import deep_roots
+from design.vasculature.growth.tree import DEEP_ROOTS, SPREADS, grow_from_root
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
-ROOTS = 3
-"""Deep roots tried where the user gave none and the default root doesn't do."""
-
-ATTEMPTS = 5
-"""Growths from each root: one for each terminal spread."""
-
-TIGHTEST = 1.1
+MIN_SPREAD = 1.1
 """Terminal spread below which growth isn't begun: next to no candidate would do."""
 
-CLOSE = 1.1
+SEARCH_FACTOR = 1.1
 """The largest number of terminals is searched for to within this factor."""
 
 
@@ -53,7 +47,7 @@ class PrintableTree:
             return ""
         return (
             f"grew {self.reached} of {self.asked} terminals before printability stopped it "
-            f"({CLOSE - 1:.0%} more don't fit): {self.stopped}"
+            f"({SEARCH_FACTOR - 1:.0%} more don't fit): {self.stopped}"
         )
 
 
@@ -96,7 +90,7 @@ def grow_printable(
         return PrintableTree(grown[0], options.terminals, options.terminals, grown[1], "")
     few, many = 0, options.terminals
     best = None
-    while many > max(few + 1, CLOSE * few):
+    while many > max(few + 1, SEARCH_FACTOR * few):
         size = max(1, many // 2) if few == 0 else round((few * many) ** 0.5)
         grown, why = _grown(tissue, starts, size, widest_radius_mm)
         if grown is None:
@@ -115,7 +109,7 @@ def _roots(tissue: Tissue, options: GrowthOptions) -> Iterator[GrowthOptions]:
     yield options
     if options.root_point_mm is not None:
         return
-    for point, way in zip(*deep_roots(tissue, ROOTS, options.seed), strict=True):
+    for point, way in zip(*deep_roots(tissue, DEEP_ROOTS, options.seed), strict=True):
         yield replace(
             options,
             root_point_mm=(float(point[0]), float(point[1]), float(point[2])),
@@ -134,7 +128,7 @@ def _grown(
     for n, start in enumerate(starts):
         try:
             options = _narrowed(replace(start, terminals=terminals), widest_mm)
-            tree = grow_from_root(tissue, options, ATTEMPTS, None)
+            tree = grow_from_root(tissue, options, len(SPREADS))
         except DesignError as error:
             why = error
         else:
@@ -149,10 +143,10 @@ def _narrowed(options: GrowthOptions, widest_mm: float | None) -> GrowthOptions:
         return options
     narrowest = options.smallest_radius_mm * options.terminals ** (1.0 / options.murray_exponent)
     spread = min(options.terminal_spread or max(SPREADS), widest_mm / narrowest)
-    if spread < TIGHTEST:
+    if spread < MIN_SPREAD:
         raise GrowthError(
             f"{options.terminals} terminals of radius {options.smallest_radius_mm:g} mm or more "
-            f"need a root of some {TIGHTEST * narrowest:.3g} mm, and {widest_mm:.3g} mm is the "
+            f"need a root of some {MIN_SPREAD * narrowest:.3g} mm, and {widest_mm:.3g} mm is the "
             "widest that can be written; ask for fewer terminals or a smaller smallest radius"
         )
     if spread >= max(SPREADS):

@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise, product
-from threading import Lock
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from design.tissue import Tissue
-from design.vasculature.growth.points import Sampler, Samples, inside, share_terminals
-from design.vasculature.growth.state import Segments
+from design.vasculature.growth.cost import Segments
+from design.vasculature.growth.points import share_terminals
 from design.vasculature.growth.supply import demand_points
 from kernels.arrays import FloatArray, IntArray
 
+REGION: Final = 8_000
+"""Terminals of a region at most, about: its segments stay in a core's cache."""
 SHARED = -1
 """Region of segments that feed branches of several regions."""
-_BRANCHES = 8
+BRANCHES_PER_REGION = 8
 """Branches that make up a region, about."""
-_CELL = 0.6
+CELL_FACTOR = 0.6
 """Edge of a cell over the mean spacing of the early tree's terminals."""
-_POINTS = 1000
+POINTS_PER_REGION = 1000
 """Points by which a region's demand is measured, on average; and at least, at most of all."""
-_AT_LEAST, _AT_MOST = 100_000, 2_000_000
+MIN_POINTS, MAX_POINTS = 100_000, 2_000_000
 
 
 @dataclass(frozen=True)
@@ -123,10 +123,8 @@ class Split:
         return len(self.goal)
 
 
-def split_tree(
-    early: Segments, tissue: Tissue, terminals: int, size: int, dense: bool, seed: int
-) -> Split:
-    """Split an early tree into regions of about ``size`` terminals when it is grown.
+def split_tree(early: Segments, tissue: Tissue, terminals: int, dense: bool, seed: int) -> Split:
+    """Split an early tree into regions of about `REGION` terminals when it is grown.
 
     Parameters
     ----------
@@ -135,22 +133,20 @@ def split_tree(
     tissue : Tissue
     terminals : int
         Of the finished tree.
-    size : int
-        Terminals of a region at most, about.
     dense : bool
         Whether terminals are denser where the demand is higher.
     seed : int
         Of the points by which demand is measured.
     """
-    most = max(2.0, size * len(early) / (2.0 * terminals))
-    branch, roots = _branches(early, max(1, int(most / _BRANCHES)))
+    most = max(2.0, REGION * len(early) / (2.0 * terminals))
+    branch, roots = _branches(early, max(1, int(most / BRANCHES_PER_REGION)))
     tips = np.flatnonzero((early["left"] < 0) & (branch >= 0))
     at = np.column_stack([early["dx"], early["dy"], early["dz"]])[tips]
     weight = early["terminals"][roots].astype(np.float64)
     centre = [np.bincount(branch[tips], weights=at[:, x]) / weight for x in range(3)]
     of_branch = _halved(np.column_stack(centre), weight, most)
     region = np.where(branch >= 0, of_branch[branch], SHARED)
-    cells = divide(tissue, _CELL * _spacing(tissue, early), at, region[tips])
+    cells = divide(tissue, CELL_FACTOR * _spacing(tissue, early), at, region[tips])
     count = int(of_branch.max()) + 1
     has = np.bincount(region[tips], minlength=count)
     goal = share_terminals(_demand(tissue, cells, count, dense, seed), has, terminals)
@@ -212,7 +208,9 @@ def _spacing(tissue: Tissue, early: Segments) -> float:
 
 def _demand(tissue: Tissue, cells: RegionCells, count: int, dense: bool, seed: int) -> FloatArray:
     """Each region's share of what the terminals are placed by."""
-    points, weight = demand_points(tissue, int(np.clip(_POINTS * count, _AT_LEAST, _AT_MOST)), seed)
+    points, weight = demand_points(
+        tissue, int(np.clip(POINTS_PER_REGION * count, MIN_POINTS, MAX_POINTS)), seed
+    )
     owner = cells.owners(points)
     seen = owner >= 0
     weight = weight[seen] if dense else np.ones(np.count_nonzero(seen))
@@ -246,12 +244,10 @@ def _wanted(early: Segments, region: IntArray, growth: FloatArray) -> FloatArray
     return sums[first + 2 * early["terminals"] - 1] - sums[first]
 
 
-# Cells of a cubic grid that divide a tissue among regions; points drawn from them.
+# Cells of a cubic grid that divide a tissue among regions.
 
-_ROWS = 1 << 18
+CELLS_PER_BATCH = 1 << 18
 """Centres of cells made at a time."""
-_ONE_AT_A_TIME = Lock()
-"""A demand may be read by a kernel of several threads, which can't be entered twice."""
 
 
 def _shifted(step: tuple[int, ...], side: int) -> tuple[slice, ...]:
@@ -274,39 +270,9 @@ def divide(tissue: Tissue, edge_mm: float, tips: FloatArray, region: NDArray[Any
     shape = tuple(np.maximum(1, np.ceil((high - low) / edge_mm)).astype(int).tolist())
     owner = np.full(int(np.prod(shape)), -1, np.int32)
     nearest = KDTree(tips)
-    for begin in range(0, len(owner), _ROWS):
-        some = np.arange(begin, min(begin + _ROWS, len(owner)))
+    for begin in range(0, len(owner), CELLS_PER_BATCH):
+        some = np.arange(begin, min(begin + CELLS_PER_BATCH, len(owner)))
         centre = low + edge_mm * (np.column_stack(np.unravel_index(some, shape)) + 0.5)
         touches = tissue.grid.distance(centre) < 0.5 * np.sqrt(3.0) * edge_mm
         owner[some[touches]] = region[nearest.query(centre[touches])[1]]
     return RegionCells(low, edge_mm, owner.reshape(shape))
-
-
-@dataclass(frozen=True)
-class RegionSampler(Sampler):
-    """Points in a region's cells.
-
-    Attributes
-    ----------
-    corners : (m, 3) float64, mm
-        Lowest corner of each cell.
-    edge_mm : float
-    """
-
-    corners: FloatArray
-    edge_mm: float
-
-    @cached_property
-    def box(self) -> tuple[FloatArray, FloatArray]:
-        """Lowest and highest corner of all cells, mm."""
-        return self.corners.min(axis=0), self.corners.max(axis=0) + self.edge_mm
-
-    def draw(self, random: np.random.Generator, tries: int, in_order: bool) -> Samples:
-        """Those of so many points in the cells that lie in the tissue and are wanted."""
-        cell = random.integers(len(self.corners), size=tries)
-        points = self.corners[cell] + self.edge_mm * random.uniform(size=(tries, 3))
-        points = inside(self.tissue.grid.arrays, points, *self.box, True)
-        if not (self.dense or self.flows):
-            return self.weighed(random, points)
-        with _ONE_AT_A_TIME:
-            return self.weighed(random, points)

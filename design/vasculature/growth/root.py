@@ -9,8 +9,8 @@ import numpy as np
 
 from design.errors import DesignError, GrowthError, RootError, TissueError
 from design.tissue import Tissue
+from design.vasculature.growth.cost import Segments, place, refresh
 from design.vasculature.growth.index import Clearances
-from design.vasculature.growth.state import Segments, place, refresh
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
@@ -20,8 +20,10 @@ _STEM_DEPTH = 1.5
 """Depth of the stem's end over what its children need: they leave it sideways."""
 _STEM_LENGTH = 1.15
 """Length of the stem over its least: the final radius may be larger than predicted."""
-_LONGER = 1.01
+LENGTHENING_FACTOR = 1.01
 """The same where the stem turned out too short."""
+MAX_STEPS = 1000
+"""Steps along each straight that is tried for the vessel of a tree with one terminal."""
 
 
 def stem(
@@ -82,17 +84,24 @@ def stem(
     return point, point + along[end] * direction
 
 
-def stem_is_short(segments: Segments, room: Clearances) -> bool:
+def rooted_at(options: GrowthOptions, point: FloatArray, way: FloatArray) -> GrowthOptions:
+    """Return the options with a root at a point, mm, that enters along a direction."""
+    x, y, z = point.tolist()
+    dx, dy, dz = way.tolist()
+    return replace(options, root_candidates=0, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
+
+
+def stem_is_short(segments: Segments, clearances: Clearances) -> bool:
     """Whether the root's segment is shorter than its radius asks for."""
-    return bool(segments[0]["length"] < room.length_to_radius * segments[0]["radius"])
+    return bool(segments[0]["length"] < clearances.length_to_radius * segments[0]["radius"])
 
 
-def lengthen_stem(segments: Segments, room: Clearances, law: Law) -> None:
+def lengthen_stem(segments: Segments, clearances: Clearances, law: Law) -> None:
     """Move the root's bifurcation on along the stem; the audit that follows judges it there."""
     s = segments[0]
     begin = np.array([s["px"], s["py"], s["pz"]])
     end = np.array([s["dx"], s["dy"], s["dz"]])
-    longer = _LONGER * room.length_to_radius * s["radius"] / s["length"]
+    longer = LENGTHENING_FACTOR * clearances.length_to_radius * s["radius"] / s["length"]
     end = begin + longer * (end - begin)
     place(segments, 0, tuple(begin), tuple(end))
     for child in (int(s["left"]), int(s["right"])):
@@ -140,11 +149,54 @@ def _say(vector: FloatArray) -> str:
     return "({:.4g}, {:.4g}, {:.4g})".format(*vector)
 
 
+def sole_end(
+    tissue: Tissue, begin: FloatArray, ends: FloatArray, middle: FloatArray, depth_mm: float
+) -> FloatArray:
+    """The one of ``ends`` nearest to the middle that a straight vessel can reach.
+
+    A vessel enters through the surface: twice its depth on it has to lie in the tissue, and once it
+    is deep enough it has to stay so up to its end.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    begin : (3,) float64, mm
+        The root.
+    ends : (n, 3) float64, mm
+    middle : (3,) float64, mm
+        Of what the terminal has to supply.
+    depth_mm : float
+        The vessel's radius and its wall.
+
+    Raises
+    ------
+    RootError
+        When none can be reached.
+    """
+    for end in ends[np.argsort(np.linalg.norm(ends - middle, axis=1), kind="stable")]:
+        if _stays_deep(tissue, begin, end, depth_mm):
+            return np.asarray(end, dtype=np.float64)
+    raise RootError(
+        f"no straight vessel of {depth_mm:.3g} mm with its wall leads from the root at "
+        + "({:.4g}, {:.4g}, {:.4g}) mm to the one terminal; choose ".format(*begin)
+        + "another place of the root, more terminals, a smaller smallest radius or clearance"
+    )
+
+
+def _stays_deep(tissue: Tissue, begin: FloatArray, end: FloatArray, depth_mm: float) -> bool:
+    steps = int(np.linalg.norm(end - begin) / (0.25 * tissue.grid.spacing_mm)) + 2
+    part = np.linspace(0.0, 1.0, min(steps, MAX_STEPS))
+    depth = -tissue.grid.distance(begin + part[:, None] * (end - begin))
+    entered = part * np.linalg.norm(end - begin) > 2.0 * depth_mm + tissue.grid.spacing_mm
+    deep = depth >= depth_mm
+    return bool(deep[-1] and deep[int(np.argmax(deep)) :].all() and (depth[entered] > 0).all())
+
+
 # Find the root on a tissue's surface of least tree cost, by growing small trial trees.
 
 PROBE_TERMINALS = 200
 """Of the small tree grown from each candidate, at most."""
-_SAMPLES = 4000
+SURFACE_SAMPLES = 4000
 
 
 @dataclass(frozen=True)
@@ -206,12 +258,8 @@ def search_root(
     cost = np.full(len(points), np.inf)
     first: DesignError | None = None
     for n, (point, way) in enumerate(zip(points, directions, strict=True)):
-        x, y, z = point.tolist()
-        dx, dy, dz = way.tolist()
         try:
-            tree = grow(
-                tissue, replace(probe, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
-            )
+            tree = grow(tissue, rooted_at(probe, point, way))
         except DesignError as error:
             first = first or error
             continue
@@ -251,10 +299,10 @@ def spread_over_surface(tissue: Tissue, count: int, seed: int) -> tuple[FloatArr
     10.1016/0304-3975(85)90224-5), beginning at the highest.
     """
     random = np.random.default_rng([seed, 0x5EA3])
-    points, normals = surface_points(tissue, _SAMPLES, random)
+    points, normals = surface_points(tissue, SURFACE_SAMPLES, random)
     chosen = [int(np.argmax(points[:, 2]))]
     away = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < min(count, _SAMPLES):
+    while len(chosen) < min(count, SURFACE_SAMPLES):
         chosen.append(int(np.argmax(away)))
         away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return points[chosen], normals[chosen]
@@ -263,12 +311,12 @@ def spread_over_surface(tissue: Tissue, count: int, seed: int) -> tuple[FloatArr
 # Find surface points with the deepest tissue below, as roots of trees with wide vessels.
 
 _DEPTH_SAMPLES = 2000
-_APART = 0.1
-_STEPS = 40
+MIN_ROOT_SEPARATION = 0.1
+DEPTH_STEPS = 40
 
 
 def deep_roots(
-    tissue: Tissue, count: int, seed: int, apart: float = _APART
+    tissue: Tissue, count: int, seed: int, apart: float = MIN_ROOT_SEPARATION
 ) -> tuple[FloatArray, FloatArray]:
     """Places on the surface below which the tissue is deepest, deepest first.
 
@@ -292,7 +340,7 @@ def deep_roots(
     """
     points, normals = surface_points(tissue, _DEPTH_SAMPLES, np.random.default_rng([seed, 0xDEEB]))
     reach = 2.5 * tissue.grid.deepest_mm
-    along = np.linspace(0.0, reach, _STEPS + 1)[1:]
+    along = np.linspace(0.0, reach, DEPTH_STEPS + 1)[1:]
     line = points[:, None] + along[None, :, None] * normals[:, None]
     depth = -tissue.grid.distance(line.reshape(-1, 3)).reshape(line.shape[:2])
     stays = np.logical_and.accumulate(depth > 0, axis=1)

@@ -173,17 +173,17 @@ def _place(part: Part) -> tuple[float, float, float]:
 
 # Find large connected volumes of a tissue that are far from every terminal.
 
-FAR = 3.0
+FAR_FACTOR = 3.0
 """Distance from the nearest terminal, over the typical one, from which on a place is far; both
 times the cube root of the demand there."""
-TYPICAL = 25.0
+TYPICAL_PERCENTILE = 25.0
 """Percentile of the distances by demand that is taken for typical: most of a tissue may be far."""
-LEAST_TERMINALS = 6.0
+MIN_MISSED_TERMINALS = 6.0
 """Terminals' worth of demand that a far place must ask for."""
-LEAST_PROBES = 12
+MIN_MISSED_PROBES = 12
 """Probes that it must have: in trees of above 50,000 terminals a single one asks for several, and
 may lie in or beside a wide vessel."""
-_PER_TERMINAL, _AT_LEAST, _AT_MOST = 40, 4_000, 100_000
+PROBES_PER_TERMINAL, MIN_PROBES, MAX_PROBES = 40, 4_000, 100_000
 _SEED = 5
 
 
@@ -230,7 +230,7 @@ class Probes:
 
 def probes_for(tissue: Tissue, terminals: int) -> Probes:
     """Points that suit so many terminals; same arguments, same points."""
-    count = int(np.clip(_PER_TERMINAL * terminals, _AT_LEAST, _AT_MOST))
+    count = int(np.clip(PROBES_PER_TERMINAL * terminals, MIN_PROBES, MAX_PROBES))
     points, weight = demand_points(tissue, count, _SEED)
     reach = 2.5 * float(np.cbrt(tissue.volume_mm3 / count))
     return Probes(points, weight / weight.sum(), reach)
@@ -251,7 +251,7 @@ def unreached(
         Where the terminals end.
     probes : Probes, optional
     """
-    if len(ends) < 2 * LEAST_TERMINALS:
+    if len(ends) < 2 * MIN_MISSED_TERMINALS:
         return ()
     probes = probes or probes_for(tissue, len(ends))
     asks = probes.asks * len(ends)
@@ -260,16 +260,16 @@ def unreached(
     away = away * np.cbrt(probes.asks * len(probes.asks))
     order = np.argsort(away)
     below = np.cumsum(probes.asks[order])
-    typical = float(away[order][np.searchsorted(below, TYPICAL / 100.0)])
-    far = np.flatnonzero(away > FAR * typical)
-    if asks[far].sum() < LEAST_TERMINALS:
+    typical = float(away[order][np.searchsorted(below, TYPICAL_PERCENTILE / 100.0)])
+    far = np.flatnonzero(away > FAR_FACTOR * typical)
+    if asks[far].sum() < MIN_MISSED_TERMINALS:
         return ()
     pairs = KDTree(probes.points[far]).query_pairs(probes.reach_mm, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(far),) * 2)
     group = connected_components(graph, directed=False)[1]
     places = []
-    large = np.bincount(group, weights=asks[far]) >= LEAST_TERMINALS
-    for n in np.flatnonzero(large & (np.bincount(group) >= LEAST_PROBES)):
+    large = np.bincount(group, weights=asks[far]) >= MIN_MISSED_TERMINALS
+    for n in np.flatnonzero(large & (np.bincount(group) >= MIN_MISSED_PROBES)):
         own = far[group == n]
         x, y, z = probes.points[own[np.argmax(away[own])]].tolist()
         volume = tissue.volume_mm3 * len(own) / len(away)
@@ -283,8 +283,10 @@ def unreached(
 # (its Voronoi cell). Its demand is measured on points that fill the tissue evenly, weighed by
 # demand.
 
-PER_TERMINAL, AT_LEAST, AT_MOST = 400, 100_000, 4_000_000
+POINTS_PER_TERMINAL, MIN_POINTS, MAX_POINTS = 400, 100_000, 4_000_000
 """Points by which territories are measured."""
+_DEMAND_SEED = 1 << 40
+"""Added to the seed: a later report on supply must not measure it with the points that set it."""
 _GOLDEN = 1.2207440846057596
 """Root of x⁴ = x + 1: its inverse powers fill space evenly (Roberts 2018)."""
 
@@ -345,7 +347,7 @@ def demand_points(
 
 def points_for(terminals: int) -> int:
     """How many points suit so many territories."""
-    return int(np.clip(PER_TERMINAL * terminals, AT_LEAST, AT_MOST))
+    return int(np.clip(POINTS_PER_TERMINAL * terminals, MIN_POINTS, MAX_POINTS))
 
 
 def territory_demand(points: FloatArray, weight: FloatArray, tips: FloatArray) -> FloatArray:
@@ -360,6 +362,28 @@ def territory_demand(points: FloatArray, weight: FloatArray, tips: FloatArray) -
     _, owner = KDTree(tips).query(points)
     share: FloatArray = np.bincount(owner, weights=weight, minlength=len(tips)) / weight.sum()
     return share
+
+
+def flows_by_demand(
+    tissue: Tissue,
+    tips: FloatArray,
+    terminals: int,
+    seed: int,
+    owns: Callable[[FloatArray], NDArray[np.bool_]] | None,
+) -> FloatArray:
+    """Return the flow that each terminal's territory asks for, (k,), over the mean terminal's.
+
+    Parameters
+    ----------
+    tips : (k, 3) float64, mm
+    terminals : int
+        By which the number of points is chosen.
+    seed : int
+    owns : function
+        As `demand_points` takes it.
+    """
+    points, weight = demand_points(tissue, points_for(terminals), seed + _DEMAND_SEED, owns)
+    return len(tips) * territory_demand(points, weight, tips)
 
 
 def supply_balance(

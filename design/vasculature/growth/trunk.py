@@ -9,8 +9,8 @@ import numpy as np
 from design.errors import GrowthError
 from design.network import VesselNetwork
 from design.tissue import Tissue
+from design.vasculature.growth.cost import PLANNED, TRUNK, Segments, refresh_all
 from design.vasculature.growth.points import named_points
-from design.vasculature.growth.state import PLANNED, TRUNK, Segments, refresh_all
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.tree import VesselTree
 from kernels.arrays import BoolArray, FloatArray, IntArray
@@ -98,11 +98,24 @@ class Trunk:
         for axis, name in enumerate("xyz"):
             own[f"p{name}"], own[f"d{name}"] = self.proximal[:, axis], self.distal[:, axis]
         own["length"] = np.linalg.norm(self.distal - self.proximal, axis=1)
-        own["parent"], own["flow"], own["thick"] = self.parent, self.flow, 1.0
+        own["parent"], own["flow"], own["relative_viscosity"] = self.parent, self.flow, 1.0
         own["left"], own["right"] = self.children.T
         own["allowed"] = np.inf
         own["given"] = TRUNK if self.planned is None else np.where(self.planned, PLANNED, TRUNK)
         refresh_all(segments, len(own), law)
+
+    def note(self, segments: Segments, tissue: Tissue) -> str:
+        """Return what the user should know of the trunk in a finished tree."""
+        own = segments[segments["given"] != 0]
+        begin, end = (np.column_stack([own[f"{side}{x}"] for x in "xyz"]) for side in "pd")
+        out = np.count_nonzero(~tissue.grid.capsule_inside(begin, end, own["radius"]))
+        return (
+            f"the trunk's {len(self.parent)} segments stay where they are (straightened by "
+            f"{self.moved_mm:.3g} mm at most), but their radii follow from the "
+            f"{segments['terminals'][0]} terminals that they feed now: {own['radius'][0]:.3g} mm "
+            f"at the root in place of {self.root_radius_mm:.3g} mm. {out} of its {len(own)} pieces "
+            "reach out of the tissue, and it isn't held against itself"
+        )
 
 
 def trunk_of(source: VesselNetwork | VesselTree) -> Trunk:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from design.vasculature import VesselTree, tree_radii
-from design.vasculature.growth.propose import estimate
-from design.vasculature.growth.state import SEGMENT, Sprout, refresh_all, spread_down
+from design.vasculature.growth.cost import SEGMENT, NewTerminal, refresh_all, spread_down
+from design.vasculature.growth.kernel import estimate
 from design.vasculature.options import Law
 from design.vasculature.penalty import no_penalty
 
@@ -146,7 +146,7 @@ def segments_of(tree: VesselTree, law: Law) -> Any:
     segments["parent"] = tree.parent
     segments["left"], segments["right"] = tree.children.T
     segments["allowed"] = np.inf
-    segments["flow"], segments["thick"] = tree.relative_flow, tree.relative_viscosity
+    segments["flow"], segments["relative_viscosity"] = tree.relative_flow, tree.relative_viscosity
     segments["given"] = tree.given
     refresh_all(segments, len(segments), law)
     spread_down(segments, len(segments), float(tree_radii(tree)[0]), 1.0, law)
@@ -180,7 +180,7 @@ def by_growth(segments: Any, chosen: Any, ends: Any, one: Any, law: Any, free: A
 
 def accuracies(tree: VesselTree, cases: list[Case]) -> FloatArray:
     """Return the part of what can be gained that growth's choice gains, %, of each case."""
-    law, one = law_of(tree), Sprout(1.0, 1.0)
+    law, one = law_of(tree), NewTerminal(1.0, 1.0)
     chosen, ends = np.array([c.i for c in cases]), np.stack([c.ends for c in cases])
     places = by_growth(segments_of(tree, law), chosen, ends, one, law, no_penalty())
     costs = np.array(list(map(Case.cost, cases, places)))

@@ -20,7 +20,7 @@ from design.vasculature import (
     mix_trees,
     tree_radii,
 )
-from design.vasculature.growth.surroundings import part_tissue
+from design.vasculature.growth.territories import part_tissue
 from design.vasculature.loops.connect import Web
 from design.vasculature.loops.curves import tightest_bend
 from design.vasculature.loops.loops import match_terminals

@@ -23,7 +23,8 @@ from design.vasculature import (
     tree_radii,
     tree_to_network,
 )
-from design.vasculature.growth import large_growth, region_growth
+from design.vasculature.growth import region_split, regions
+from design.vasculature.growth.tree import TreeGrowth
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import KeptTissues, kept_tissue, lumens_outside, shared
 from tests.design.vasculature import oracles
@@ -398,9 +399,9 @@ OPTIONS = GrowthOptions(terminals=1500)
 @pytest.fixture
 def small(monkeypatch):
     """Regions for trees that grow in a second."""
-    monkeypatch.setattr(large_growth, "LARGE", 1000)
-    monkeypatch.setattr(large_growth, "EARLY", 200)
-    monkeypatch.setattr(large_growth, "REGION", 250)
+    monkeypatch.setattr(regions, "LARGE", 1000)
+    monkeypatch.setattr(regions, "EARLY", 200)
+    monkeypatch.setattr(region_split, "REGION", 250)
 
 
 def same(one, two):
@@ -418,11 +419,13 @@ def test_tree_grown_by_regions_is_exact_on_any_number_of_threads(small, box):
 
 
 def test_what_a_region_falls_short_of_grows_elsewhere(small, box, monkeypatch):
-    grow = region_growth.RegionGrowth.grow_to
+    grow = TreeGrowth.grow_to
     monkeypatch.setattr(
-        region_growth.RegionGrowth,
+        TreeGrowth,
         "grow_to",
-        lambda self, goal: grow(self, goal if self.job.number else (2 * goal) // 3),
+        lambda self, goal: grow(
+            self, goal if self.region is None or self.region.number else (2 * goal) // 3
+        ),
     )
     check(grow_tree(box, OPTIONS), box, OPTIONS)
 
@@ -431,7 +434,7 @@ def test_what_a_region_falls_short_of_grows_elsewhere(small, box, monkeypatch):
 def test_two_dask_workers_grow_the_same_tree(box):
     from distributed import Client, LocalCluster
 
-    options = replace(OPTIONS, terminals=large_growth.LARGE)
+    options = replace(OPTIONS, terminals=regions.LARGE)
     with (
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
         Client(cluster) as client,

@@ -19,8 +19,8 @@ from design.vasculature import (
     tree_radii,
     tree_to_network,
 )
-from design.vasculature.growth.grow import PROBES
 from design.vasculature.growth.root import search_root
+from design.vasculature.growth.tree import PROBES
 from design.vasculature.growth.trunk import trunk_of
 from design.vasculature.viscosity import relative_viscosity
 from tests.design.geometry.oracles import segment_segment

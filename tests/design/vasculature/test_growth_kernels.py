@@ -15,12 +15,20 @@ from design.vasculature import (
     tree_from_topology,
     tree_radii,
 )
-from design.vasculature.growth.fit import best_place, split_value
-from design.vasculature.growth.propose import trial
-from design.vasculature.growth.prune import prune
-from design.vasculature.growth.state import SEGMENT, Sprout, climb, place, refresh, spread_down
-from design.vasculature.growth.surroundings import Surroundings
-from design.vasculature.growth.tree_growth import TreeGrowth
+from design.vasculature.growth.checks import prune
+from design.vasculature.growth.cost import (
+    SEGMENT,
+    NewTerminal,
+    best_place,
+    climb,
+    place,
+    refresh,
+    split_value,
+    spread_down,
+)
+from design.vasculature.growth.kernel import trial
+from design.vasculature.growth.territories import Surroundings
+from design.vasculature.growth.tree import TreeGrowth
 from design.vasculature.options import Law
 from tests.design.networks import network, polyline
 from tests.design.vasculature import oracles
@@ -53,7 +61,7 @@ def random_segments(seed, terminals, law, uneven=False):
     """A random binary tree as growing segments; lengths of some millimetres."""
     rng = np.random.default_rng(seed)
     segments = np.zeros(2 * terminals + 1, SEGMENT)
-    segments["flow"] = segments["thick"] = 1.0
+    segments["flow"] = segments["relative_viscosity"] = 1.0
     parent, children = [-1], [[-1, -1]]
     ends = [(np.zeros(3), rng.normal(0, 3, 3))]
     while len(parent) < 2 * terminals - 1:
@@ -77,7 +85,9 @@ def random_segments(seed, terminals, law, uneven=False):
 
 @settings(deadline=None, max_examples=examples(40))
 @given(laws, st.integers(0, 10_000), st.integers(1, 25), st.booleans())
-def test_load_spend_flows_and_radii_are_those_of_karch_and_murray(options, seed, terminals, uneven):
+def test_load_cost_sum_flows_and_radii_are_those_of_karch_and_murray(
+    options, seed, terminals, uneven
+):
     segments, count = random_segments(seed, terminals, options.law, uneven)
     tree = as_tree(segments, count, options)
     own, n, ratio = oracles.reduced_resistance(tree, 0, options.law.k)
@@ -93,7 +103,7 @@ def test_load_spend_flows_and_radii_are_those_of_karch_and_murray(options, seed,
         relative**options.radius_exponent
     )
     expected = load ** (options.radius_exponent / 4) * cost
-    assert segments[0]["spend"] == pytest.approx(expected, rel=1e-11)
+    assert segments[0]["cost_sum"] == pytest.approx(expected, rel=1e-11)
     flows = oracles.terminal_flows(tree, radius)
     asked = segments[:count]["flow"][tree.children[:, 0] < 0]
     np.testing.assert_allclose(flows, 10.0 * asked / asked.sum(), rtol=1e-10)
@@ -102,7 +112,7 @@ def test_load_spend_flows_and_radii_are_those_of_karch_and_murray(options, seed,
     np.testing.assert_allclose(both, radius[inner] ** options.murray_exponent, rtol=1e-12)
 
 
-ONE = Sprout(1.0, 1.0)
+ONE = NewTerminal(1.0, 1.0)
 
 
 @settings(deadline=None, max_examples=examples(30))
@@ -111,13 +121,13 @@ def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals, uneven):
     """Radii and cost of a trial fork are those of the tree that has it."""
     law = options.law
     segments, count = random_segments(seed, terminals, law, uneven)
-    sprout = Sprout(1.7, 1.0) if uneven else ONE
+    new_terminal = NewTerminal(1.7, 1.0) if uneven else ONE
     rng = np.random.default_rng(seed)
     i = int(rng.integers(1, count))
     b, t = rng.normal(0, 3, 3), rng.normal(0, 3, 3)
     spread_down(segments, count, 1.0, 1.0, law)
-    before = float(segments[0]["spend"])
-    fork, rise = trial(segments, i, b, t, sprout, law)
+    before = float(segments[0]["cost_sum"])
+    fork, rise = trial(segments, i, b, t, new_terminal, law)
     s = segments[i]
     end, children = (s["dx"], s["dy"], s["dz"]), (s["left"], s["right"])
     lower, tip = count, count + 1
@@ -130,7 +140,7 @@ def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals, uneven):
     for child in children:
         if child >= 0:
             segments[child]["parent"] = lower
-    segments[lower]["flow"], segments[tip]["flow"] = s["flow"], sprout.flow
+    segments[lower]["flow"], segments[tip]["flow"] = s["flow"], new_terminal.flow
     segments[i]["left"], segments[i]["right"] = lower, tip
     tips = segments[: count + 2]["left"] < 0
     total = float(segments["flow"][: count + 2][tips].sum())
@@ -152,16 +162,16 @@ def test_derivatives_at_the_root_agree_with_differences(gamma):
     segments, count = random_segments(5, 20, law)
     spread_down(segments, count, 1.0, 1.0, law)
     for i in range(1, count, 3):
-        load, spend = float(segments[i]["load"]), float(segments[i]["spend"])
-        _, by_load, by_spend, _ = climb(segments, i, load, spend, 1.0, 10**6, law)
+        load, cost_sum = float(segments[i]["load"]), float(segments[i]["cost_sum"])
+        _, by_load, by_cost_sum, _ = climb(segments, i, load, cost_sum, 1.0, 10**6, law)
         h = 1e-6
         whole = 10**6
-        up = climb(segments, i, load * (1 + h), spend, 1.0, whole, law)[0]
-        down = climb(segments, i, load * (1 - h), spend, 1.0, whole, law)[0]
+        up = climb(segments, i, load * (1 + h), cost_sum, 1.0, whole, law)[0]
+        down = climb(segments, i, load * (1 - h), cost_sum, 1.0, whole, law)[0]
         assert by_load == pytest.approx((up - down) / (2 * h * load), rel=1e-5, abs=1e-8)
-        up = climb(segments, i, load, spend * (1 + h), 1.0, whole, law)[0]
-        down = climb(segments, i, load, spend * (1 - h), 1.0, whole, law)[0]
-        assert by_spend == pytest.approx((up - down) / (2 * h * spend), rel=1e-5)
+        up = climb(segments, i, load, cost_sum * (1 + h), 1.0, whole, law)[0]
+        down = climb(segments, i, load, cost_sum * (1 - h), 1.0, whole, law)[0]
+        assert by_cost_sum == pytest.approx((up - down) / (2 * h * cost_sum), rel=1e-5)
 
 
 def test_derivatives_of_a_split_agree_with_differences():
@@ -187,14 +197,14 @@ def test_best_place_beats_a_fine_search_by_nobody():
         p, d = np.array([s["px"], s["py"], s["pz"]]), np.array([s["dx"], s["dy"], s["dz"]])
         t = 0.5 * (p + d) + rng.normal(0, 2, 3)
         spread_down(segments, count, 1.0, 1.0, law)
-        _, by_load, by_spend, _ = climb(segments, i, s["load"], s["spend"], 1.0, 64, law)
+        _, by_load, by_cost_sum, _ = climb(segments, i, s["load"], s["cost_sum"], 1.0, 64, law)
 
-        def value(b, s=s, p=p, d=d, t=t, by_load=by_load, by_spend=by_spend):
+        def value(b, s=s, p=p, d=d, t=t, by_load=by_load, by_cost_sum=by_cost_sum):
             lengths = [max(1e-6, np.linalg.norm(b - x)) for x in (p, d, t)]
             split = split_value(s, *lengths, ONE, law)
-            return by_load * split[0] + by_spend * split[1]
+            return by_load * split[0] + by_cost_sum * split[1]
 
-        found = value(np.array(best_place(s, *t, by_load, by_spend, 200, ONE, law)))
+        found = value(np.array(best_place(s, *t, by_load, by_cost_sum, 200, ONE, law)))
         u, v = np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60))
         grid = [p + a * (d - p) + b * (t - p) for a, b in zip(u.ravel(), v.ravel(), strict=True)]
         best = min(value(b) for b in grid)
@@ -231,7 +241,7 @@ def growth(box):
 
 
 def pruned(growth, smallest):
-    args = growth.segments, growth.count, growth.index, growth.room, growth.options.law
+    args = growth.segments, growth.count, growth.index, growth.clearances, growth.options.law
     growth.progress["count"] = prune(*args, smallest)
     return growth.segments[: growth.count]
 

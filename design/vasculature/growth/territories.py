@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
-from design.vasculature.growth.fit import growth_factor, seven_integers
-from design.vasculature.growth.index import CellIndex, Clearances
-from design.vasculature.growth.state import SEGMENT
-from kernels import jit
+from design.vasculature.growth.cost import SEGMENT
 from kernels.arrays import FloatArray
 
 
@@ -56,30 +52,18 @@ class Surroundings:
         return records
 
 
-@jit
-def clear_of(
-    segments: Any, index: CellIndex, room: Clearances, begin: Any, points: Any, radius: float
-) -> Any:
-    """Whether capsules from ``begin`` (3,) to each of ``points`` (n, 3) clear all that is listed.
-
-    The index must list the vessels of others alone.
-    """
-    free = np.zeros(len(points), np.bool_)
-    skip = seven_integers(-1, -1, -1, -1, -1, -1, -1)
-    for n in range(len(points)):
-        t = points[n]
-        x, y, z = begin[0], begin[1], begin[2]
-        least = growth_factor(index, segments, room, x, y, z, t[0], t[1], t[2], radius, skip, False)
-        free[n] = least >= room.reserve
-    return free
-
-
 # Divide a tissue into one territory per root, of the volume that its terminals need.
 
 SAMPLES = 20_000
 """Points by which volumes are measured: a share of a half is known to 0.4 %."""
-_STEPS = 400
-_CLOSE = 2e-3
+
+
+MAX_ITERATIONS = 400
+
+
+SHARE_TOLERANCE = 2e-3
+
+
 _SEED = 7
 
 
@@ -135,10 +119,10 @@ def part_tissue(tissue: Tissue, centre: FloatArray, wanted: FloatArray) -> Terri
         raise GrowthError("two roots of one kind have their stems' ends at one place; part them")
     step = float(np.ptp(tissue.bounds, axis=0).max()) ** 2
     before = np.zeros(len(centre))
-    for _ in range(_STEPS):
+    for _ in range(MAX_ITERATIONS):
         share = np.bincount(_owner(points, centre, weight), minlength=len(centre)) / len(points)
         short = wanted - share
-        if np.abs(short).max() < _CLOSE:
+        if np.abs(short).max() < SHARE_TOLERANCE:
             break
         if (short * before).sum() < 0:
             step *= 0.5

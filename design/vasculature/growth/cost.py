@@ -1,0 +1,570 @@
+"""Segment records of a growing tree, and its cost as sums kept on each segment.
+
+The cost of a tree is Σ ℓᵘ r^λ (length, radius).
+
+A segment that feeds terminals of the relative flows q_t has the flow n = Σ q_t, in units of the
+mean terminal's; with equal terminal flows n is their number. Of the quantities of Karch et al.
+1999 (R*, C*, the ratios β) these two are kept for each segment:
+
+- load   W = n R*
+- cost sum  K = W^(λ/4) C*
+
+Put into R* = 8μℓ/π + 1/(β_l⁴/R*_l + β_r⁴/R*_r) with β_l = (1 + x^-γ)^(-1/γ) and
+x = (n_l R*_l / n_r R*_r)^¼ = (W_l/W_r)^¼, the bifurcation's algebra shrinks to
+
+- m = (W_l^(γ/4) + W_r^(γ/4))^(4/γ), the load of both children together
+- W = n k v ℓ + m, with k = 8μ/π; a terminal's is q k v ℓ
+- β_l⁴ = W_l / m
+- K = W^(λ/4) (ℓᵘ + (K_l + K_r) / m^(λ/4))
+
+because n_l + n_r = n and β_l⁴/R*_l = n_l / m. At the root r⁴ = Q R*/Δp = (Q/n) W/Δp, so the
+cost r_root^λ C*_root is K_root times a constant: growth compares K_root alone.
+
+v is the segment's viscosity over μ: 1 for a Newtonian fluid, else what
+`viscosity` gives for its radius. Where a segment has one child alone (a bend of a given trunk), m
+is the child's W.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.vasculature.options import Law
+from design.vasculature.viscosity import relative_viscosity
+from kernels import jit, scalar_jit
+
+SEGMENT = np.dtype(
+    [
+        ("load", "f8"),
+        ("cost_sum", "f8"),
+        ("length", "f8"),
+        ("flow", "f8"),
+        ("parent", "i4"),
+        ("left", "i4"),
+        ("right", "i4"),
+        ("terminals", "i4"),
+        ("px", "f8"),
+        ("py", "f8"),
+        ("pz", "f8"),
+        ("dx", "f8"),
+        ("dy", "f8"),
+        ("dz", "f8"),
+        ("radius", "f8"),
+        ("allowed", "f8"),
+        ("full", "i4"),
+        ("given", "i4"),
+        ("by_load", "f8"),
+        ("by_cost_sum", "f8"),
+        ("by_one", "f8"),
+        ("relative_viscosity", "f8"),
+        ("audited", "f8"),
+    ]
+)
+"""Fields of a growing segment.
+
+load, cost_sum : see above; length : mm; flow : over the mean terminal's; parent,
+left, right : -1 for none (right alone where a given trunk bends); terminals : downstream, 0 for a
+vessel of another tree (kept behind all the tree's own); p and d : ends, mm; radius : of the
+finished tree as predicted, mm; allowed : largest radius that tissue and neighbours leave, mm;
+full : 1 where this segment or one above it can't grow wider; given : `TRUNK` or `PLANNED` for a
+segment that stays where it is, else 0; by_* : derivatives of the cost; relative_viscosity :
+viscosity over μ, read only where the law has a haematocrit; audited : radius with which a large
+tree's audit measured what it is allowed, mm, 0 where it hasn't been (`growth.regions`).
+"""
+Segments = NDArray[np.void]
+TRUNK, PLANNED = 1, 2
+"""What is given: a trunk's segment, or one of a branch planned to leave it."""
+
+
+@scalar_jit
+def place(segments: Any, i: int, p: Any, d: Any) -> None:
+    """Set a segment's ends, and its length."""
+    s = segments[i]
+    s.px, s.py, s.pz = p
+    s.dx, s.dy, s.dz = d
+    x, y, z = d[0] - p[0], d[1] - p[1], d[2] - p[2]
+    s.length = np.sqrt(x * x + y * y + z * z)
+
+
+@jit
+def weight_of(s: Any, law: Law) -> float:
+    """A segment's flow times its viscosity over μ."""
+    if law.haematocrit < 0.0:
+        return s.flow
+    return s.flow * s.relative_viscosity
+
+
+@scalar_jit
+def refresh(segments: Any, i: int, law: Law) -> None:
+    """Recompute a segment's load, cost sum, flow and terminals from its children's.
+
+    A terminal's flow is its own, and stays.
+    """
+    s = segments[i]
+    if s.left < 0:
+        s.terminals = 1
+        s.load, s.cost_sum = leaf(s.length, weight_of(s, law), law)
+        return
+    a = segments[s.left]
+    terminals, flow, load1, cost_sum1 = a.terminals, a.flow, 0.0, 0.0
+    if s.right >= 0:
+        b = segments[s.right]
+        terminals += b.terminals
+        flow += b.flow
+        load1, cost_sum1 = b.load, b.cost_sum
+    s.terminals, s.flow = terminals, flow
+    load, cost_sum, _ = joined_load(
+        a.load, a.cost_sum, load1, cost_sum1, s.length, weight_of(s, law), law
+    )
+    s.load, s.cost_sum = load, cost_sum
+
+
+@scalar_jit
+def refresh_upwards(segments: Any, i: int, law: Law) -> None:
+    """Recompute segment ``i`` and all above it."""
+    while i >= 0:
+        refresh(segments, i, law)
+        i = segments[i].parent
+
+
+@jit
+def spread_down(segments: Any, count: int, root_radius: float, slack: float, law: Law) -> float:
+    """Derive all radii and all derivatives of the cost from the root's, in one downward pass.
+
+    A segment is full when its radius times ``slack`` exceeds what is allowed, or one above is.
+
+    Returns
+    -------
+    float
+        Smallest radius of a terminal.
+    """
+    e = 0.25 * law.lam
+    stack = np.empty(count, np.int32)
+    stack[0] = 0
+    top = 1
+    root = segments[0]
+    root.radius, root.full = root_radius, 0
+    root.by_load, root.by_cost_sum, root.by_one = 0.0, 1.0, 0.0
+    smallest = np.inf
+    while top > 0:
+        top -= 1
+        i = stack[top]
+        s = segments[i]
+        if s.radius * slack > s.allowed:
+            s.full = 1
+        if s.left < 0:
+            smallest = min(smallest, s.radius)
+            continue
+        a = segments[s.left]
+        # As in `climb`, from the other end.
+        in_a, in_b, cost_sums = to_gamma(a.load, law), 0.0, a.cost_sum
+        if s.right >= 0:
+            in_b = to_gamma(segments[s.right].load, law)
+            cost_sums += segments[s.right].cost_sum
+        m = from_gamma(in_a + in_b, law)
+        m_e, s_e = to_lambda(m, law), to_lambda(s.load, law)
+        own = e * s.cost_sum / s.load
+        by_m = s.by_load + s.by_cost_sum * (own - e * s_e * cost_sums / (m_e * m))
+        by_one = law.k * s.length * (s.by_load + s.by_cost_sum * own)
+        if law.haematocrit >= 0.0:
+            by_one *= s.relative_viscosity
+        by_one += s.by_one
+        for which, part in ((s.left, in_a), (s.right, in_b)):
+            if which < 0:
+                continue
+            child = segments[which]
+            child.radius = s.radius * np.sqrt(np.sqrt(child.load / m))
+            child.full = s.full
+            child.by_load = by_m * (m / (in_a + in_b)) * (part / child.load)
+            child.by_cost_sum = s.by_cost_sum * s_e / m_e
+            child.by_one = by_one
+        stack[top] = s.left
+        top += 1
+        if s.right >= 0:
+            stack[top] = s.right
+            top += 1
+    return smallest
+
+
+@jit
+def bottom_up(segments: Any, count: int) -> Any:
+    """Segments in an order in which children come before their parents, (n,) int32."""
+    order = np.empty(count, np.int32)
+    stack = np.empty(count, np.int32)
+    stack[0] = 0
+    top = 1
+    size = 0
+    while top > 0:
+        top -= 1
+        s = segments[stack[top]]
+        order[size] = stack[top]
+        size += 1
+        for child in (s.left, s.right):
+            if child >= 0:
+                stack[top] = child
+                top += 1
+    return order[:size][::-1].copy()
+
+
+@jit
+def refresh_all(segments: Any, count: int, law: Law) -> None:
+    """Recompute every segment from the terminals up."""
+    for i in bottom_up(segments, count):
+        refresh(segments, i, law)
+
+
+@jit
+def depth_first(segments: Any, count: int) -> Any:
+    """Renumber segments so that each is followed by its branch; a copy of the array."""
+    order = np.empty(count, np.int32)
+    number = np.full(count + 1, -1, np.int32)
+    stack = np.empty(count, np.int32)
+    stack[0] = 0
+    top = 1
+    size = 0
+    while top > 0:
+        top -= 1
+        i = stack[top]
+        order[size] = i
+        number[i] = size
+        size += 1
+        if segments[i].left >= 0:
+            if segments[i].right >= 0:
+                stack[top] = segments[i].right
+                top += 1
+            stack[top] = segments[i].left
+            top += 1
+    result = segments.copy()
+    for n in range(count):
+        result[n] = segments[order[n]]
+        s = result[n]
+        # number[-1] is -1: no parent, no child.
+        s.parent, s.left, s.right = number[s.parent], number[s.left], number[s.right]
+    return result
+
+
+@jit
+def drop_marked(segments: Any, count: int, gone: Any) -> int:
+    """Close the gaps of segments that are gone; return the new count."""
+    number = np.full(count + 1, -1, np.int32)
+    size = 0
+    for i in range(count):
+        if gone[i] == 0:
+            number[i] = size
+            size += 1
+    for i in range(count):
+        if gone[i] == 0:
+            s = segments[i]
+            # number[-1] is -1: no parent, no child.
+            s.parent, s.left, s.right = number[s.parent], number[s.left], number[s.right]
+            segments[number[i]] = s
+    return size
+
+
+@jit
+def to_gamma(load: float, law: Law) -> float:
+    """W^(γ/4)."""
+    if law.gamma == 3.0:
+        return sqrt(load * sqrt(load))
+    return load ** (0.25 * law.gamma)
+
+
+@jit
+def from_gamma(total: float, law: Law) -> float:
+    """S^(4/γ), the inverse of `to_gamma`."""
+    if law.gamma == 3.0:
+        return total * np.cbrt(total)
+    return total ** (4.0 / law.gamma)
+
+
+@jit
+def to_lambda(load: float, law: Law) -> float:
+    """W^(λ/4)."""
+    if law.lam == 2.0:
+        return sqrt(load)
+    return load ** (0.25 * law.lam)
+
+
+@jit
+def to_u(length: float, law: Law) -> float:
+    """ℓᵘ."""
+    if law.u == 1.0:
+        return length
+    return length**law.u
+
+
+class NewTerminal(NamedTuple):
+    """What a new terminal brings: its flow over the mean terminal's, its viscosity over μ."""
+
+    flow: float
+    relative_viscosity: float
+
+
+class TrialBifurcation(NamedTuple):
+    """A trial bifurcation on a segment: its place, the new end, three radii (mm).
+
+    ``flow`` and ``relative_viscosity`` are what the new branch brings; see `NewTerminal`.
+    """
+
+    segment: np.int64
+    bx: float
+    by: float
+    bz: float
+    tx: float
+    ty: float
+    tz: float
+    up: float
+    low: float
+    new: float
+    flow: float
+    relative_viscosity: float
+
+
+@jit
+def leaf(length: float, weight: float, law: Law) -> tuple[float, float]:
+    """Return a terminal's load and cost sum; ``weight`` is its flow times its viscosity."""
+    load = weight * law.k * length
+    return load, to_lambda(load, law) * to_u(length, law)
+
+
+@jit
+def joined_load(
+    load0: float,
+    cost_sum0: float,
+    load1: float,
+    cost_sum1: float,
+    length: float,
+    weight: float,
+    law: Law,
+) -> tuple[float, float, float]:
+    """Return load and cost sum of a segment over two children, and the children's joint load m.
+
+    ``weight`` is the segment's flow times its viscosity; a child that isn't there has load 0.
+    """
+    m = from_gamma(to_gamma(load0, law) + to_gamma(load1, law), law)
+    load = weight * law.k * length + m
+    cost_sum = to_lambda(load, law) * (
+        to_u(length, law) + (cost_sum0 + cost_sum1) / to_lambda(m, law)
+    )
+    return load, cost_sum, m
+
+
+EXACT_FLOW_RATIO = 64
+"""Flow, over that of a new terminal, above which this one changes a segment so little that the
+linear model serves."""
+
+
+@scalar_jit
+def climb(
+    segments: Any, index: int, load: float, cost_sum: float, flow: float, enough: int, law: Law
+) -> tuple[float, float, float, float]:
+    """Cost of a tree in which ``index`` has this load and cost sum, and all above ``flow`` more.
+
+    Walks to the root, or to the first segment of ``enough`` times the flow and on from there by
+    the derivatives kept in it (`state.spread_down`). The walk is exact; what is
+    left off is of second order in the change there, about 1/enough squared.
+
+    Returns
+    -------
+    rise : float
+        Of the cost K_root.
+    by_load, by_spend : float
+        Derivatives of the cost with respect to ``load`` and ``cost_sum``.
+    radius : float, mm
+        Of segment ``index``, as the radius stands of the segment where the walk ended.
+    """
+    e = 0.25 * law.lam
+    # Derivatives of this level's (load, cost sum) by those at ``index``: a 2 x 2 matrix.
+    ll, ls, sl, ss = 1.0, 0.0, 0.0, 1.0
+    share = 1.0
+    here = index
+    much = enough * flow
+    while segments[here].parent >= 0 and segments[here].flow < much:
+        up = segments[here].parent
+        other = segments[up].left
+        if other == here:
+            other = segments[up].right
+        a0 = to_gamma(load, law)
+        total, both = a0, cost_sum
+        if other >= 0:
+            total += to_gamma(segments[other].load, law)
+            both += segments[other].cost_sum
+        m = from_gamma(total, law)
+        mass = (segments[up].flow + flow) * law.k * segments[up].length
+        if law.haematocrit >= 0.0:
+            mass *= segments[up].relative_viscosity
+        above = mass + m
+        me, we = to_lambda(m, law), to_lambda(above, law)
+        up_cost_sum = we * (to_u(segments[up].length, law) + both / me)
+        m_by_load = (m / total) * (a0 / load)
+        cost_sum_by_load = m_by_load * e * (up_cost_sum / above - we * both / (me * m))
+        cost_sum_by_cost_sum = we / me
+        sl, ss = (
+            cost_sum_by_load * ll + cost_sum_by_cost_sum * sl,
+            cost_sum_by_load * ls + cost_sum_by_cost_sum * ss,
+        )
+        ll, ls = m_by_load * ll, m_by_load * ls
+        share *= load / m
+        load, cost_sum, here = above, up_cost_sum, up
+    end = segments[here]
+    rise = (
+        end.by_load * (load - end.load)
+        + end.by_cost_sum * (cost_sum - end.cost_sum)
+        + flow * end.by_one
+    )
+    return (
+        rise,
+        end.by_load * ll + end.by_cost_sum * sl,
+        end.by_load * ls + end.by_cost_sum * ss,
+        end.radius * sqrt(sqrt(share)),
+    )
+
+
+@jit
+def follow_radii(segments: Any, count: int, law: Law) -> tuple[float, float]:
+    """Take every segment's viscosity at its radius, and recompute the tree.
+
+    Returns
+    -------
+    float, float
+        Largest relative change; mean viscosity of the terminals, over μ.
+    """
+    change, total, tips = 0.0, 0.0, 0
+    for i in range(count):
+        s = segments[i]
+        viscosity = relative_viscosity(s.radius, law.haematocrit)
+        change = max(change, abs(viscosity / s.relative_viscosity - 1.0))
+        s.relative_viscosity = viscosity
+        if s.left < 0:
+            total += viscosity
+            tips += 1
+    refresh_all(segments, count, law)
+    return change, total / tips
+
+
+@jit
+def distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
+    """Distance of two points, never below a nanometre so that lengths divide."""
+    x, y, z = bx - ax, by - ay, bz - az
+    return max(1e-6, sqrt(x * x + y * y + z * z))
+
+
+@jit
+def split_value(
+    s: Any, up: float, low: float, new: float, new_terminal: NewTerminal, law: Law
+) -> tuple[float, float, float, float, float, float, float, float, float, float]:
+    """Return load and cost sum above a bifurcation that parts segment ``s``, and their derivatives.
+
+    Parameters
+    ----------
+    s : record
+        The segment as it is.
+    up, low, new : float, mm
+        Lengths from its start to the bifurcation, on to its end, and to the new terminal.
+    new_terminal : NewTerminal
+        The new terminal's flow and viscosity.
+
+    Returns
+    -------
+    load, cost_sum : float
+        Of the upper part, over the lower part and the new terminal.
+    load_by_up, load_by_low, load_by_new, spend_by_up, spend_by_low, spend_by_new : float
+    low_load, m : float
+        Load of the lower part; joint load of it and the new terminal.
+    """
+    e = 0.25 * law.lam
+    n, above, own = s.flow, s.flow + new_terminal.flow, new_terminal.flow
+    if law.haematocrit >= 0.0:
+        n, above, own = (
+            n * s.relative_viscosity,
+            above * s.relative_viscosity,
+            own * new_terminal.relative_viscosity,
+        )
+    # Both cases here in one: LLVM would work out the powers of `to_u` in any case, to choose then.
+    if law.u == 1.0:
+        u_old, u_up, u_low, u_new = s.length, up, low, new
+        slope_up, slope_low, slope_new = 1.0, 1.0, 1.0
+    else:
+        u_old, u_up, u_low, u_new = s.length**law.u, up**law.u, low**law.u, new**law.u
+        slope_up, slope_low, slope_new = law.u * u_up / up, law.u * u_low / low, law.u * u_new / new
+    # C* of the lower part: the old one with the length exchanged.
+    reduced = s.cost_sum / to_lambda(s.load, law) - u_old + u_low
+    low_load = s.load + n * law.k * (low - s.length)
+    low_e = to_lambda(low_load, law)
+    low_cost_sum = low_e * reduced
+    new_load = own * law.k * new
+    new_e = to_lambda(new_load, law)
+    new_cost_sum = new_e * u_new
+    a_low, a_new = to_gamma(low_load, law), to_gamma(new_load, law)
+    total = a_low + a_new
+    m = from_gamma(total, law)
+    load = above * law.k * up + m
+    m_e, up_e = to_lambda(m, law), to_lambda(load, law)
+    both = low_cost_sum + new_cost_sum
+    cost_sum = up_e * (u_up + both / m_e)
+
+    m_by_low = (m / total) * (a_low / low_load) * n * law.k
+    m_by_new = (m / total) * (a_new / new_load) * own * law.k
+    low_cost_sum_by = e * low_cost_sum / low_load * n * law.k + low_e * slope_low
+    new_cost_sum_by = e * new_cost_sum / new + new_e * slope_new
+    by_load = e * cost_sum / load
+    by_m = by_load - e * up_e * both / (m_e * m)
+    return (
+        load,
+        cost_sum,
+        above * law.k,
+        m_by_low,
+        m_by_new,
+        by_load * above * law.k + up_e * slope_up,
+        by_m * m_by_low + up_e / m_e * low_cost_sum_by,
+        by_m * m_by_new + up_e / m_e * new_cost_sum_by,
+        low_load,
+        m,
+    )
+
+
+@jit
+def best_place(
+    s: Any,
+    tx: float,
+    ty: float,
+    tz: float,
+    by_load: float,
+    by_cost_sum: float,
+    steps: int,
+    new_terminal: NewTerminal,
+    law: Law,
+) -> tuple[float, float, float]:
+    """Bifurcation of least cost for a terminal at t on segment ``s``.
+
+    The cost is a function of three lengths; at its minimum the weighted unit vectors along
+    them cancel (Fermat-Weber). Weiszfeld's iteration with weights that follow the lengths.
+    """
+    bx = (s.px + s.dx + tx) / 3.0
+    by = (s.py + s.dy + ty) / 3.0
+    bz = (s.pz + s.dz + tz) / 3.0
+    for _ in range(steps):
+        up = distance(s.px, s.py, s.pz, bx, by, bz)
+        low = distance(bx, by, bz, s.dx, s.dy, s.dz)
+        new = distance(bx, by, bz, tx, ty, tz)
+        _, _, l_up, l_low, l_new, s_up, s_low, s_new, _, _ = split_value(
+            s, up, low, new, new_terminal, law
+        )
+        w_up = max(0.0, by_load * l_up + by_cost_sum * s_up) / up
+        w_low = max(0.0, by_load * l_low + by_cost_sum * s_low) / low
+        w_new = max(0.0, by_load * l_new + by_cost_sum * s_new) / new
+        total = w_up + w_low + w_new
+        if not total > 0.0:
+            break
+        nx = (w_up * s.px + w_low * s.dx + w_new * tx) / total
+        ny = (w_up * s.py + w_low * s.dy + w_new * ty) / total
+        nz = (w_up * s.pz + w_low * s.dz + w_new * tz) / total
+        moved = abs(nx - bx) + abs(ny - by) + abs(nz - bz)
+        bx, by, bz = nx, ny, nz
+        if moved < 1e-3 * s.length:
+            break
+    return bx, by, bz
