@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
@@ -16,12 +19,11 @@ from design.toolpath.embedded.elements import (
     longest_mm,
     squares_of,
 )
-from design.toolpath.embedded.improve import order_passes
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.left_out import Leaving
-from design.toolpath.embedded.look_places import look_places
-from design.toolpath.embedded.needle import Needle
+from design.toolpath.embedded.needle import EmbeddedHeads, Needle
 from design.toolpath.embedded.options import EmbeddedOptions
+from design.toolpath.embedded.pass_order import order_passes
 from design.toolpath.embedded.report import (
     Crossing,
     EmbeddedReport,
@@ -29,19 +31,26 @@ from design.toolpath.embedded.report import (
     Merged,
     WeakJoint,
 )
-from design.toolpath.embedded.rules import Meetings, at_nodes, find_rules, with_touches
+from design.toolpath.embedded.rules import (
+    Meetings,
+    Rules,
+    Touches,
+    at_nodes,
+    find_rules,
+    touches,
+    with_touches,
+)
 from design.toolpath.embedded.schedule import Leg, Pass
 from design.toolpath.embedded.shaft_contacts import (
     TOUCH_MM,
     Entry,
     WrittenMoves,
+    exempt_lengths,
     find_shaft_contacts,
 )
-from design.toolpath.embedded.shaft_kernels import exempt_lengths
-from design.toolpath.embedded.touches import Touches, touches
-from design.toolpath.embedded.vessel_heads import EmbeddedHeads
 from design.toolpath.embedded.write import FilamentWriter, Stretch, add_recovery_dwells
 from design.toolpath.toolpath import MoveKind, Toolpath
+from kernels.arrays import IntArray
 
 
 @dataclass(frozen=True)
@@ -281,3 +290,84 @@ def _report(done: _Written, elements: Elements, passes: list[Pass], out: Leaving
         slowest_mm_s=float(speed[write].min()),
         fastest_mm_s=float(speed[write].max()),
     )
+
+
+# Find places within passes to look for gaps, before later ink bars the needle's way to them.
+
+MEND_OVERLAP_RADII: Final = 0.5
+"""Reach of the joint that mends are judged by (`printctl.observe.mending`), in radii."""
+
+
+def look_places(passes: Sequence[Pass], elements: Elements, needle: Needle) -> frozenset[int]:
+    """Return the elements before which a print should be looked at; never a pass's first one.
+
+    A needle that mends an element stands where it stood when that was written, and meets what the
+    pass has written since: beyond some 54 degrees a pass bars the way to itself. A look is due
+    before the first element that bars one written since the last look. So all that a look is the
+    first to see can be reached in it.
+
+    As in a mend, of which each pass is one path, the bare needle counts, and ink is spared by its
+    way along the pass alone: nodes within it are no joints of their own.
+
+    Parameters
+    ----------
+    passes : sequence of Pass
+        In their order.
+    elements : Elements
+    needle : Needle
+        With its clearance.
+    """
+    order = np.concatenate([one.elements() for one in passes])
+    written = _as_written(passes, elements)
+    mends = needle.bare()._replace(overlap_radii=MEND_OVERLAP_RADII)
+    rules = find_rules(
+        written, squares_of(written, mends.shaft_mm), _no_meetings(len(passes)), mends
+    )
+    first = written.first.tolist()
+    return frozenset(
+        int(order[at]) for low, high in pairwise(first) for at in _in_pass(low, high, rules)
+    )
+
+
+def _as_written(passes: Sequence[Pass], elements: Elements) -> Elements:
+    """Elements in the order and direction of writing, each pass a vessel of its own."""
+    order = np.concatenate([one.elements() for one in passes])
+    legs = [leg for one in passes for leg in one.legs]
+    backwards = np.repeat([leg.step < 0 for leg in legs], [leg.size for leg in legs])[:, None]
+    count = [sum(leg.size for leg in one.legs) for one in passes]
+    first = np.concatenate([[0], np.cumsum(count)])
+    number = np.repeat(np.arange(len(passes)), count)
+    end, radius, length = elements.end[order], elements.radius[order], elements.length[order]
+    way = np.cumsum(length) - length
+    arc = way - way[first[:-1]][number]
+    return Elements(
+        elements.point,
+        np.where(backwards, end[:, ::-1], end),
+        np.where(backwards, radius[:, ::-1], radius),
+        length,
+        arc,
+        np.column_stack([arc, arc + length]),
+        number,
+        first,
+    )
+
+
+def _no_meetings(vessels: int) -> Meetings:
+    """No joints but those along a vessel."""
+    nothing = np.zeros(0)
+    begin = np.zeros(vessels + 1, dtype=np.int64)
+    return Meetings(begin, nothing, np.zeros(0, dtype=np.int64), nothing, nothing)
+
+
+def _in_pass(low: int, high: int, rules: Rules) -> list[int]:
+    """Those of a pass whose elements are ``low`` to ``high - 1``."""
+    barred = np.full(high - low, -1, dtype=np.int64)  # the last one before that each bars
+    for element in range(low, high):
+        later: IntArray = rules.after[rules.begin[element] : rules.begin[element + 1]]
+        barred[later[(later > element) & (later < high)] - low] = element
+    looked, places = low, list[int]()
+    for element in range(low + 1, high):
+        if barred[element - low] >= looked:
+            looked = element
+            places.append(element)
+    return places

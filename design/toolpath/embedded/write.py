@@ -18,11 +18,10 @@ from design.toolpath.embedded.elements import (
     nearest_along,
     off_chords,
 )
+from design.toolpath.embedded.needle import EmbeddedHeads, frustum_ul, writing_speed
 from design.toolpath.embedded.report import JoinedPasses
 from design.toolpath.embedded.schedule import Leg, Pass
-from design.toolpath.embedded.vessel_heads import EmbeddedHeads, frustum_ul, writing_speed
-from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import MoveKind, Toolpath
+from design.toolpath.toolpath import MoveBuilder, MoveKind, Toolpath
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 

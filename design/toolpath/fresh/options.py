@@ -10,7 +10,6 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
-from design.toolpath.fresh.levels import Adaptive
 from design.toolpath.toolpath import require_not_negative, require_positive
 from firmware_profiles.bead import BeadSection
 
@@ -87,6 +86,33 @@ class Compensation:
         scale = 1.0 / (1.0 - np.array(self.shrink_percent) / 100.0)
         vertices = (solid.vertices * scale).astype(np.float32).astype(np.float64)
         return Solid(vertices, solid.faces)
+
+
+@dataclass(frozen=True)
+class Adaptive:
+    """Layers thinner than `FreshOptions.layer_height_mm` where walls are slanted.
+
+    Attributes
+    ----------
+    thinnest_mm : float, mm
+        Lowest layer.
+    stair_mm : float, mm
+        Depth of a stair on a slanted wall, across the wall, above which layers become thinner.
+    step_mm : float, mm
+        Heights are whole multiples of it: of the vertical motor's step.
+    """
+
+    thinnest_mm: float
+    stair_mm: float = 0.02
+    step_mm: float = 2.5e-3
+
+    def __post_init__(self) -> None:
+        require_positive(
+            "adaptive layers",
+            thinnest_mm=self.thinnest_mm,
+            stair_mm=self.stair_mm,
+            step_mm=self.step_mm,
+        )
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from design.toolpath.gcode.head_load import HeadLoad
 from design.toolpath.toolpath import require_not_negative, require_positive
+from firmware_profiles import Syringe
 from kernels.arrays import IntArray
 
 
@@ -52,6 +52,30 @@ class Gcode:
             np.concatenate([part.line_kind for part in parts]),
             parts[0].source_kind,
         )
+
+
+@dataclass(frozen=True)
+class HeadLoad:
+    """Syringe and ink of one head.
+
+    Attributes
+    ----------
+    syringe : Syringe
+    flow_factor : float
+        As in `GcodeOptions`, of this head's ink.
+    relieve_ul, plunger_ul_s : float, µL, µL/s
+        As in `GcodeOptions`: relief before the head is left, where the toolpath has none.
+    """
+
+    syringe: Syringe
+    flow_factor: float = 1.0
+    relieve_ul: float = 0.02
+    plunger_ul_s: float = 0.4
+
+    def __post_init__(self) -> None:
+        where = "head's load"
+        require_positive(where, flow_factor=self.flow_factor, plunger_ul_s=self.plunger_ul_s)
+        require_not_negative(where, relieve_ul=self.relieve_ul)
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,14 @@ from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.embedded.elements import STRAIGHT_MM, TAPER_STEP, elements_of, squares_of
-from design.toolpath.embedded.improve import broken_rules
-from design.toolpath.embedded.merge import CLIMB, fewest, shorten_travels
 from design.toolpath.embedded.needle import (
     Needle,
     joint_reach,
     radius_at,
 )
-from design.toolpath.embedded.rules import Rules, at_nodes, find_rules, with_touches
+from design.toolpath.embedded.pass_order import CLIMB, broken_rules, fewest, shorten_travels
+from design.toolpath.embedded.rules import Rules, at_nodes, find_rules, touches, with_touches
 from design.toolpath.embedded.schedule import Leg, Pass, Scheduler
-from design.toolpath.embedded.touches import touches
 from tests.design.networks import network, polyline, polylines
 from tests.design.toolpath.shapes import cage, helix, random_tree, ring
 from tests.slower import examples

@@ -143,7 +143,7 @@ def funnel(overlap_radii: float):
 
 def test_a_joint_that_stays_open_is_refused_by_place(monkeypatch):
     net, options = funnel(4.0)
-    monkeypatch.setattr("design.toolpath.embedded.improve.ROUNDS", 1)
+    monkeypatch.setattr("design.toolpath.embedded.pass_order.MAX_ROUNDS", 1)
     monkeypatch.setattr("design.toolpath.embedded.joints.PARTS", (1.0,))
     with pytest.raises(ToolpathError, match=r"1 of 3 joints .*vessel \d with vessel \d at \(0\.00"):
         plan_embedded(net, options)
