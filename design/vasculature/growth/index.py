@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry import point_segment
-from design.tissue.columns import GridArrays
+from design.tissue.grid import GridArrays
 from design.vasculature.growth.state import TRUNK
 from design.vasculature.options import Limits
 from kernels import scalar_jit

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
-from design.tissue.columns import GridArrays
-from design.tissue.demand import UniformDemand
-from design.tissue.grid import read
+from design.tissue.grid import GridArrays, read
+from design.tissue.tissue import UniformDemand
 from design.vasculature.growth.state import Segments
 from design.vasculature.options import GrowthOptions
 from kernels import jit
