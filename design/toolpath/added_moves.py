@@ -19,8 +19,8 @@ from design.toolpath.toolpath import (
     MoveBuilder,
     MoveKind,
     Toolpath,
+    check_fields,
     join_toolpaths,
-    require_not_negative,
     require_positive,
 )
 from kernels.arrays import BoolArray, FloatArray, IntArray
@@ -80,8 +80,7 @@ class HeadPriming:
     dwell_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require_positive("priming", plunger_ul_s=self.plunger_ul_s)
-        require_not_negative("priming", retract_ul=self.retract_ul, dwell_s=self.dwell_s)
+        check_fields("priming", self, "plunger_ul_s", "retract_ul dwell_s")
 
 
 @dataclass(frozen=True)

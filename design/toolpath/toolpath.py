@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, Final, Literal, cast
@@ -81,20 +81,7 @@ class Toolpath:
 
     def where(self, rows: IntArray | NDArray[np.bool_]) -> Toolpath:
         """The moves of a mask or of row numbers; they may have gaps between them."""
-        columns = {
-            name: getattr(self, name)[rows]
-            for name in ("start", "end", "volume_ul", "speed_mm_s", "duration_s")
-        }
-        whole = {name: getattr(self, name)[rows] for name in ("tool", "kind", "source")}
-        return Toolpath(**columns, **whole, **self._kinds)
-
-    @property
-    def _kinds(self) -> dict[str, Any]:
-        return {
-            "source_kind": self.source_kind,
-            "layer_height_mm": self.layer_height_mm,
-            "heights_mm": self.heights_mm,
-        }
+        return replace(self, **{name: getattr(self, name)[rows] for name in ARRAYS})
 
     @property
     def lengths(self) -> FloatArray:
@@ -114,32 +101,21 @@ class Toolpath:
 
 def join_toolpaths(parts: Sequence[Toolpath]) -> Toolpath:
     """One toolpath of its parts (at least one), each of which begins where the last one ended."""
-
-    def along(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    return Toolpath(
-        start=along("start"),
-        end=along("end"),
-        volume_ul=along("volume_ul"),
-        speed_mm_s=along("speed_mm_s"),
-        duration_s=along("duration_s"),
-        tool=along("tool"),
-        kind=along("kind"),
-        source=along("source"),
-        source_kind=parts[0].source_kind,
-        layer_height_mm=parts[0].layer_height_mm,
-        heights_mm={layer: mm for part in parts for layer, mm in part.heights_mm.items()},
-    )
+    heights = {layer: mm for part in parts for layer, mm in part.heights_mm.items()}
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name) for one in parts]) for name in ARRAYS
+    }
+    return replace(parts[0], **arrays, heights_mm=heights)
 
 
 _OTHERS: Final = ("source_kind", "layer_height_mm", "heights_mm")
-_ARRAYS: Final = tuple(field.name for field in fields(Toolpath) if field.name not in _OTHERS)
+ARRAYS: Final = tuple(field.name for field in fields(Toolpath) if field.name not in _OTHERS)
+"""Fields of `Toolpath` with an entry for each move."""
 
 
 def save_toolpath(path: Path, toolpath: Toolpath) -> None:
     """Write as ``.npz``; the name is taken only by a whole file."""
-    arrays: dict[str, Any] = {name: getattr(toolpath, name) for name in _ARRAYS}
+    arrays: dict[str, Any] = {name: getattr(toolpath, name) for name in ARRAYS}
     arrays["source_kind"] = np.array(toolpath.source_kind)
     arrays["layer_height_mm"] = np.array(toolpath.layer_height_mm)
     arrays["heights_mm"] = np.array(sorted(toolpath.heights_mm.items())).reshape(-1, 2)
@@ -150,7 +126,7 @@ def save_toolpath(path: Path, toolpath: Toolpath) -> None:
 def load_toolpath(path: Path) -> Toolpath:
     """Read what `save_toolpath` wrote."""
     with np.load(path, allow_pickle=False) as data:
-        arrays = {name: data[name] for name in _ARRAYS}
+        arrays = {name: data[name] for name in ARRAYS}
         kind = cast(Literal["layer", "vessel"], str(data["source_kind"]))
         return Toolpath(
             **arrays,
@@ -167,9 +143,14 @@ def require_positive(where: str, **values: float) -> None:
             raise ToolpathError(f"{name} is {value:g} ({where}); it must be finite and above 0")
 
 
-def require_not_negative(where: str, **values: float) -> None:
-    """Raise `ToolpathError` for the first value that isn't finite and at least 0."""
-    for name, value in values.items():
+def check_fields(where: str, options: object, positive: str, not_negative: str = "") -> None:
+    """Raise `ToolpathError` for the first of the fields named that is out of its range.
+
+    Both lists are names with spaces between: of fields above 0, and of fields of at least 0.
+    """
+    require_positive(where, **{name: getattr(options, name) for name in positive.split()})
+    for name in not_negative.split():
+        value = getattr(options, name)
         if not (math.isfinite(value) and value >= 0):
             raise ToolpathError(f"{name} is {value:g} ({where}); it must be finite and at least 0")
 

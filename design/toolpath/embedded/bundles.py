@@ -262,8 +262,8 @@ class LumenGroups:
             return joined
         return replace(joined, open=[one for one in joined.open if not self._inside(one)])
 
-    def told(self, report: EmbeddedReport) -> EmbeddedReport:
-        """The report in the design's vessels; crossings are told so already."""
+    def report_of_design(self, report: EmbeddedReport) -> EmbeddedReport:
+        """The report in the design's vessels; crossings name them already."""
         if self._bundles.is_plain:
             return report
         owner = self._owner.tolist()

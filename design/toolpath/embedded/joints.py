@@ -269,10 +269,11 @@ class _Extended:
         return not any(one.entered for one in self.barred + self.brushed)
 
 
+@dataclass(frozen=True)
 class Joiner:
     """Closes the joints of ordered passes.
 
-    Parameters
+    Attributes
     ----------
     elements : Elements
     squares : ElementSquares
@@ -282,16 +283,11 @@ class Joiner:
         Whether a joint rather stays open than that the needle enters its overlap later.
     """
 
-    def __init__(
-        self,
-        elements: Elements,
-        squares: ElementSquares,
-        meetings: Meetings,
-        needle: Needle,
-        strict: bool = False,
-    ) -> None:
-        self.elements, self.squares, self.meetings = elements, squares, meetings
-        self.needle, self.strict = needle, strict
+    elements: Elements
+    squares: ElementSquares
+    meetings: Meetings
+    needle: Needle
+    strict: bool = False
 
     def join(self, passes: list[Pass], explain: bool = False) -> JoinedPasses:
         """Close what can be closed; say of open ones what would close them, if asked."""

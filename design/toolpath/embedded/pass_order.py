@@ -6,7 +6,7 @@ what such a chain doesn't hold is written before both, or after.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.report import JoinedPasses
 from design.toolpath.embedded.rules import Rules, one_way, owners, with_more
-from design.toolpath.embedded.schedule import Leg, Pass, Scheduler
+from design.toolpath.embedded.schedule import Leg, Pass, schedule_passes
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
@@ -547,7 +547,7 @@ def order_passes(
     asked = one_way(rules, elements.vessel)
     best: _Order | None = None
     for way in WAYS if _rounds(elements) > 1 else WAYS[:1]:
-        one = _best_round(Scheduler(elements, asked, head, out), rules, joiner, way)
+        one = _best_round(elements, asked, head, out, rules, joiner, way)
         best = one if best is None else min(best, one, key=_score)
         if not best.joined.open:
             break
@@ -555,12 +555,19 @@ def order_passes(
     return best.passes, best.joined
 
 
-def _best_round(scheduler: Scheduler, rules: Rules, joiner: Joiner, way: _Way) -> _Order:
-    elements, asked, head = scheduler.elements, scheduler.rules, scheduler.head
+def _best_round(
+    elements: Elements,
+    asked: Rules,
+    head: IntArray,
+    out: NDArray[np.bool_] | None,
+    rules: Rules,
+    joiner: Joiner,
+    way: _Way,
+) -> _Order:
     best: _Order | None = None
     since, random = 0, np.random.default_rng(0)
     for _ in range(_rounds(elements)):
-        passes = replace(scheduler, rules=asked).run()
+        passes = schedule_passes(elements, asked, head, out)
         if way.merge:
             passes = fewest(passes, elements, asked, head, random)
         if way.shorten:

@@ -20,7 +20,7 @@ from design.toolpath.embedded.elements import (
     squares_of,
 )
 from design.toolpath.embedded.joints import Joiner
-from design.toolpath.embedded.left_out import Leaving
+from design.toolpath.embedded.left_out import Omissions
 from design.toolpath.embedded.needle import EmbeddedHeads, Needle
 from design.toolpath.embedded.options import EmbeddedOptions
 from design.toolpath.embedded.pass_order import order_passes
@@ -54,22 +54,14 @@ from kernels.arrays import IntArray
 
 
 @dataclass(frozen=True)
-class ShaftEncounters:
-    """What the shaft meets, as in `EmbeddedReport`."""
-
-    crossings: tuple[Crossing, ...]
-    grazes: tuple[Crossing, ...]
-    merged: tuple[Merged, ...]
-
-
-@dataclass(frozen=True)
 class _Written:
-    """A path with its joints, its writer, and what its shaft meets."""
+    """A path with its joints and its writer, and where its shaft meets ink or passes it closely."""
 
     toolpath: Toolpath
     joined: JoinedPasses
     writer: FilamentWriter
-    met: ShaftEncounters
+    crossings: tuple[Crossing, ...]
+    grazes: tuple[Crossing, ...]
 
 
 @dataclass(frozen=True)
@@ -108,22 +100,6 @@ class Scene:
         meetings = with_touches(nodes, collisions, elements)
         return Scene(design, elements, squares, meetings, collisions, needle, lumens)
 
-    def closed(
-        self, passes: list[Pass], joined: JoinedPasses, joiner: Joiner, heads: EmbeddedHeads
-    ) -> JoinedPasses:
-        """The joints of ordered passes, open ones with what would close them.
-
-        Raises
-        ------
-        ToolpathError
-            When more joints stay open than allowed.
-        """
-        if joined.open:
-            joined = joiner.join(passes, explain=True)
-        joined = self.lumens.closed(joined)
-        _refuse_open(joined, heads)
-        return joined
-
     def written(
         self,
         passes: list[Pass],
@@ -140,21 +116,14 @@ class Scene:
         writer.write_all(passes, joined)
         recovery_s = max(one.recovery_s for one in heads.options)
         toolpath = add_recovery_dwells(writer.builder.build(), recovery_s, heads.shaft_mm)
-        return _Written(toolpath, joined, writer, self.met(toolpath, writer, heads))
-
-    def met(
-        self, toolpath: Toolpath, writer: FilamentWriter, heads: EmbeddedHeads
-    ) -> ShaftEncounters:
-        """What the shaft meets on a path: the bare needle, and what it must keep free."""
         laid = WrittenMoves(*self.lumens.of_design(*writer.laid()))
         spared = exempt_lengths(self.design, self.collisions, self.lumens.lumen_mm)
         look = max(one.clearance_mm for one in heads.options)
         entries = find_shaft_contacts(toolpath, laid, spared, heads.needles(), look)
-        return ShaftEncounters(
-            crossings=_by_vessels([one for one in entries if one.depth_mm > TOUCH_MM], toolpath),
-            grazes=_by_vessels([one for one in entries if one.depth_mm <= TOUCH_MM], toolpath),
-            merged=_merged(self.design, self.collisions),
-        )
+        deep = [one for one in entries if one.depth_mm > TOUCH_MM]
+        near = [one for one in entries if one.depth_mm <= TOUCH_MM]
+        crossings, grazes = _by_vessels(deep, toolpath), _by_vessels(near, toolpath)
+        return _Written(toolpath, joined, writer, crossings, grazes)
 
 
 def plan_embedded(
@@ -186,9 +155,9 @@ def plan_embedded(
     scene = Scene.of(bundles, heads)
     all_rules = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
     rules = scene.lumens.without(all_rules)
-    out = Leaving(scene.design, scene.elements, scene.meetings, scene.needle, bundles.owner)
+    out = Omissions(scene.design, scene.elements, scene.meetings, scene.needle, bundles.owner)
     if heads.leave_out:
-        out.leave(out.conflicts(rules))
+        out.omit(out.conflicts(rules))
     joiner = Joiner(
         scene.elements, scene.squares, scene.meetings, scene.needle, strict=heads.leave_out
     )
@@ -198,15 +167,18 @@ def plan_embedded(
     known: dict[Leg, Stretch] = {}
     while True:
         done = scene.written(passes, joined, heads, known)
-        crossed = out.crossed((*done.met.crossings, *done.met.grazes))
+        crossed = out.crossed((*done.crossings, *done.grazes))
         if not heads.leave_out or not crossed:
             break
-        out.leave(crossed)
+        out.omit(crossed)
         passes = out.trimmed(passes)
         joined = joiner.join(passes)
-    done = replace(done, joined=scene.closed(passes, joined, joiner, heads))
-    report = _report(done, scene.elements, passes, out)
-    return EmbeddedPlan(done.toolpath, scene.lumens.told(report))
+    if joined.open:
+        joined = joiner.join(passes, explain=True)
+    done = replace(done, joined=scene.lumens.closed(joined))
+    _refuse_open(done.joined, heads)
+    report = _report(done, scene, passes, out)
+    return EmbeddedPlan(done.toolpath, scene.lumens.report_of_design(report))
 
 
 def _refuse_open(joined: JoinedPasses, heads: EmbeddedHeads) -> None:
@@ -260,8 +232,8 @@ def _merged(network: VesselNetwork, touches: Touches) -> tuple[Merged, ...]:
     return tuple(sorted(merged, key=lambda m: (-m.overlap_mm, m.vessel, m.other)))
 
 
-def _report(done: _Written, elements: Elements, passes: list[Pass], out: Leaving) -> EmbeddedReport:
-    toolpath, joined, met = done.toolpath, done.joined, done.met
+def _report(done: _Written, scene: Scene, passes: list[Pass], out: Omissions) -> EmbeddedReport:
+    toolpath, joined, elements = done.toolpath, done.joined, scene.elements
     length, speed = toolpath.lengths, toolpath.speed_mm_s
     write, travel = toolpath.kind == MoveKind.WRITE, toolpath.kind == MoveKind.TRAVEL
     r0, r1 = elements.radius.T
@@ -269,15 +241,15 @@ def _report(done: _Written, elements: Elements, passes: list[Pass], out: Leaving
     return EmbeddedReport(
         vessels=int(elements.vessel[-1]) + 1,
         passes=len(passes),
-        crossings=met.crossings,
-        grazes=met.grazes,
-        merged=met.merged,
+        crossings=done.crossings,
+        grazes=done.grazes,
+        merged=_merged(scene.design, scene.collisions),
         joints=joined.joints,
         overlapped=joined.overlapped,
         shortened=tuple(joined.shortened),
         continued=joined.through,
         open=tuple(joined.open),
-        left_out=out.told(),
+        left_out=out.omitted_vessels(),
         cut_off=out.cut_off(),
         design_ul=float(volume[~out.elements].sum()),
         overlap_ul=done.writer.overlap_ul,

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection
@@ -408,7 +408,9 @@ class Carriage:
         gone = before & (rows.kind == MoveKind.RETRACT)
         if new not in self._used:
             gone |= before & (rows.kind == MoveKind.PRIME)
-        rest, old = _where(rows, ~gone), self._heads[self._active]
+        columns = ("end", "volume_ul", "speed_mm_s", "duration_s", "kind")
+        rest = replace(rows, **{name: getattr(rows, name)[~gone] for name in columns})
+        old = self._heads[self._active]
         tool = np.full(len(rest.kind), new)
         if old.retract_ul == 0:
             return rest, tool
@@ -425,25 +427,12 @@ class Carriage:
         return _joined([relieved, rest]), np.append([self._active], tool)
 
 
-def _where(rows: Rows, keep: NDArray[np.bool_]) -> Rows:
-    return replace(
-        rows,
-        end=rows.end[keep],
-        volume_ul=rows.volume_ul[keep],
-        speed_mm_s=rows.speed_mm_s[keep],
-        duration_s=rows.duration_s[keep],
-        kind=rows.kind[keep],
-    )
-
-
 def _joined(parts: Sequence[Rows]) -> Rows:
-    return Rows(
-        end=np.concatenate([np.zeros((0, 3)), *(part.end for part in parts)]),
-        volume_ul=np.concatenate([np.zeros(0), *(part.volume_ul for part in parts)]),
-        speed_mm_s=np.concatenate([np.zeros(0), *(part.speed_mm_s for part in parts)]),
-        duration_s=np.concatenate([np.zeros(0), *(part.duration_s for part in parts)]),
-        kind=np.concatenate([np.zeros(0, dtype=np.int64), *(part.kind for part in parts)]),
-        travels=sum(part.travels for part in parts),
-        lifted=sum(part.lifted for part in parts),
-        links=sum(part.links for part in parts),
-    )
+    columns = np.zeros((0, 3)), *np.zeros((3, 0)), np.zeros(0, dtype=np.int64)
+    all_rows: dict[str, Any] = {
+        field.name: np.concatenate([column, *(getattr(one, field.name) for one in parts)])
+        for field, column in zip(fields(Rows), columns, strict=False)
+    }
+    for name in ("travels", "lifted", "links"):
+        all_rows[name] = sum(getattr(one, name) for one in parts)
+    return Rows(**all_rows)

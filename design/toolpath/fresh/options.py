@@ -10,7 +10,7 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
-from design.toolpath.toolpath import require_not_negative, require_positive
+from design.toolpath.toolpath import check_fields
 from firmware_profiles.bead import BeadSection
 
 # Options of infill inside a FRESH part's walls: pattern, density, angles.
@@ -107,12 +107,7 @@ class Adaptive:
     step_mm: float = 2.5e-3
 
     def __post_init__(self) -> None:
-        require_positive(
-            "adaptive layers",
-            thinnest_mm=self.thinnest_mm,
-            stair_mm=self.stair_mm,
-            step_mm=self.step_mm,
-        )
+        check_fields("adaptive layers", self, "thinnest_mm stair_mm step_mm")
 
 
 @dataclass(frozen=True)
@@ -185,25 +180,12 @@ class FreshOptions:
     plunger_ul_s: float = 0.4
 
     def __post_init__(self) -> None:
-        require_positive(
+        check_fields(
             "FRESH options",
-            layer_height_mm=self.layer_height_mm,
-            line_width_mm=self.line_width_mm,
-            write_speed_mm_s=self.write_speed_mm_s,
-            travel_speed_mm_s=self.travel_speed_mm_s,
-            lift_speed_mm_s=self.lift_speed_mm_s,
-            lift_mm=self.lift_mm,
-            plunger_ul_s=self.plunger_ul_s,
-        )
-        require_not_negative(
-            "FRESH options",
-            link_mm=self.link_mm,
-            joint_mm=self.joint_mm,
-            hop_mm=self.hop_mm,
-            lead_mm=self.lead_mm,
-            least_move_mm=self.least_move_mm,
-            clear_mm=self.clear_mm,
-            retract_ul=self.retract_ul,
+            self,
+            "layer_height_mm line_width_mm write_speed_mm_s travel_speed_mm_s lift_speed_mm_s "
+            "lift_mm plunger_ul_s",
+            "link_mm joint_mm hop_mm lead_mm least_move_mm clear_mm retract_ul",
         )
         if not 0.2 <= self.least_line <= 1:
             raise ToolpathError(

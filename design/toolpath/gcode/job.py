@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from design.toolpath.toolpath import require_not_negative, require_positive
+from design.toolpath.toolpath import check_fields
 from firmware_profiles import Syringe
 from kernels.arrays import IntArray
 
@@ -73,9 +73,7 @@ class HeadLoad:
     plunger_ul_s: float = 0.4
 
     def __post_init__(self) -> None:
-        where = "head's load"
-        require_positive(where, flow_factor=self.flow_factor, plunger_ul_s=self.plunger_ul_s)
-        require_not_negative(where, relieve_ul=self.relieve_ul)
+        check_fields("head's load", self, "flow_factor plunger_ul_s", "relieve_ul")
 
 
 @dataclass(frozen=True)
@@ -125,13 +123,6 @@ class GcodeOptions:
     safe_z_mm: float | None = None
 
     def __post_init__(self) -> None:
-        where = "G-code options"
-        require_positive(
-            where,
-            travel_speed_mm_s=self.travel_speed_mm_s,
-            plunger_ul_s=self.plunger_ul_s,
-            flow_factor=self.flow_factor,
-        )
-        if self.flow_ul_s is not None:
-            require_positive(where, flow_ul_s=self.flow_ul_s)
-        require_not_negative(where, clearance_mm=self.clearance_mm, relieve_ul=self.relieve_ul)
+        flow = "" if self.flow_ul_s is None else "flow_ul_s"
+        positive = f"travel_speed_mm_s plunger_ul_s flow_factor {flow}"
+        check_fields("G-code options", self, positive, "clearance_mm relieve_ul")

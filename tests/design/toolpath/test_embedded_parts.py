@@ -19,7 +19,7 @@ from design.toolpath.embedded.needle import (
 )
 from design.toolpath.embedded.pass_order import CLIMB, broken_rules, fewest, shorten_travels
 from design.toolpath.embedded.rules import Rules, at_nodes, find_rules, touches, with_touches
-from design.toolpath.embedded.schedule import Leg, Pass, Scheduler
+from design.toolpath.embedded.schedule import Leg, Pass, schedule_passes
 from tests.design.networks import network, polyline, polylines
 from tests.design.toolpath.shapes import cage, helix, random_tree, ring
 from tests.slower import examples
@@ -212,7 +212,7 @@ def test_all_is_written_once_and_rules_that_can_all_be_kept_are_kept(seed, densi
         if a != b and (not ranked or rank[a] < rank[b]) and rng.random() < density
     }
     rules = rules_of(pairs, count)
-    passes = Scheduler(TREE, rules, np.zeros(len(TREE.first) - 1, dtype=np.int64)).run()
+    passes = schedule_passes(TREE, rules, np.zeros(len(TREE.first) - 1, dtype=np.int64))
     order = order_of(passes)
     assert sorted(order) == list(range(count))
     first, after = broken_rules(rules, passes)
