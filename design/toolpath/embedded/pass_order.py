@@ -20,10 +20,34 @@ from design.toolpath.embedded.schedule import Leg, Pass, schedule_passes
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-TRIES, PATIENCE = 64, 16
-"""Times that passes are split and made one in another order; at most so many in vain in a row."""
-SPLIT = 0.2
-"""Share of the places between two legs at which passes are split."""
+
+@dataclass(frozen=True)
+class SearchLimits:
+    """Limits of the search for an order of passes.
+
+    Attributes
+    ----------
+    merges, useless_merges : int
+        Times that passes are split and merged again; of these, in vain in a row.
+    split_share : float
+        Share of the places between two legs at which passes are split.
+    rounds, useless_rounds : int
+        Orders tried of one way to lay passes; of these, no better than the best in a row.
+    ordered_elements, large : int
+        Elements that all rounds may order together; of more than `large` there is one round: what a
+        large network leaves open after it is open by its design.
+    """
+
+    merges: int = 64
+    useless_merges: int = 16
+    split_share: float = 0.2
+    rounds: int = 8
+    useless_rounds: int = 3
+    ordered_elements: int = 100_000
+    large: int = 20_000
+
+
+LIMITS = SearchLimits()
 
 
 def fewest(
@@ -42,8 +66,8 @@ def fewest(
     graph = pass_rules([Pass((leg,)) for leg in legs], elements, rules)
     number = {leg.middle: k for k, leg in enumerate(legs)}
     best, vain = merge_passes(passes, _of_legs(passes, number, graph), elements, head), 0
-    for _ in range(TRIES):
-        if vain == PATIENCE or len(best) < 3:
+    for _ in range(LIMITS.merges):
+        if vain == LIMITS.useless_merges or len(best) < 3:
             break
         parts = _split(best, elements, random)
         tried = merge_passes(parts, _of_legs(parts, number, graph), elements, head, random)
@@ -91,7 +115,7 @@ def merge_passes(
 
 def _split(passes: list[Pass], elements: Elements, random: np.random.Generator) -> list[Pass]:
     """Cut passes at some of their nodes; a vessel once written in a row stays so."""
-    cut = iter((random.random(sum(len(one.legs) for one in passes)) < SPLIT).tolist())
+    cut = iter((random.random(sum(len(one.legs) for one in passes)) < LIMITS.split_share).tolist())
     parts: list[Pass] = []
     for one in passes:
         begin, cuts = 0, [next(cut) for _ in one.legs]
@@ -502,22 +526,9 @@ def reverse_pass(one: Pass) -> Pass:
 
 # Order writing strokes in rounds, each with added rules for open joints; keep the best order.
 
-MAX_ROUNDS, MAX_USELESS_ROUNDS = 8, 3
-"""At most so many, and so many that are no better than the best before."""
-WORK, LARGE = 100_000, 20_000
-"""Elements that all rounds may order together; of more than that there is one: what a large network
-leaves open after its first round is open by its design."""
-
-
-class _Way(NamedTuple):
-    """How passes are laid: whether they are merged, and moved for shorter ways between them."""
-
-    merge: bool
-    shorten: bool
-
-
-WAYS = (_Way(True, True), _Way(False, True), _Way(False, False))
-"""Tried in turn as long as joints stay open."""
+WAYS = ((True, True), (False, True), (False, False))
+"""Whether passes are merged, and moved for shorter travels: tried in turn as long as joints stay
+open. Of 18 random networks two end with better joints by the later ways."""
 
 
 @dataclass(frozen=True)
@@ -544,50 +555,35 @@ def order_passes(
     writes the later stretch before that ink, and what brushed an overlap before that; unless a rule
     of the shaft's says the opposite.
     """
-    asked = one_way(rules, elements.vessel)
-    best: _Order | None = None
-    for way in WAYS if _rounds(elements) > 1 else WAYS[:1]:
-        one = _best_round(elements, asked, head, out, rules, joiner, way)
-        best = one if best is None else min(best, one, key=_score)
-        if not best.joined.open:
+    one_order = one_way(rules, elements.vessel)
+    rounds, orders = _rounds(elements), list[_Order]()
+    for merge, shorten in WAYS if rounds > 1 else WAYS[:1]:
+        asked, best, since = one_order, len(orders), 0
+        random = np.random.default_rng(0)
+        for _ in range(rounds):
+            passes = schedule_passes(elements, asked, head, out)
+            if merge:
+                passes = fewest(passes, elements, asked, head, random)
+            if shorten:
+                passes = shorten_travels(passes, elements, asked, head)
+            orders.append(_judged(passes, rules, joiner))
+            if _score(orders[-1]) < _score(orders[best]):
+                best, since = len(orders) - 1, 0
+            elif len(orders) - 1 > best:
+                since += 1
+            first, after = np.array(orders[-1].joined.reorderings, dtype=np.int64).reshape(-1, 2).T
+            known, asked = asked, with_more(asked, first, after)
+            if len(asked.after) == len(known.after) or since == LIMITS.useless_rounds:
+                break
+        if not min(orders, key=_score).joined.open:
             break
-    assert best is not None
-    return best.passes, best.joined
-
-
-def _best_round(
-    elements: Elements,
-    asked: Rules,
-    head: IntArray,
-    out: NDArray[np.bool_] | None,
-    rules: Rules,
-    joiner: Joiner,
-    way: _Way,
-) -> _Order:
-    best: _Order | None = None
-    since, random = 0, np.random.default_rng(0)
-    for _ in range(_rounds(elements)):
-        passes = schedule_passes(elements, asked, head, out)
-        if way.merge:
-            passes = fewest(passes, elements, asked, head, random)
-        if way.shorten:
-            passes = shorten_travels(passes, elements, asked, head)
-        one = _judged(passes, rules, joiner)
-        if best is None or _score(one) < _score(best):
-            best, since = one, 0
-        else:
-            since += 1
-        first, after = np.array(one.joined.reorderings, dtype=np.int64).reshape(-1, 2).T
-        known, asked = asked, with_more(asked, first, after)
-        if len(asked.after) == len(known.after) or since == MAX_USELESS_ROUNDS:
-            break
-    assert best is not None
-    return best
+    chosen = min(orders, key=_score)
+    return chosen.passes, chosen.joined
 
 
 def _rounds(elements: Elements) -> int:
     count = len(elements.end)
-    return 1 if count > LARGE else min(WORK // count, MAX_ROUNDS)
+    return 1 if count > LIMITS.large else min(LIMITS.ordered_elements // count, LIMITS.rounds)
 
 
 def _score(one: _Order) -> tuple[tuple[int, ...], int]:
