@@ -17,7 +17,7 @@ from design.anatomy.trunk_lines import spread_sites
 from design.errors import LEAST_TERMINALS, CrowdedError, GrowthError, NoRoomError, WideTrunkError
 from design.network import VesselKind
 from design.tissue import Tissue
-from design.tissue.demand import Demand
+from design.tissue.tissue import Demand
 from design.units import PA_PER_MMHG
 from design.vasculature.growth.supply import demand_points
 from design.vasculature.options import GrowthOptions

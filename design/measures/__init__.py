@@ -13,13 +13,13 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from design.measures.junctions import MurrayResiduals, TerminalFlow
     from design.measures.measure import (
+        FlowPaths,
         MeasureOptions,
         NetworkMeasures,
         measure_network,
         measures_dict,
     )
     from design.measures.morphometry import Morphometry, OrderTable
-    from design.measures.path_lengths import FlowPaths
     from design.measures.published_comparison import compare_orders
     from design.measures.supply import BEYOND_UM, Oxygen, OxygenModel, Supply
 

@@ -4,18 +4,15 @@ Goes in: a mesh, an image, points or parameters. Comes out: a `Tissue`. Begin wi
 """
 
 from design.geometry.surface import Surface
-from design.tissue.columns import GridArrays
-from design.tissue.demand import (
-    Demand,
-    DepthDemand,
-    FunctionDemand,
-    ImageDemand,
-    UniformDemand,
-)
-from design.tissue.demand_sources import depth_demand, function_demand, image_demand
-from design.tissue.grid import SignedDistanceGrid
+from design.tissue.grid import GridArrays, SignedDistanceGrid
 from design.tissue.images import VolumeImage, label_surface, load_label_surface, read_image
-from design.tissue.load import load_surface, load_tissue
+from design.tissue.load import (
+    depth_demand,
+    function_demand,
+    image_demand,
+    load_surface,
+    load_tissue,
+)
 from design.tissue.parts import (
     Part,
     part_demands,
@@ -27,9 +24,15 @@ from design.tissue.parts import (
 from design.tissue.points import load_point_surface, point_surface
 from design.tissue.repair import repair_surface
 from design.tissue.shapes import annulus, biventricle, block, cylinder, folded_cortex, kidney, liver
-from design.tissue.spacing import SpacingRule
-from design.tissue.surface import SizeLimits, tissue_from_surface
-from design.tissue.tissue import Tissue
+from design.tissue.surface import SizeLimits, SpacingRule, tissue_from_surface
+from design.tissue.tissue import (
+    Demand,
+    DepthDemand,
+    FunctionDemand,
+    ImageDemand,
+    Tissue,
+    UniformDemand,
+)
 from design.tissue.zones import (
     BlockZone,
     CylinderZone,

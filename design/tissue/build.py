@@ -12,8 +12,16 @@ from scipy.ndimage import maximum_filter
 
 from design.geometry import TriangleTree, build_triangle_tree, gather_within, nearest_distance
 from design.geometry.segments import SLIVER
-from design.tissue.columns import BAND_CELLS, BRICK, Columns, GridArrays, cross_columns
-from design.tissue.grid import SignedDistanceGrid, mix, read
+from design.tissue.grid import (
+    BAND_CELLS,
+    BRICK,
+    Columns,
+    GridArrays,
+    SignedDistanceGrid,
+    cross_columns,
+    mix,
+    read,
+)
 from kernels import jit, pjit
 from kernels.arrays import FloatArray
 

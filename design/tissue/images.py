@@ -15,8 +15,7 @@ from scipy.ndimage import label as connected
 
 from design.errors import TissueError
 from design.geometry.surface import Surface
-from design.tissue.closed import enclosed_volume
-from design.tissue.isosurface import isosurface
+from design.tissue.closed import enclosed_volume, isosurface
 from design.tissue.zones import distinct_manifold, surface_of
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray

@@ -2,24 +2,243 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
+from manifold3d import Manifold, OpType
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from design.errors import TissueError
 from design.geometry import build_triangle_tree
+from design.geometry.crossings import find_crossings
 from design.geometry.surface import Surface
-from design.tissue.closed import FaceArray, enclosed_volume
-from design.tissue.demand import UNIFORM, Demand
-from design.tissue.grid import enclosed
-from design.tissue.shells import enclosures, shells_of
-from design.tissue.spacing import SpacingRule
-from design.tissue.surface import SizeLimits, tissue_from_surface
-from design.tissue.tissue import Tissue
+from design.tissue.closed import Edges, FaceArray, edges_of, enclosed_volume
+from design.tissue.grid import enclosed, winding_number
+from design.tissue.surface import SizeLimits, SpacingRule, tissue_from_surface
+from design.tissue.tissue import UNIFORM, Demand, Tissue
+from design.tissue.zones import manifold_of, surface_of
 from kernels.arrays import FloatArray
+
+# Find a surface's connected shells and their nesting; unite shells that overlap.
+
+_VOTES = 15
+_SAME_ANGLE = 1e-7
+"""Rad between faces at an edge that lie on each other."""
+_MOST = 2000
+"""Shells beyond which a mesh is taken for rubbish: all pairs are compared."""
+
+
+def neighbours(
+    edges: Edges,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    """Pairs of faces at edges that have two, and whether they agree on what is outside."""
+    order, first = edges.sides()
+    pair = edges.uses == 2
+    one, two = order[first[pair]] // 3, order[first[pair] + 1] // 3
+    return one, two, edges.balance[pair] == 0
+
+
+def shells_of(points: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
+    """Number of the shell that each face belongs to, (m,).
+
+    Joined across edges with two faces; pieces that aren't closed so also where shells touch in an
+    edge, across which those faces are joined that have the solid between them.
+    """
+    edges = edges_of(faces)
+    one, two, _ = neighbours(edges)
+    piece = _joined(len(faces), one, two)
+    here, there = _around_shared_edges(points, faces, edges)
+    if not len(here):
+        return piece
+    loose = _not_closed(edges, piece)
+    both = loose[piece[here]] & loose[piece[there]]
+    if not both.any():
+        return piece
+    return _joined(
+        len(faces), np.concatenate([one, here[both]]), np.concatenate([two, there[both]])
+    )
+
+
+def _joined(count: int, one: NDArray[np.int64], two: NDArray[np.int64]) -> NDArray[np.int64]:
+    graph = coo_matrix((np.ones(len(one), dtype=np.int8), (one, two)), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def _not_closed(edges: Edges, piece: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each piece has an edge with an odd number of its own faces."""
+    own = edges.of_face * (int(piece.max()) + 1) + np.repeat(piece, 3)
+    sides, uses = np.unique(own, return_counts=True)
+    loose = np.zeros(int(piece.max()) + 1, dtype=np.bool_)
+    loose[sides[uses % 2 == 1] % len(loose)] = True
+    return loose
+
+
+def _around_shared_edges(
+    points: FloatArray, faces: FaceArray, edges: Edges
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of faces with solid between them, at edges of four faces and more."""
+    pairs: list[tuple[int, int]] = []
+    for face, upward, _ in _shared_edges(points, faces, edges):
+        # Begin where most are closed: what is open then is closed later on.
+        begin = 1 + int(np.argmin(np.cumsum(np.where(upward, -1, 1))))
+        waiting: list[int] = []
+        for one, closes in zip(np.roll(face, -begin), np.roll(upward, -begin), strict=True):
+            if not closes:
+                waiting.append(int(one))
+            elif waiting:
+                pairs.append((waiting.pop(), int(one)))
+    rows = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return rows[:, 0], rows[:, 1]
+
+
+def _walls_back_to_back(points: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
+    """Faces that lie on others which look the other way, at edges of four faces and more."""
+    walls = list[int]()
+    for face, upward, angle in _shared_edges(points, faces, edges_of(faces)):
+        same = np.abs(np.angle(np.exp(1j * (angle - np.roll(angle, 1))))) < _SAME_ANGLE
+        opposite = upward != np.roll(upward, 1)
+        walls += face[same & opposite].tolist() + np.roll(face, 1)[same & opposite].tolist()
+    return np.unique(np.array(walls, dtype=np.int64))
+
+
+def _shared_edges(
+    points: FloatArray, faces: FaceArray, edges: Edges
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_], FloatArray]]:
+    """Around each edge of four faces and more: faces by angle, if they pass it upwards, angles.
+
+    Seen along the edge, a face that passes it upwards has its solid on the clockwise side, one that
+    passes it downwards on the other.
+    """
+    shared = np.flatnonzero((edges.uses > 2) & (edges.balance == 0)).tolist()
+    if not shared:
+        return
+    order, first = edges.sides()
+    for edge in shared:
+        sides = order[first[edge] : first[edge] + edges.uses[edge]]
+        face, corner = sides // 3, sides % 3
+        low, high = edges.ends[edge]
+        upward = faces[face, corner] == low
+        axis = points[high] - points[low]
+        axis = axis / max(float(np.linalg.norm(axis)), np.finfo(float).tiny)
+        across = points[faces[face, (corner + 2) % 3]] - points[low]
+        u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        angle = np.arctan2(across @ np.cross(axis, u), across @ u)
+        turn = np.lexsort([~upward, angle])
+        yield face[turn], upward[turn], angle[turn]
+
+
+def enclosures(points: FloatArray, faces: FaceArray, shell: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which shell (first index) holds which (second), (s, s), by most of some vertices.
+
+    Raises
+    ------
+    TissueError
+        When there are more shells than can be compared.
+    """
+    count = int(shell.max()) + 1
+    if count > _MOST:
+        raise TissueError(
+            f"mesh has {count} separate shells, more than {_MOST}; remove loose parts and try again"
+        )
+    parts = [faces[shell == n] for n in range(count)]
+    corners = [points[part] for part in parts]
+    low = np.array([c.min(axis=(0, 1)) for c in corners])
+    high = np.array([c.max(axis=(0, 1)) for c in corners])
+    holds = np.zeros((count, count), dtype=bool)
+    for n in range(count):
+        within = (low >= low[n]).all(axis=1) & (high <= high[n]).all(axis=1)
+        within[n] = False
+        if not within.any():
+            continue
+        tree = build_triangle_tree(points, parts[n])
+        for m in np.flatnonzero(within):
+            tried = np.unique(parts[m])
+            tried = tried[:: max(1, len(tried) // _VOTES)]
+            inside = sum(winding_number(tree, *points[v]) != 0 for v in tried)
+            holds[n, m] = 2 * inside > len(tried)
+    return holds
+
+
+def unite_shells(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArray, int, int]:
+    """Unite solids that overlap or lie within one another.
+
+    Each shell that looks inward is a cavity of the smallest one around it.
+
+    Returns
+    -------
+    points, faces
+        Untouched when no two solids overlap.
+    united : int
+        Shells that took part, 0 for none.
+    swallowed : int
+        Shells that look outward and lie wholly within solid.
+    """
+    shell = shells_of(points, faces)
+    count = int(shell.max()) + 1
+    if count == 1:
+        return points, faces, 0, 0
+    volume = np.array([enclosed_volume(points, faces[shell == n]) for n in range(count)])
+    holds = enclosures(points, faces, shell)
+    # Solids less cavities around each: 0 for one that stands free or within a cavity.
+    layers = (holds * np.sign(volume)[:, None]).sum(axis=0)
+    swallowed = (volume > 0) & (layers > 0)
+    pairs = crossing_faces(points, faces)
+    crossed = np.unique(
+        np.concatenate([shell[pairs].ravel(), shell[_walls_back_to_back(points, faces)]])
+    )
+    if len(crossed) == 0 and not swallowed.any():
+        return points, faces, 0, 0
+    whole = Manifold.batch_boolean(_solids(points, faces, shell, volume, holds), OpType.Add)
+    union = surface_of(whole, "the union of the mesh's shells", touching=True)
+    united = max(len(crossed), int(swallowed.sum()) + 1)
+    return union.vertices, union.faces, united, int(swallowed.sum())
+
+
+def _solids(
+    points: FloatArray,
+    faces: FaceArray,
+    shell: NDArray[np.int64],
+    volume: FloatArray,
+    holds: NDArray[np.bool_],
+) -> list[Manifold]:
+    """One solid per shell that looks outward, less its cavities."""
+    members = {int(n): [int(n)] for n in np.flatnonzero(volume > 0)}
+    for n in np.flatnonzero(volume <= 0):
+        around = np.flatnonzero(holds[:, n] & (volume > 0))
+        if len(around):
+            members[int(around[np.argmin(volume[around])])].append(int(n))
+    return [
+        manifold_of(Surface(points, faces[np.isin(shell, group)]), "a shell of the mesh")
+        for group in members.values()
+    ]
+
+
+_FLAT = 1e-12
+"""Height over longest edge below which a face counts as a line: far below what float32 tells."""
+
+
+def crossing_faces(vertices: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
+    """Pairs of faces (k, 2) that meet and share no vertex.
+
+    Neighbours aren't tried, nor faces without area: where slivers of a drawing program fold over
+    their neighbours by the file's rounding, nothing has to be mended.
+    """
+    wide = np.flatnonzero(_has_area(vertices[faces]))
+    pairs = wide[find_crossings(vertices, faces[wide]).pairs]
+    one, two = faces[pairs[:, 0]], faces[pairs[:, 1]]
+    return pairs[(one[:, :, None] != two[:, None, :]).all(axis=(1, 2))]
+
+
+def _has_area(corners: FloatArray) -> NDArray[np.bool_]:
+    edges = np.roll(corners, -1, axis=1) - corners
+    longest = (edges**2).sum(axis=2).max(axis=1)
+    twice = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    return np.asarray(twice > _FLAT * longest)
+
 
 _TRIED = 20_000
 """Points drawn in a part's bounds when its mean demand is measured."""

@@ -25,10 +25,9 @@ from design.errors import TissueError
 from design.geometry import build_triangle_tree, nearest_distances
 from design.geometry.polyline import vectors_across
 from design.geometry.surface import Surface
-from design.tissue.closed import format_points
-from design.tissue.isosurface import isosurface
+from design.tissue.closed import format_points, isosurface
 from design.tissue.load import check_file
-from design.tissue.shells import shells_of
+from design.tissue.parts import shells_of
 from design.tissue.surface import SizeLimits, check_size
 from design.tissue.zones import distinct_manifold, surface_of
 from design.units import MM_PER, LengthUnit

@@ -4,7 +4,6 @@ Goes in: a network or solid, and options. Comes out: a `Toolpath`, then G-code t
 `toolpath.py`.
 """
 
-from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import MoveKind, Toolpath, join_toolpaths
+from design.toolpath.toolpath import MoveBuilder, MoveKind, Toolpath, join_toolpaths
 
 __all__ = ["MoveBuilder", "MoveKind", "Toolpath", "join_toolpaths"]

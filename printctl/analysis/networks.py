@@ -24,7 +24,7 @@ from design.network import VesselNetwork
 from design.network_files.by_suffix import ASKED, READ, SAID, WRITERS, read_with_notes
 from design.network_files.csv_format import read_network_csv
 from design.network_files.merge import NetworkWithNotes
-from design.network_files.simvascular import write_simvascular_paths
+from design.network_files.vtp import write_simvascular_paths
 from design.solids import read_solid
 from design.units import BLOOD_MPA_S, MM_PER, PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
 from kernels.arrays import FloatArray

@@ -10,7 +10,7 @@ import numpy as np
 from design.errors import ToolpathError
 from design.hemodynamics import scaled_network
 from design.solids import Solid, surface_genus
-from design.toolpath.correction_checks import check_outside, check_walls
+from design.toolpath.correction import check_outside, check_walls
 from printctl.corrections.compensation import (
     CompensationFile,
     PrintConditions,

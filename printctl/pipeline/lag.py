@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from design.toolpath import Toolpath
-from design.toolpath.lag import compensate_lag
+from design.toolpath.added_moves import compensate_lag
 from printctl.checks.bead import lag_of
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
@@ -17,7 +17,7 @@ OF_SPEED: Final = 0.5
 
 
 def ahead_of_lag(context: RunContext, toolpath: Toolpath) -> Toolpath:
-    """The path with `design.toolpath.lag`'s compensation.
+    """The path with `design.toolpath.added_moves`'s compensation.
 
     Raises
     ------

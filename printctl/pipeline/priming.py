@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath import Toolpath
-from design.toolpath.priming import HeadPriming, PrimeLine, Purge, Surroundings, priming
+from design.toolpath.added_moves import HeadPriming, PrimeLine, Purge, Surroundings, priming
 from printctl.checks.set_up import ABOVE_WALL_MM
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext

@@ -44,8 +44,7 @@ from design.solids.dimensions import BORE_BEYOND_MM
 from design.solids.read import SUFFIXES
 from design.solids.topology import edge_faults
 from design.solids.tube import FACET_TOLERANCE_MM
-from design.tissue.parts import surface_parts
-from design.tissue.shells import shells_of
+from design.tissue.parts import shells_of, surface_parts
 from design.vasculature import PLANAR_DIMPLES, Dimple
 from kernels.arrays import IntArray
 from printctl.pipeline.context import RunContext

@@ -9,10 +9,10 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from design.toolpath.embedded.bundles import Bundles, bundled
+    from design.toolpath.embedded.needle import EmbeddedHeads, check_thinnest, check_vessels
     from design.toolpath.embedded.options import EmbeddedOptions
     from design.toolpath.embedded.plan import EmbeddedPlan, plan_embedded
     from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
-    from design.toolpath.embedded.vessel_heads import EmbeddedHeads, check_thinnest, check_vessels
 
 __all__ = [
     "Bundles",

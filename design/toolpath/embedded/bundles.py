@@ -22,8 +22,7 @@ from design.solids.tube import unit_rings
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.needle import JOINT, Needle
 from design.toolpath.embedded.report import EmbeddedReport, JoinedPasses, WeakJoint
-from design.toolpath.embedded.rules import Rules, barring_each_other, owners, select_rules
-from design.toolpath.embedded.touches import arcs_of
+from design.toolpath.embedded.rules import Rules, arcs_of, barring_each_other, owners, select_rules
 from design.toolpath.gcode import Gcode
 from kernels.arrays import FloatArray, IntArray
 
@@ -263,8 +262,8 @@ class LumenGroups:
             return joined
         return replace(joined, open=[one for one in joined.open if not self._inside(one)])
 
-    def told(self, report: EmbeddedReport) -> EmbeddedReport:
-        """The report in the design's vessels; crossings are told so already."""
+    def report_of_design(self, report: EmbeddedReport) -> EmbeddedReport:
+        """The report in the design's vessels; crossings name them already."""
         if self._bundles.is_plain:
             return report
         owner = self._owner.tolist()

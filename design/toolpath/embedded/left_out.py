@@ -112,7 +112,7 @@ class Supply:
         return sorted(cut)
 
 
-class Leaving:
+class Omissions:
     """Which vessels aren't written, and why; none at first.
 
     Parameters
@@ -167,7 +167,7 @@ class Leaving:
             if one.depth_mm > CERTAIN_MM
         ]
 
-    def leave(self, conflicts: Iterable[Conflict]) -> None:
+    def omit(self, conflicts: Iterable[Conflict]) -> None:
         """Leave out one vessel of each conflict."""
         self._why |= choose_omitted(conflicts, self._design, set(self._why))
         self.elements = np.isin(self._owner[self._cut.vessel], list(self._why))
@@ -191,7 +191,7 @@ class Leaving:
                     kept_passes.append(Pass(tuple(leg for _, leg in legs)))
         return kept_passes
 
-    def told(self) -> tuple[OmittedVessel, ...]:
+    def omitted_vessels(self) -> tuple[OmittedVessel, ...]:
         """All that isn't written, with what would have to change."""
         return tuple(self._omitted_vessel(vessel, why) for vessel, why in sorted(self._why.items()))
 

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import ToolpathError
+from design.network import VesselNetwork
+from design.toolpath.embedded.options import EmbeddedOptions
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 JOINT: Final = math.sqrt(2.0)
 """Ink so many times tip and filament radius away along a vessel is a joint's: slopes of up to
@@ -130,3 +139,219 @@ def without_clearance(needle: Needle) -> Needle:
         needle.cone_mm,
         needle.overlap_radii,
     )
+
+
+# Data class of each vessel's print head with its needle and ink; clearances of all heads.
+
+
+@dataclass(frozen=True)
+class EmbeddedHeads:
+    """Heads of an embedded job, one or several.
+
+    Attributes
+    ----------
+    options : tuple of EmbeddedOptions
+        Of each head: its needle, its ink's relief, its speeds.
+    vessel_head : (n,) int64
+        The head of each vessel of the network.
+
+    Raises
+    ------
+    ToolpathError
+        For a vessel whose head isn't there.
+    """
+
+    options: tuple[EmbeddedOptions, ...]
+    vessel_head: IntArray
+
+    def __post_init__(self) -> None:
+        wrong = np.flatnonzero((self.vessel_head < 0) | (self.vessel_head >= len(self.options)))
+        if len(wrong):
+            raise ToolpathError(
+                f"vessel {int(wrong[0])} is given to head {int(self.vessel_head[wrong[0]])}; there "
+                f"are {len(self.options)} (0 to {len(self.options) - 1})"
+            )
+
+    @staticmethod
+    def one(options: EmbeddedOptions, network: VesselNetwork) -> EmbeddedHeads:
+        """A single head writes all."""
+        return EmbeddedHeads((options,), np.zeros(len(network.vessel_nodes), dtype=np.int64))
+
+    def of(self, vessel: int) -> int:
+        """The head that writes a vessel."""
+        return int(self.vessel_head[vessel])
+
+    @property
+    def shaft_mm(self) -> float:
+        """Radius that must stay free around any head's shaft, mm."""
+        return max(one.shaft_mm for one in self.options)
+
+    @property
+    def bare_mm(self) -> tuple[float, float]:
+        """Radius of the thinnest and of the widest head's tip, mm."""
+        radii = [one.tip_mm - one.clearance_mm for one in self.options]
+        return min(radii), max(radii)
+
+    @property
+    def tip_mm(self) -> float:
+        """Radius that must stay free around any head's tip, mm."""
+        return max(one.tip_mm for one in self.options)
+
+    @property
+    def cone_mm(self) -> float:
+        """Height over which the tip widens to the shaft, mm; the shortest of all heads'."""
+        return min(one.cone_mm for one in self.options)
+
+    @property
+    def leave_out(self) -> bool:
+        """Whether vessels that can't be written without a crossing are left out."""
+        return all(one.leave_out for one in self.options)
+
+    @property
+    def look_within(self) -> bool:
+        """Whether passes name places to look."""
+        return any(one.look_within for one in self.options)
+
+    def needles(self) -> tuple[Needle, ...]:
+        """Each head's needle without its clearance."""
+        joint, widest = self.bare_mm
+        return tuple(
+            Needle(
+                joint,
+                widest,
+                one.tip_mm - one.clearance_mm,
+                one.shaft_mm - one.clearance_mm,
+                one.cone_mm,
+                self.overlap_radii,
+            )
+            for one in self.options
+        )
+
+    @property
+    def overlap_radii(self) -> float:
+        """The longest overlap of a joint, in radii."""
+        return max(one.overlap_radii for one in self.options)
+
+    def check(self, network: VesselNetwork) -> None:
+        """Refuse vessels that their own head's needle can't write."""
+        for number, options in enumerate(self.options):
+            check_vessels(network, options, np.flatnonzero(self.vessel_head == number))
+
+
+# Compute ink volume and speed for a filament's thickness; refuse vessels too thin or thick.
+
+NAMED: Final = 5
+"""Vessels that a message names, the thinnest first; the others are counted."""
+
+
+def frustum_ul(points: FloatArray, radius: FloatArray) -> FloatArray:
+    """Volume of each stretch of a tapered filament, (k - 1,), µL: π L (r₀² + r₀ r₁ + r₁²) / 3."""
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    start, end = radius[:-1], radius[1:]
+    return np.pi / 3.0 * length * (start**2 + start * end + end**2)
+
+
+def writing_speed(area_mm2: FloatArray, options: EmbeddedOptions) -> FloatArray:
+    """Speed of each stretch, mm/s: as fast as speed and flow limits allow, Q = A v."""
+    return np.minimum(options.write_speed_mm_s, options.max_flow_ul_s / area_mm2)
+
+
+def check_vessels(
+    network: VesselNetwork, options: EmbeddedOptions, vessels: IntArray | None = None
+) -> None:
+    """Refuse vessels that the needle can't write; all of them, or some (``vessels``).
+
+    Raises
+    ------
+    ToolpathError
+        As `check_thinnest`, and for the thickest vessel whose flow exceeds `max_flow_ul_s` even
+        at `min_speed_mm_s`.
+    """
+    check_thinnest(network, options, vessels)
+    _check_thickest(network, options, _looked_at(network, vessels))
+
+
+def _looked_at(network: VesselNetwork, vessels: IntArray | None) -> NDArray[np.bool_]:
+    every = np.arange(network.vessel_count)
+    return np.ones(len(every), np.bool_) if vessels is None else np.isin(every, vessels)
+
+
+def check_thinnest(
+    network: VesselNetwork,
+    options: EmbeddedOptions,
+    vessels: IntArray | None = None,
+    needles: Mapping[str, float] | None = None,
+) -> None:
+    """Refuse vessels thinner than the needle writes; of all of them, or of some (``vessels``).
+
+    Parameters
+    ----------
+    needles : mapping of str to float, mm
+        Bores of needles that may be had, by name; without them the bore needed is said alone.
+
+    Raises
+    ------
+    ToolpathError
+        Naming the thinnest of them, where it is, and what would write it.
+    """
+    thinnest = 2 * np.minimum.reduceat(network.radius, network.offset[:-1])
+    looked_at = _looked_at(network, vessels)
+    limit = options.smallest_lumen_mm
+    thin = np.flatnonzero((thinnest < limit * (1 - 1e-9)) & looked_at)
+    if len(thin):
+        thin = thin[np.argsort(thinnest[thin], kind="stable")]
+        vessel = int(thin[0])
+        scale = np.ceil(100 * limit / thinnest[vessel]) / 100
+        bore = float(thinnest[vessel]) / options.thinnest
+        raise ToolpathError(
+            f"vessel {vessel}: diameter {thinnest[vessel]:.3f} mm at "
+            f"{_thinnest_at(network, vessel)} is thinner than {limit:.3f} mm, "
+            f"{options.thinnest:g} × the needle's inner diameter of "
+            f"{options.needle_inner_mm:g} mm (needle_inner_mm; {len(thin)} such vessels: "
+            f"{_named(thin, thinnest)}); {_finer_needle(bore, needles or {})}, print it larger "
+            f"(print_scale in a recipe: {scale:g} times as large as now), or "
+            "let filaments be drawn thinner than the bore (toolpath.thinnest_bore in a recipe)"
+        )
+
+
+def _thinnest_at(network: VesselNetwork, vessel: int) -> str:
+    low, high = network.offset[vessel : vessel + 2]
+    at = network.points[low + int(np.argmin(network.radius[low:high]))]
+    return "({:.4g}, {:.4g}, {:.4g}) mm".format(*at.tolist())
+
+
+def _finer_needle(bore_mm: float, needles: Mapping[str, float]) -> str:
+    """What needle writes it: the widest that does, or that none of them does."""
+    fine = {name: bore for name, bore in needles.items() if bore <= bore_mm * (1 + 1e-9)}
+    if fine:
+        name = max(fine, key=lambda one: fine[one])
+        return f"use a needle of at most {bore_mm:.3f} mm bore ({name}: {fine[name]:g} mm)"
+    if not needles:
+        return f"use a needle of at most {bore_mm:.3f} mm bore"
+    name = min(needles, key=lambda one: needles[one])
+    return (
+        f"it takes a bore of at most {bore_mm:.3f} mm, and no shipped needle is that fine "
+        f"({name}: {needles[name]:g} mm); widen these vessels"
+    )
+
+
+def _check_thickest(
+    network: VesselNetwork, options: EmbeddedOptions, looked_at: NDArray[np.bool_]
+) -> None:
+    thickest = 2 * np.maximum.reduceat(network.radius, network.offset[:-1]) * looked_at
+    limit = options.largest_lumen_mm
+    thick = np.flatnonzero(thickest > limit * (1 + 1e-9))
+    if len(thick):
+        vessel = int(np.argmax(thickest))
+        raise ToolpathError(
+            f"vessel {vessel}: diameter {thickest[vessel]:.3f} mm is thicker than {limit:.3f} mm, "
+            f"which {options.max_flow_ul_s:g} µL/s (max_flow_ul_s) fill at "
+            f"{options.min_speed_mm_s:g} mm/s (min_speed_mm_s; {len(thick)} such vessels: "
+            f"{_named(thick, thickest)}); allow more flow or less speed"
+        )
+
+
+def _named(vessels: IntArray, diameter_mm: FloatArray) -> str:
+    """The first few vessels with their diameters, and how many more."""
+    named = ", ".join(f"{k} ({diameter_mm[k]:.3f} mm)" for k in vessels[:NAMED].tolist())
+    return named + (f" and {len(vessels) - NAMED} more" if len(vessels) > NAMED else "")

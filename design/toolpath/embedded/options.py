@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from design.errors import ToolpathError
-from design.toolpath.toolpath import require_not_negative, require_positive
+from design.toolpath.toolpath import check_fields
 from firmware_profiles.tools import THINNEST_BORE
 
 
@@ -78,29 +78,13 @@ class EmbeddedOptions:
     widest_filament_mm: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(
+        check_fields(
             "embedded options",
-            needle_inner_mm=self.needle_inner_mm,
-            needle_outer_mm=self.needle_outer_mm,
-            thinnest=self.thinnest,
-            write_speed_mm_s=self.write_speed_mm_s,
-            min_speed_mm_s=self.min_speed_mm_s,
-            max_flow_ul_s=self.max_flow_ul_s,
-            travel_speed_mm_s=self.travel_speed_mm_s,
-            lift_speed_mm_s=self.lift_speed_mm_s,
-            lift_mm=self.lift_mm,
-            plunger_ul_s=self.plunger_ul_s,
-        )
-        require_not_negative(
-            "embedded options",
-            clearance_mm=self.clearance_mm,
-            overlap_radii=self.overlap_radii,
-            retract_ul=self.retract_ul,
-            dwell_s=self.dwell_s,
-            tip_outer_mm=self.tip_outer_mm,
-            cone_mm=self.cone_mm,
-            open_joints=self.open_joints,
-            recovery_s=self.recovery_s,
+            self,
+            "needle_inner_mm needle_outer_mm thinnest write_speed_mm_s min_speed_mm_s "
+            "max_flow_ul_s travel_speed_mm_s lift_speed_mm_s lift_mm plunger_ul_s",
+            "clearance_mm overlap_radii retract_ul dwell_s tip_outer_mm cone_mm open_joints "
+            "recovery_s",
         )
         if (self.tip_outer_mm > 0) != (self.cone_mm > 0):
             raise ToolpathError(

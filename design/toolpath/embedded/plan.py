@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
@@ -16,12 +19,11 @@ from design.toolpath.embedded.elements import (
     longest_mm,
     squares_of,
 )
-from design.toolpath.embedded.improve import order_passes
 from design.toolpath.embedded.joints import Joiner
-from design.toolpath.embedded.left_out import Leaving
-from design.toolpath.embedded.look_places import look_places
-from design.toolpath.embedded.needle import Needle
+from design.toolpath.embedded.left_out import Omissions
+from design.toolpath.embedded.needle import EmbeddedHeads, Needle
 from design.toolpath.embedded.options import EmbeddedOptions
+from design.toolpath.embedded.pass_order import order_passes
 from design.toolpath.embedded.report import (
     Crossing,
     EmbeddedReport,
@@ -29,38 +31,37 @@ from design.toolpath.embedded.report import (
     Merged,
     WeakJoint,
 )
-from design.toolpath.embedded.rules import Meetings, at_nodes, find_rules, with_touches
+from design.toolpath.embedded.rules import (
+    Meetings,
+    Rules,
+    Touches,
+    at_nodes,
+    find_rules,
+    touches,
+    with_touches,
+)
 from design.toolpath.embedded.schedule import Leg, Pass
 from design.toolpath.embedded.shaft_contacts import (
     TOUCH_MM,
     Entry,
     WrittenMoves,
+    exempt_lengths,
     find_shaft_contacts,
 )
-from design.toolpath.embedded.shaft_kernels import exempt_lengths
-from design.toolpath.embedded.touches import Touches, touches
-from design.toolpath.embedded.vessel_heads import EmbeddedHeads
 from design.toolpath.embedded.write import FilamentWriter, Stretch, add_recovery_dwells
 from design.toolpath.toolpath import MoveKind, Toolpath
-
-
-@dataclass(frozen=True)
-class ShaftEncounters:
-    """What the shaft meets, as in `EmbeddedReport`."""
-
-    crossings: tuple[Crossing, ...]
-    grazes: tuple[Crossing, ...]
-    merged: tuple[Merged, ...]
+from kernels.arrays import IntArray
 
 
 @dataclass(frozen=True)
 class _Written:
-    """A path with its joints, its writer, and what its shaft meets."""
+    """A path with its joints and its writer, and where its shaft meets ink or passes it closely."""
 
     toolpath: Toolpath
     joined: JoinedPasses
     writer: FilamentWriter
-    met: ShaftEncounters
+    crossings: tuple[Crossing, ...]
+    grazes: tuple[Crossing, ...]
 
 
 @dataclass(frozen=True)
@@ -99,22 +100,6 @@ class Scene:
         meetings = with_touches(nodes, collisions, elements)
         return Scene(design, elements, squares, meetings, collisions, needle, lumens)
 
-    def closed(
-        self, passes: list[Pass], joined: JoinedPasses, joiner: Joiner, heads: EmbeddedHeads
-    ) -> JoinedPasses:
-        """The joints of ordered passes, open ones with what would close them.
-
-        Raises
-        ------
-        ToolpathError
-            When more joints stay open than allowed.
-        """
-        if joined.open:
-            joined = joiner.join(passes, explain=True)
-        joined = self.lumens.closed(joined)
-        _refuse_open(joined, heads)
-        return joined
-
     def written(
         self,
         passes: list[Pass],
@@ -131,21 +116,14 @@ class Scene:
         writer.write_all(passes, joined)
         recovery_s = max(one.recovery_s for one in heads.options)
         toolpath = add_recovery_dwells(writer.builder.build(), recovery_s, heads.shaft_mm)
-        return _Written(toolpath, joined, writer, self.met(toolpath, writer, heads))
-
-    def met(
-        self, toolpath: Toolpath, writer: FilamentWriter, heads: EmbeddedHeads
-    ) -> ShaftEncounters:
-        """What the shaft meets on a path: the bare needle, and what it must keep free."""
         laid = WrittenMoves(*self.lumens.of_design(*writer.laid()))
         spared = exempt_lengths(self.design, self.collisions, self.lumens.lumen_mm)
         look = max(one.clearance_mm for one in heads.options)
         entries = find_shaft_contacts(toolpath, laid, spared, heads.needles(), look)
-        return ShaftEncounters(
-            crossings=_by_vessels([one for one in entries if one.depth_mm > TOUCH_MM], toolpath),
-            grazes=_by_vessels([one for one in entries if one.depth_mm <= TOUCH_MM], toolpath),
-            merged=_merged(self.design, self.collisions),
-        )
+        deep = [one for one in entries if one.depth_mm > TOUCH_MM]
+        near = [one for one in entries if one.depth_mm <= TOUCH_MM]
+        crossings, grazes = _by_vessels(deep, toolpath), _by_vessels(near, toolpath)
+        return _Written(toolpath, joined, writer, crossings, grazes)
 
 
 def plan_embedded(
@@ -177,9 +155,9 @@ def plan_embedded(
     scene = Scene.of(bundles, heads)
     all_rules = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
     rules = scene.lumens.without(all_rules)
-    out = Leaving(scene.design, scene.elements, scene.meetings, scene.needle, bundles.owner)
+    out = Omissions(scene.design, scene.elements, scene.meetings, scene.needle, bundles.owner)
     if heads.leave_out:
-        out.leave(out.conflicts(rules))
+        out.omit(out.conflicts(rules))
     joiner = Joiner(
         scene.elements, scene.squares, scene.meetings, scene.needle, strict=heads.leave_out
     )
@@ -189,15 +167,18 @@ def plan_embedded(
     known: dict[Leg, Stretch] = {}
     while True:
         done = scene.written(passes, joined, heads, known)
-        crossed = out.crossed((*done.met.crossings, *done.met.grazes))
+        crossed = out.crossed((*done.crossings, *done.grazes))
         if not heads.leave_out or not crossed:
             break
-        out.leave(crossed)
+        out.omit(crossed)
         passes = out.trimmed(passes)
         joined = joiner.join(passes)
-    done = replace(done, joined=scene.closed(passes, joined, joiner, heads))
-    report = _report(done, scene.elements, passes, out)
-    return EmbeddedPlan(done.toolpath, scene.lumens.told(report))
+    if joined.open:
+        joined = joiner.join(passes, explain=True)
+    done = replace(done, joined=scene.lumens.closed(joined))
+    _refuse_open(done.joined, heads)
+    report = _report(done, scene, passes, out)
+    return EmbeddedPlan(done.toolpath, scene.lumens.report_of_design(report))
 
 
 def _refuse_open(joined: JoinedPasses, heads: EmbeddedHeads) -> None:
@@ -251,8 +232,8 @@ def _merged(network: VesselNetwork, touches: Touches) -> tuple[Merged, ...]:
     return tuple(sorted(merged, key=lambda m: (-m.overlap_mm, m.vessel, m.other)))
 
 
-def _report(done: _Written, elements: Elements, passes: list[Pass], out: Leaving) -> EmbeddedReport:
-    toolpath, joined, met = done.toolpath, done.joined, done.met
+def _report(done: _Written, scene: Scene, passes: list[Pass], out: Omissions) -> EmbeddedReport:
+    toolpath, joined, elements = done.toolpath, done.joined, scene.elements
     length, speed = toolpath.lengths, toolpath.speed_mm_s
     write, travel = toolpath.kind == MoveKind.WRITE, toolpath.kind == MoveKind.TRAVEL
     r0, r1 = elements.radius.T
@@ -260,15 +241,15 @@ def _report(done: _Written, elements: Elements, passes: list[Pass], out: Leaving
     return EmbeddedReport(
         vessels=int(elements.vessel[-1]) + 1,
         passes=len(passes),
-        crossings=met.crossings,
-        grazes=met.grazes,
-        merged=met.merged,
+        crossings=done.crossings,
+        grazes=done.grazes,
+        merged=_merged(scene.design, scene.collisions),
         joints=joined.joints,
         overlapped=joined.overlapped,
         shortened=tuple(joined.shortened),
         continued=joined.through,
         open=tuple(joined.open),
-        left_out=out.told(),
+        left_out=out.omitted_vessels(),
         cut_off=out.cut_off(),
         design_ul=float(volume[~out.elements].sum()),
         overlap_ul=done.writer.overlap_ul,
@@ -281,3 +262,84 @@ def _report(done: _Written, elements: Elements, passes: list[Pass], out: Leaving
         slowest_mm_s=float(speed[write].min()),
         fastest_mm_s=float(speed[write].max()),
     )
+
+
+# Find places within passes to look for gaps, before later ink bars the needle's way to them.
+
+MEND_OVERLAP_RADII: Final = 0.5
+"""Reach of the joint that mends are judged by (`printctl.observe.mending`), in radii."""
+
+
+def look_places(passes: Sequence[Pass], elements: Elements, needle: Needle) -> frozenset[int]:
+    """Return the elements before which a print should be looked at; never a pass's first one.
+
+    A needle that mends an element stands where it stood when that was written, and meets what the
+    pass has written since: beyond some 54 degrees a pass bars the way to itself. A look is due
+    before the first element that bars one written since the last look. So all that a look is the
+    first to see can be reached in it.
+
+    As in a mend, of which each pass is one path, the bare needle counts, and ink is spared by its
+    way along the pass alone: nodes within it are no joints of their own.
+
+    Parameters
+    ----------
+    passes : sequence of Pass
+        In their order.
+    elements : Elements
+    needle : Needle
+        With its clearance.
+    """
+    order = np.concatenate([one.elements() for one in passes])
+    written = _as_written(passes, elements)
+    mends = needle.bare()._replace(overlap_radii=MEND_OVERLAP_RADII)
+    rules = find_rules(
+        written, squares_of(written, mends.shaft_mm), _no_meetings(len(passes)), mends
+    )
+    first = written.first.tolist()
+    return frozenset(
+        int(order[at]) for low, high in pairwise(first) for at in _in_pass(low, high, rules)
+    )
+
+
+def _as_written(passes: Sequence[Pass], elements: Elements) -> Elements:
+    """Elements in the order and direction of writing, each pass a vessel of its own."""
+    order = np.concatenate([one.elements() for one in passes])
+    legs = [leg for one in passes for leg in one.legs]
+    backwards = np.repeat([leg.step < 0 for leg in legs], [leg.size for leg in legs])[:, None]
+    count = [sum(leg.size for leg in one.legs) for one in passes]
+    first = np.concatenate([[0], np.cumsum(count)])
+    number = np.repeat(np.arange(len(passes)), count)
+    end, radius, length = elements.end[order], elements.radius[order], elements.length[order]
+    way = np.cumsum(length) - length
+    arc = way - way[first[:-1]][number]
+    return Elements(
+        elements.point,
+        np.where(backwards, end[:, ::-1], end),
+        np.where(backwards, radius[:, ::-1], radius),
+        length,
+        arc,
+        np.column_stack([arc, arc + length]),
+        number,
+        first,
+    )
+
+
+def _no_meetings(vessels: int) -> Meetings:
+    """No joints but those along a vessel."""
+    nothing = np.zeros(0)
+    begin = np.zeros(vessels + 1, dtype=np.int64)
+    return Meetings(begin, nothing, np.zeros(0, dtype=np.int64), nothing, nothing)
+
+
+def _in_pass(low: int, high: int, rules: Rules) -> list[int]:
+    """Those of a pass whose elements are ``low`` to ``high - 1``."""
+    barred = np.full(high - low, -1, dtype=np.int64)  # the last one before that each bars
+    for element in range(low, high):
+        later: IntArray = rules.after[rules.begin[element] : rules.begin[element + 1]]
+        barred[later[(later > element) & (later < high)] - low] = element
+    looked, places = low, list[int]()
+    for element in range(low + 1, high):
+        if barred[element - low] >= looked:
+            looked = element
+            places.append(element)
+    return places

@@ -54,11 +54,15 @@ class Pass:
         return np.concatenate([leg.elements() for leg in self.legs])
 
 
-@dataclass(frozen=True)
-class Scheduler:
-    """Finds an order for all elements.
+def schedule_passes(
+    elements: Elements,
+    rules: Rules,
+    head: IntArray,
+    out: NDArray[np.bool_] | None = None,
+) -> list[Pass]:
+    """Order all elements into passes, one after another.
 
-    Attributes
+    Parameters
     ----------
     elements : Elements
     rules : Rules
@@ -67,26 +71,10 @@ class Scheduler:
     out : (n,) bool or None
         Elements of vessels that aren't written; no rule names them.
     """
-
-    elements: Elements
-    rules: Rules
-    head: IntArray
-    out: NDArray[np.bool_] | None = None
-
-    def run(self) -> list[Pass]:
-        """Order all; the passes, one after another."""
-        elements, count = self.elements, len(self.elements.end)
-        legs = _legs(
-            elements,
-            self.rules,
-            self.head,
-            ends_of(elements),
-            start_walk(self.rules, self.out),
-            none_open(count),
-        )
-        begin = np.flatnonzero(legs[:, 0])
-        parts = np.split(legs[:, 1:], begin[1:])
-        return [Pass(tuple(Leg(*leg) for leg in part.tolist())) for part in parts]
+    progress, stretches = start_walk(rules, out), none_open(len(elements.end))
+    legs = _legs(elements, rules, head, ends_of(elements), progress, stretches)
+    parts = np.split(legs[:, 1:], np.flatnonzero(legs[:, 0])[1:])
+    return [Pass(tuple(Leg(*leg) for leg in part.tolist())) for part in parts]
 
 
 @jit

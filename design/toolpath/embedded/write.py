@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Set
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import (
     TAPER_STEP,
@@ -18,11 +17,10 @@ from design.toolpath.embedded.elements import (
     nearest_along,
     off_chords,
 )
+from design.toolpath.embedded.needle import EmbeddedHeads, frustum_ul, writing_speed
 from design.toolpath.embedded.report import JoinedPasses
 from design.toolpath.embedded.schedule import Leg, Pass
-from design.toolpath.embedded.vessel_heads import EmbeddedHeads, frustum_ul, writing_speed
-from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import MoveKind, Toolpath
+from design.toolpath.toolpath import ARRAYS, MoveBuilder, MoveKind, Toolpath
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
@@ -428,28 +426,20 @@ def _descent(toolpath: Toolpath, last: int, first: int) -> int:
 
 
 def _with_dwells(toolpath: Toolpath, rows: IntArray, waits: FloatArray) -> Toolpath:
+    """Insert a dwell before each of the moves ``rows``."""
     if not len(rows):
         return toolpath
-    changed: dict[str, Any] = {}
-    for field in fields(toolpath):
-        values = getattr(toolpath, field.name)
-        if isinstance(values, np.ndarray):
-            more = _of_dwells(toolpath, field.name, rows, waits)
-            changed[field.name] = np.insert(values, rows, more, axis=0)
-    return replace(toolpath, **changed)
-
-
-def _of_dwells(
-    toolpath: Toolpath, name: str, rows: IntArray, waits: FloatArray
-) -> NDArray[np.generic]:
-    """What a dwell before each row holds."""
-    if name in ("start", "end"):
-        return toolpath.start[rows]
-    if name == "duration_s":
-        return waits
-    if name == "kind":
-        return np.full(len(rows), int(MoveKind.DWELL))
-    if name in ("volume_ul", "speed_mm_s"):
-        return np.zeros(len(rows))
-    values: NDArray[np.generic] = getattr(toolpath, name)[rows]
-    return values
+    moves, nothing = toolpath.where(rows), np.zeros(len(rows))
+    dwells = replace(
+        moves,
+        end=moves.start,
+        volume_ul=nothing,
+        speed_mm_s=nothing,
+        duration_s=waits,
+        kind=np.full(len(rows), int(MoveKind.DWELL)),
+    )
+    both = {name: (getattr(toolpath, name), getattr(dwells, name)) for name in ARRAYS}
+    return replace(
+        toolpath,
+        **{name: np.insert(all_, rows, more, axis=0) for name, (all_, more) in both.items()},
+    )

@@ -8,18 +8,17 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.toolpath.fresh.levels import Adaptive
     from design.toolpath.fresh.options import (
         DENSEST_GYROID,
+        Adaptive,
         Compensation,
         Filling,
         FreshOptions,
         Infill,
     )
     from design.toolpath.fresh.plan import FreshLayers, FreshPlan, plan_fresh
-    from design.toolpath.fresh.regions import Region
     from design.toolpath.fresh.report import FreshReport
-    from design.toolpath.fresh.section import check_lumens
+    from design.toolpath.fresh.section import Region, check_lumens
 
 __all__ = [
     "DENSEST_GYROID",

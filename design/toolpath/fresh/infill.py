@@ -16,8 +16,7 @@ from manifold3d import CrossSection, JoinType
 from numpy.typing import NDArray
 
 from design.toolpath.fresh.contours import Cells, contours_of, crossing
-from design.toolpath.fresh.order import Sequence
-from design.toolpath.fresh.paths import Paths, Role, gather, join
+from design.toolpath.fresh.paths import Paths, Role, WritingOrder, gather, join
 from design.toolpath.fresh.section import COLLINEAR_MM, rings
 from design.toolpath.fresh.walls import build_walls
 from kernels.arrays import FloatArray, IntArray
@@ -366,14 +365,14 @@ class _Joints:
 
 
 def zigzag(
-    paths: Paths, sequence: Sequence, obstacle: Cells, joint_mm: float, least_mm: float = 0.0
-) -> tuple[Paths, Sequence]:
+    paths: Paths, sequence: WritingOrder, obstacle: Cells, joint_mm: float, least_mm: float = 0.0
+) -> tuple[Paths, WritingOrder]:
     """Join straight infill lines that follow one another into zig-zags.
 
     Parameters
     ----------
     paths : Paths
-    sequence : Sequence
+    sequence : WritingOrder
         Infill last.
     obstacle : Cells
         Contours that no joint may cross.
@@ -391,8 +390,8 @@ def zigzag(
         _as_written(paths, lines, sequence.backward[fills]), obstacle, joint_mm, least_mm
     )
     count, shift = len(made), len(paths.points)
-    rest = Sequence(sequence.path[~fills], sequence.first[~fills], sequence.backward[~fills])
-    chains = Sequence(
+    rest = WritingOrder(sequence.path[~fills], sequence.first[~fills], sequence.backward[~fills])
+    chains = WritingOrder(
         len(paths) + np.arange(count),
         shift + made.offset[:-1],
         np.zeros(count, dtype=np.bool_),

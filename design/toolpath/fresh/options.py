@@ -10,8 +10,7 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
-from design.toolpath.fresh.levels import Adaptive
-from design.toolpath.toolpath import require_not_negative, require_positive
+from design.toolpath.toolpath import check_fields
 from firmware_profiles.bead import BeadSection
 
 # Options of infill inside a FRESH part's walls: pattern, density, angles.
@@ -90,6 +89,28 @@ class Compensation:
 
 
 @dataclass(frozen=True)
+class Adaptive:
+    """Layers thinner than `FreshOptions.layer_height_mm` where walls are slanted.
+
+    Attributes
+    ----------
+    thinnest_mm : float, mm
+        Lowest layer.
+    stair_mm : float, mm
+        Depth of a stair on a slanted wall, across the wall, above which layers become thinner.
+    step_mm : float, mm
+        Heights are whole multiples of it: of the vertical motor's step.
+    """
+
+    thinnest_mm: float
+    stair_mm: float = 0.02
+    step_mm: float = 2.5e-3
+
+    def __post_init__(self) -> None:
+        check_fields("adaptive layers", self, "thinnest_mm stair_mm step_mm")
+
+
+@dataclass(frozen=True)
 class FreshOptions:
     """Choices for FRESH layers; the defaults are the paper's 150 µm needle and 60 µm layers.
 
@@ -159,25 +180,12 @@ class FreshOptions:
     plunger_ul_s: float = 0.4
 
     def __post_init__(self) -> None:
-        require_positive(
+        check_fields(
             "FRESH options",
-            layer_height_mm=self.layer_height_mm,
-            line_width_mm=self.line_width_mm,
-            write_speed_mm_s=self.write_speed_mm_s,
-            travel_speed_mm_s=self.travel_speed_mm_s,
-            lift_speed_mm_s=self.lift_speed_mm_s,
-            lift_mm=self.lift_mm,
-            plunger_ul_s=self.plunger_ul_s,
-        )
-        require_not_negative(
-            "FRESH options",
-            link_mm=self.link_mm,
-            joint_mm=self.joint_mm,
-            hop_mm=self.hop_mm,
-            lead_mm=self.lead_mm,
-            least_move_mm=self.least_move_mm,
-            clear_mm=self.clear_mm,
-            retract_ul=self.retract_ul,
+            self,
+            "layer_height_mm line_width_mm write_speed_mm_s travel_speed_mm_s lift_speed_mm_s "
+            "lift_mm plunger_ul_s",
+            "link_mm joint_mm hop_mm lead_mm least_move_mm clear_mm retract_ul",
         )
         if not 0.2 <= self.least_line <= 1:
             raise ToolpathError(

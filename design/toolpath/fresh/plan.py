@@ -11,24 +11,32 @@ from manifold3d import CrossSection
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
-from design.toolpath.fresh.carriage import Carriage, LayerMoves, Section
-from design.toolpath.fresh.coarsen import remove_short_moves
 from design.toolpath.fresh.infill import concentric_paths, gyroid_paths, infill_paths
-from design.toolpath.fresh.levels import adaptive_levels, even_levels
-from design.toolpath.fresh.narrow import LevelPlaces, narrow_samples
+from design.toolpath.fresh.layout import Carriage, LayerMoves, Section
 from design.toolpath.fresh.options import Filling, FreshOptions
 from design.toolpath.fresh.paths import Paths, join
-from design.toolpath.fresh.regions import Region, Regions, RegionSections
 from design.toolpath.fresh.report import (
     FINENESS,
     Coverage,
     FreshReport,
     LayerNarrow,
+    LevelPlaces,
     Tally,
     measure_coverage,
+    narrow_samples,
 )
-from design.toolpath.fresh.section import Body, Layer, layers, rings
-from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in
+from design.toolpath.fresh.section import (
+    Body,
+    Layer,
+    Region,
+    Regions,
+    RegionSections,
+    adaptive_levels,
+    even_levels,
+    layers,
+    rings,
+)
+from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in, remove_short_moves
 from design.toolpath.toolpath import MoveKind, Toolpath, join_toolpaths
 from kernels.arrays import FloatArray
 

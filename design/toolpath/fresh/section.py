@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 from manifold3d import CrossSection, Error, JoinType, Manifold, Mesh, OpType
@@ -23,8 +24,8 @@ from manifold3d import CrossSection, Error, JoinType, Manifold, Mesh, OpType
 from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.solids.solid import Solid
-from design.toolpath.fresh.options import FreshOptions
-from kernels.arrays import FloatArray
+from design.toolpath.fresh.options import Adaptive, Compensation, Filling, FreshOptions
+from kernels.arrays import FloatArray, IntArray
 
 #: Vertices nearer than this to the line through their neighbours are dropped, mm. Triangulated
 #: straight walls are cut into many collinear pieces.
@@ -191,3 +192,224 @@ def check_lumens(network: VesselNetwork, options: FreshOptions) -> None:
             f"{options.layer_height_mm:g} mm leave open ({len(closed)} such vessels); "
             "use a finer needle and thinner layers, or fix a larger smallest lumen in the design"
         )
+
+
+# Divide each layer's section among regions with their own infill or their own head.
+
+
+@dataclass(frozen=True)
+class Region:
+    """A body inside which the part is filled in another way, or written by another head.
+
+    Without a head walls go on through it: they follow the part's own boundary. What a head writes
+    is a section of its own, with walls on both sides of the border: their edges meet there.
+
+    Attributes
+    ----------
+    solid : Solid
+        In the part's frame; where it reaches out of the part nothing is written.
+    filling : Filling
+    head : int or None
+        Which head writes here; None leaves that to the regions before, and head 0 without any.
+    """
+
+    solid: Solid
+    filling: Filling
+    head: int | None = None
+
+
+@dataclass(frozen=True)
+class RegionSections:
+    """Regions at one height; where several overlap, the last counts.
+
+    Attributes
+    ----------
+    regions : tuple of (CrossSection, Region)
+        As they were given.
+    """
+
+    regions: tuple[tuple[CrossSection, Region], ...]
+
+    def shares(
+        self, inside: CrossSection, filling: Filling
+    ) -> Iterator[tuple[CrossSection, Filling]]:
+        """Part ``inside`` among the regions' fillings; the rest has ``filling``."""
+        for section, region in reversed(self.regions):
+            share = inside ^ section
+            if not share.is_empty():
+                yield share, region.filling
+                inside = inside - section
+        yield inside, filling
+
+    def sections(self, material: CrossSection) -> dict[int, CrossSection]:
+        """What each head writes of ``material``, those without any left out."""
+        by_head: dict[int, CrossSection] = {}
+        for section, region in reversed(self.regions):
+            if region.head is None:
+                continue
+            share = material ^ section
+            if not share.is_empty():
+                before = by_head.get(region.head)
+                by_head[region.head] = share if before is None else before + share
+                material = material - section
+        if not material.is_empty():
+            by_head[0] = material if 0 not in by_head else by_head[0] + material
+        return by_head
+
+
+class Regions:
+    """Regions as they are written, ready to be cut level by level.
+
+    Parameters
+    ----------
+    regions : sequence of Region
+        Where several overlap, the last counts.
+    compensation : Compensation
+        The part's own: they grow with it.
+
+    Raises
+    ------
+    ToolpathError
+        When a region isn't a closed manifold.
+    """
+
+    def __init__(self, regions: Sequence[Region], compensation: Compensation) -> None:
+        self._bodies: list[tuple[Manifold, Region]] = [
+            (manifold_of(compensation.enlarged(region.solid), f"region {number}"), region)
+            for number, region in enumerate(regions)
+        ]
+
+    def at(self, z_mm: float) -> RegionSections:
+        """The regions' sections at a height."""
+        return RegionSections(tuple((body.slice(z_mm), region) for body, region in self._bodies))
+
+
+# Compute the z boundaries of a part's layers: equally thick, or thinner at slanted walls.
+#
+# A slanted wall becomes a stair. Measured across the wall a stair of layers h high is h |n_z| deep,
+# n_z the vertical part of the wall's unit normal (Dolenc and Mäkelä 1994, "Slicing procedures for
+# layered manufacturing techniques", doi:10.1016/0010-4485(94)90032-9, eq. 4). So upright walls take
+# layers of any height, and the floors and ceilings of lumens the thinnest. Level faces make no
+# stair but an error of height, so a layer ends at each of them.
+
+_LEVEL: Final = 0.9995
+"""Faces with a larger |n_z| (within 2° of level) are floors or ceilings, not slants."""
+_LEAST_FLOOR_MM2: Final = 0.01
+"""Smaller level faces end no layer."""
+
+
+def even_levels(low_mm: float, high_mm: float, layer_height_mm: float) -> FloatArray:
+    """Borders of layers all alike, (n + 1,), mm: as many as come nearest to the part's height."""
+    count = int(np.floor((high_mm - low_mm) / layer_height_mm + 0.5 - 1e-6))
+    return np.asarray(low_mm + np.arange(max(count, 0) + 1) * layer_height_mm)
+
+
+def adaptive_levels(
+    solids: Sequence[Solid], layer_height_mm: float, adaptive: Adaptive
+) -> FloatArray:
+    """Borders of layers no higher than the slopes beside them bear, (n + 1,), mm.
+
+    Each layer is as high as it may be, and no lower than the thinnest; a layer ends at each level
+    face, for which the last ones before it may be one step higher.
+
+    Raises
+    ------
+    ToolpathError
+        When the thinnest layer isn't thinner than the others, or no whole step.
+    """
+    step = adaptive.step_mm
+    most = int(np.floor(layer_height_mm / step + 1e-6))
+    least = int(np.ceil(adaptive.thinnest_mm / step - 1e-6))
+    if not 1 <= least < most:
+        raise ToolpathError(
+            f"thinnest layer is {1e3 * adaptive.thinnest_mm:g} µm, others {1e3 * layer_height_mm:g}"
+            f" µm, in steps of {1e3 * step:g} µm (adaptive layers); the thinnest must be at least "
+            "a step lower: give a lower one or higher layers"
+        )
+    low = min(float(solid.bounds[0, 2]) for solid in solids)
+    high = max(float(solid.bounds[1, 2]) for solid in solids)
+    count = int(np.rint((high - low) / step))
+    allowed, floors = _slopes(solids, low, count, (least, most), adaptive)
+    borders = [0]
+    for end in _ends(floors, count, least):
+        heights = _filled(borders[-1], end, allowed, least)
+        borders += np.cumsum([borders[-1], *heights])[1:].tolist()
+    return low + step * np.array(borders)
+
+
+def _slopes(
+    solids: Sequence[Solid], low: float, count: int, span: tuple[int, int], adaptive: Adaptive
+) -> tuple[IntArray, IntArray]:
+    """Highest layer that each step of height bears, (count,), and level faces, in steps."""
+    least, most = span
+    allowed = np.full(count, most)
+    layers = []
+    for solid in solids:
+        corners = solid.vertices[solid.faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        twice = np.linalg.norm(normal, axis=1)
+        slope = np.abs(normal[:, 2]) / np.maximum(twice, 1e-300)
+        heights = (corners[:, :, 2] - low) / adaptive.step_mm
+        first = np.clip(np.floor(heights.min(axis=1) + 1e-6), 0, count).astype(np.int64)
+        last = np.clip(np.ceil(heights.max(axis=1) - 1e-6), 0, count).astype(np.int64)
+        level = slope > _LEVEL
+        layers.append(_floors(np.rint(heights.mean(axis=1))[level], twice[level] / 2))
+        with np.errstate(divide="ignore"):
+            bears = np.floor(adaptive.stair_mm / slope / adaptive.step_mm + 1e-6)
+        bears = np.clip(bears, least, most)
+        for value in np.unique(bears[~level & (bears < most)]):
+            rows = ~level & (bears == value)
+            ends = np.bincount(first[rows], minlength=count + 1)
+            ends -= np.bincount(last[rows], minlength=count + 1)
+            here = np.cumsum(ends)[:count] > 0
+            allowed[here] = np.minimum(allowed[here], int(value))
+    return allowed, np.unique(np.concatenate(layers))
+
+
+def _floors(height: FloatArray, area: FloatArray) -> IntArray:
+    """Heights, in steps, that level faces of enough area stand at."""
+    at, which = np.unique(height.astype(np.int64), return_inverse=True)
+    return at[np.bincount(which, weights=area, minlength=len(at)) >= _LEAST_FLOOR_MM2]
+
+
+def _ends(floors: IntArray, count: int, least: int) -> list[int]:
+    """Where a layer ends, ascending, none nearer to the next than the thinnest layer."""
+    ends: list[int] = []
+    for at in floors.tolist():
+        if at - (ends[-1] if ends else 0) >= least and count - at >= least:
+            ends.append(at)
+    return [*ends, count]
+
+
+def _filled(at: int, end: int, allowed: IntArray, least: int) -> list[int]:
+    """Heights of the layers from a step to another, all of them of steps."""
+    heights: list[int] = []
+    while at < end:
+        heights.append(min(_highest(allowed[at:end], least), end - at))
+        at += heights[-1]
+    return _shared(heights, least)
+
+
+def _shared(heights: list[int], least: int) -> list[int]:
+    """The same without a last layer that is too thin.
+
+    Those before it give what it lacks, the nearest first. Where none is thicker than the thinnest,
+    its steps are shared among them.
+    """
+    *before, last = heights
+    if last >= least or not before:
+        return heights
+    if sum(before) + last >= len(heights) * least:
+        for k in reversed(range(len(before))):
+            given = min(least - last, before[k] - least)
+            before[k], last = before[k] - given, last + given
+        return [*before, last]
+    for k in range(last):
+        before[-1 - k % len(before)] += 1
+    return before
+
+
+def _highest(allowed: IntArray, least: int) -> int:
+    """Highest layer that all steps of height in it bear."""
+    bears = np.minimum.accumulate(allowed) >= np.arange(1, len(allowed) + 1)
+    return max(int(np.argmin(bears)) if not bears.all() else len(allowed), least)

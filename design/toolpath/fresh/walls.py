@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from manifold3d import CrossSection, JoinType
+from numpy.typing import NDArray
 
 from design.toolpath.fresh.contours import Contours, Samples, contours_of, measure_room, sample
 from design.toolpath.fresh.paths import Paths, Role, gather, join
 from design.toolpath.fresh.section import COLLINEAR_MM
+from kernels import jit
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
 
@@ -338,3 +341,229 @@ def _unbroken(points: FloatArray, run: IntArray, width: float) -> list[IntArray]
     cut = np.hypot(step[:, 0], step[:, 1]) > width
     cut[1:] |= (step[1:] * step[:-1]).sum(axis=1) < 0
     return np.split(run, np.flatnonzero(cut) + 1)
+
+
+# Remove moves too short for the firmware from wall paths, without narrowing lumens.
+#
+# Firmware merges moves shorter than its least, and cuts the corner into the lumen where it likes.
+# Here a short move goes by its two neighbours being drawn out until they meet, where the path bends
+# round a lumen, or by leaving out a point, where it bends the other way. Both put the path on the
+# side of the material, so that the circle inside a lumen stays as wide as it was. Along the part's
+# outside neighbours are drawn out at bulges too, so that neither they nor sharp corners stay empty,
+# but where another ink may lie there. A ring too small for many moves is drawn anew, as the tangent
+# polygon of the most sides.
+
+#: How far a corner may be drawn out, in line widths. The moves beside it stay in their place.
+TOLERANCE = 0.3
+#: How far points that are left out may stand from the path. Long moves beside them tilt by as much.
+DROPPED = 0.03
+#: How far a corner of a tangent polygon may stand off a ring too small for anything else.
+FURTHEST = 0.5
+#: A ring is small when it is no wider than so many least moves.
+_SMALL = 4.0
+_MOST_SIDES, _TURNS = 16, 6
+#: Rounds over a path; each takes at most every other short move away.
+ROUNDS = 12
+
+
+def remove_short_moves(
+    paths: Paths, least_mm: float, width_mm: float, *, beside_ink: bool = False
+) -> Paths:
+    """Take moves shorter than ``least_mm`` out of the walls, where `TOLERANCE` lets that be.
+
+    Parameters
+    ----------
+    paths : Paths
+        Walls have the material's inside on their left.
+    least_mm : float, mm
+        Along the longer of x and y, which is what a firmware counts; 0 leaves all as it is.
+    width_mm : float, mm
+        Of a line.
+    beside_ink : bool
+        Whether another ink lies beside the outside: nothing is drawn out into it then.
+    """
+    if least_mm <= 0 or len(paths) == 0:
+        return paths
+    paths = _small_rings_redrawn(paths, least_mm, width_mm)
+    points, keep = _coarsened(
+        paths.points.copy(),
+        paths.width_mm,
+        paths.offset,
+        paths.closed,
+        paths.role == Role.WALL,
+        _outer(paths) & (not beside_ink),
+        least_mm,
+        TOLERANCE * width_mm,
+        DROPPED * width_mm,
+    )
+    offset = np.concatenate([[0], np.cumsum(keep)])[paths.offset]
+    width = _merged_widths(paths, keep, offset)
+    return replace(paths, points=points[keep], width_mm=width, offset=offset)
+
+
+def _merged_widths(paths: Paths, keep: NDArray[np.bool_], offset: IntArray) -> FloatArray:
+    """Mean width, over their lengths, of the lines that became one; (kept,) float64, mm."""
+    size, begin = np.diff(paths.offset), paths.offset[:-1]
+    before = np.arange(-1, len(keep) - 1)
+    before[begin] = np.where(paths.closed, paths.offset[1:] - 1, begin)
+    length = np.hypot(*(paths.points - paths.points[before]).T) + 1e-12  # of an open begin 0
+    # The next point that is kept, from a path's last one on its first.
+    after: IntArray = np.cumsum(keep) - keep
+    kept: IntArray = np.where(
+        after < np.repeat(offset[1:], size), after, np.repeat(offset[:-1], size)
+    )
+    area = np.bincount(kept, length * paths.width_mm)
+    return np.asarray(area / np.bincount(kept, length))
+
+
+def _small_rings_redrawn(paths: Paths, least_mm: float, width_mm: float) -> Paths:
+    """Rings round lumens too small for many moves, as tangent polygons where one fits."""
+    rings = np.split(paths.points, paths.offset[1:-1])
+    widths = np.split(paths.width_mm, paths.offset[1:-1])
+    for k in np.flatnonzero(paths.closed & (paths.role == Role.WALL)):
+        step = np.abs(np.diff(rings[k], axis=0, append=rings[k][:1])).max(axis=1)
+        small = np.ptp(rings[k], axis=0).max() < _SMALL * least_mm
+        if not small or step.min() >= least_mm or _area(rings[k]) >= 0:
+            continue
+        polygon = _tangent_polygon(rings[k], least_mm, FURTHEST * width_mm)
+        if polygon is not None:
+            rings[k], widths[k] = polygon, np.full(len(polygon), widths[k].mean())
+    offset = np.cumsum([0, *map(len, rings)], dtype=np.int64)
+    return replace(
+        paths, points=np.concatenate(rings), width_mm=np.concatenate(widths), offset=offset
+    )
+
+
+def _tangent_polygon(ring: FloatArray, least_mm: float, most_mm: float) -> FloatArray | None:
+    """Polygon of the most sides, none too short, whose sides touch the ring from outside."""
+    for sides in range(_MOST_SIDES, 3, -1):
+        for turn in range(_TURNS):
+            angle = -2 * np.pi * (np.arange(sides) + turn / _TURNS) / sides  # clockwise
+            normal = np.column_stack([np.cos(angle), np.sin(angle)])
+            reach = (ring @ normal.T).max(axis=0)
+            after, beyond = np.roll(normal, -1, axis=0), np.roll(reach, -1)
+            sine = normal[:, 0] * after[:, 1] - normal[:, 1] * after[:, 0]
+            corner = np.column_stack(
+                [
+                    (reach * after[:, 1] - beyond * normal[:, 1]) / sine,
+                    (beyond * normal[:, 0] - reach * after[:, 0]) / sine,
+                ]
+            )
+            step = np.abs(np.diff(corner, axis=0, append=corner[:1])).max(axis=1)
+            if step.min() < least_mm:
+                continue
+            away = np.hypot(*(corner[:, None] - ring[None]).transpose(2, 0, 1)).min(axis=1)
+            if away.max() <= most_mm:
+                return corner
+    return None
+
+
+def _outer(paths: Paths) -> NDArray[np.bool_]:
+    """Which paths are walls along the part's outside, (m,)."""
+    x, y = paths.points.T
+    after = np.arange(1, len(x) + 1)
+    after[paths.offset[1:] - 1] = paths.offset[:-1]
+    twice = np.append(x * y[after] - y * x[after], 0.0)
+    return np.asarray(paths.closed & (np.add.reduceat(twice, paths.offset[:-1]) > 0))
+
+
+def _area(ring: FloatArray) -> float:
+    x, y = ring.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+@jit
+def _bend(points: FloatArray, a: int, b: int, c: int) -> float:
+    """How far b stands to the right of the way from a to c; below 0 for the left."""
+    x, y = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+    length = math.sqrt(x * x + y * y)
+    if length == 0:
+        return 0.0
+    bend: float = (x * (points[a, 1] - points[b, 1]) - y * (points[a, 0] - points[b, 0])) / length
+    return bend
+
+
+@jit
+def _drawn_out(
+    points: FloatArray, a: int, b: int, c: int, d: int, most: float
+) -> tuple[bool, float, float]:
+    """Where the ways a to b and d to c meet beyond b and c, when that is near enough to both."""
+    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    vx, vy = points[c, 0] - points[d, 0], points[c, 1] - points[d, 1]
+    cross = ux * vy - uy * vx
+    if abs(cross) < 1e-15:
+        return False, 0.0, 0.0
+    wx, wy = points[d, 0] - points[a, 0], points[d, 1] - points[a, 1]
+    s, t = (wx * vy - wy * vx) / cross, (wx * uy - wy * ux) / cross
+    if s < 1 or t < 1:
+        return False, 0.0, 0.0
+    x, y = points[a, 0] + s * ux, points[a, 1] + s * uy
+    ex, ey = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
+    length = math.sqrt(ex * ex + ey * ey)
+    if length == 0:
+        return False, 0.0, 0.0
+    off = abs(ex * (y - points[b, 1]) - ey * (x - points[b, 0])) / length
+    return off <= most, x, y
+
+
+@jit
+def _coarsened(
+    points: FloatArray,
+    width: FloatArray,
+    offset: IntArray,
+    closed: NDArray[np.bool_],
+    wall: NDArray[np.bool_],
+    outer: NDArray[np.bool_],
+    least: float,
+    most: float,
+    dropped: float,
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    keep = np.ones(len(points), np.bool_)
+    after, before = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
+    # How far the points that were left out may stand from the way that begins at each point.
+    off = np.zeros(len(points))
+    for p in range(len(closed)):
+        low, high = offset[p], offset[p + 1]
+        left = high - low
+        if not wall[p] or left < 4:
+            continue
+        for k in range(low, high):
+            after[k], before[k] = k + 1, k - 1
+        after[high - 1], before[low] = low, high - 1
+        for _ in range(ROUNDS):
+            changed = False
+            for b in range(low, high):
+                c = after[b]
+                if not keep[b] or left < 4 or (not closed[p] and (b == low or c <= b)):
+                    continue
+                short = max(abs(points[c, 0] - points[b, 0]), abs(points[c, 1] - points[b, 1]))
+                if short >= least or (not closed[p] and c == high - 1):
+                    continue
+                a, d = before[b], after[c]
+                at_b, at_c = _bend(points, a, b, c), _bend(points, b, c, d)
+                without_b = at_b + max(off[a], off[b]) if at_b >= 0 else np.inf
+                without_c = at_c + max(off[b], off[c]) if at_c >= 0 else np.inf
+                met, x, y = False, 0.0, 0.0
+                bulges = outer[p] and at_b > 0 and at_c > 0 and width[b] == width[c]
+                if bulges or (at_b < 0 and at_c < 0):
+                    met, x, y = _drawn_out(points, a, b, c, d, most)
+                if met:
+                    points[b, 0], points[b, 1] = x, y
+                    off[b] = off[c]
+                    gone = c
+                elif min(without_b, without_c) <= dropped:
+                    gone = b if without_b <= without_c else c
+                    # Lines that become narrower stay as many as the firmware takes.
+                    long = max(abs(points[b, 0] - points[a, 0]), abs(points[b, 1] - points[a, 1]))
+                    if width[b] != width[c] and long >= least and without_c <= dropped:
+                        gone = c
+                    off[before[gone]] = without_b if gone == b else without_c
+                else:
+                    continue
+                keep[gone] = False
+                after[before[gone]], before[after[gone]] = after[gone], before[gone]
+                left -= 1
+                changed = True
+            if not changed:
+                break
+    return points, keep

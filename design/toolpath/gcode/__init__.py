@@ -10,8 +10,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from design.toolpath.gcode.commands import clear_mm, joint_mm, least_move_mm
-    from design.toolpath.gcode.head_load import HeadLoad
-    from design.toolpath.gcode.job import Gcode, GcodeOptions
+    from design.toolpath.gcode.job import Gcode, GcodeOptions, HeadLoad
     from design.toolpath.gcode.marks import add_labels
     from design.toolpath.gcode.write import save_gcode, stream_gcode, write_gcode
 

@@ -20,15 +20,73 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from design.errors import ToolpathError
-from design.toolpath.gcode.commands import Stops, join_stops, stops
-from design.toolpath.gcode.head_load import HeadLoad, IdleHead
-from design.toolpath.gcode.job import Gcode, GcodeOptions
+from design.toolpath.gcode.commands import Stops, join_stops, plunger_mm_per_ul, stops
+from design.toolpath.gcode.job import Gcode, GcodeOptions, HeadLoad
 from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.table import JobPosition, Table, counted_from, declare_position, tabulate
 from design.toolpath.gcode.writer import Writer, approach_commands, at_height, begin_of
 from design.toolpath.toolpath import MoveKind, Toolpath
-from firmware_profiles import Printer, Syringe
+from firmware_profiles import Head, Printer, Syringe
 from kernels.arrays import FloatArray, IntArray
+
+_E = 3
+
+
+@dataclass
+class IdleHead:
+    """One head between two runs of its moves.
+
+    Attributes
+    ----------
+    number : int
+    head : Head
+    printer : Printer
+        As if it were the only one (`Printer.of_head`).
+    load : HeadLoad
+    pushed_ul : float, µL
+        What its toolpath has pushed.
+    quantum, base : int
+        Its plunger's travel as written, and what E's counting anew has taken off it.
+    relieved : bool
+        Whether nothing presses: it has pushed nothing yet, or was relieved since.
+    owed_ul : float, µL
+        Relief that the writer put in itself, to be primed when the head comes back.
+    """
+
+    number: int
+    head: Head
+    printer: Printer
+    load: HeadLoad
+    pushed_ul: float = 0.0
+    quantum: int = 0
+    base: int = 0
+    relieved: bool = True
+    owed_ul: float = 0.0
+
+    @property
+    def offset(self) -> FloatArray:
+        """Of its tip from the first head's, (3,), mm."""
+        return np.array(self.head.offset_mm.mm)
+
+    @property
+    def per_ul(self) -> float:
+        """Plunger travel per volume, mm/µL."""
+        return plunger_mm_per_ul(self.printer, self.load.syringe)
+
+    @property
+    def plunger_mm(self) -> float:
+        """Where its plunger stands, from the job's begin."""
+        return self.pushed_ul * self.per_ul / self.load.flow_factor - self.owed_ul * self.per_ul
+
+    def reached(self, at: JobPosition) -> JobPosition:
+        """``at``, with this head's plunger in place of another's."""
+        quanta = at.quanta.copy()
+        quanta[_E] = self.quantum
+        return replace(at, quanta=quanta, base=self.base)
+
+    def remember(self, at: JobPosition) -> None:
+        """Keep how far this head's plunger has come in the text."""
+        self.quantum, self.base = int(at.quanta[_E]), at.base
 
 
 @dataclass

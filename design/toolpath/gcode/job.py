@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from design.toolpath.gcode.head_load import HeadLoad
-from design.toolpath.toolpath import require_not_negative, require_positive
+from design.toolpath.toolpath import check_fields
+from firmware_profiles import Syringe
 from kernels.arrays import IntArray
 
 
@@ -52,6 +52,28 @@ class Gcode:
             np.concatenate([part.line_kind for part in parts]),
             parts[0].source_kind,
         )
+
+
+@dataclass(frozen=True)
+class HeadLoad:
+    """Syringe and ink of one head.
+
+    Attributes
+    ----------
+    syringe : Syringe
+    flow_factor : float
+        As in `GcodeOptions`, of this head's ink.
+    relieve_ul, plunger_ul_s : float, µL, µL/s
+        As in `GcodeOptions`: relief before the head is left, where the toolpath has none.
+    """
+
+    syringe: Syringe
+    flow_factor: float = 1.0
+    relieve_ul: float = 0.02
+    plunger_ul_s: float = 0.4
+
+    def __post_init__(self) -> None:
+        check_fields("head's load", self, "flow_factor plunger_ul_s", "relieve_ul")
 
 
 @dataclass(frozen=True)
@@ -101,13 +123,6 @@ class GcodeOptions:
     safe_z_mm: float | None = None
 
     def __post_init__(self) -> None:
-        where = "G-code options"
-        require_positive(
-            where,
-            travel_speed_mm_s=self.travel_speed_mm_s,
-            plunger_ul_s=self.plunger_ul_s,
-            flow_factor=self.flow_factor,
-        )
-        if self.flow_ul_s is not None:
-            require_positive(where, flow_ul_s=self.flow_ul_s)
-        require_not_negative(where, clearance_mm=self.clearance_mm, relieve_ul=self.relieve_ul)
+        flow = "" if self.flow_ul_s is None else "flow_ul_s"
+        positive = f"travel_speed_mm_s plunger_ul_s flow_factor {flow}"
+        check_fields("G-code options", self, positive, "clearance_mm relieve_ul")

@@ -37,7 +37,7 @@ def write_gcode(
     job may be interrupted (`design.toolpath.gcode.marks`).
 
     A pneumatic head's job has no E: a valve opens before each written path and closes after it,
-    and the speed of each move follows from the flow (`design.toolpath.gcode.air`).
+    and the speed of each move follows from the flow (`design.toolpath.gcode.writer`).
 
     Of several heads the toolpath says which makes each move, the options what each holds; how they
     are changed says `design.toolpath.gcode.heads`.

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from design.geometry import point_segment, segment_segment
 from design.tissue import Tissue
-from design.tissue.columns import GridArrays
-from design.tissue.grid import depth_along
+from design.tissue.grid import GridArrays, depth_along
 from design.vasculature.growth.cost import TRUNK, Segments
 from design.vasculature.options import GrowthOptions, Limits
 from kernels import jit, scalar_jit

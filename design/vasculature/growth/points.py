@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
-from design.tissue.columns import GridArrays
-from design.tissue.demand import UniformDemand
-from design.tissue.grid import read
+from design.tissue.grid import GridArrays, read
+from design.tissue.tissue import UniformDemand
 from design.vasculature.growth.cost import Segments
 from design.vasculature.options import GrowthOptions
 from kernels import jit

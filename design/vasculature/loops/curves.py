@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry import segment_segment
-from design.tissue.columns import GridArrays
-from design.tissue.grid import depth_along
+from design.tissue.grid import GridArrays, depth_along
 from design.vasculature.growth.index import CellIndex, cell_range
 from kernels import jit
 from kernels.arrays import FloatArray

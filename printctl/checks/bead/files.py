@@ -14,7 +14,7 @@ import numpy as np
 
 from design.files import write_bytes, write_text
 from design.solids import Solid, write_ply
-from design.tissue.isosurface import isosurface
+from design.tissue.closed import isosurface
 from kernels.arrays import IntArray
 from printctl.checks.bead.play import make_playback
 from printctl.checks.bead.predict import InkPrediction

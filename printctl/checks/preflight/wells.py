@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath.gcode.numbers import decimals_for
+from design.toolpath.gcode.table import decimals_for
 from firmware_profiles import Dish, Needle, Printer
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.preflight.dish import hub_gap, hub_remedy, tips_of, wall_gap

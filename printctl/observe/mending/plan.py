@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from design.toolpath.gcode.numbers import decimals_for, dialect_of
+from design.toolpath.gcode.table import decimals_for, dialect_of
 from kernels.arrays import FloatArray
 from printctl.observe.mending.check import MendCheck, check_mend, needle_rows
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint, written_paths

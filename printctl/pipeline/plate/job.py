@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.toolpath import Toolpath
+from design.toolpath.added_moves import Trip, place_in_well, with_approach, written_ul
 from design.toolpath.embedded import Bundles
 from design.toolpath.gcode import Gcode, add_labels, save_gcode, stream_gcode
-from design.toolpath.gcode.numbers import dialect_of
+from design.toolpath.gcode.table import dialect_of
 from design.toolpath.toolpath import load_toolpath
-from design.toolpath.wells import Trip, place_in_well, with_approach, written_ul
 from kernels.arrays import FloatArray
 from printctl.checks.preflight import well_arrays
 from printctl.pipeline.context import RunContext

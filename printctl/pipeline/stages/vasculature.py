@@ -19,7 +19,7 @@ from design.lattices import build_lattice
 from design.network import VesselKind, VesselNetwork
 from design.network_files.by_suffix import read_with_notes
 from design.network_files.csv_format import write_network_csv
-from design.network_files.npz import write_network_npz
+from design.network_files.json_format import write_network_npz
 from design.tissue import Tissue
 from design.vasculature import (
     GrownParts,

@@ -15,8 +15,12 @@ from design import VesselKind, VesselNetwork, planar_four_vessel, read_network, 
 from design.errors import NetworkError
 from design.network_files.by_suffix import read_with_notes
 from design.network_files.csv_format import read_network_csv, write_network_csv
-from design.network_files.json_format import read_network_json, write_network_json
-from design.network_files.npz import read_network_npz, write_network_npz
+from design.network_files.json_format import (
+    read_network_json,
+    read_network_npz,
+    write_network_json,
+    write_network_npz,
+)
 from design.network_files.swc import KIND_TYPE, read_network_swc, write_network_swc
 from tests.design.networks import network, networks, random_network, trees
 from tests.slower import examples

@@ -16,8 +16,12 @@ from hypothesis import strategies as st
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
 from design.network_files.by_suffix import read_network
-from design.network_files.simvascular import _normals, vessel_runs, write_simvascular_paths
-from design.network_files.vtp import write_network_vtp
+from design.network_files.vtp import (
+    _normals,
+    vessel_runs,
+    write_network_vtp,
+    write_simvascular_paths,
+)
 from tests.design.networks import network, networks, polylines, random_trees
 from tests.slower import examples
 

@@ -17,7 +17,7 @@ from design.tissue import (
     repair_surface,
     tissue_from_surface,
 )
-from design.tissue.shells import crossing_faces
+from design.tissue.parts import crossing_faces
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import shared
 

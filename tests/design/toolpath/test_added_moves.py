@@ -9,16 +9,17 @@ import pytest
 
 from design.errors import ToolpathError
 from design.toolpath import MoveBuilder, MoveKind, Toolpath, join_toolpaths
-from design.toolpath.lag import compensate_lag
-from design.toolpath.priming import (
+from design.toolpath.added_moves import (
     HeadPriming,
     PrimeLine,
     Purge,
     Surroundings,
+    Trip,
+    compensate_lag,
     line_beside_bounds,
     priming,
+    with_approach,
 )
-from design.toolpath.wells import Trip, with_approach
 
 BOUNDS = np.array([[0.0, 0.0, 0.0], [10.0, 6.0, 4.0]])
 AROUND = Surroundings(BOUNDS, 20.0, 30.0, 5.0)

@@ -6,8 +6,7 @@ import pytest
 from design.errors import NetworkError, ToolpathError
 from design.network import VesselNetwork
 from design.solids import Solid
-from design.toolpath.correction import Corrections, Stretch
-from design.toolpath.correction_checks import check_outside, check_walls
+from design.toolpath.correction import Corrections, Stretch, check_outside, check_walls
 
 
 def network() -> VesselNetwork:

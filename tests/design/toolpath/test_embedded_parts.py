@@ -12,16 +12,14 @@ from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.embedded.elements import STRAIGHT_MM, TAPER_STEP, elements_of, squares_of
-from design.toolpath.embedded.improve import broken_rules
-from design.toolpath.embedded.merge import CLIMB, fewest, shorten_travels
 from design.toolpath.embedded.needle import (
     Needle,
     joint_reach,
     radius_at,
 )
-from design.toolpath.embedded.rules import Rules, at_nodes, find_rules, with_touches
-from design.toolpath.embedded.schedule import Leg, Pass, Scheduler
-from design.toolpath.embedded.touches import touches
+from design.toolpath.embedded.pass_order import CLIMB, broken_rules, fewest, shorten_travels
+from design.toolpath.embedded.rules import Rules, at_nodes, find_rules, touches, with_touches
+from design.toolpath.embedded.schedule import Leg, Pass, schedule_passes
 from tests.design.networks import network, polyline, polylines
 from tests.design.toolpath.shapes import cage, helix, random_tree, ring
 from tests.slower import examples
@@ -214,7 +212,7 @@ def test_all_is_written_once_and_rules_that_can_all_be_kept_are_kept(seed, densi
         if a != b and (not ranked or rank[a] < rank[b]) and rng.random() < density
     }
     rules = rules_of(pairs, count)
-    passes = Scheduler(TREE, rules, np.zeros(len(TREE.first) - 1, dtype=np.int64)).run()
+    passes = schedule_passes(TREE, rules, np.zeros(len(TREE.first) - 1, dtype=np.int64))
     order = order_of(passes)
     assert sorted(order) == list(range(count))
     first, after = broken_rules(rules, passes)

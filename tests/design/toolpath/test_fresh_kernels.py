@@ -9,15 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from manifold3d import CrossSection
 
-from design.toolpath.fresh.coarsen import remove_short_moves
 from design.toolpath.fresh.contours import Contours, contours_of
 from design.toolpath.fresh.infill import fill, infill_paths, scan, zigzag
 from design.toolpath.fresh.layout import lay_out, obstacles
 from design.toolpath.fresh.options import FreshOptions
-from design.toolpath.fresh.order import order_lines, order_paths
-from design.toolpath.fresh.paths import Role, gather
+from design.toolpath.fresh.paths import Role, gather, order_lines, order_paths
 from design.toolpath.fresh.report import measure_coverage
-from design.toolpath.fresh.walls import build_walls
+from design.toolpath.fresh.walls import build_walls, remove_short_moves
 from tests.slower import examples
 
 RING = np.array([[0.0, 0.0], [4.0, 0.3], [3.5, 3.0], [0.4, 2.6]])

@@ -21,7 +21,7 @@ from design.toolpath.fresh import (
     check_lumens,
     plan_fresh,
 )
-from design.toolpath.fresh.levels import adaptive_levels
+from design.toolpath.fresh.section import adaptive_levels
 from tests.design.networks import network
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import along_x, as_solid, block, planar_block, written_area

@@ -17,7 +17,7 @@ from design.toolpath import MoveBuilder, MoveKind, Toolpath, join_toolpaths
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.fresh import FreshLayers, FreshOptions, plan_fresh
 from design.toolpath.gcode import Gcode, GcodeOptions, save_gcode, stream_gcode, write_gcode
-from design.toolpath.gcode.merge import long_enough
+from design.toolpath.gcode.commands import long_enough
 from design.toolpath.gcode.table import Table, render
 from firmware_profiles import Printer, load
 from tests.design.toolpath.gcode_reader import Machine

@@ -7,7 +7,7 @@ import pytest
 
 from design.errors import ToolpathError
 from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
-from design.toolpath.moves import MoveBuilder
+from design.toolpath.toolpath import MoveBuilder
 from firmware_profiles import Printer, Syringe, load
 from sim.gcode.dry_run.run import dry_run
 

@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
+from design.toolpath.added_moves import compensate_lag
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.gcode import GcodeOptions, save_gcode, stream_gcode
-from design.toolpath.lag import compensate_lag
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.checks.preflight import written_arrays
 from printctl.cli.main import app

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from design.toolpath.gcode.numbers import dialect_of
+from design.toolpath.gcode.table import dialect_of
 from firmware_profiles import Dish, Needle, Printer, load
 from printctl.checks.gate import (
     AllowedLine,

@@ -16,7 +16,7 @@ from design.network import VesselNetwork
 from design.toolpath import Toolpath
 from design.toolpath.embedded import Bundles, EmbeddedOptions, bundled, plan_embedded
 from design.toolpath.gcode import Gcode, GcodeOptions, save_gcode, stream_gcode, write_gcode
-from design.toolpath.moves import MoveBuilder
+from design.toolpath.toolpath import MoveBuilder
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.checks.preflight import shaft_clearance, written_arrays
 from printctl.checks.preflight.shaft import read_written_arrays

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
-from design.toolpath.moves import MoveBuilder
+from design.toolpath.toolpath import MoveBuilder
 from firmware_profiles import Printer, Syringe, load
 from printctl.machine.ports.clock import VirtualClock
 from sim.devices.families.marlin.printer import MarlinPrinter

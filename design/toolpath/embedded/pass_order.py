@@ -6,21 +6,48 @@ what such a chain doesn't hold is written before both, or after.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.rules import Rules, owners
-from design.toolpath.embedded.schedule import Leg, Pass
+from design.toolpath.embedded.joints import Joiner
+from design.toolpath.embedded.report import JoinedPasses
+from design.toolpath.embedded.rules import Rules, one_way, owners, with_more
+from design.toolpath.embedded.schedule import Leg, Pass, schedule_passes
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-TRIES, PATIENCE = 64, 16
-"""Times that passes are split and made one in another order; at most so many in vain in a row."""
-SPLIT = 0.2
-"""Share of the places between two legs at which passes are split."""
+
+@dataclass(frozen=True)
+class SearchLimits:
+    """Limits of the search for an order of passes.
+
+    Attributes
+    ----------
+    merges, useless_merges : int
+        Times that passes are split and merged again; of these, in vain in a row.
+    split_share : float
+        Share of the places between two legs at which passes are split.
+    rounds, useless_rounds : int
+        Orders tried of one way to lay passes; of these, no better than the best in a row.
+    ordered_elements, large : int
+        Elements that all rounds may order together; of more than `large` there is one round: what a
+        large network leaves open after it is open by its design.
+    """
+
+    merges: int = 64
+    useless_merges: int = 16
+    split_share: float = 0.2
+    rounds: int = 8
+    useless_rounds: int = 3
+    ordered_elements: int = 100_000
+    large: int = 20_000
+
+
+LIMITS = SearchLimits()
 
 
 def fewest(
@@ -39,8 +66,8 @@ def fewest(
     graph = pass_rules([Pass((leg,)) for leg in legs], elements, rules)
     number = {leg.middle: k for k, leg in enumerate(legs)}
     best, vain = merge_passes(passes, _of_legs(passes, number, graph), elements, head), 0
-    for _ in range(TRIES):
-        if vain == PATIENCE or len(best) < 3:
+    for _ in range(LIMITS.merges):
+        if vain == LIMITS.useless_merges or len(best) < 3:
             break
         parts = _split(best, elements, random)
         tried = merge_passes(parts, _of_legs(parts, number, graph), elements, head, random)
@@ -88,7 +115,7 @@ def merge_passes(
 
 def _split(passes: list[Pass], elements: Elements, random: np.random.Generator) -> list[Pass]:
     """Cut passes at some of their nodes; a vessel once written in a row stays so."""
-    cut = iter((random.random(sum(len(one.legs) for one in passes)) < SPLIT).tolist())
+    cut = iter((random.random(sum(len(one.legs) for one in passes)) < LIMITS.split_share).tolist())
     parts: list[Pass] = []
     for one in passes:
         begin, cuts = 0, [next(cut) for _ in one.legs]
@@ -495,3 +522,85 @@ def pass_ends(one: Pass, elements: Elements) -> tuple[int, int]:
 def reverse_pass(one: Pass) -> Pass:
     """The same from its other end."""
     return Pass(tuple(Leg(leg.last, -leg.step, leg.size) for leg in one.legs[::-1]))
+
+
+# Order writing strokes in rounds, each with added rules for open joints; keep the best order.
+
+WAYS = ((True, True), (False, True), (False, False))
+"""Whether passes are merged, and moved for shorter travels: tried in turn as long as joints stay
+open. Of 18 test networks two end with another, better scored order by the later ways."""
+
+
+@dataclass(frozen=True)
+class _Order:
+    """Passes in an order, how they join, and what is wrong with it, the worst first."""
+
+    passes: list[Pass]
+    joined: JoinedPasses
+    harm: tuple[int, int, int, int]
+
+
+def order_passes(
+    elements: Elements,
+    rules: Rules,
+    head: IntArray,
+    joiner: Joiner,
+    out: NDArray[np.bool_] | None = None,
+) -> tuple[list[Pass], JoinedPasses]:
+    """Passes in their order and how they join; the best of all rounds, its ways made short.
+
+    Elements that are ``out`` (n,) aren't written; no rule names them.
+
+    A joint stays open when ink written meanwhile stands in the way of its overlap. The next round
+    writes the later stretch before that ink, and what brushed an overlap before that; unless a rule
+    of the shaft's says the opposite.
+    """
+    one_order = one_way(rules, elements.vessel)
+    rounds, orders = _rounds(elements), list[_Order]()
+    for merge, shorten in WAYS if rounds > 1 else WAYS[:1]:
+        asked, best, since = one_order, len(orders), 0
+        random = np.random.default_rng(0)
+        for _ in range(rounds):
+            passes = schedule_passes(elements, asked, head, out)
+            if merge:
+                passes = fewest(passes, elements, asked, head, random)
+            if shorten:
+                passes = shorten_travels(passes, elements, asked, head)
+            orders.append(_judged(passes, rules, joiner))
+            if _score(orders[-1]) < _score(orders[best]):
+                best, since = len(orders) - 1, 0
+            elif len(orders) - 1 > best:
+                since += 1
+            first, after = np.array(orders[-1].joined.reorderings, dtype=np.int64).reshape(-1, 2).T
+            known, asked = asked, with_more(asked, first, after)
+            if len(asked.after) == len(known.after) or since == LIMITS.useless_rounds:
+                break
+        if not min(orders, key=_score).joined.open:
+            break
+    chosen = min(orders, key=_score)
+    return chosen.passes, chosen.joined
+
+
+def _rounds(elements: Elements) -> int:
+    count = len(elements.end)
+    return 1 if count > LIMITS.large else min(LIMITS.ordered_elements // count, LIMITS.rounds)
+
+
+def _score(one: _Order) -> tuple[tuple[int, ...], int]:
+    return one.harm, len(one.passes)
+
+
+def _judged(passes: list[Pass], rules: Rules, joiner: Joiner) -> _Order:
+    joined = joiner.join(passes)
+    weak = len(joined.open), len(joined.brushed), len(joined.shortened)
+    return _Order(passes, joined, (len(broken_rules(rules, passes)[0]), *weak))
+
+
+def broken_rules(rules: Rules, passes: list[Pass]) -> tuple[IntArray, IntArray]:
+    """Elements while which others, written before, stand in the shaft's way."""
+    when = np.empty(len(rules.begin) - 1, dtype=np.int64)
+    order = np.concatenate([one.elements() for one in passes])
+    when[order] = np.arange(len(order))
+    first = np.repeat(np.arange(len(when)), np.diff(rules.begin))
+    wrong = when[rules.after] < when[first]
+    return first[wrong], rules.after[wrong]
