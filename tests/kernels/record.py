@@ -16,6 +16,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -178,7 +179,7 @@ def record() -> None:
             for kernel, takes in json.loads((Path(folder) / FOUND).read_text()):
                 by.setdefault((kernel, takes), set()).add(work)
             print(work, sum(work in works for works in by.values()), "kernels", flush=True)
-    rows = sorted(by, key=lambda one: (_calls(_kernels()[one[0]]), *one))
+    rows = sorted(by, key=lambda one: (_calls(_kernel(one[0])), *one))
     lines = [
         json.dumps({"kernel": kernel, "by": sorted(by[kernel, takes]), "takes": json.loads(takes)})
         for kernel, takes in rows
@@ -206,6 +207,11 @@ def _kernels() -> dict[str, Any]:
     values = [value for module in loaded for value in vars(module).values()]
     kernels = [one for one in values if hasattr(one, "py_func") and hasattr(one, "signatures")]
     return {f"{one.py_func.__module__}:{one.py_func.__qualname__}": one for one in kernels}
+
+
+def _kernel(name: str) -> Any:
+    module, _, function = name.partition(":")
+    return getattr(import_module(module), function)
 
 
 def _calls(kernel: Any) -> int:
@@ -251,7 +257,8 @@ def described(one: Any) -> Any:
 
 if __name__ == "__main__":
     if sys.argv[1:]:
-        WORKS[sys.argv[1]](Path(sys.argv[2]))
-        (Path(sys.argv[2]) / FOUND).write_text(json.dumps(_called()))
+        work, folder = sys.argv[1], Path(sys.argv[2])
+        WORKS[work](folder)  # which may be a command, with arguments of its own
+        (folder / FOUND).write_text(json.dumps(_called()))
     else:
         record()
