@@ -134,6 +134,7 @@ def test_a_start_wants_machine_set_up_and_controls(service, station):
     said = service.set_up(job)
     with pytest.raises(ConflictError, match="confirm that one"):
         service.start(OPERATOR, job, said, "another on /dev/ttyUSB0")
+    service.core.controls.take(OPERATOR)  # the set-up may have taken longer than the lease
     with pytest.raises(NotInControlError):
         service.start(OTHER, job, said, WORDS)
     away = said.model_copy(update={"start_mm": (60.0, 50.0, 10.0)})
