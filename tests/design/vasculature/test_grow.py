@@ -300,7 +300,9 @@ def test_printable_tree_keeps_them_through_pruning_and_new_tips(tissues):
 
 @pytest.mark.slow
 def test_limits_that_leave_no_tree_are_told(tissues):
-    options = GrowthOptions(terminals=60, branch_angle_degrees=(170.0, 175.0))
+    # Of two branches 170 degrees apart one turns by 85 degrees at least.
+    apart, turn = (170.0, 175.0), (0.0, 30.0)
+    options = GrowthOptions(terminals=60, branch_angle_degrees=apart, turn_angle_degrees=turn)
     with pytest.raises(GrowthError):
         grow_tree(tissues["block"], options, attempts=1)
 
