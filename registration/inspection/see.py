@@ -172,13 +172,11 @@ def _findings(
     known: Appearance | None,
 ) -> LayerFindings:
     bare = np.asarray(look.ink_states.probability[:, BARE] > 0.5)
-    gaps = find_gaps(look, samples, bare)
+    gaps, p_value = find_gaps(look, samples, bare)
     why = _unseen_reasons(look, samples, bare)
     places = max(1, round(float(samples.step[why == Unseen.SEEN].sum()) / options.gap_mm))
-    for gap in gaps:
-        if gap.p_value * places > options.false_rate:  # neither ink nor surely none
-            within = gap.contains(samples.stroke, samples.along)
-            why[(why == Unseen.SEEN) & within] = int(Unseen.UNCLEAR)
+    # Neither ink nor surely none.
+    why[(why == Unseen.SEEN) & bare & (p_value * places > options.false_rate)] = int(Unseen.UNCLEAR)
     seen = why == Unseen.SEEN
     any_seen = bool(seen.any())
     group = StationGrouping.of_samples(samples)

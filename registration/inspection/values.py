@@ -205,11 +205,6 @@ class Gap:
         """Standard uncertainty of the length, mm."""
         return math.sqrt(2.0) * self.u_tip_mm
 
-    def contains(self, stroke: IntArray, along_mm: FloatArray) -> BoolArray:
-        """Return whether each of some places on strokes, (n,), lies in the gap."""
-        within = (along_mm > self.from_mm) & (along_mm < self.to_mm)
-        return np.asarray((stroke == self.stroke) & within)
-
     def overlaps(self, other: Gap, apart_mm: float = 0.0) -> bool:
         """Return whether another stretch of the stroke lies nearer than ``apart_mm``."""
         low, high = other.from_mm - apart_mm, other.to_mm + apart_mm

@@ -16,6 +16,9 @@ from registration.inspection.values import Blob, Gap
 
 BARE_INK_SHARE: Final = 0.5
 """Share of ink below which a place counts as bare."""
+_MIN_STOPPED_SEEN_SHARE: Final = 0.5
+"""Share of the ink written since it stopped that must be seen missing: where a picture shows bare
+places alone, as over older ink, those would look like a stop."""
 _MIN_STOPPED_VOLUMES: Final = 10.0
 """Times the tolerated volume that must be missing at the end: less is the taper of a line's end."""
 _MIN_BARE_SHARE: Final = 0.8
@@ -96,7 +99,10 @@ def judge_supply(
     last = runs[-1]
     empty = left_ul is not None and left_ul <= least_ul
     lost = last.start > 0 and _whole_path(last, path) and not empty
-    stopped = volume[last].sum() >= _MIN_STOPPED_VOLUMES * least_ul
+    since_ul = float(volume_ul[np.flatnonzero(seen)[last.start] :].sum())
+    stopped = volume[last].sum() >= max(
+        _MIN_STOPPED_VOLUMES * least_ul, _MIN_STOPPED_SEEN_SHARE * since_ul
+    )
     if last.stop == len(lacks) and stopped and not lost:
         state = SupplyState.EMPTY if empty else SupplyState.CLOGGED
         return InkSupply(state, float(volume[last].sum()))

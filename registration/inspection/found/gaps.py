@@ -75,8 +75,12 @@ class Tips:
             k = ahead
 
 
-def find_gaps(look: LayerFit, samples: PathSamples, bare: BoolArray) -> tuple[Gap, ...]:
-    """Return the bare stretches in the order of writing.
+def find_gaps(
+    look: LayerFit, samples: PathSamples, bare: BoolArray
+) -> tuple[tuple[Gap, ...], FloatArray]:
+    """Return the gaps in the order of writing, and the p-value of each bare place's gap, (n,).
+
+    Bare places whose stretch has no length between the tips of ink have 1, as have all others.
 
     Parameters
     ----------
@@ -88,21 +92,22 @@ def find_gaps(look: LayerFit, samples: PathSamples, bare: BoolArray) -> tuple[Ga
     """
     tips = Tips.of(look, samples)
     share = look.ink_states.shown_share
-    gaps = list[Gap]()
+    gaps, p_value = list[Gap](), np.ones(len(samples))
     for first, last in stretches_of(bare, samples.run):
         log = log_odds_of_bare(share, look.ink_states.misfit, look.ink_states.noise, first, last)
         low, u_low = tips.end(first, last, -1)
         high, u_high = tips.end(first, last, 1)
         if high <= low:
             continue
+        p_value[first : last + 1] = math.exp(min(-log, 0.0))
         gaps.append(
             Gap(
                 int(samples.stroke[first]), low, high, _point_at(samples, first, low),
-                _point_at(samples, last, high), max(u_low, u_high), math.exp(min(-log, 0.0)),
+                _point_at(samples, last, high), max(u_low, u_high), float(p_value[first]),
                 _u_shift_along(look, first, last),
             )
         )  # fmt: skip
-    return _without_overlaps(gaps)
+    return _without_overlaps(gaps), p_value
 
 
 def _without_overlaps(gaps: list[Gap]) -> tuple[Gap, ...]:

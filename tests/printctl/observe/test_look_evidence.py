@@ -108,6 +108,16 @@ def judge(missing, left_ul=None, seen=None):
     return judge_supply(np.full(200, 0.01), present, seen, STROKE, least_ul=0.02, left_ul=left_ul)
 
 
+def test_bare_places_alone_in_sight_are_no_clog():
+    present, seen = np.zeros(200), np.zeros(200, dtype=bool)
+    seen[40:70] = True  # over older ink a picture may show bare places and no full ones
+    state = judge_supply(np.full(200, 0.01), present, seen, STROKE, least_ul=0.02).state
+    assert state is not SupplyState.CLOGGED
+    seen[70:150] = True
+    state = judge_supply(np.full(200, 0.01), present, seen, STROKE, least_ul=0.02).state
+    assert state is SupplyState.CLOGGED
+
+
 @pytest.mark.parametrize(
     ("missing", "left_ul", "state"),
     [

@@ -1,4 +1,4 @@
-"""What isn't a picture, frame, line or option is refused by name, before anything is computed."""
+"""Wrong arguments of inspection's public functions: each is refused by name, before any work."""
 
 from collections.abc import Callable
 from dataclasses import replace
