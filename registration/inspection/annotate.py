@@ -218,7 +218,7 @@ def _legend(out: NDArray[np.uint8], findings: LayerFindings) -> None:
     row = round(42 * size)
     ratio = findings.width_ratio
     width = (
-        "width not told"
+        "width unknown"
         if np.isnan(ratio)
         else (f"width {100 * ratio:.0f} +- {200 * findings.u_width_ratio:.0f} %")
     )
