@@ -26,7 +26,7 @@ from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from design.vasculature import GrowthOptions, grow_printable, tree_to_network
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
-from printctl.pipeline.growing import closed_loop
+from printctl.pipeline.network_sources.loops import closed_loop
 from printctl.recipe.growth import ClosedLoop
 
 PRINTER, SYRINGE, INK = "generic_marlin", "hamilton_1ml", "gelatin_sacrificial"

@@ -21,7 +21,17 @@ from design.network_files.csv_format import read_network_csv
 from design.solids import Solid, read_solid
 from design.tissue import Tissue
 from design.toolpath.correction import NEUTRAL, Corrections
-from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
+from firmware_profiles import (
+    Bath,
+    Dish,
+    Ink,
+    Needle,
+    Printer,
+    Syringe,
+    load,
+    steady_flow,
+    supported_diameter_mm,
+)
 from printctl.analysis.flow.conditions import steady_conditions
 from printctl.corrections.compensation import (
     CompensationFile,
@@ -30,10 +40,11 @@ from printctl.corrections.compensation import (
 )
 from printctl.pipeline.heads import Filled, filled_heads, vessel_heads
 from printctl.pipeline.plate_plan import WellDish, varied_ink
+from printctl.pipeline.printability import Printability, embedded_limits, fresh_limits
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
-from printctl.recipe.making import Embedded, FileScan, SimulatedScan
+from printctl.recipe.making import Embedded, FileScan, Fresh, SimulatedScan
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest, digest_file
 
@@ -126,6 +137,14 @@ class RunContext:
             For a vessel that no head is to write.
         """
         return vessel_heads(self.network, self.recipe.printer.heads)
+
+    def printability(self, asked_mm: float | None = None) -> Printability:
+        """Limits of the recipe's way of printing, in the design's size."""
+        part, scale = self.recipe.toolpath, self.recipe.print_scale
+        if isinstance(part, Fresh):
+            return fresh_limits(part, scale, asked_mm)
+        held = supported_diameter_mm(self.bath, self.ink)
+        return embedded_limits(part, scale, self.needle, held, asked_mm)
 
     @cached_property
     def bath(self) -> Bath:

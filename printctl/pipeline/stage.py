@@ -9,13 +9,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from design.files import atomic_replacement
-from printctl.pipeline.context import RunContext
 from printctl.progress import Report, StageBars
 from printctl.run_folder.manifest import StageRecord, digest_file, digest_json
 from printctl.sources import source_digest
+
+if TYPE_CHECKING:
+    from printctl.pipeline.context import RunContext
 
 # Measure run time and memory of a pipeline stage.
 

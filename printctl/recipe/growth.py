@@ -9,9 +9,13 @@ from pydantic import Field, model_validator
 
 from design.units import BLOOD_MPA_S, LengthUnit
 from printctl.recipe.anatomy import AnatomyPart
-from printctl.recipe.parts import FILE, NetworkSection, Part, Point
+from printctl.recipe.parts import FILE, LatticeShape, NetworkSection, Part, Point
 
 _Weight = Annotated[float, Field(ge=0, le=1000)]
+
+
+class LatticeNetwork(NetworkSection, LatticeShape):
+    """Channels of a regular lattice clipped to the tissue, with one inlet and one outlet."""
 
 
 class ConnectionPart(Part):

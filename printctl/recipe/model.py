@@ -7,7 +7,13 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from printctl.recipe.forest import Forest
-from printctl.recipe.growth import ClosedLoop, GivenNetwork, GrownNetwork, NamedNetwork
+from printctl.recipe.growth import (
+    ClosedLoop,
+    GivenNetwork,
+    GrownNetwork,
+    LatticeNetwork,
+    NamedNetwork,
+)
 from printctl.recipe.making import (
     Fresh,
     PrinterPart,
@@ -18,8 +24,6 @@ from printctl.recipe.making import (
 from printctl.recipe.observe import ObservePart
 from printctl.recipe.parts import (
     FlowPart,
-    LatticeShape,
-    NetworkSection,
     OxygenPart,
     Part,
     Seed,
@@ -28,10 +32,6 @@ from printctl.recipe.parts import (
 from printctl.recipe.plate import PlatePart, check_plate
 from printctl.recipe.solid import SolidPart
 from printctl.recipe.tissue import Block, TissuePart
-
-
-class LatticeNetwork(NetworkSection, LatticeShape):
-    """Channels of a regular lattice clipped to the tissue, with one inlet and one outlet."""
 
 
 def _network_kind(value: Any) -> str:

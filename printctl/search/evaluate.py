@@ -33,7 +33,6 @@ from printctl.analysis.flow.solve import shear_band
 from printctl.errors import PrintctlError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import input_digests
-from printctl.pipeline.printability import printability
 from printctl.pipeline.stages import measures, vasculature
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
@@ -119,7 +118,7 @@ def _files(context: RunContext) -> dict[str, str]:
 
 def _limits(context: RunContext) -> tuple[float | None, ...]:
     try:
-        limits = printability(context)
+        limits = context.printability()
     except DesignError:  # `evaluate` tells it of this candidate
         return ()
     return limits.lumen_mm, limits.widest_mm, limits.wall_mm
@@ -187,7 +186,7 @@ def _grown(context: RunContext, task: Task) -> GrownCandidate:
     measured = measures_dict(measure_network(designed, context.tissue, options, through))
     band = shear_band(recipe.flow)
     shares = None if band is None else band_summary(context.network, solution, band)
-    return GrownCandidate(designed, measured, flow, printability(context), shares)
+    return GrownCandidate(designed, measured, flow, context.printability(), shares)
 
 
 @lru_cache(maxsize=4)

@@ -10,7 +10,6 @@ from design.files import write_text
 from design.hemodynamics import solve_flow
 from design.measures import MeasureOptions, measure_network, measures_dict
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.growth import Growth
@@ -25,7 +24,7 @@ def options(context: RunContext) -> MeasureOptions:
     exponent = part.murray_exponent if isinstance(part, Growth) else 3.0
     return MeasureOptions(
         seed=context.recipe.seed,
-        printable_diameter_mm=printability(context).lumen_mm,
+        printable_diameter_mm=context.printability().lumen_mm,
         murray_exponent=exponent,
     )
 

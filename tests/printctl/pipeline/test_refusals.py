@@ -25,7 +25,6 @@ from printctl.machine.job.care import Care
 from printctl.machine.process.orders import Order
 from printctl.pipeline.heads import Filled
 from printctl.pipeline.lock import is_run_active, run_lock
-from printctl.pipeline.printability import printability
 from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
 from printctl.pipeline.stages import lumens, printing
 from printctl.recipe import Recipe, parse_recipe
@@ -169,10 +168,10 @@ def context(part: Embedded | Fresh, print_scale: float = 1.0, **bath: float) -> 
 
 def test_a_weak_bath_limits_the_widest_vessel() -> None:
     weak = context(Embedded(method="embedded"), yield_stress_pa=0.02, density_g_cm3=1.05)
-    limits = printability(weak)
+    limits = weak.printability()
     # 0.02 Pa / (0.07 × 20 kg/m³ × 9.81 m/s²)
     assert limits.widest_mm == pytest.approx(1.456, rel=1e-3)
-    assert "1.46 mm, which the bath's yield stress holds" in limits.says
+    assert "1.46 mm, which the bath's yield stress holds" in limits.source
 
 
 # --- print time against cell lifetime, and ink use, on a complete simulated job

@@ -26,7 +26,7 @@ from design.vasculature import DepthPenalty, GrowthOptions, grow_tree, tree_to_n
 from firmware_profiles import Plate, Printer, load, shipped
 from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
-from printctl.pipeline.growing import growth_options, read_terminals, read_trunk
+from printctl.pipeline.network_sources.options import growth_options, read_terminals, read_trunk
 from printctl.pipeline.plate_plan import (
     assigned,
     expand,

@@ -15,10 +15,9 @@ from printctl.cli.main import app
 from printctl.errors import RecipeError, UsageError
 from printctl.pipeline.facts import recipe_facts
 from printctl.recipe import Recipe, load, load_recipe, parse_recipe
-from printctl.recipe.growth import GrownNetwork
+from printctl.recipe.growth import GrownNetwork, LatticeNetwork
 from printctl.recipe.load import Change, Step, migrated_text
 from printctl.recipe.making import RegistrationPart
-from printctl.recipe.model import LatticeNetwork
 from printctl.recipe.section_files import tolerances_of
 from printctl.recipe.tissue import CylinderPart, DepthDemandPart, MeshPart
 

@@ -1,0 +1,187 @@
+"""Networks that are given: from a file, shipped, or a lattice; notes on a file's faults."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from design.lattices import build_lattice
+from design.network import VesselNetwork
+from design.network_files.by_suffix import read_with_notes
+from design.tissue import Tissue
+from design.vasculature import (
+    check_given_once,
+    check_network,
+    check_parts,
+    collisions,
+    planar_four_vessel,
+)
+from kernels.arrays import FloatArray
+from printctl.errors import RecipeError
+from printctl.recipe.growth import GivenNetwork, LatticeNetwork
+
+if TYPE_CHECKING:
+    from printctl.pipeline.context import RunContext
+
+
+def given_network(context: RunContext, part: GivenNetwork) -> tuple[VesselNetwork, dict[str, Any]]:
+    """Return the network of the recipe's file.
+
+    Raises
+    ------
+    RecipeError
+        When it lies elsewhere than the tissue, or is hollow in it already.
+    VasculatureError
+        When vessels overlap, unless the recipe only wants to be told.
+    """
+    network, notes = read_with_notes(context.recipe_folder / part.network, part.unit)
+    notes += parts_note(network) + outside_note(context.tissue, network)
+    if part.overlaps == "tell":
+        check_given_once(network)
+        notes += overlap_note(network, part.clearance_mm)
+    else:
+        check_network(network, part.clearance_mm)
+    return network, {"notes": list(notes)} if notes or part.overlaps == "tell" else {}
+
+
+def shipped_network() -> tuple[VesselNetwork, dict[str, Any]]:
+    """Return the planar example of four vessels."""
+    network = planar_four_vessel()
+    check_network(network, 0.0)
+    return network, {}
+
+
+def lattice_network(
+    context: RunContext, part: LatticeNetwork
+) -> tuple[VesselNetwork, dict[str, Any]]:
+    """Return the recipe's lattice of channels."""
+    network = build_lattice(context.tissue, part.options())
+    check_parts(context.tissue, network.nodes)
+    check_network(network, 0.0)
+    return network, {}
+
+
+_PLACES: Final = 400
+"""Along the longest side of the tissue, at which vessels are looked at."""
+_TOLD: Final = 0.02
+"""Of the vessels' length; ends that stand out of the tissue, so that they can be fed, are usual."""
+_HOLLOW: Final = 0.5
+"""Of the vessels' length, from which a tissue's channels are those vessels."""
+_WALL_RADII: Final = 1.4
+"""Distance of a channel's wall from its vessel's axis at most, in radii; it may be narrower."""
+_DIRECTIONS: Final = 8
+_WALLED: Final = 0.6
+"""Of the directions across a vessel; beyond others neighbouring channels may be hollow, too."""
+
+
+def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
+    """A sentence on vessels outside the tissue, which nothing is cut out for; none for few.
+
+    Raises
+    ------
+    RecipeError
+        When no vessel lies in the tissue, or vessels reach farther beyond it than it is long, or
+        they are cut out of it already.
+    """
+    low, high = (bound(tissue.surface.vertices, axis=0) for bound in (np.min, np.max))
+    start, end, r0, r1, _ = network.pieces()
+    length = np.linalg.norm(end - start, axis=1)
+    count = np.clip(np.ceil(length * _PLACES / (high - low).max()), 1, _PLACES).astype(np.int64)
+    piece = np.repeat(np.arange(len(length)), count)
+    along = (np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[
+        piece
+    ]
+    places = start[piece] + along[:, None] * (end - start)[piece]
+    outside = ~tissue.contains(np.ascontiguousarray(places))
+    share = (length / count)[piece]
+    total, out = float(share.sum()), float(share[outside].sum())
+    if out <= _TOLD * total:
+        return ()
+    depth = tissue.grid.distance(np.ascontiguousarray(places[outside]))
+    wide = (r0[piece] + r1[piece])[outside] / 2
+    walls = _wall_share(tissue, places[outside], (end - start)[piece[outside]], depth, wide)
+    hollow = float(share[outside] @ (walls >= _WALLED))
+    if hollow >= _HOLLOW * total:
+        raise RecipeError(
+            f"the vessels are hollow in the tissue already: {hollow:.3g} of {total:.3g} mm of "
+            "their axes run through empty channels. Give the solid outline without channels as "
+            "the tissue, or print the mesh as it is: printctl slice MESH"
+        )
+    ends = np.concatenate([start, end])
+    beyond = float(np.maximum(low - ends, ends - high).max())
+    if outside.all() or beyond > (high - low).max():
+        raise RecipeError(
+            ("no vessel of the network lies in" if outside.all() else "vessels reach far beyond")
+            + f" the tissue: vessels reach from {_text(ends.min(0))} to {_text(ends.max(0))} mm, "
+            f"the tissue from {_text(low)} to {_text(high)} mm; move one of them, "
+            "or see to the network's unit"
+        )
+    worst = places[outside][int(np.argmax(depth))]
+    return (
+        f"{out:.3g} of {total:.3g} mm of vessels lie outside the tissue, up to {depth.max():.3g} "
+        f"mm at {_text(worst)} mm: nothing is cut out for them there",
+    )
+
+
+def _wall_share(
+    tissue: Tissue, places: FloatArray, way: FloatArray, depth: FloatArray, radius: FloatArray
+) -> FloatArray:
+    """Share of directions across a vessel in which tissue lies behind its wall, (n,).
+
+    0 where the tissue's surface, ``depth`` away from the axis, isn't the vessel's wall.
+    """
+    along = way / np.linalg.norm(way, axis=1)[:, None]
+    aside = np.eye(3)[np.argmin(np.abs(along), axis=1)]
+    one = np.cross(along, aside)
+    one /= np.linalg.norm(one, axis=1)[:, None]
+    two = np.cross(along, one)
+    angles = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    behind = np.zeros(len(places))
+    for angle in angles.tolist():
+        across = np.cos(angle) * one + np.sin(angle) * two
+        behind += tissue.contains(places + 1.5 * radius[:, None] * across)
+    return np.where(depth <= _WALL_RADII * radius, behind / _DIRECTIONS, 0.0)
+
+
+def _text(point: np.ndarray) -> str:
+    return "({:.4g}, {:.4g}, {:.4g})".format(*point)
+
+
+def overlap_note(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...]:
+    """A sentence on vessels nearer than the clearance where they don't meet; none without any."""
+    pairs = collisions(network, clearance_mm)
+    if not pairs.count:
+        return ()
+    worst = int(np.argmin(pairs.gap_mm))
+    one, two = pairs.vessels[worst].tolist()
+    x, y, z = pairs.place_mm[worst].tolist()
+    return (
+        f"Places where vessels are nearer than {clearance_mm:g} mm without meeting: {pairs.count} "
+        f"(overlaps: tell); nearest are vessels {one} and {two}, {pairs.gap_mm[worst]:.3g} mm "
+        f"apart at ({x:.4g}, {y:.4g}, {z:.4g}) mm",
+    )
+
+
+def parts_note(network: VesselNetwork) -> tuple[str, ...]:
+    """A sentence on parts that share no node, and how near their nodes come; none of one part."""
+    ends = network.vessel_nodes
+    used = np.unique(ends)
+    links = coo_matrix((np.ones(len(ends)), ends.T), shape=(len(network.nodes),) * 2)
+    number = connected_components(links, directed=False)[1]
+    parts = np.unique(number[used])
+    if len(parts) == 1:
+        return ()
+    largest = parts[np.argmax([np.count_nonzero(number[used] == one) for one in parts])]
+    apart = used[number[used] != largest]
+    near = cKDTree(network.nodes[used[number[used] == largest]])
+    away, _ = near.query(network.nodes[apart])
+    place = network.nodes[apart[int(np.argmin(away))]]
+    return (
+        f"The network has {len(parts)} parts that share no node; {len(np.unique(apart))} nodes "
+        f"aren't joined to the largest, the nearest of them {away.min():.3g} mm from it, at "
+        "({:.4g}, {:.4g}, {:.4g}) mm: each part needs an inlet of its own".format(*place),
+    )
