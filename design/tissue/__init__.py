@@ -3,45 +3,58 @@
 Goes in: a mesh, an image, points or parameters. Comes out: a `Tissue`. Begin with `tissue.py`.
 """
 
-from design.geometry.surface import Surface
-from design.tissue.grid import GridArrays, SignedDistanceGrid
-from design.tissue.images import VolumeImage, label_surface, load_label_surface, read_image
-from design.tissue.load import (
-    depth_demand,
-    function_demand,
-    image_demand,
-    load_surface,
-    load_tissue,
-)
-from design.tissue.parts import (
-    Part,
-    part_demands,
-    part_numbers,
-    part_tissue,
-    parts_of,
-    without_cavities,
-)
-from design.tissue.points import load_point_surface, point_surface
-from design.tissue.repair import repair_surface
-from design.tissue.shapes import annulus, biventricle, block, cylinder, folded_cortex, kidney, liver
-from design.tissue.surface import SizeLimits, SpacingRule, tissue_from_surface
-from design.tissue.tissue import (
-    Demand,
-    DepthDemand,
-    FunctionDemand,
-    ImageDemand,
-    Tissue,
-    UniformDemand,
-)
-from design.tissue.zones import (
-    BlockZone,
-    CylinderZone,
-    MeshZone,
-    SphereZone,
-    Zone,
-    carve,
-    zone_surface,
-)
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.geometry.surface import Surface
+    from design.tissue.grid import GridArrays, SignedDistanceGrid
+    from design.tissue.images import VolumeImage, label_surface, load_label_surface, read_image
+    from design.tissue.load import (
+        depth_demand,
+        function_demand,
+        image_demand,
+        load_surface,
+        load_tissue,
+    )
+    from design.tissue.parts import (
+        Part,
+        part_demands,
+        part_numbers,
+        part_tissue,
+        parts_of,
+        without_cavities,
+    )
+    from design.tissue.points import load_point_surface, point_surface
+    from design.tissue.repair import repair_surface
+    from design.tissue.shapes import (
+        annulus,
+        biventricle,
+        block,
+        cylinder,
+        folded_cortex,
+        kidney,
+        liver,
+    )
+    from design.tissue.surface import SizeLimits, SpacingRule, tissue_from_surface
+    from design.tissue.tissue import (
+        Demand,
+        DepthDemand,
+        FunctionDemand,
+        ImageDemand,
+        Tissue,
+        UniformDemand,
+    )
+    from design.tissue.zones import (
+        BlockZone,
+        CylinderZone,
+        MeshZone,
+        SphereZone,
+        Zone,
+        carve,
+        zone_surface,
+    )
 
 __all__ = [
     "BlockZone",
@@ -89,3 +102,9 @@ __all__ = [
     "without_cavities",
     "zone_surface",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -4,43 +4,48 @@ Goes in: a tissue and options. Comes out: a `VesselTree` or a `VesselNetwork`. B
 `tree.py`.
 """
 
-from design.vasculature.collide import Collisions, check_given_once, check_network, collisions
-from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
-from design.vasculature.growth.parts import (
-    GrownParts,
-    Inlet,
-    grow_parts,
-    parts_to_network,
-    terminals_of,
-)
-from design.vasculature.growth.printable import PrintableTree, grow_printable
-from design.vasculature.growth.regions import ClusterPool
-from design.vasculature.growth.supply import (
-    PartSupply,
-    SupplyBalance,
-    check_parts,
-    check_supply,
-    supply_balance,
-)
-from design.vasculature.growth.tree import grow_tree
-from design.vasculature.loops.loop_options import LoopOptions
-from design.vasculature.loops.loops import ClosedLoops, close_loops
-from design.vasculature.loops.mixing import JoinedTrees, join_forest, mix_trees
-from design.vasculature.named import (
-    PLANAR_BLOCK_MM,
-    PLANAR_DIMPLES,
-    Dimple,
-    planar_four_vessel,
-)
-from design.vasculature.options import GrowthOptions, GrowthStage
-from design.vasculature.penalty import DepthPenalty
-from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import (
-    scaled_to_smallest_radius,
-    tree_from_topology,
-    tree_radii,
-    tree_to_network,
-)
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.vasculature.collide import Collisions, check_given_once, check_network, collisions
+    from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
+    from design.vasculature.growth.parts import (
+        GrownParts,
+        Inlet,
+        grow_parts,
+        parts_to_network,
+        terminals_of,
+    )
+    from design.vasculature.growth.printable import PrintableTree, grow_printable
+    from design.vasculature.growth.regions import ClusterPool
+    from design.vasculature.growth.supply import (
+        PartSupply,
+        SupplyBalance,
+        check_parts,
+        check_supply,
+        supply_balance,
+    )
+    from design.vasculature.growth.tree import grow_tree
+    from design.vasculature.loops.loop_options import LoopOptions
+    from design.vasculature.loops.loops import ClosedLoops, close_loops
+    from design.vasculature.loops.mixing import JoinedTrees, join_forest, mix_trees
+    from design.vasculature.named import (
+        PLANAR_BLOCK_MM,
+        PLANAR_DIMPLES,
+        Dimple,
+        planar_four_vessel,
+    )
+    from design.vasculature.options import GrowthOptions, GrowthStage
+    from design.vasculature.penalty import DepthPenalty
+    from design.vasculature.tree import VesselTree
+    from design.vasculature.treemath import (
+        scaled_to_smallest_radius,
+        tree_from_topology,
+        tree_radii,
+        tree_to_network,
+    )
 
 __all__ = [
     "PLANAR_BLOCK_MM",
@@ -83,3 +88,9 @@ __all__ = [
     "tree_radii",
     "tree_to_network",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__
