@@ -18,13 +18,14 @@ from rich.console import Console
 from design.errors import SolidError, ToolpathError
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
-from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load, supported_diameter_mm
 from firmware_profiles.bead import BeadSection
 from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.machine.job.care import Care
 from printctl.machine.process.orders import Order
 from printctl.pipeline.heads import Filled
 from printctl.pipeline.lock import is_run_active, run_lock
+from printctl.pipeline.printability import embedded_limits
 from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
 from printctl.pipeline.stages import lumens, printing
 from printctl.recipe import Recipe, parse_recipe
@@ -155,20 +156,13 @@ def test_a_file_that_is_not_there_is_refused_first(tmp_path: Path) -> None:
 
 
 # --- printability limits of needle, bath and method
-def context(part: Embedded | Fresh, print_scale: float = 1.0, **bath: float) -> Any:
-    """As much of a run's context as is asked."""
-    ink = load(Ink, "gelatin_sacrificial")
-    return SimpleNamespace(
-        recipe=SimpleNamespace(toolpath=part, print_scale=print_scale),
-        needle=load(Needle, part.needle),
-        ink=ink,
-        bath=load(Bath, "cell_matrix").model_copy(update=bath),
-    )
-
-
 def test_a_weak_bath_limits_the_widest_vessel() -> None:
-    weak = context(Embedded(method="embedded"), yield_stress_pa=0.02, density_g_cm3=1.05)
-    limits = weak.printability()
+    weak = load(Bath, "cell_matrix").model_copy(
+        update={"yield_stress_pa": 0.02, "density_g_cm3": 1.05}
+    )
+    part = Embedded(method="embedded")
+    held = supported_diameter_mm(weak, load(Ink, "gelatin_sacrificial"))
+    limits = embedded_limits(part, 1.0, load(Needle, part.needle), held)
     # 0.02 Pa / (0.07 × 20 kg/m³ × 9.81 m/s²)
     assert limits.widest_mm == pytest.approx(1.456, rel=1e-3)
     assert "1.46 mm, which the bath's yield stress holds" in limits.source
