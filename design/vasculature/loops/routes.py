@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from design.geometry.polyline import arc_lengths, places_along
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.loops.curves import (
-    APART,
+    CURVE,
+    ConnectionLimits,
     Ends,
-    Rule,
     bezier,
     heading,
     piece_clear,
     point_distance,
+    polyline_cost,
     radius_for,
     tightest_bend,
-    weigh,
 )
 from kernels import jit
 from kernels.arrays import FloatArray
@@ -52,14 +52,14 @@ class RouteObstacles:
 
     Attributes
     ----------
-    rule : Rule
+    limits : ConnectionLimits
     index : CellIndex
     capsules : (k,) CAPSULE
     bounds : (2, 3) float64, mm
         Of the tissue.
     """
 
-    rule: Rule
+    limits: ConnectionLimits
     index: CellIndex
     capsules: NDArray[np.void]
     bounds: FloatArray
@@ -98,7 +98,7 @@ def _way(
 ) -> FloatArray | None:
     """The shortest way over one lattice, (n, 3)."""
     chord = float(np.linalg.norm(ends.point[1] - ends.point[0]))
-    radius = radius_for(_LONGER * chord, ends, crowd.rule)
+    radius = radius_for(_LONGER * chord, ends, crowd.limits)
     low = np.maximum(ends.point.min(axis=0) - margin * chord, crowd.bounds[0])
     high = np.minimum(ends.point.max(axis=0) + margin * chord, crowd.bounds[1])
     cell = max(chord / per_chord, 2.0 * radius)
@@ -114,7 +114,7 @@ def _way(
             swap_ends(ends) if side else ends,
             width,
             lattice,
-            crowd.rule,
+            crowd.limits,
             crowd.index,
             crowd.capsules,
             steps,
@@ -132,7 +132,7 @@ def _smoothed(
 ) -> Route | None:
     """The cheapest spline along a way, where it is cheaper than the ``best`` so far."""
     arc = arc_lengths(way)
-    radius = radius_for(float(arc[-1]), ends, crowd.rule)
+    radius = radius_for(float(arc[-1]), ends, crowd.limits)
     points = np.empty((ROUTE_PIECES + 1, 3))
     for count in sorted({_legs(arc[-1] / (legs * radius)) for legs in LEGS}):
         # The first and last leg turn no more than allowed: they are the way's own.
@@ -140,13 +140,13 @@ def _smoothed(
         control = places_along(way, arc, at)
         done = 0
         for sweeps in SWEEPS:
-            relax(control, sweeps - done, ends, radius, crowd.rule, crowd.index, crowd.capsules)
+            relax(control, sweeps - done, ends, radius, crowd.limits, crowd.index, crowd.capsules)
             done = sweeps
-            pieces, bend = spline_points(control, ends, crowd.rule, ROUTE_PIECES, points)
+            pieces, bend = spline_points(control, ends, crowd.limits, ROUTE_PIECES, points)
             line = points[: pieces + 1]
-            until, most = len(crowd.capsules), best.cost if best else np.inf
-            cost, spline = weigh(
-                ends, line, bend, crowd.rule, crowd.index, crowd.capsules, until, most
+            most = best.cost if best else np.inf
+            cost, spline = polyline_cost(
+                ends, line, bend, crowd.limits, crowd.index, crowd.capsules, most
             )
             if cost < most:
                 best = Route(line.copy(), spline, cost)
@@ -253,7 +253,7 @@ def search(
     ends: Ends,
     width: Width,
     lattice: Lattice,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
     most: int,
@@ -263,7 +263,7 @@ def search(
 
     A* (Hart, Nilsson & Raphael 1968, doi 10.1109/TSSC.1968.300136), distance to the far end as
     the heuristic. A step is checked only when it would be taken: checks cost far more than the
-    heap. First and last steps keep within the rule's kink.
+    heap. First and last steps keep within the limit on kinks.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def search(
     # Typed by an entry that is taken out again.
     heap = [(0.0, 0.0, -1, -1)]
     heap.pop()
-    push_first(heap, ends, rule.straight, lattice)
+    push_first(heap, ends, limits.min_cosine, lattice)
     steps = 0
     while len(heap) > 0:
         _, g, node, before = heappop(heap)
@@ -310,18 +310,16 @@ def search(
         wide = wide_at(
             width.radius, width.inflate, min(start, g), min(left, point_distance(here, goal))
         )
-        if not piece_clear(
-            ends, here, there, start, left, wide, rule, index, capsules, len(capsules)
-        ):
+        if not piece_clear(ends, here, there, start, left, wide, limits, index, capsules):
             continue
         if hairpin(ends, state.came, before, lattice, there):
             continue
         state.came[node], state.gone[node] = before, g
         if node == total:
             return trace(state.came, node, lattice, ends, path)
-        if left <= _NEAR * lattice.cell and heading(ends, 1, goal, there) >= rule.straight:
+        if left <= _NEAR * lattice.cell and heading(ends, 1, goal, there) >= limits.min_cosine:
             heappush(heap, (g + left, g + left, total, node))
-        push_onward(heap, state, node, there, ends, width, lattice, rule, index, capsules)
+        push_onward(heap, state, node, there, ends, width, lattice, limits, index, capsules)
     return NO_WAY
 
 
@@ -334,7 +332,7 @@ def push_onward(
     ends: Ends,
     width: Width,
     lattice: Lattice,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
 ) -> None:
@@ -356,9 +354,7 @@ def push_onward(
                 far = g + point_distance(there, place)
                 if state.state[other] == UNSEEN:
                     wide = wide_at(width.radius, width.inflate, far, left)
-                    free = piece_clear(
-                        ends, there, there, far, left, wide, rule, index, capsules, len(capsules)
-                    )
+                    free = piece_clear(ends, there, there, far, left, wide, limits, index, capsules)
                     state.state[other] = FREE if free else TAKEN
                     if not free:
                         continue
@@ -453,7 +449,7 @@ def span(control: Any, i: int, out: Any) -> None:
 
 @jit
 def spline_points(
-    control: Any, ends: Ends, rule: Rule, most: int, points: Any
+    control: Any, ends: Ends, limits: ConnectionLimits, most: int, points: Any
 ) -> tuple[int, float]:
     """Write a spline's polyline; return its pieces, at most ``most``, and least bend, mm.
 
@@ -473,10 +469,10 @@ def spline_points(
         bezier(part, (m + 1) / _PER_SPAN, line[n])
         arc[n] = arc[n - 1] + point_distance(line[n - 1], line[n])
     length = arc[dense - 1]
-    radius = radius_for(length, ends, rule)
-    kept = max(rule.clearance, rule.ratio * radius)
-    shortest = APART * (radius + ends.radius[0] + kept)
-    last = APART * (radius + ends.radius[1] + kept)
+    radius = radius_for(length, ends, limits)
+    kept = max(limits.clearance, limits.ratio * radius)
+    shortest = CURVE.separation * (radius + ends.radius[0] + kept)
+    last = CURVE.separation * (radius + ends.radius[1] + kept)
     longest = max(1.5 * length / most, _LONGEST * radius)
     count, begun, turn = 0, 0.0, 0.0
     points[0] = ends.point[0]
@@ -489,7 +485,7 @@ def spline_points(
             count += 1
             points[count] = line[n]
             begun, turn = arc[n], 0.0
-            shortest = APART * (2.0 * radius + kept)
+            shortest = CURVE.separation * (2.0 * radius + kept)
     count += 1
     points[count] = ends.point[1]
     return count, bend
@@ -512,7 +508,7 @@ def spans_clear(
     arc: Any,
     ends: Ends,
     radius: float,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
 ) -> bool:
@@ -529,9 +525,7 @@ def spans_clear(
             gone = arc[i] + n * step
             left = length - gone - step
             wide = wide_at(radius, _SPARE, gone, left)
-            if not piece_clear(
-                ends, here, there, gone, left, wide, rule, index, capsules, len(capsules)
-            ):
+            if not piece_clear(ends, here, there, gone, left, wide, limits, index, capsules):
                 return False
             here[:] = there
     return True
@@ -543,7 +537,7 @@ def relax(
     sweeps: int,
     ends: Ends,
     radius: float,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
 ) -> None:
@@ -560,12 +554,14 @@ def relax(
                 for x in range(3):
                     middle = 0.5 * (control[i - 1, x] + control[i + 1, x])
                     control[i, x] = kept[x] + part * (middle - kept[x])
-                turned = (i == 1 and heading(ends, 0, control[0], control[1]) < rule.straight) or (
+                turned = (
+                    i == 1 and heading(ends, 0, control[0], control[1]) < limits.min_cosine
+                ) or (
                     i == last - 1
-                    and heading(ends, 1, control[last], control[last - 1]) < rule.straight
+                    and heading(ends, 1, control[last], control[last - 1]) < limits.min_cosine
                 )
                 if not turned and spans_clear(
-                    control, i - 2, i + 1, arc, ends, radius, rule, index, capsules
+                    control, i - 2, i + 1, arc, ends, radius, limits, index, capsules
                 ):
                     break
                 control[i] = kept
