@@ -42,8 +42,8 @@ class ConnectionSearch(NamedTuple):
     part: float = 0.25
     """Blocked pairs, or part of all pairs, up to which ways round are searched: where more are
     blocked, the trees don't suit each other."""
-    shortened: tuple[float, float, float] = (0.2, 0.4, 0.6)
-    """Parts of its length by which a blocked terminal is shortened, in turn."""
+    shortened: tuple[float, float, float, float] = (0.0, 0.2, 0.4, 0.6)
+    """Parts of their length by which blocked terminals are shortened, in turn."""
     free_length: float = 4.0
     """Length kept clear in front of a terminal until it is joined, over a connection's radius."""
     sketch_points: int = 5
@@ -190,9 +190,10 @@ class Connections:
                     self._exchange_partners(int(number))
         if len(self.blocked) > max(SEARCH.few, SEARCH.part * len(self.partner)):
             return
-        for number in self.blocked:
-            if self.radius[number] == 0:
-                self._reroute(int(number))
+        for part in SEARCH.shortened:
+            for number in self.blocked:
+                if self.radius[number] == 0:
+                    self._reroute(int(number), part)
 
     def join(self, number: int) -> bool:
         """Join one pair by a cubic curve; False when no shape fits."""
@@ -318,20 +319,19 @@ class Connections:
                 self.add(n, curve, radius)
         return False
 
-    def _reroute(self, number: int) -> None:
-        """Join a blocked pair by a way round, from its terminals as they are or shortened."""
+    def _reroute(self, number: int, part: float) -> bool:
+        """Join a blocked pair by a way round, its terminals shortened by ``part``, one or both."""
         one, other = (self.one, number), (self.other, int(self.partner[number]))
-        choices = [[one]] if self.other.mixing else [[one], [other], [one, other]]
-        if self._route(number):
-            return
-        for part in SEARCH.shortened:
-            for ends in choices:
-                for tips, tip in ends:
-                    self._shorten(tips, tip, part * tips.length[tip] - tips.shortened[tip])
-                if self.join(number) or self._route(number) or self._exchange_partners(number):
-                    return
-                for tips, tip in ends:
-                    self._shorten(tips, tip, -tips.shortened[tip])
+        if part == 0.0:
+            return self._route(number)
+        for ends in [[one]] if self.other.mixing else [[one], [other], [one, other]]:
+            for tips, tip in ends:
+                self._shorten(tips, tip, part * tips.length[tip] - tips.shortened[tip])
+            if self.join(number) or self._route(number) or self._exchange_partners(number):
+                return True
+            for tips, tip in ends:
+                self._shorten(tips, tip, -tips.shortened[tip])
+        return False
 
     def _route(self, number: int) -> bool:
         """Join one pair by a way round other vessels; False when none is found."""

@@ -261,13 +261,13 @@ class Ends(NamedTuple):
 
 @jit
 def point_distance(a: Any, b: Any) -> float:
-    """Distance of two points."""
+    """Return the distance of two points."""
     return sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
 @jit
 def radius_for(length: float, ends: Ends, limits: ConnectionLimits) -> float:
-    """Radius that gives a curve of ``length`` the resistance all have, mm."""
+    """Return the radius that gives a curve of ``length`` the resistance all have, mm."""
     return sqrt(sqrt(length / (limits.length / limits.radius**4 + ends.lost)))
 
 
@@ -354,7 +354,7 @@ def polyline_cost(
 
 @jit
 def kink(ends: Ends, points: Any) -> float:
-    """Cosine of the larger angle between a terminal and the polyline's first piece there."""
+    """Return the cosine of the larger angle of a terminal and the polyline's piece there."""
     last = len(points) - 1
     return min(
         heading(ends, 0, points[0], points[1]), heading(ends, 1, points[last], points[last - 1])
@@ -363,7 +363,7 @@ def kink(ends: Ends, points: Any) -> float:
 
 @jit
 def heading(ends: Ends, side: int, here: Any, there: Any) -> float:
-    """Cosine of the angle between an end's direction and the way from here to there."""
+    """Return the cosine of the angle between an end's direction and the way from here to there."""
     dot = 0.0
     for x in range(3):
         dot += (there[x] - here[x]) * ends.direction[side, x]
@@ -372,7 +372,7 @@ def heading(ends: Ends, side: int, here: Any, there: Any) -> float:
 
 @jit
 def meets_itself(points: Any, arc: Any, radius: float, limits: ConnectionLimits) -> bool:
-    """Whether two pieces of a curve come near that are far along it."""
+    """Return whether two pieces of a curve come near that are far along it."""
     kept = max(limits.clearance, limits.ratio * radius)
     count = len(points) - 1
     for i in range(count):
@@ -402,7 +402,7 @@ def piece_gap(
     index: CellIndex,
     capsules: Any,
 ) -> float:
-    """Least gap between a piece's wall and any other vessel's where below ``least``, mm.
+    """Return the least gap between a piece's wall and any other vessel's where below ``least``, mm.
 
     -1 where they collide. What is near along the vessels belongs to the joint, by the rule of
     `design.vasculature.collide`; ``to_first`` and ``to_second`` are the ways along the
@@ -446,7 +446,7 @@ def piece_gap(
 
 @jit
 def path_length(ends: Ends, item: int, to_first: float, to_second: float) -> float:
-    """Way along the vessels from a piece to a capsule behind either end, mm; else inf."""
+    """Return the path length along the vessels from a piece to a capsule behind an end, mm."""
     way = np.inf
     for n in range(KIN):
         if ends.kin[0, n] == item:

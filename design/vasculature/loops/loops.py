@@ -226,7 +226,7 @@ def match_tips(
     typical = float(np.median(one.radius))
     radius = options.smallest_radius_mm or options.radius_ratio * typical
     kept = max(options.clearance_mm, options.clearance_ratio * min(radius, typical))
-    # Two pieces beside the ends and one between them, far enough apart.
+    # Two pieces beside the ends, and one between that separates them.
     nearest = 2.0 * (radius + typical + kept) + 2.0 * radius + kept
     return match_terminals(tissue, one.point, other.point, parts * nearest)
 
@@ -330,7 +330,7 @@ def _closed(
 
 
 def tip_nodes(trees: Sequence[VesselTree]) -> list[IntArray]:
-    """Node of each terminal of each tree in `forest_to_network`'s numbering."""
+    """Return each tree's terminals' nodes in `forest_to_network`'s numbering."""
     # A tree's node 0 is its inlet, node i + 1 the end of its segment i.
     first = np.cumsum([0] + [len(tree.parent) + 1 for tree in trees])
     return [
@@ -355,7 +355,7 @@ def polylines(
     nodes: FloatArray,
     tree: int,
 ) -> VesselNetwork | None:
-    """Connections between ``nodes`` as a network; None where there are none."""
+    """Return connections between ``nodes`` as a network; None where there are none."""
     if len(curves) == 0:
         return None
     size = np.array([len(curve) for curve in curves])
@@ -371,7 +371,7 @@ def polylines(
 
 
 def joined_at(network: VesselNetwork, more: VesselNetwork | None) -> VesselNetwork:
-    """A network and vessels between its own nodes (``more`` lists the same or further nodes)."""
+    """Return a network with vessels between its nodes (``more`` has the same or more nodes)."""
     if more is None:
         return network
     both = joined_networks([network, more])
@@ -383,7 +383,7 @@ def joined_at(network: VesselNetwork, more: VesselNetwork | None) -> VesselNetwo
 
 
 def pruned(network: VesselNetwork) -> VesselNetwork:
-    """The network without vessels of trees that lead nowhere, nodes numbered anew."""
+    """Return the network without vessels of trees that lead nowhere, nodes numbered anew."""
     keep = np.ones(network.vessel_count, dtype=bool)
     ends = network.vessel_nodes
     inward = np.isin(network.kind, (VesselKind.VEIN, VesselKind.LYMPH))
@@ -473,11 +473,11 @@ def _candidates(
     )
     pairs = np.unique(pairs, axis=0)
     start, end = one[pairs[:, 0]], other[pairs[:, 1]]
-    apart = np.linalg.norm(end - start, axis=1)
-    apart = np.where(
-        apart < nearest_mm, nearest_mm + LOOPS.near_weight * (nearest_mm - apart), apart
+    distance = np.linalg.norm(end - start, axis=1)
+    distance = np.where(
+        distance < nearest_mm, nearest_mm + LOOPS.near_weight * (nearest_mm - distance), distance
     )
     leaves = ~tissue.grid.capsule_inside(start, end, np.zeros(len(start)))
     # Explicit zeros would read as missing candidates.
-    cost = np.maximum(apart * np.where(leaves, LOOPS.outside_factor, 1.0), 1e-9)
+    cost = np.maximum(distance * np.where(leaves, LOOPS.outside_factor, 1.0), 1e-9)
     return csr_array((cost, (pairs[:, 0], pairs[:, 1])), shape=(count, count))

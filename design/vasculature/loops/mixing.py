@@ -33,10 +33,10 @@ from design.vasculature.loops.loops import (
 from design.vasculature.tree import VesselTree
 from kernels.arrays import FloatArray, IntArray
 
-_ROOMIER = ((2, 0.0), (4, 2.0), (8, 8.0), (16, 32.0))
+ATTEMPTS = ((2, 0.0), (4, 2.0), (8, 8.0), (16, 32.0))
 """Lengths of the first connections, over what a plain one needs, and least weights of clearance,
 tried in turn: a mixing node in a narrow place takes no limb."""
-_SAME = 1e-9
+POSITION_TOLERANCE = 1e-9
 """Part of a connection's length within which two places along it are one."""
 
 
@@ -93,10 +93,10 @@ def mix_trees(
     """
     options = options or LoopOptions()
     order = _order(trees, kinds)
-    for parts, weight in _ROOMIER:
-        roomier = replace(options, weight_clearance=max(options.weight_clearance, weight))
+    for parts, weight in ATTEMPTS:
+        attempt = replace(options, weight_clearance=max(options.weight_clearance, weight))
         try:
-            return _mix(tissue, trees, kinds, order, parts, roomier, beside)
+            return _mix(tissue, trees, kinds, order, parts, attempt, beside)
         except GrowthError as error:
             refused = error
     raise refused
@@ -134,7 +134,7 @@ def _mix(
 
 
 def _order(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> list[int]:
-    """Trees in the order they are joined: an artery, a drain, the others."""
+    """Return the trees in the order of joining: an artery, a drain, the others."""
     if len(trees) < 3 or len(kinds) != len(trees):
         raise GrowthError(
             f"{len(trees)} trees of {len(kinds)} kinds can't be mixed; give three or more trees "
@@ -157,11 +157,11 @@ def _order(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> list[int
 
 
 def _halve(joins: Connections) -> list[int]:
-    """Give each connection a point at half its resistance; its place among the curve's points."""
+    """Give each connection a point at half its resistance; return its index on the curve."""
     half = []
     whole = joins.limits.length / joins.limits.radius**4
     for n in range(len(joins.curve)):
-        # What a terminal lost where it was drawn back is made up for on its own side.
+        # What a shortened terminal lost is made up for on its own side.
         lost = joins.one.lost(n), joins.other.lost(int(joins.partner[n]))
         part = (0.5 * whole + lost[0]) / (whole + sum(lost))
         curve, at = _with_point(joins.curve[n], part)
@@ -176,11 +176,11 @@ def _halve(joins: Connections) -> list[int]:
 
 
 def _with_point(curve: FloatArray, share: float) -> tuple[FloatArray, int]:
-    """A polyline with a point at a share of its length, and which it is."""
+    """Return a polyline with a point at a share of its length, and that point's index."""
     arc = arc_lengths(curve)
     middle = share * arc[-1]
     nearest = int(np.argmin(np.abs(arc - middle)))
-    if abs(arc[nearest] - middle) < _SAME * arc[-1]:
+    if abs(arc[nearest] - middle) < POSITION_TOLERANCE * arc[-1]:
         return curve, nearest
     at = int(np.searchsorted(arc, middle))
     part = (middle - arc[at - 1]) / (arc[at] - arc[at - 1])
@@ -381,7 +381,7 @@ def _joined(
 def _numbered(
     networks: Sequence[JoinedTrees], done: Sequence[ClosedLoops], beside: VesselNetwork | None
 ) -> list[VesselNetwork]:
-    """The networks with numbers of trees that are told apart."""
+    """Return the networks with distinct tree numbers."""
     first, count = 0, sum(len(one.trees) for one in networks)
     renumbered = []
     for one, closed in zip(networks, done, strict=True):
