@@ -45,6 +45,9 @@ class GrowthError(DesignError):
 class RootError(GrowthError):
     """A root where no trunk fits: another one may do."""
 
+    placed: Final = 0
+    """Terminals that found a place, as in `NoRoomError`."""
+
 
 _NARROWER: Final = (
     "give a higher pressure_drop_mmhg or, where smallest_diameter_mm is given, a smaller one"

@@ -263,9 +263,9 @@ class Pries1994:
     def apparent(self, rate: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
         """By the radius, and 1."""
         # Here, since the growth of trees comes with it.
-        from design.vasculature.viscosity import relative
+        from design.vasculature.viscosity import relative_viscosities
 
         wide = np.broadcast_to(np.asarray(radius, dtype=np.float64), np.shape(rate))
         viscosity = np.empty(wide.shape)
-        relative(wide.ravel(), self.haematocrit, viscosity.reshape(-1))
+        relative_viscosities(wide.ravel(), self.haematocrit, viscosity.reshape(-1))
         return self.viscosity_pa_s * viscosity, np.ones(wide.shape)

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
         supply_balance,
     )
     from design.vasculature.growth.tree import grow_tree
-    from design.vasculature.loops.loop_options import LoopOptions
-    from design.vasculature.loops.loops import ClosedLoops, close_loops
+    from design.vasculature.loops.loops import ClosedLoops, LoopOptions, close_loops
     from design.vasculature.loops.mixing import JoinedTrees, join_forest, mix_trees
     from design.vasculature.named import (
         PLANAR_BLOCK_MM,

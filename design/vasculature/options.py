@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from math import cos, pi, radians
+from math import cos, pi, radians, sqrt
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from design.errors import GrowthError
 from design.units import BLOOD_MPA_S, PA_PER_MMHG
 from design.vasculature.penalty import DepthPenalty, PenaltyFunction
+from kernels import jit
 from kernels.arrays import FloatArray
 
 Angles = tuple[float, float]
@@ -280,7 +281,7 @@ _CHOICES = (
 )
 
 
-# Check a user's limits on branching angles and flow split; convert them for kernels.
+# Limits on branching angles and flow split: checked, converted for kernels, tested on a joint.
 
 
 class Limits(NamedTuple):
@@ -327,3 +328,45 @@ def joint_limits(
     on = tuple(branch_degrees) != free or tuple(turn_degrees) != free or flow_ratio > 0.0
     narrow, wide, slight, sharp = (cos(radians(x)) for x in (*branch_degrees, *turn_degrees))
     return Limits(on, narrow, wide, slight, sharp, flow_ratio)
+
+
+COSINE_TOLERANCE = 1e-12
+"""Rounding of a cosine or a share of the flow."""
+
+
+@jit
+def _cosine(at: Any, a: Any, b: Any) -> float:
+    """Cosine of the angle at one point between the ways to two others; 1 where there is none."""
+    ux, uy, uz = a[0] - at[0], a[1] - at[1], a[2] - at[2]
+    vx, vy, vz = b[0] - at[0], b[1] - at[1], b[2] - at[2]
+    size = sqrt((ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz))
+    if not size > 0.0:
+        return 1.0
+    return (ux * vx + uy * vy + uz * vz) / size
+
+
+@jit
+def angles_fit(limits: Limits, begin: Any, at: Any, one: Any, two: Any) -> bool:
+    """Whether a joint at ``at`` keeps the limits on angles.
+
+    Parameters
+    ----------
+    begin : (float, float, float), mm
+        Where the parent comes from.
+    one, two : (float, float, float), mm
+        Ends of the children.
+    """
+    c = _cosine(at, one, two)
+    if c > limits.narrow + COSINE_TOLERANCE or c < limits.wide - COSINE_TOLERANCE:
+        return False
+    for end in (one, two):
+        c = -_cosine(at, begin, end)
+        if c > limits.slight + COSINE_TOLERANCE or c < limits.sharp - COSINE_TOLERANCE:
+            return False
+    return True
+
+
+@jit
+def shares_fit(limits: Limits, one: float, two: float) -> bool:
+    """Whether two children's flows are near enough to each other."""
+    return bool(min(one, two) >= (limits.share - COSINE_TOLERANCE) * max(one, two))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from design.errors import GrowthError
 from design.network import VesselKind, VesselNetwork
 from design.vasculature.tree import VesselTree
-from design.vasculature.viscosity import ROUNDS, SETTLED, relative_viscosity
+from design.vasculature.viscosity import ROUNDS, SETTLED, relative_viscosities
 from kernels import jit
 from kernels.arrays import FloatArray
 
@@ -96,20 +96,13 @@ def _settled(tree: VesselTree, smallest_mm: float | None) -> VesselTree:
             tree = replace(tree, pressure_drop_pa=tree.pressure_drop_pa / factor**4)
         if tree.haematocrit < 0.0:
             break
-        thick = _viscosities(tree_radii(tree), tree.haematocrit)
-        change = float(np.abs(thick / tree.relative_viscosity - 1.0).max())
+        viscosity = np.empty(len(length))
+        relative_viscosities(tree_radii(tree), tree.haematocrit, viscosity)
+        change = float(np.abs(viscosity / tree.relative_viscosity - 1.0).max())
         if change < SETTLED:
             break
-        tree = replace(tree, relative_viscosity=thick)
+        tree = replace(tree, relative_viscosity=viscosity)
     return tree
-
-
-@jit
-def _viscosities(radius: Any, haematocrit: float) -> Any:
-    thick = np.empty(len(radius))
-    for i in range(len(radius)):
-        thick[i] = relative_viscosity(radius[i], haematocrit)
-    return thick
 
 
 @jit

@@ -49,7 +49,7 @@ def _cells(c: float, haematocrit: float) -> float:
 
 
 @jit
-def relative(radius: FloatArray, haematocrit: float, viscosity: FloatArray) -> None:
-    """Viscosity at radii (n,), mm, over that in wide vessels, into ``viscosity`` (n,)."""
+def relative_viscosities(radius: FloatArray, haematocrit: float, viscosity: FloatArray) -> None:
+    """Write the viscosity at radii (n,), mm, over that in wide vessels into ``viscosity`` (n,)."""
     for k in range(len(radius)):
         viscosity[k] = relative_viscosity(radius[k], haematocrit)

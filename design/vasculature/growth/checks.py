@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,29 +22,37 @@ from design.vasculature.growth.index import (
     REACH,
     CellIndex,
     Clearances,
+    clearance_between,
     growth_factor,
     in_tissue,
     insert,
-    kept_apart,
     neighbours_of,
     seven_integers,
     widest_of,
 )
-from design.vasculature.options import Law, Limits
+from design.vasculature.options import Law, Limits, angles_fit, shares_fit
 from kernels import jit, scalar_jit
 
-COSINE_TOLERANCE = 1e-12
 MUST_GO = -1.0
 """Allowed radius of a branch that must go as a whole."""
-THINNING_FACTOR = 0.98
-"""Part of the allowed radius that a segment is thinned out to: regrowth widens others' paths."""
-MIN_THINNED_TERMINALS = 4
-"""A branch isn't thinned out below so many terminals, but taken."""
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-TIP_LENGTHS = (1.0, 0.7, 0.4)
-"""Lengths of the ways tried for a new tip, over that of the branch."""
-TIP_DIRECTIONS = 48
-"""Directions tried, spread over the sphere."""
+
+
+class RepairSettings(NamedTuple):
+    """How branches that don't fit are thinned out, and their tips moved."""
+
+    thinning_factor: float = 0.98
+    """Part of the allowed radius that a segment is thinned out to: regrowth widens other
+    paths."""
+    min_terminals: int = 4
+    """Left by thinning out; a branch with fewer is taken away."""
+    tip_directions: int = 48
+    """Tried for a new tip, spread over the sphere."""
+    tip_lengths: tuple[float, float, float] = (1.0, 0.7, 0.4)
+    """Tried in each direction, over the branch's length."""
+
+
+REPAIR = RepairSettings()
 
 
 # Check that a trial bifurcation fits: in the tissue, between neighbours, as a joint.
@@ -91,44 +98,6 @@ def fits(index: CellIndex, segments: Any, clearances: Clearances, fork: TrialBif
         )
         >= clearances.reserve
     )
-
-
-@jit
-def _cosine(at: Any, a: Any, b: Any) -> float:
-    """Cosine of the angle at one point between the ways to two others; 1 where there is none."""
-    ux, uy, uz = a[0] - at[0], a[1] - at[1], a[2] - at[2]
-    vx, vy, vz = b[0] - at[0], b[1] - at[1], b[2] - at[2]
-    size = sqrt((ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz))
-    if not size > 0.0:
-        return 1.0
-    return (ux * vx + uy * vy + uz * vz) / size
-
-
-@jit
-def angles_fit(limits: Limits, begin: Any, at: Any, one: Any, two: Any) -> bool:
-    """Whether a joint at ``at`` keeps the limits on angles.
-
-    Parameters
-    ----------
-    begin : (float, float, float), mm
-        Where the parent comes from.
-    one, two : (float, float, float), mm
-        Ends of the children.
-    """
-    c = _cosine(at, one, two)
-    if c > limits.narrow + COSINE_TOLERANCE or c < limits.wide - COSINE_TOLERANCE:
-        return False
-    for end in (one, two):
-        c = -_cosine(at, begin, end)
-        if c > limits.slight + COSINE_TOLERANCE or c < limits.sharp - COSINE_TOLERANCE:
-            return False
-    return True
-
-
-@jit
-def shares_fit(limits: Limits, one: float, two: float) -> bool:
-    """Whether two children's flows are near enough to each other."""
-    return bool(min(one, two) >= (limits.share - COSINE_TOLERANCE) * max(one, two))
 
 
 @scalar_jit
@@ -221,7 +190,7 @@ def ends_clear(
         tip[0], tip[1], tip[2], begin[0], begin[1], begin[2], end[0], end[1], end[2]
     )
     return bool(
-        away >= clearances.reserve * (radius + other) + kept_apart(clearances, radius, other)
+        away >= clearances.reserve * (radius + other) + clearance_between(clearances, radius, other)
     )
 
 
@@ -374,10 +343,10 @@ def prune(
             continue
         goal = 0
         if s.allowed > 0.0:
-            goal = int(fed[n] * (THINNING_FACTOR * s.allowed / s.radius) ** law.gamma)
+            goal = int(fed[n] * (REPAIR.thinning_factor * s.allowed / s.radius) ** law.gamma)
         if s.allowed == MUST_GO:
             _take(segments, i, gone, index, clearances, law, smallest)
-        elif goal < MIN_THINNED_TERMINALS or not _thin_out(
+        elif goal < REPAIR.min_terminals or not _thin_out(
             segments, i, goal, gone, index, clearances, law
         ):
             _take(segments, _smaller_end(segments, i), gone, index, clearances, law, smallest)
@@ -670,13 +639,13 @@ def tip_near(
     p = (s.px, s.py, s.pz)
     if sibling < 0 or clearances.limits.on:
         return False, p
-    ways = np.empty((TIP_DIRECTIONS + 1, 3))
+    ways = np.empty((REPAIR.tip_directions + 1, 3))
     ways[0] = ((s.dx - s.px) / s.length, (s.dy - s.py) / s.length, (s.dz - s.pz) / s.length)
-    for n in range(TIP_DIRECTIONS):
-        up = 1.0 - (2 * n + 1) / TIP_DIRECTIONS
+    for n in range(REPAIR.tip_directions):
+        up = 1.0 - (2 * n + 1) / REPAIR.tip_directions
         flat, turn = np.sqrt(1.0 - up * up), GOLDEN_ANGLE * n
         ways[n + 1] = (flat * np.cos(turn), flat * np.sin(turn), up)
-    for part in TIP_LENGTHS:
+    for part in REPAIR.tip_lengths:
         length = part * s.length
         radius = _tip_radius(segments, i, weight, length, law)
         if radius < least or length < clearances.length_to_radius * radius:
@@ -741,9 +710,11 @@ def _nearest_tip(
 def _tip_radius(segments: Any, i: int, weight: float, length: float, law: Law) -> float:
     """Radius that a terminal of this flow times viscosity and length has beside its sibling."""
     parent, sibling, _, _ = neighbours_of(segments, i)
-    load = weight * law.k * length
-    m = from_gamma(to_gamma(load, law) + to_gamma(segments[sibling].load, law), law)
-    return float(segments[parent].radius * np.sqrt(np.sqrt(load / m)))
+    resistance = weight * law.k * length
+    m = from_gamma(
+        to_gamma(resistance, law) + to_gamma(segments[sibling].weighted_resistance, law), law
+    )
+    return float(segments[parent].radius * np.sqrt(np.sqrt(resistance / m)))
 
 
 @jit
@@ -754,12 +725,12 @@ def _tip_fits(
     parent, sibling, _, _ = neighbours_of(segments, i)
     for n in (parent, sibling):
         o = segments[n]
-        gap = radius + o.radius + kept_apart(clearances, radius, o.radius)
+        gap = radius + o.radius + clearance_between(clearances, radius, o.radius)
         away, _ = point_segment(t[0], t[1], t[2], o.px, o.py, o.pz, o.dx, o.dy, o.dz)
         if away < gap:
             return False
     o = segments[sibling]
-    gap = radius + o.radius + kept_apart(clearances, radius, o.radius)
+    gap = radius + o.radius + clearance_between(clearances, radius, o.radius)
     away, _ = point_segment(o.dx, o.dy, o.dz, s.px, s.py, s.pz, t[0], t[1], t[2])
     if away < gap:
         return False

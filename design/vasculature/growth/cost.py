@@ -6,13 +6,13 @@ A segment that feeds terminals of the relative flows q_t has the flow n = Σ q_t
 mean terminal's; with equal terminal flows n is their number. Of the quantities of Karch et al.
 1999 (R*, C*, the ratios β) these two are kept for each segment:
 
-- load   W = n R*
+- weighted resistance  W = n R*
 - cost sum  K = W^(λ/4) C*
 
 Put into R* = 8μℓ/π + 1/(β_l⁴/R*_l + β_r⁴/R*_r) with β_l = (1 + x^-γ)^(-1/γ) and
 x = (n_l R*_l / n_r R*_r)^¼ = (W_l/W_r)^¼, the bifurcation's algebra shrinks to
 
-- m = (W_l^(γ/4) + W_r^(γ/4))^(4/γ), the load of both children together
+- m = (W_l^(γ/4) + W_r^(γ/4))^(4/γ), the weighted resistance of both children together
 - W = n k v ℓ + m, with k = 8μ/π; a terminal's is q k v ℓ
 - β_l⁴ = W_l / m
 - K = W^(λ/4) (ℓᵘ + (K_l + K_r) / m^(λ/4))
@@ -34,12 +34,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.vasculature.options import Law
-from design.vasculature.viscosity import relative_viscosity
+from design.vasculature.viscosity import ROUNDS, SETTLED, relative_viscosity
 from kernels import jit, scalar_jit
 
 SEGMENT = np.dtype(
     [
-        ("load", "f8"),
+        ("weighted_resistance", "f8"),
         ("cost_sum", "f8"),
         ("length", "f8"),
         ("flow", "f8"),
@@ -57,7 +57,7 @@ SEGMENT = np.dtype(
         ("allowed", "f8"),
         ("full", "i4"),
         ("given", "i4"),
-        ("by_load", "f8"),
+        ("by_resistance", "f8"),
         ("by_cost_sum", "f8"),
         ("by_one", "f8"),
         ("relative_viscosity", "f8"),
@@ -66,7 +66,7 @@ SEGMENT = np.dtype(
 )
 """Fields of a growing segment.
 
-load, cost_sum : see above; length : mm; flow : over the mean terminal's; parent,
+weighted_resistance, cost_sum : see above; length : mm; flow : over the mean terminal's; parent,
 left, right : -1 for none (right alone where a given trunk bends); terminals : downstream, 0 for a
 vessel of another tree (kept behind all the tree's own); p and d : ends, mm; radius : of the
 finished tree as predicted, mm; allowed : largest radius that tissue and neighbours leave, mm;
@@ -100,27 +100,27 @@ def weight_of(s: Any, law: Law) -> float:
 
 @scalar_jit
 def refresh(segments: Any, i: int, law: Law) -> None:
-    """Recompute a segment's load, cost sum, flow and terminals from its children's.
+    """Recompute a segment's weighted resistance, cost sum, flow and terminals from its children's.
 
     A terminal's flow is its own, and stays.
     """
     s = segments[i]
     if s.left < 0:
         s.terminals = 1
-        s.load, s.cost_sum = leaf(s.length, weight_of(s, law), law)
+        s.weighted_resistance, s.cost_sum = leaf(s.length, weight_of(s, law), law)
         return
     a = segments[s.left]
-    terminals, flow, load1, cost_sum1 = a.terminals, a.flow, 0.0, 0.0
+    terminals, flow, resistance1, cost_sum1 = a.terminals, a.flow, 0.0, 0.0
     if s.right >= 0:
         b = segments[s.right]
         terminals += b.terminals
         flow += b.flow
-        load1, cost_sum1 = b.load, b.cost_sum
+        resistance1, cost_sum1 = b.weighted_resistance, b.cost_sum
     s.terminals, s.flow = terminals, flow
-    load, cost_sum, _ = joined_load(
-        a.load, a.cost_sum, load1, cost_sum1, s.length, weight_of(s, law), law
+    resistance, cost_sum, _ = join_children(
+        a.weighted_resistance, a.cost_sum, resistance1, cost_sum1, s.length, weight_of(s, law), law
     )
-    s.load, s.cost_sum = load, cost_sum
+    s.weighted_resistance, s.cost_sum = resistance, cost_sum
 
 
 @scalar_jit
@@ -148,7 +148,7 @@ def spread_down(segments: Any, count: int, root_radius: float, slack: float, law
     top = 1
     root = segments[0]
     root.radius, root.full = root_radius, 0
-    root.by_load, root.by_cost_sum, root.by_one = 0.0, 1.0, 0.0
+    root.by_resistance, root.by_cost_sum, root.by_one = 0.0, 1.0, 0.0
     smallest = np.inf
     while top > 0:
         top -= 1
@@ -161,15 +161,15 @@ def spread_down(segments: Any, count: int, root_radius: float, slack: float, law
             continue
         a = segments[s.left]
         # As in `climb`, from the other end.
-        in_a, in_b, cost_sums = to_gamma(a.load, law), 0.0, a.cost_sum
+        in_a, in_b, cost_sums = to_gamma(a.weighted_resistance, law), 0.0, a.cost_sum
         if s.right >= 0:
-            in_b = to_gamma(segments[s.right].load, law)
+            in_b = to_gamma(segments[s.right].weighted_resistance, law)
             cost_sums += segments[s.right].cost_sum
         m = from_gamma(in_a + in_b, law)
-        m_e, s_e = to_lambda(m, law), to_lambda(s.load, law)
-        own = e * s.cost_sum / s.load
-        by_m = s.by_load + s.by_cost_sum * (own - e * s_e * cost_sums / (m_e * m))
-        by_one = law.k * s.length * (s.by_load + s.by_cost_sum * own)
+        m_e, s_e = to_lambda(m, law), to_lambda(s.weighted_resistance, law)
+        own = e * s.cost_sum / s.weighted_resistance
+        by_m = s.by_resistance + s.by_cost_sum * (own - e * s_e * cost_sums / (m_e * m))
+        by_one = law.k * s.length * (s.by_resistance + s.by_cost_sum * own)
         if law.haematocrit >= 0.0:
             by_one *= s.relative_viscosity
         by_one += s.by_one
@@ -177,9 +177,9 @@ def spread_down(segments: Any, count: int, root_radius: float, slack: float, law
             if which < 0:
                 continue
             child = segments[which]
-            child.radius = s.radius * np.sqrt(np.sqrt(child.load / m))
+            child.radius = s.radius * np.sqrt(np.sqrt(child.weighted_resistance / m))
             child.full = s.full
-            child.by_load = by_m * (m / (in_a + in_b)) * (part / child.load)
+            child.by_resistance = by_m * (m / (in_a + in_b)) * (part / child.weighted_resistance)
             child.by_cost_sum = s.by_cost_sum * s_e / m_e
             child.by_one = by_one
         stack[top] = s.left
@@ -266,11 +266,11 @@ def drop_marked(segments: Any, count: int, gone: Any) -> int:
 
 
 @jit
-def to_gamma(load: float, law: Law) -> float:
+def to_gamma(resistance: float, law: Law) -> float:
     """W^(γ/4)."""
     if law.gamma == 3.0:
-        return sqrt(load * sqrt(load))
-    return load ** (0.25 * law.gamma)
+        return sqrt(resistance * sqrt(resistance))
+    return resistance ** (0.25 * law.gamma)
 
 
 @jit
@@ -282,11 +282,11 @@ def from_gamma(total: float, law: Law) -> float:
 
 
 @jit
-def to_lambda(load: float, law: Law) -> float:
+def to_lambda(resistance: float, law: Law) -> float:
     """W^(λ/4)."""
     if law.lam == 2.0:
-        return sqrt(load)
-    return load ** (0.25 * law.lam)
+        return sqrt(resistance)
+    return resistance ** (0.25 * law.lam)
 
 
 @jit
@@ -326,31 +326,31 @@ class TrialBifurcation(NamedTuple):
 
 @jit
 def leaf(length: float, weight: float, law: Law) -> tuple[float, float]:
-    """Return a terminal's load and cost sum; ``weight`` is its flow times its viscosity."""
-    load = weight * law.k * length
-    return load, to_lambda(load, law) * to_u(length, law)
+    """Return a terminal's weighted resistance and cost sum by its flow times viscosity."""
+    resistance = weight * law.k * length
+    return resistance, to_lambda(resistance, law) * to_u(length, law)
 
 
 @jit
-def joined_load(
-    load0: float,
+def join_children(
+    resistance0: float,
     cost_sum0: float,
-    load1: float,
+    resistance1: float,
     cost_sum1: float,
     length: float,
     weight: float,
     law: Law,
 ) -> tuple[float, float, float]:
-    """Return load and cost sum of a segment over two children, and the children's joint load m.
+    """Return a segment's weighted resistance and cost sum, and its children's m.
 
-    ``weight`` is the segment's flow times its viscosity; a child that isn't there has load 0.
+    ``weight`` is the segment's flow times its viscosity; a missing child has resistance 0.
     """
-    m = from_gamma(to_gamma(load0, law) + to_gamma(load1, law), law)
-    load = weight * law.k * length + m
-    cost_sum = to_lambda(load, law) * (
+    m = from_gamma(to_gamma(resistance0, law) + to_gamma(resistance1, law), law)
+    resistance = weight * law.k * length + m
+    cost_sum = to_lambda(resistance, law) * (
         to_u(length, law) + (cost_sum0 + cost_sum1) / to_lambda(m, law)
     )
-    return load, cost_sum, m
+    return resistance, cost_sum, m
 
 
 EXACT_FLOW_RATIO = 64
@@ -360,25 +360,31 @@ linear model serves."""
 
 @scalar_jit
 def climb(
-    segments: Any, index: int, load: float, cost_sum: float, flow: float, enough: int, law: Law
+    segments: Any,
+    index: int,
+    resistance: float,
+    cost_sum: float,
+    flow: float,
+    enough: int,
+    law: Law,
 ) -> tuple[float, float, float, float]:
-    """Cost of a tree in which ``index`` has this load and cost sum, and all above ``flow`` more.
+    """Return the rise of the tree's cost once ``index`` has these sums, and all above more flow.
 
-    Walks to the root, or to the first segment of ``enough`` times the flow and on from there by
-    the derivatives kept in it (`state.spread_down`). The walk is exact; what is
-    left off is of second order in the change there, about 1/enough squared.
+    Walks to the root, or to the first segment of ``enough`` times ``flow`` and on from there by
+    the derivatives kept in it (`spread_down`). The walk is exact; the neglected part is of second
+    order in the change there, about 1/enough squared.
 
     Returns
     -------
     rise : float
         Of the cost K_root.
-    by_load, by_spend : float
-        Derivatives of the cost with respect to ``load`` and ``cost_sum``.
+    by_resistance, by_cost_sum : float
+        Derivatives of the cost with respect to ``resistance`` and ``cost_sum``.
     radius : float, mm
         Of segment ``index``, as the radius stands of the segment where the walk ended.
     """
     e = 0.25 * law.lam
-    # Derivatives of this level's (load, cost sum) by those at ``index``: a 2 x 2 matrix.
+    # Derivatives of this level's (resistance, cost sum) by those at ``index``: a 2 x 2 matrix.
     ll, ls, sl, ss = 1.0, 0.0, 0.0, 1.0
     share = 1.0
     here = index
@@ -388,10 +394,10 @@ def climb(
         other = segments[up].left
         if other == here:
             other = segments[up].right
-        a0 = to_gamma(load, law)
+        a0 = to_gamma(resistance, law)
         total, both = a0, cost_sum
         if other >= 0:
-            total += to_gamma(segments[other].load, law)
+            total += to_gamma(segments[other].weighted_resistance, law)
             both += segments[other].cost_sum
         m = from_gamma(total, law)
         mass = (segments[up].flow + flow) * law.k * segments[up].length
@@ -400,26 +406,26 @@ def climb(
         above = mass + m
         me, we = to_lambda(m, law), to_lambda(above, law)
         up_cost_sum = we * (to_u(segments[up].length, law) + both / me)
-        m_by_load = (m / total) * (a0 / load)
-        cost_sum_by_load = m_by_load * e * (up_cost_sum / above - we * both / (me * m))
+        m_by_resistance = (m / total) * (a0 / resistance)
+        cost_sum_by_resistance = m_by_resistance * e * (up_cost_sum / above - we * both / (me * m))
         cost_sum_by_cost_sum = we / me
         sl, ss = (
-            cost_sum_by_load * ll + cost_sum_by_cost_sum * sl,
-            cost_sum_by_load * ls + cost_sum_by_cost_sum * ss,
+            cost_sum_by_resistance * ll + cost_sum_by_cost_sum * sl,
+            cost_sum_by_resistance * ls + cost_sum_by_cost_sum * ss,
         )
-        ll, ls = m_by_load * ll, m_by_load * ls
-        share *= load / m
-        load, cost_sum, here = above, up_cost_sum, up
+        ll, ls = m_by_resistance * ll, m_by_resistance * ls
+        share *= resistance / m
+        resistance, cost_sum, here = above, up_cost_sum, up
     end = segments[here]
     rise = (
-        end.by_load * (load - end.load)
+        end.by_resistance * (resistance - end.weighted_resistance)
         + end.by_cost_sum * (cost_sum - end.cost_sum)
         + flow * end.by_one
     )
     return (
         rise,
-        end.by_load * ll + end.by_cost_sum * sl,
-        end.by_load * ls + end.by_cost_sum * ss,
+        end.by_resistance * ll + end.by_cost_sum * sl,
+        end.by_resistance * ls + end.by_cost_sum * ss,
         end.radius * sqrt(sqrt(share)),
     )
 
@@ -446,6 +452,35 @@ def follow_radii(segments: Any, count: int, law: Law) -> tuple[float, float]:
     return change, total / tips
 
 
+def settle_radii(
+    segments: Segments,
+    count: int,
+    law: Law,
+    root_radius: float,
+    flow_over_drop: float,
+    smallest: float | None,
+) -> None:
+    """Derive radii by the pressure drop, or as wide as the smallest radius asks for.
+
+    Parameters
+    ----------
+    root_radius : float, mm
+        Of the root, or 0 where ``flow_over_drop`` (µL/s/Pa) sets it.
+    smallest : float, mm, optional
+        No terminal stays wider than this.
+    """
+    top = segments[0]
+    for _ in range(ROUNDS):
+        root = root_radius or float(
+            (flow_over_drop * float(top["weighted_resistance"]) / float(top["flow"])) ** 0.25
+        )
+        thinnest = spread_down(segments, count, root, 1.0, law)
+        if smallest is not None and thinnest > smallest:
+            spread_down(segments, count, root * (smallest / thinnest), 1.0, law)
+        if law.haematocrit < 0.0 or follow_radii(segments, count, law)[0] < SETTLED:
+            return
+
+
 @jit
 def distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
     """Distance of two points, never below a nanometre so that lengths divide."""
@@ -457,7 +492,7 @@ def distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -
 def split_value(
     s: Any, up: float, low: float, new: float, new_terminal: NewTerminal, law: Law
 ) -> tuple[float, float, float, float, float, float, float, float, float, float]:
-    """Return load and cost sum above a bifurcation that parts segment ``s``, and their derivatives.
+    """Return weighted resistance and cost sum above a bifurcation on ``s``, and their derivatives.
 
     Parameters
     ----------
@@ -470,11 +505,12 @@ def split_value(
 
     Returns
     -------
-    load, cost_sum : float
+    resistance, cost_sum : float
         Of the upper part, over the lower part and the new terminal.
-    load_by_up, load_by_low, load_by_new, spend_by_up, spend_by_low, spend_by_new : float
-    low_load, m : float
-        Load of the lower part; joint load of it and the new terminal.
+    resistance_by_up, resistance_by_low, resistance_by_new : float
+    cost_sum_by_up, cost_sum_by_low, cost_sum_by_new : float
+    low_resistance, m : float
+        Weighted resistance of the lower part; m of it and the new terminal.
     """
     e = 0.25 * law.lam
     n, above, own = s.flow, s.flow + new_terminal.flow, new_terminal.flow
@@ -492,37 +528,37 @@ def split_value(
         u_old, u_up, u_low, u_new = s.length**law.u, up**law.u, low**law.u, new**law.u
         slope_up, slope_low, slope_new = law.u * u_up / up, law.u * u_low / low, law.u * u_new / new
     # C* of the lower part: the old one with the length exchanged.
-    reduced = s.cost_sum / to_lambda(s.load, law) - u_old + u_low
-    low_load = s.load + n * law.k * (low - s.length)
-    low_e = to_lambda(low_load, law)
+    reduced = s.cost_sum / to_lambda(s.weighted_resistance, law) - u_old + u_low
+    low_resistance = s.weighted_resistance + n * law.k * (low - s.length)
+    low_e = to_lambda(low_resistance, law)
     low_cost_sum = low_e * reduced
-    new_load = own * law.k * new
-    new_e = to_lambda(new_load, law)
+    new_resistance = own * law.k * new
+    new_e = to_lambda(new_resistance, law)
     new_cost_sum = new_e * u_new
-    a_low, a_new = to_gamma(low_load, law), to_gamma(new_load, law)
+    a_low, a_new = to_gamma(low_resistance, law), to_gamma(new_resistance, law)
     total = a_low + a_new
     m = from_gamma(total, law)
-    load = above * law.k * up + m
-    m_e, up_e = to_lambda(m, law), to_lambda(load, law)
+    resistance = above * law.k * up + m
+    m_e, up_e = to_lambda(m, law), to_lambda(resistance, law)
     both = low_cost_sum + new_cost_sum
     cost_sum = up_e * (u_up + both / m_e)
 
-    m_by_low = (m / total) * (a_low / low_load) * n * law.k
-    m_by_new = (m / total) * (a_new / new_load) * own * law.k
-    low_cost_sum_by = e * low_cost_sum / low_load * n * law.k + low_e * slope_low
+    m_by_low = (m / total) * (a_low / low_resistance) * n * law.k
+    m_by_new = (m / total) * (a_new / new_resistance) * own * law.k
+    low_cost_sum_by = e * low_cost_sum / low_resistance * n * law.k + low_e * slope_low
     new_cost_sum_by = e * new_cost_sum / new + new_e * slope_new
-    by_load = e * cost_sum / load
-    by_m = by_load - e * up_e * both / (m_e * m)
+    by_resistance = e * cost_sum / resistance
+    by_m = by_resistance - e * up_e * both / (m_e * m)
     return (
-        load,
+        resistance,
         cost_sum,
         above * law.k,
         m_by_low,
         m_by_new,
-        by_load * above * law.k + up_e * slope_up,
+        by_resistance * above * law.k + up_e * slope_up,
         by_m * m_by_low + up_e / m_e * low_cost_sum_by,
         by_m * m_by_new + up_e / m_e * new_cost_sum_by,
-        low_load,
+        low_resistance,
         m,
     )
 
@@ -533,7 +569,7 @@ def best_place(
     tx: float,
     ty: float,
     tz: float,
-    by_load: float,
+    by_resistance: float,
     by_cost_sum: float,
     steps: int,
     new_terminal: NewTerminal,
@@ -554,9 +590,9 @@ def best_place(
         _, _, l_up, l_low, l_new, s_up, s_low, s_new, _, _ = split_value(
             s, up, low, new, new_terminal, law
         )
-        w_up = max(0.0, by_load * l_up + by_cost_sum * s_up) / up
-        w_low = max(0.0, by_load * l_low + by_cost_sum * s_low) / low
-        w_new = max(0.0, by_load * l_new + by_cost_sum * s_new) / new
+        w_up = max(0.0, by_resistance * l_up + by_cost_sum * s_up) / up
+        w_low = max(0.0, by_resistance * l_low + by_cost_sum * s_low) / low
+        w_new = max(0.0, by_resistance * l_new + by_cost_sum * s_new) / new
         total = w_up + w_low + w_new
         if not total > 0.0:
             break

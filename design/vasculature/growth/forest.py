@@ -13,7 +13,7 @@ from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.root import stem
 from design.vasculature.growth.territories import Surroundings, part_tissue
-from design.vasculature.growth.tree import ATTEMPTS, MAX_AUDITS, SPREADS, TreeGrowth
+from design.vasculature.growth.tree import EFFORT, SPREADS, TreeGrowth
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
@@ -72,7 +72,7 @@ def grow_forest(
     plots: Sequence[Surroundings] | None = None,
     beside: VesselNetwork | None = None,
     *,
-    attempts: int = ATTEMPTS,
+    attempts: int = EFFORT.attempts,
 ) -> tuple[VesselTree, ...]:
     """Grow trees in turn, each clear of the others.
 
@@ -126,7 +126,7 @@ def grow_forest(
                 settings,
                 plot,
                 settings.terminal_spread or _spread(attempt),
-                attempt + ATTEMPTS * number,
+                attempt + EFFORT.attempts * number,
                 trunk,
             )
             for number, (settings, plot, trunk) in enumerate(
@@ -158,7 +158,7 @@ def _grow_all(
                 growth.meet(_others(growths, stems, number, beside))
                 growth.grow(until)
             until *= 2
-        for _ in range(MAX_AUDITS):
+        for _ in range(EFFORT.audits):
             left = 0
             for number, growth in enumerate(growths):
                 growth.meet(_others(growths, stems, number, beside))
@@ -172,7 +172,7 @@ def _grow_all(
     except DesignError as error:
         raise error.around(f"tree {number} of {len(growths)}: ") from error
     raise GrowthError(
-        f"{left} vessels of the forest still collide or leave the tissue after {MAX_AUDITS} "
+        f"{left} vessels of the forest still collide or leave the tissue after {EFFORT.audits} "
         "repairs; ask for fewer terminals, a smaller smallest radius or clearance"
     )
 

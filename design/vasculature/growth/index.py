@@ -18,14 +18,28 @@ from kernels.arrays import FloatArray
 
 REACH = 1.3
 """Capsules are listed with this much larger radii: they may grow before the next rebuild."""
-CELL_FACTOR = 1.2
-"""Edge of a cell over the mean spacing of terminals."""
-LEAVING_FACTOR = 1.5
-"""Way along a branch, over its radius and its trunk's, within which it is still leaving that."""
-MARGIN, MARGIN_LEFT, MARGIN_AT_MOST = 1.02, 0.03, 1.15
-"""Trial forks must fit with larger radii, because every later terminal widens its path: by the
-first factor, plus the second times the logarithm of how often the tree has yet to grow by e, the
-third at most."""
+
+
+class Listing(NamedTuple):
+    """Lengths by which segments are listed and told apart."""
+
+    cell_factor: float = 1.2
+    """Edge of a cell over the mean spacing of terminals."""
+    leaving_factor: float = 1.5
+    """Path along a branch, over its radius and its trunk's, within which it still leaves
+    that."""
+
+
+class Reserve(NamedTuple):
+    """Factor on the radii with which a trial must fit: later terminals widen its path."""
+
+    least: float = 1.02
+    per_e_fold: float = 0.03
+    """Added to the least for each factor e by which the tree has yet to grow."""
+    most: float = 1.15
+
+
+LISTING, RESERVE = Listing(), Reserve()
 
 Seven = tuple[np.int64, np.int64, np.int64, np.int64, np.int64, np.int64, np.int64]
 
@@ -43,7 +57,7 @@ class Clearances(NamedTuple):
         Clearance over the thinner radius; the larger of the two counts.
     length_to_radius : float
     reserve : float
-        Factor on the radii of a trial fork and its neighbours; see `MARGIN`.
+        Factor on the radii of a trial fork and its neighbours; see `Reserve`.
     limits : Limits
         On angles and flows at joints.
     widest_branch : float
@@ -69,7 +83,7 @@ def clearances_of(tissue: Tissue, options: GrowthOptions) -> Clearances:
         options.clearance_mm,
         options.clearance_ratio,
         options.length_to_radius,
-        MARGIN,
+        RESERVE.least,
         options.limits,
         np.inf,
     )
@@ -270,7 +284,7 @@ def nearest_segments(
 
 
 @scalar_jit
-def kept_apart(clearances: Clearances, one: float, two: float) -> float:
+def clearance_between(clearances: Clearances, one: float, two: float) -> float:
     """Clearance between vessels of radii ``one`` and ``two``, mm."""
     return max(clearances.clearance, clearances.ratio * min(one, two))
 
@@ -334,7 +348,7 @@ def away_from_trunk(
     if inner >= s.radius:
         return away
     x, y, z = bx - ax, by - ay, bz - az
-    part = LEAVING_FACTOR * (s.radius + radius) / max(1e-12, np.sqrt(x * x + y * y + z * z))
+    part = LISTING.leaving_factor * (s.radius + radius) / max(1e-12, np.sqrt(x * x + y * y + z * z))
     if part >= 1.0:
         return np.inf
     x, y, z = ax + part * x, ay + part * y, az + part * z

@@ -11,9 +11,7 @@ from design.geometry import point_segment
 from design.tissue.grid import read
 from design.vasculature.growth.checks import (
     allowed_radius,
-    angles_fit,
     fits,
-    shares_fit,
 )
 from design.vasculature.growth.cost import (
     EXACT_FLOW_RATIO,
@@ -33,46 +31,67 @@ from design.vasculature.growth.index import (
     REACH,
     CellIndex,
     Clearances,
+    clearance_between,
     in_tissue,
     insert,
-    kept_apart,
     nearest_segments,
     widest_of,
 )
 from design.vasculature.growth.points import Samples
-from design.vasculature.options import GrowthOptions, Law
+from design.vasculature.options import GrowthOptions, Law, angles_fit, shares_fit
 from design.vasculature.penalty import PenaltyArrays, weigh_rise
 from kernels import jit, scalar_jit
 
-CANDIDATES = 10
-"""Nearest segments considered for a new terminal."""
-SEGMENTS_RETRIED = 4
-"""Of the segments considered the cheapest, for which other places than the best are tried."""
-ITERATIONS = 8
-"""Weiszfeld steps at most."""
-PLACES_ON_AXIS = 7
-"""Places tried along a segment that mustn't bend, before the best is refined."""
-HALVINGS = 8
-"""Steps in which a place is refined."""
+
+class PlaceSearch(NamedTuple):
+    """How thoroughly the bifurcation of a new terminal is searched for."""
+
+    nearest: int = 10
+    many_nearest: int = 40
+    """Segments considered; more for given points missed at first, or with a flow ratio."""
+    retried: int = 4
+    """Of these the cheapest, for which other places than the best are tried."""
+    weiszfeld_steps: int = 8
+    """At most."""
+    axis_places: int = 7
+    """Places tried along a segment that mustn't bend, before the best is refined."""
+    halvings: int = 8
+    """Steps in which a place is refined."""
+
+
+class PredictedRadii(NamedTuple):
+    """How the finished tree's radii are predicted while it grows."""
+
+    refresh_divisor: int = 24
+    """Radii are derived anew each time the tree has grown by one in so many terminals."""
+    growth_power: float = 0.02
+    """Power of the number of terminals with which the root's radius grows (measured)."""
+    widening_reserve: float = 0.02
+    """A vessel must be able to become this part wider than predicted to take on more terminals,
+    times the part of the tree that has yet to grow: at the end the prediction is exact, and a
+    trunk that is as wide as it can be would close all of its branches."""
+    thin_margin: float = 1.08
+    """A new terminal must be this much wider than the limit: later ones make it thinner."""
+
+
+class TerminalSpacing(NamedTuple):
+    """Distance of a new terminal from the tree, over the terminals' mean spacing."""
+
+    most: float = 0.9
+    """At first, and at most."""
+    relax: float = 0.93
+    tighten: float = 1.01
+    """Factors after points without a place, and after one with."""
+    thin_patience: int = 6
+    wide_patience: int = 400
+    """`Scale.patience` of thin trees, which get everywhere at once, and of those with a
+    smallest radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a
+    lumen, not 1.9."""
+
+
+SEARCH, RADII, SPACING = PlaceSearch(), PredictedRadii(), TerminalSpacing()
 DONE, MORE_POINTS, FULL_INDEX, REBUILD = 0, 1, 2, 3
 """Why `grow` returned."""
-REFRESH = 24
-"""Radii are derived anew each time the tree has grown by one in this many terminals."""
-GROWTH_POWER = 0.02
-"""Root radius grows with about this power of the number of terminals (measured)."""
-WIDENING_RESERVE = 0.02
-"""A vessel must be able to become this part wider than predicted to take on more terminals, times
-the part of the tree that has yet to grow: at the end the prediction is exact, and a trunk that is
-as wide as it can be would close all of its branches."""
-THIN_MARGIN = 1.08
-"""A new terminal must be this much wider than the limit: later ones make it thinner."""
-SPACING_RELAX, SPACING_TIGHTEN = 0.93, 1.01
-"""Factors on the spacing kept from the tree, after points without a place and after one with."""
-MAX_SPACING_FACTOR = 0.9
-"""Least distance of a new terminal from the tree, over the terminals' mean spacing, at first."""
-THIN_PATIENCE, WIDE_PATIENCE = 6, 400
-"""Patience (see `Scale`) of thin trees, which get everywhere at once, and of those with a smallest
-radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lumen, not 1.9."""
 PROGRESS = np.dtype(
     [
         ("count", "i8"),
@@ -137,9 +156,16 @@ class Scale(NamedTuple):
         drop = options.flow_ul_s(volume_mm3) / options.pressure_drop_pa
         smallest = options.smallest_radius_mm
         if not smallest:
-            return cls(drop, 0.0, 0.0, goal, volume_mm3, THIN_PATIENCE)
+            return cls(drop, 0.0, 0.0, goal, volume_mm3, SPACING.thin_patience)
         root = smallest * spread * goal ** (1.0 / options.murray_exponent)
-        return cls(drop, root, spread, goal, volume_mm3, WIDE_PATIENCE)
+        return cls(drop, root, spread, goal, volume_mm3, SPACING.wide_patience)
+
+    def first_radius(self, law: Law, tissue_mm3: float) -> float:
+        """Return the root's radius before there is a tree, mm: a pipe twice the tissue's length."""
+        if self.root_radius > 0:
+            return self.root_radius
+        resistance = 2.0 * law.k * float(np.cbrt(tissue_mm3))
+        return float((self.flow_over_drop * resistance) ** 0.25)
 
 
 @jit
@@ -178,7 +204,7 @@ def first_pair(
             and _stands(clearances, s, other, r0, root_radius)
         ):
             continue
-        gap = r0 + r1 + kept_apart(clearances, r0, r1) + 0.25 * least
+        gap = r0 + r1 + clearance_between(clearances, r0, r1) + 0.25 * least
         if _ends_apart(e, t, other) < gap:
             continue
         if clearances.limits.on and not (
@@ -202,7 +228,7 @@ def first_pair(
 @jit
 def _stands(clearances: Clearances, stem: Any, t: Any, radius: float, root_radius: float) -> bool:
     """Whether a vessel from the stem's end to ``t`` is in the tissue and leaves the stem."""
-    gap = radius + root_radius + kept_apart(clearances, radius, root_radius)
+    gap = radius + root_radius + clearance_between(clearances, radius, root_radius)
     away, _ = point_segment(t[0], t[1], t[2], stem.px, stem.py, stem.pz, stem.dx, stem.dy, stem.dz)
     return bool(
         away >= gap and in_tissue(clearances, stem.dx, stem.dy, stem.dz, t[0], t[1], t[2], radius)
@@ -240,7 +266,7 @@ class Trials(NamedTuple):
 @jit
 def trials_for(k: int) -> Trials:
     """Make the scratch for up to ``k`` segments."""
-    m = SEGMENTS_RETRIED * 6
+    m = SEARCH.retried * 6
     return Trials(
         np.empty(k),
         np.empty((k, 3)),
@@ -282,9 +308,13 @@ def trial(
     up = distance(s.px, s.py, s.pz, b[0], b[1], b[2])
     low = distance(b[0], b[1], b[2], s.dx, s.dy, s.dz)
     new = distance(b[0], b[1], b[2], t[0], t[1], t[2])
-    load, cost_sum, _, _, _, _, _, _, low_load, m = split_value(s, up, low, new, new_terminal, law)
-    rise, _, _, r_up = climb(segments, i, load, cost_sum, new_terminal.flow, EXACT_FLOW_RATIO, law)
-    r_low = r_up * np.sqrt(np.sqrt(low_load / m))
+    resistance, cost_sum, _, _, _, _, _, _, low_resistance, m = split_value(
+        s, up, low, new, new_terminal, law
+    )
+    rise, _, _, r_up = climb(
+        segments, i, resistance, cost_sum, new_terminal.flow, EXACT_FLOW_RATIO, law
+    )
+    r_low = r_up * np.sqrt(np.sqrt(low_resistance / m))
     r_new = r_up * np.sqrt(
         np.sqrt(new_terminal.flow * new_terminal.relative_viscosity * law.k * new / m)
     )
@@ -326,14 +356,14 @@ def estimate(
 ) -> float:
     """Best place on segment ``i`` by the linear model, and the model's cost there.
 
-    ``place_out`` (3,) receives the place, ``slopes`` (3,) the model: the cost at no load and
+    ``place_out`` (3,) receives the place, ``slopes`` (3,) the model: the cost at no resistance and
     cost sum, and its derivatives by the two. A trunk's segment is left on its axis.
     """
     s = segments[i]
     bx = (s.px + s.dx + t[0]) / 3.0
     by = (s.py + s.dy + t[1]) / 3.0
     bz = (s.pz + s.dz + t[2]) / 3.0
-    load, cost_sum, _, _, _, _, _, _, _, _ = split_value(
+    resistance, cost_sum, _, _, _, _, _, _, _, _ = split_value(
         s,
         distance(s.px, s.py, s.pz, bx, by, bz),
         distance(bx, by, bz, s.dx, s.dy, s.dz),
@@ -341,16 +371,16 @@ def estimate(
         new_terminal,
         law,
     )
-    rise, by_load, by_cost_sum, _ = climb(
-        segments, i, load, cost_sum, new_terminal.flow, EXACT_FLOW_RATIO, law
+    rise, by_resistance, by_cost_sum, _ = climb(
+        segments, i, resistance, cost_sum, new_terminal.flow, EXACT_FLOW_RATIO, law
     )
-    slopes[0] = rise - by_load * load - by_cost_sum * cost_sum
-    slopes[1] = by_load
+    slopes[0] = rise - by_resistance * resistance - by_cost_sum * cost_sum
+    slopes[1] = by_resistance
     slopes[2] = by_cost_sum
     if s.given != 0:
         return best_on_axis(segments, s, t, new_terminal, penalty, place_out, slopes, law)
     bx, by, bz = best_place(
-        s, t[0], t[1], t[2], by_load, by_cost_sum, ITERATIONS, new_terminal, law
+        s, t[0], t[1], t[2], by_resistance, by_cost_sum, SEARCH.weiszfeld_steps, new_terminal, law
     )
     place_out[0], place_out[1], place_out[2] = bx, by, bz
     if penalty.on:
@@ -387,13 +417,13 @@ def best_on_axis(
 ) -> float:
     """Best place on a segment's axis: the best of some, then halving steps about it."""
     best, along = np.inf, 0.5
-    step = 1.0 / (PLACES_ON_AXIS + 1)
-    for n in range(PLACES_ON_AXIS):
+    step = 1.0 / (SEARCH.axis_places + 1)
+    for n in range(SEARCH.axis_places):
         at = (n + 1) * step
         value = value_at(segments, s, along_axis(s, at), t, new_terminal, penalty, slopes, law)
         if value < best:
             best, along = value, at
-    for _ in range(HALVINGS):
+    for _ in range(SEARCH.halvings):
         step *= 0.5
         middle = along
         for at in (middle - step, middle + step):
@@ -448,7 +478,7 @@ def best_penalised(
             best = value
             place_out[0], place_out[1], place_out[2] = at
     step = 0.25 * (s.length + distance(place_out[0], place_out[1], place_out[2], t[0], t[1], t[2]))
-    for _ in range(HALVINGS):
+    for _ in range(SEARCH.halvings):
         better = False
         for axis in range(3):
             for sign in (-1.0, 1.0):
@@ -468,7 +498,7 @@ def best_penalised(
 @scalar_jit
 def model(s: Any, b: Any, t: Any, slopes: Any, new_terminal: NewTerminal, law: Law) -> float:
     """Cost of place ``b`` by the linear model."""
-    load, cost_sum, _, _, _, _, _, _, _, _ = split_value(
+    resistance, cost_sum, _, _, _, _, _, _, _, _ = split_value(
         s,
         distance(s.px, s.py, s.pz, b[0], b[1], b[2]),
         distance(b[0], b[1], b[2], s.dx, s.dy, s.dz),
@@ -476,7 +506,7 @@ def model(s: Any, b: Any, t: Any, slopes: Any, new_terminal: NewTerminal, law: L
         new_terminal,
         law,
     )
-    return slopes[0] + slopes[1] * load + slopes[2] * cost_sum
+    return slopes[0] + slopes[1] * resistance + slopes[2] * cost_sum
 
 
 @scalar_jit
@@ -514,7 +544,7 @@ def propose(
             return True, fork
     others, values = work.others, work.values
     values[:] = np.inf
-    for rank in range(min(SEGMENTS_RETRIED, size)):
+    for rank in range(min(SEARCH.retried, size)):
         n = order[rank]
         if costs[n] == np.inf:
             break
@@ -546,8 +576,10 @@ def predicted_root_radius(segments: Any, law: Law, scale: Scale) -> float:
     if scale.root_radius > 0.0:
         return scale.root_radius
     n = segments[0].terminals
-    now = np.sqrt(np.sqrt(scale.flow_over_drop * segments[0].load / segments[0].flow))
-    return now * (scale.goal / scale.share / n) ** GROWTH_POWER
+    now = np.sqrt(
+        np.sqrt(scale.flow_over_drop * segments[0].weighted_resistance / segments[0].flow)
+    )
+    return now * (scale.goal / scale.share / n) ** RADII.growth_power
 
 
 @jit
@@ -556,7 +588,7 @@ def thinnest(terminals: int, root_radius: float, law: Law, scale: Scale) -> floa
     if scale.spread <= 0.0:
         return 0.0
     whole = terminals / scale.share
-    return THIN_MARGIN * root_radius * whole ** (-1.0 / law.gamma) / scale.spread
+    return RADII.thin_margin * root_radius * whole ** (-1.0 / law.gamma) / scale.spread
 
 
 @jit
@@ -662,14 +694,14 @@ def derive_radii(segments: Any, progress: Any, law: Law, scale: Scale) -> None:
     """Predict all radii anew."""
     s = progress[0]
     s.root_radius = predicted_root_radius(segments, law, scale)
-    slack = 1.0 + WIDENING_RESERVE * (1.0 - s.terminals / scale.goal)
+    slack = 1.0 + RADII.widening_reserve * (1.0 - s.terminals / scale.goal)
     # What holds a region grows by all regions together: none is closed for it.
     for i in range(s.frozen_count):
         segments[i].allowed = np.inf
     s.smallest = spread_down(segments, s.count, s.root_radius, slack, law)
     if law.haematocrit >= 0.0:
         _, s.relative_viscosity = follow_radii(segments, s.count, law)
-    s.refresh_at = s.terminals + max(1, s.terminals // REFRESH)
+    s.refresh_at = s.terminals + max(1, s.terminals // RADII.refresh_divisor)
 
 
 @jit
@@ -707,7 +739,7 @@ def grow(
         s.tried += 1
         s.since += 1
         if s.since % scale.patience == 0:
-            s.min_spacing_factor *= SPACING_RELAX
+            s.min_spacing_factor *= SPACING.relax
         least = s.min_spacing_factor * (spacing * samples.near[n])
         size = nearest_segments(index, segments, t[0], t[1], t[2], least, nearest, away)
         if away[0] < least:
@@ -735,7 +767,7 @@ def grow(
         s.terminals += 1
         spacing = mean_spacing(s.terminals, scale)
         s.since = 0
-        s.min_spacing_factor = min(MAX_SPACING_FACTOR, s.min_spacing_factor * SPACING_TIGHTEN)
+        s.min_spacing_factor = min(SPACING.most, s.min_spacing_factor * SPACING.tighten)
         if s.terminals >= s.refresh_at:
             derive_radii(segments, progress, law, scale)
         if not listed:

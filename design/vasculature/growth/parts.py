@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,15 +36,23 @@ from kernels.arrays import FloatArray
 
 Place = tuple[float, float, float]
 
-MAX_INLET_DISTANCE = 0.1
-"""Of the tissue's largest extent: how far from its surface an inlet may be given."""
-MAX_INLET_ROUNDS = 5
-"""Growths with more inlets each time, until all of the tissue is reached."""
-INLETS_A_ROUND = 4
-"""Inlets added at a time."""
-ROOT_PLACES = 2000
-"""Places on the surface looked at for an inlet to be added."""
-MIN_TERMINALS_PER_INLET = 2
+
+class InletSettings(NamedTuple):
+    """Limits on inlets, given or added."""
+
+    max_distance: float = 0.1
+    """From the surface, over the tissue's largest extent, at which an inlet may be given."""
+    max_rounds: int = 5
+    per_round: int = 4
+    """Growths with more inlets each time until all of the tissue is reached; inlets added to
+    each."""
+    places: int = 2000
+    """Candidates on the surface for an added inlet."""
+    min_terminals: int = 2
+    """Of each inlet."""
+
+
+INLETS = InletSettings()
 
 
 @dataclass(frozen=True)
@@ -112,9 +121,9 @@ def grow_parts(tissue: Tissue, options: GrowthOptions, inlets: Sequence[Inlet] =
     missed = () if inlets else unreached(tissue, ends)
     if missed:
         raise TissueError(no_way(missed))
-    supply, told = check_supply(tissue, ends, flow)
+    supply, uneven = check_supply(tissue, ends, flow)
     notes = [note for tree in trees for note in tree.notes]
-    return GrownParts(tuple(trees), supply, (*notes, *told))
+    return GrownParts(tuple(trees), supply, (*notes, *uneven))
 
 
 def check_inlet(tissue: Tissue, name: str, place: Place | None) -> None:
@@ -128,7 +137,7 @@ def check_inlet(tissue: Tissue, name: str, place: Place | None) -> None:
     if place is None:
         return
     tree = build_triangle_tree(tissue.surface.vertices, tissue.surface.faces)
-    most = MAX_INLET_DISTANCE * float(np.ptp(tissue.bounds, axis=0).max())
+    most = INLETS.max_distance * float(np.ptp(tissue.bounds, axis=0).max())
     away = float(nearest_distance(tree, *place, np.inf))
     if away > most:
         raise TissueError(
@@ -251,9 +260,9 @@ def _reaching(
     probes = probes_for(tissue, options.terminals)
     owner = np.zeros(len(probes.points), dtype=np.int64)
     settings = [options]
-    for _ in range(MAX_INLET_ROUNDS):
+    for _ in range(INLETS.max_rounds):
         ends = np.concatenate([tree.distal[tree.children[:, 0] < 0] for tree in trees])
-        missed = unreached(tissue, ends, probes)[:INLETS_A_ROUND]
+        missed = unreached(tissue, ends, probes)[: INLETS.per_round]
         if not missed:
             break
         if len(trees) == 1:
@@ -283,7 +292,7 @@ def _from_plots(
 ) -> tuple[VesselTree, ...]:
     """A tree from each root in its own territory, of the terminals that this asks for."""
     share = np.bincount(owner, weights=probes.asks, minlength=len(settings)).astype(np.float64)
-    count = share_terminals(share, np.full(len(settings), MIN_TERMINALS_PER_INLET), terminals)
+    count = share_terminals(share, np.full(len(settings), INLETS.min_terminals), terminals)
     nearest = KDTree(probes.points)
     plots = [
         Surroundings(owns=partial(_owned, nearest, owner, n), share=float(count[n] / terminals))
@@ -309,12 +318,12 @@ def _root_into(
     members: NDArray[np.int64],
 ) -> GrowthOptions:
     """A root at the deepest place whose stem leads to some probes, away from other roots."""
-    places, ways = deep_roots(tissue, ROOT_PLACES, options.seed, apart=0.0)
+    places, ways = deep_roots(tissue, INLETS.places, options.seed, separation=0.0)
     ahead = places + 0.5 * probes.reach_mm * ways
     first = np.isin(KDTree(probes.points).query(ahead)[1], members)
     others = np.array([one.root_point_mm for one in taken])
-    apart = KDTree(others).query(places)[0]
-    good = np.flatnonzero(first & (apart > probes.reach_mm))
+    distance = KDTree(others).query(places)[0]
+    good = np.flatnonzero(first & (distance > probes.reach_mm))
     if len(good):
         best = int(good[0])
     else:

@@ -10,23 +10,36 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.errors import GrowthError
+from design.errors import GrowthError, NoRoomError
 from design.tissue import Tissue
 from design.tissue.grid import GridArrays, read
 from design.tissue.tissue import UniformDemand
 from design.vasculature.growth.cost import Segments
+from design.vasculature.growth.index import Clearances
 from design.vasculature.options import GrowthOptions
 from kernels import jit
 from kernels.arrays import FloatArray
 
 MIN_TERMINAL_FLOW = 0.05
 """Of a terminal, over the mean terminal's, where flows follow demand."""
-
-
 MAX_NAMED_POINTS = 5
 """Points at most that a message names."""
 _ONE_AT_A_TIME = Lock()
 """A demand may be read by a kernel of several threads, which can't be entered twice."""
+
+
+class SamplingSettings(NamedTuple):
+    """How many points are drawn at a time."""
+
+    min_points: int = 4096
+    per_terminal: float = 0.5
+    """Points in the tissue over the terminals there are: few enough that a tree grown to them
+    in order is like one grown in random order."""
+    ordered_from: int = 10_000
+    """Terminals from which points come in order; a smaller tree is in the cache in any case."""
+
+
+SAMPLING = SamplingSettings()
 
 
 @dataclass(frozen=True)
@@ -207,6 +220,48 @@ def obstructing_segments(segments: Segments, points: FloatArray, most: int) -> N
         away = np.linalg.norm(point - begin - along[:, None] * way, axis=1)
         near.append(free[np.argsort(away, kind="stable")[:most]])
     return np.unique(np.concatenate(near))
+
+
+def out_of_room(
+    options: GrowthOptions,
+    clearances: Clearances,
+    reached: tuple[int, int],
+    goal: int,
+    root_radius: float,
+    failed: int,
+) -> NoRoomError:
+    """Return the error that says how many terminals fit, and what might help.
+
+    Parameters
+    ----------
+    reached : (int, int)
+        Terminals grown, and those of them that are a given trunk's.
+    goal : int
+    root_radius : float, mm
+        Fixed radius of the root, or 0.
+    failed : int
+        Points in a row that found no place.
+    """
+    terminals, of_trunk = reached
+    smallest = options.smallest_radius_mm
+    wide = f" of radius {smallest:g} mm or more" if smallest else ""
+    reserved = (
+        f" beside a trunk from {root_radius:.3g} mm radius, reserved because {goal} terminals "
+        "need it"
+    )
+    limits = ", milder limits on angles or flows" if clearances.limits.on else ""
+    hint = " (their thinner trunk leaves more room: more than here may then fit)"
+    # Without a smallest radius all radii follow from the drop, and fewer terminals have as wide a
+    # trunk.
+    narrower = "a smaller smallest radius" if smallest else "a higher pressure drop"
+    return NoRoomError(
+        f"only {terminals} of {goal} terminals{wide} fit with clearance "
+        f"{clearances.clearance:g} mm{reserved if root_radius else ''}: "
+        f"{failed} points in a row found no place",
+        f"ask for {narrower} (narrower vessels), fewer "
+        f"terminals{hint if root_radius else ''} or a smaller clearance{limits}",
+        placed=terminals - of_trunk,
+    )
 
 
 # Filter target points to those inside the tissue, in Z-order.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise, product
-from typing import Any, Final
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +16,38 @@ from design.vasculature.growth.points import share_terminals
 from design.vasculature.growth.supply import demand_points
 from kernels.arrays import FloatArray, IntArray
 
-REGION: Final = 8_000
-"""Terminals of a region at most, about: its segments stay in a core's cache."""
 SHARED = -1
 """Region of segments that feed branches of several regions."""
-BRANCHES_PER_REGION = 8
-"""Branches that make up a region, about."""
-CELL_FACTOR = 0.6
-"""Edge of a cell over the mean spacing of the early tree's terminals."""
-POINTS_PER_REGION = 1000
-"""Points by which a region's demand is measured, on average; and at least, at most of all."""
-MIN_POINTS, MAX_POINTS = 100_000, 2_000_000
+
+
+class RegionSettings(NamedTuple):
+    """Sizes by which large trees are divided; chosen by time at 0.1 to 10 million terminals."""
+
+    from_terminals: int = 100_000
+    """A tree of as many terminals is grown by regions."""
+    early_terminals: int = 10_000
+    early_divisor: int = 50
+    """Terminals of the early tree that is split: so many at least, or one in so many of all."""
+    region_terminals: int = 8_000
+    """Of a region when it is grown, at most: its segments then stay in a core's cache."""
+    region_branches: int = 8
+    """Branches of the early tree that make up a region."""
+    cell_factor: float = 0.6
+    """Edge of a cell over the mean spacing of the early tree's terminals."""
+    region_points: int = 1000
+    min_points: int = 100_000
+    max_points: int = 2_000_000
+    """Points that measure demand: per region, and at least and at most of all."""
+    nearest: int = 6
+    """Segments considered for a new terminal. With `kernel.SEARCH.nearest` growth takes a fifth
+    longer for the same volume (100,000 terminals: 1258 mm³, with these 1257)."""
+    sync_divisor: int = 8
+    """Branches elsewhere are enlarged each time a region has grown by one in so many."""
+    cells_per_batch: int = 1 << 18
+    """Centres of cells that are made at a time."""
+
+
+REGIONS = RegionSettings()
 
 
 @dataclass(frozen=True)
@@ -71,8 +92,8 @@ class RegionCells:
             if step <= (0, 0, 0):
                 continue
             one, two = self.owner[_shifted(step, 0)], self.owner[_shifted(step, 1)]
-            apart = (one != two) & (one >= 0) & (two >= 0)
-            pairs = np.unique(one[apart].astype(np.int64) * regions + two[apart])
+            border = (one != two) & (one >= 0) & (two >= 0)
+            pairs = np.unique(one[border].astype(np.int64) * regions + two[border])
             for a, b in zip((pairs // regions).tolist(), (pairs % regions).tolist(), strict=True):
                 neighbours[a].add(b)
                 neighbours[b].add(a)
@@ -124,7 +145,7 @@ class Split:
 
 
 def split_tree(early: Segments, tissue: Tissue, terminals: int, dense: bool, seed: int) -> Split:
-    """Split an early tree into regions of about `REGION` terminals when it is grown.
+    """Split an early tree into regions of at most `REGIONS.region_terminals` terminals.
 
     Parameters
     ----------
@@ -138,15 +159,15 @@ def split_tree(early: Segments, tissue: Tissue, terminals: int, dense: bool, see
     seed : int
         Of the points by which demand is measured.
     """
-    most = max(2.0, REGION * len(early) / (2.0 * terminals))
-    branch, roots = _branches(early, max(1, int(most / BRANCHES_PER_REGION)))
+    most = max(2.0, REGIONS.region_terminals * len(early) / (2.0 * terminals))
+    branch, roots = _branches(early, max(1, int(most / REGIONS.region_branches)))
     tips = np.flatnonzero((early["left"] < 0) & (branch >= 0))
     at = np.column_stack([early["dx"], early["dy"], early["dz"]])[tips]
     weight = early["terminals"][roots].astype(np.float64)
     centre = [np.bincount(branch[tips], weights=at[:, x]) / weight for x in range(3)]
     of_branch = _halved(np.column_stack(centre), weight, most)
     region = np.where(branch >= 0, of_branch[branch], SHARED)
-    cells = divide(tissue, CELL_FACTOR * _spacing(tissue, early), at, region[tips])
+    cells = divide(tissue, REGIONS.cell_factor * _spacing(tissue, early), at, region[tips])
     count = int(of_branch.max()) + 1
     has = np.bincount(region[tips], minlength=count)
     goal = share_terminals(_demand(tissue, cells, count, dense, seed), has, terminals)
@@ -209,7 +230,9 @@ def _spacing(tissue: Tissue, early: Segments) -> float:
 def _demand(tissue: Tissue, cells: RegionCells, count: int, dense: bool, seed: int) -> FloatArray:
     """Each region's share of what the terminals are placed by."""
     points, weight = demand_points(
-        tissue, int(np.clip(POINTS_PER_REGION * count, MIN_POINTS, MAX_POINTS)), seed
+        tissue,
+        int(np.clip(REGIONS.region_points * count, REGIONS.min_points, REGIONS.max_points)),
+        seed,
     )
     owner = cells.owners(points)
     seen = owner >= 0
@@ -246,9 +269,6 @@ def _wanted(early: Segments, region: IntArray, growth: FloatArray) -> FloatArray
 
 # Cells of a cubic grid that divide a tissue among regions.
 
-CELLS_PER_BATCH = 1 << 18
-"""Centres of cells made at a time."""
-
 
 def _shifted(step: tuple[int, ...], side: int) -> tuple[slice, ...]:
     """Slices of a grid that pair each cell with the one a step further."""
@@ -270,8 +290,8 @@ def divide(tissue: Tissue, edge_mm: float, tips: FloatArray, region: NDArray[Any
     shape = tuple(np.maximum(1, np.ceil((high - low) / edge_mm)).astype(int).tolist())
     owner = np.full(int(np.prod(shape)), -1, np.int32)
     nearest = KDTree(tips)
-    for begin in range(0, len(owner), CELLS_PER_BATCH):
-        some = np.arange(begin, min(begin + CELLS_PER_BATCH, len(owner)))
+    for begin in range(0, len(owner), REGIONS.cells_per_batch):
+        some = np.arange(begin, min(begin + REGIONS.cells_per_batch, len(owner)))
         centre = low + edge_mm * (np.column_stack(np.unravel_index(some, shape)) + 0.5)
         touches = tissue.grid.distance(centre) < 0.5 * np.sqrt(3.0) * edge_mm
         owner[some[touches]] = region[nearest.query(centre[touches])[1]]

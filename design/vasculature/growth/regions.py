@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,33 +24,32 @@ from design.vasculature.growth.checks import (
 )
 from design.vasculature.growth.cost import SEGMENT, Segments, drop_marked, refresh
 from design.vasculature.growth.index import REACH, CellIndex, Clearances
-from design.vasculature.growth.kernel import GROWTH_POWER
-from design.vasculature.growth.region_split import SHARED, Split
+from design.vasculature.growth.kernel import RADII
+from design.vasculature.growth.region_split import REGIONS, SHARED, Split
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions, Law
 from kernels import jit, scalar_jit
 from kernels.arrays import FloatArray, IntArray
 
-LARGE: Final = 100_000
-"""Terminals from which a tree is grown by regions."""
-EARLY: Final = 10_000
-"""Terminals at least that a tree has before it is split into regions."""
-SPLIT_DIVISOR: Final = 50
-"""A tree is split when it has one in so many of its terminals."""
-LOAD_POWER: Final = 1.0 + 4.0 * GROWTH_POWER
-"""A branch's load grows with this power of its terminals: the root's radius with `GROWTH_POWER`."""
-NEAREST_IN_REGION: Final = 6
-"""Nearest segments considered for a new terminal: with `kernel.CANDIDATES` it takes a fifth longer
-and the volume is no less (100,000 terminals: 1258 mm³, with these 1257)."""
-TASKS_PER_THREAD = 2
-"""Tasks under way for each thread of a worker, so that none waits for the next message."""
-SEGMENTS_PER_TASK = 50_000
-"""Segments that a thread measures before it takes more."""
-MAX_RADIUS_RATIO, MIN_RADIUS_RATIO = 1.03, 0.85
-"""A segment's room is measured anew once its radius is beyond these parts of what it was.
+RESISTANCE_POWER: Final = 1.0 + 4.0 * RADII.growth_power
+"""Power of a branch's terminals with which its weighted resistance grows; see `PredictedRadii`."""
 
-Between them the search for neighbours reached far enough: `index.REACH` times the smaller one is
-above the larger one squared, with the clearance ratio of a tenth."""
+
+class ParallelSettings(NamedTuple):
+    """Sizes of tasks, and when an audit is repeated."""
+
+    tasks_per_thread: int = 2
+    """Tasks under way for each thread of a worker, so that none waits for the next message."""
+    segments_per_task: int = 50_000
+    """Segments that a thread measures before it takes more."""
+    min_radius_ratio: float = 0.85
+    max_radius_ratio: float = 1.03
+    """A segment is measured anew once its radius is beyond these parts of the audited one.
+    Between them the search for neighbours reached far enough: `index.REACH` times the first is
+    above the second squared, with the clearance ratio of a tenth."""
+
+
+PARALLEL = ParallelSettings()
 
 
 def terminals_before_split(options: GrowthOptions, trunk: Trunk | None) -> int:
@@ -60,13 +59,15 @@ def terminals_before_split(options: GrowthOptions, trunk: Trunk | None) -> int:
     can't know these of the others.
     """
     suits = (
-        options.terminals >= LARGE
+        options.terminals >= REGIONS.from_terminals
         and trunk is None
         and not options.stages
         and options.terminal_points_mm is None
         and options.law_haematocrit < 0.0
     )
-    return max(EARLY, options.terminals // SPLIT_DIVISOR) if suits else 0
+    if not suits:
+        return 0
+    return max(REGIONS.early_terminals, options.terminals // REGIONS.early_divisor)
 
 
 def grow_regions(
@@ -88,7 +89,7 @@ def grow_regions(
     Returns
     -------
     Segments, int
-        The whole tree, with loads as they were; how many segments it has.
+        The whole tree, its sums not yet derived anew; how many segments it has.
     """
     store = Store.of(split)
     regions: dict[int, Region] = {}
@@ -98,7 +99,7 @@ def grow_regions(
         return submit(pool, regions[number])
 
     def end(number: int, own: Any) -> None:
-        store.fill(number, own, regions.pop(number).held)
+        store.fill(number, own, regions.pop(number).frozen)
 
     threads = thread_count()
     most = executor.parallel if isinstance(executor, ClusterPool) else threads + 1
@@ -174,7 +175,7 @@ class ClusterPool(Executor):
         self._client = client
         self._pool = client.get_executor(pure=False)
         self._sent: dict[int, tuple[Tissue, Any]] = {}
-        self.parallel = TASKS_PER_THREAD * max(1, sum(client.nthreads().values()))
+        self.parallel = PARALLEL.tasks_per_thread * max(1, sum(client.nthreads().values()))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run a function on a worker."""
@@ -202,7 +203,7 @@ class Region:
     segments : (h + n,) Segments
         The tree as the region sees it: the ``h`` segments that hold it (its branches' ancestors and
         what else leaves these, parents first), then its own.
-    held : (h,) int64
+    frozen : (h,) int64
         Numbers in the store of those that hold it.
     leaves : (l,) int64
         Of the first ``h``, those that stand for branches elsewhere.
@@ -220,7 +221,7 @@ class Region:
 
     number: int
     segments: Segments
-    held: IntArray
+    frozen: IntArray
     leaves: IntArray
     wanted: FloatArray
     around: Segments
@@ -241,12 +242,12 @@ class Region:
         growth = (self.wanted / first["terminals"]) ** done
         set_leaves(
             segments,
-            len(self.held),
+            len(self.frozen),
             self.leaves,
             np.round(first["terminals"] * growth),
             first["flow"] * growth,
-            first["load"] * growth**LOAD_POWER,
-            first["cost_sum"] * growth ** (0.25 * law.lam * LOAD_POWER),
+            first["weighted_resistance"] * growth**RESISTANCE_POWER,
+            first["cost_sum"] * growth ** (0.25 * law.lam * RESISTANCE_POWER),
             law,
         )
 
@@ -254,19 +255,24 @@ class Region:
 @jit
 def set_leaves(
     segments: Any,
-    held: int,
+    frozen: int,
     leaves: Any,
     terminals: Any,
     flow: Any,
-    load: Any,
+    resistance: Any,
     cost_sum: Any,
     law: Law,
 ) -> None:
-    """Set what branches elsewhere carry, and recompute the ``held`` segments above them."""
+    """Set what branches elsewhere carry, and recompute the ``frozen`` segments above them."""
     for n in range(len(leaves)):
         s = segments[leaves[n]]
-        s.terminals, s.flow, s.load, s.cost_sum = terminals[n], flow[n], load[n], cost_sum[n]
-    for i in range(held - 1, -1, -1):
+        s.terminals, s.flow, s.weighted_resistance, s.cost_sum = (
+            terminals[n],
+            flow[n],
+            resistance[n],
+            cost_sum[n],
+        )
+    for i in range(frozen - 1, -1, -1):
         if segments[i].left >= 0:
             refresh(segments, i, law)
 
@@ -277,17 +283,17 @@ def region_of(split: Split, store: Store, number: int, clearance_mm: float) -> R
     own = np.flatnonzero(split.region == number)
     path = _ancestors(early, split.roots[split.region[split.roots] == number])
     leaves = _leaving(early, split.region, path, number)
-    held = np.sort(np.concatenate([path, leaves]))
-    segments = _as_seen(split, store, held, leaves, own)
+    frozen = np.sort(np.concatenate([path, leaves]))
+    segments = _as_seen(split, store, frozen, leaves, own)
     corners = split.corners[number]
-    low, high = box_of(segments[len(held) :], corners, split.cells.edge_mm, clearance_mm)
+    low, high = box_of(segments[len(frozen) :], corners, split.cells.edge_mm, clearance_mm)
     return Region(
         number,
         segments,
-        store.number(split, held),
-        np.searchsorted(held, leaves),
+        store.number(split, frozen),
+        np.searchsorted(frozen, leaves),
         split.wanted[leaves],
-        _around(split, store, number, held, (low, high, clearance_mm)),
+        _around(split, store, number, frozen, (low, high, clearance_mm)),
         int(np.count_nonzero(early["left"][own] < 0)),
         int(split.goal[number]),
         corners,
@@ -314,17 +320,17 @@ def _leaving(early: Segments, region: IntArray, path: IntArray, number: int) -> 
 
 
 def _as_seen(
-    split: Split, store: Store, held: IntArray, leaves: IntArray, own: IntArray
+    split: Split, store: Store, frozen: IntArray, leaves: IntArray, own: IntArray
 ) -> Segments:
     """The region's part of the tree, renumbered; other branches as their first segments are now."""
     early = split.early
-    both = np.concatenate([held, own])
+    both = np.concatenate([frozen, own])
     local = np.full(len(early) + 1, -1, np.int32)
     local[both] = np.arange(len(both))
     segments = early[both]
     for name in ("parent", "left", "right"):
         segments[name] = local[segments[name]]
-    at = np.searchsorted(held, leaves)
+    at = np.searchsorted(frozen, leaves)
     segments["left"][at] = segments["right"][at] = -1
     for here, there in zip(at.tolist(), leaves.tolist(), strict=True):
         region = int(split.region[there])
@@ -339,7 +345,7 @@ def _around(
     split: Split,
     store: Store,
     number: int,
-    held: IntArray,
+    frozen: IntArray,
     box: tuple[FloatArray, FloatArray, float],
 ) -> Segments:
     """Vessels of others within a box: of finished neighbours as grown, of the rest as they were.
@@ -350,14 +356,14 @@ def _around(
     done[list(split.after[number])] = True
     aside = done[split.region]
     aside[split.region == number] = True
-    aside[held] = True
+    aside[frozen] = True
     near = near_box(split.early, *box)
     near_parts = [split.early[near[~aside[near]]]]
     for other in sorted(split.after[number]):
         slot = store.slot(other)
         kept = np.zeros(len(slot), dtype=bool)
         kept[near_box(slot, *box)] = True
-        kept[split.place[held[split.region[held] == other]]] = False
+        kept[split.place[frozen[split.region[frozen] == other]]] = False
         near_parts.append(slot[kept])
     return np.concatenate(near_parts)
 
@@ -440,23 +446,23 @@ class Store:
         begin = int(self.first[region])
         return self.segments[begin : begin + int(self.used[region])]
 
-    def fill(self, region: int, own: Segments, held: IntArray) -> None:
-        """Take a region's segments, numbered on from those that it was held by.
+    def fill(self, region: int, own: Segments, frozen: IntArray) -> None:
+        """Take a region's segments, numbered on from its frozen ones.
 
         Parameters
         ----------
-        held : (h,) int64
+        frozen : (h,) int64
             Numbers in the store of the segments that the region's were numbered on from.
         """
         self.used[region] = len(own)
         slot = self.slot(region)
         slot[:] = own
-        begin = int(self.first[region]) - len(held)
+        begin = int(self.first[region]) - len(frozen)
         for name in ("parent", "left", "right"):
             local = own[name].astype(np.int64)
-            above = (local >= 0) & (local < len(held))
+            above = (local >= 0) & (local < len(frozen))
             there = np.where(local < 0, -1, local + begin)
-            there[above] = held[local[above]]
+            there[above] = frozen[local[above]]
             slot[name] = there
 
     def gaps(self) -> NDArray[np.uint8]:
@@ -493,7 +499,9 @@ def mark_changed(segments: Any, count: int) -> None:
     """Allow any radius to what must be measured anew: that is what `measure_changed` looks for."""
     for i in range(count):
         s = segments[i]
-        alike = MIN_RADIUS_RATIO * s.audited < s.radius < MAX_RADIUS_RATIO * s.audited
+        alike = (
+            PARALLEL.min_radius_ratio * s.audited < s.radius < PARALLEL.max_radius_ratio * s.audited
+        )
         if not alike or s.radius > s.allowed or s.allowed == np.inf:
             s.allowed, s.audited = np.inf, s.radius
 
@@ -520,11 +528,11 @@ def measure_in_parallel(
 
     def measure(begin: int) -> None:
         own = index._replace(stamp=np.zeros_like(index.stamp), query=np.zeros_like(index.query))
-        end = min(begin + SEGMENTS_PER_TASK, count)
+        end = min(begin + PARALLEL.segments_per_task, count)
         measure_alone(segments, begin, end, own, alone, smallest)
 
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(measure, range(0, count, SEGMENTS_PER_TASK)))
+        list(pool.map(measure, range(0, count, PARALLEL.segments_per_task)))
     limit_joints(segments, count, clearances)
     return int(too_wide(segments, count))
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from design.errors import DesignError, GrowthError, RootError, TissueError
+from design.errors import DesignError, GrowthError, NoRoomError, RootError, TissueError
 from design.tissue import Tissue
 from design.vasculature.growth.cost import Segments, place, refresh
 from design.vasculature.growth.index import Clearances
@@ -16,14 +17,21 @@ from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 from kernels.arrays import FloatArray
 
-_STEM_DEPTH = 1.5
-"""Depth of the stem's end over what its children need: they leave it sideways."""
-_STEM_LENGTH = 1.15
-"""Length of the stem over its least: the final radius may be larger than predicted."""
-LENGTHENING_FACTOR = 1.01
-"""The same where the stem turned out too short."""
-MAX_STEPS = 1000
-"""Steps along each straight that is tried for the vessel of a tree with one terminal."""
+
+class StemSettings(NamedTuple):
+    """Size of the root's segment."""
+
+    depth_factor: float = 1.5
+    """Depth of its end over what its children need: they leave it sideways."""
+    length_factor: float = 1.15
+    """Length over the least: the final radius may be larger than predicted."""
+    lengthening_factor: float = 1.01
+    """The same where it turned out too short."""
+    max_steps: int = 1000
+    """Samples along each straight tried for the vessel of a tree with one terminal."""
+
+
+STEM = StemSettings()
 
 
 def stem(
@@ -71,7 +79,7 @@ def stem(
             f"surface, and its first branches need {need:.3g} mm; choose another root point or "
             "direction, fewer terminals, a smaller smallest radius or clearance"
         )
-    long = along[: len(depth)] >= _STEM_LENGTH * options.length_to_radius * root_radius
+    long = along[: len(depth)] >= STEM.length_factor * options.length_to_radius * root_radius
     if depth[long].max(initial=-np.inf) < need:
         raise RootError(
             f"root at {_say(point)} along {_say(direction)} leaves no room for a stem "
@@ -79,7 +87,7 @@ def stem(
             "(length_to_radius); choose another root point or direction, fewer terminals, "
             "a smaller smallest radius or length_to_radius"
         )
-    enough = np.flatnonzero(long & (depth >= _STEM_DEPTH * need))
+    enough = np.flatnonzero(long & (depth >= STEM.depth_factor * need))
     end = int(enough[0]) if len(enough) else int(np.argmax(np.where(long, depth, -np.inf)))
     return point, point + along[end] * direction
 
@@ -101,7 +109,7 @@ def lengthen_stem(segments: Segments, clearances: Clearances, law: Law) -> None:
     s = segments[0]
     begin = np.array([s["px"], s["py"], s["pz"]])
     end = np.array([s["dx"], s["dy"], s["dz"]])
-    longer = LENGTHENING_FACTOR * clearances.length_to_radius * s["radius"] / s["length"]
+    longer = STEM.lengthening_factor * clearances.length_to_radius * s["radius"] / s["length"]
     end = begin + longer * (end - begin)
     place(segments, 0, tuple(begin), tuple(end))
     for child in (int(s["left"]), int(s["right"])):
@@ -185,7 +193,7 @@ def sole_end(
 
 def _stays_deep(tissue: Tissue, begin: FloatArray, end: FloatArray, depth_mm: float) -> bool:
     steps = int(np.linalg.norm(end - begin) / (0.25 * tissue.grid.spacing_mm)) + 2
-    part = np.linspace(0.0, 1.0, min(steps, MAX_STEPS))
+    part = np.linspace(0.0, 1.0, min(steps, STEM.max_steps))
     depth = -tissue.grid.distance(begin + part[:, None] * (end - begin))
     entered = part * np.linalg.norm(end - begin) > 2.0 * depth_mm + tissue.grid.spacing_mm
     deep = depth >= depth_mm
@@ -194,9 +202,22 @@ def _stays_deep(tissue: Tissue, begin: FloatArray, end: FloatArray, depth_mm: fl
 
 # Find the root on a tissue's surface of least tree cost, by growing small trial trees.
 
-PROBE_TERMINALS = 200
-"""Of the small tree grown from each candidate, at most."""
-SURFACE_SAMPLES = 4000
+
+class RootSettings(NamedTuple):
+    """Samples by which a root is searched for."""
+
+    probe_terminals: int = 200
+    """Of the small tree grown from each candidate, at most."""
+    spread_samples: int = 4000
+    depth_samples: int = 2000
+    """Points on the surface from which candidates are taken that are spread, or lie deep."""
+    depth_steps: int = 40
+    """Along each inward normal, to 2.5 times the tissue's largest depth."""
+    separation: float = 0.1
+    """Least distance of two deep places, over the diagonal of the tissue's bounds."""
+
+
+ROOT = RootSettings()
 
 
 @dataclass(frozen=True)
@@ -273,7 +294,7 @@ def search_root(
 
 def _probe(options: GrowthOptions) -> GrowthOptions:
     """The options of the small trees."""
-    few = min(options.terminals, PROBE_TERMINALS)
+    few = min(options.terminals, ROOT.probe_terminals)
     plain = replace(options, root_candidates=0, stages=())
     if options.terminal_points_mm is None:
         return replace(plain, terminals=few)
@@ -299,10 +320,10 @@ def spread_over_surface(tissue: Tissue, count: int, seed: int) -> tuple[FloatArr
     10.1016/0304-3975(85)90224-5), beginning at the highest.
     """
     random = np.random.default_rng([seed, 0x5EA3])
-    points, normals = surface_points(tissue, SURFACE_SAMPLES, random)
+    points, normals = surface_points(tissue, ROOT.spread_samples, random)
     chosen = [int(np.argmax(points[:, 2]))]
     away = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < min(count, SURFACE_SAMPLES):
+    while len(chosen) < min(count, ROOT.spread_samples):
         chosen.append(int(np.argmax(away)))
         away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return points[chosen], normals[chosen]
@@ -310,13 +331,9 @@ def spread_over_surface(tissue: Tissue, count: int, seed: int) -> tuple[FloatArr
 
 # Find surface points with the deepest tissue below, as roots of trees with wide vessels.
 
-_DEPTH_SAMPLES = 2000
-MIN_ROOT_SEPARATION = 0.1
-DEPTH_STEPS = 40
-
 
 def deep_roots(
-    tissue: Tissue, count: int, seed: int, apart: float = MIN_ROOT_SEPARATION
+    tissue: Tissue, count: int, seed: int, separation: float = ROOT.separation
 ) -> tuple[FloatArray, FloatArray]:
     """Places on the surface below which the tissue is deepest, deepest first.
 
@@ -330,7 +347,7 @@ def deep_roots(
     count : int
         How many at most.
     seed : int
-    apart : float
+    separation : float
         Least distance of any two, over the diagonal of the tissue's bounds.
 
     Returns
@@ -338,14 +355,16 @@ def deep_roots(
     points, directions : (k, 3) float64
         mm, and inward unit normals.
     """
-    points, normals = surface_points(tissue, _DEPTH_SAMPLES, np.random.default_rng([seed, 0xDEEB]))
+    points, normals = surface_points(
+        tissue, ROOT.depth_samples, np.random.default_rng([seed, 0xDEEB])
+    )
     reach = 2.5 * tissue.grid.deepest_mm
-    along = np.linspace(0.0, reach, DEPTH_STEPS + 1)[1:]
+    along = np.linspace(0.0, reach, ROOT.depth_steps + 1)[1:]
     line = points[:, None] + along[None, :, None] * normals[:, None]
     depth = -tissue.grid.distance(line.reshape(-1, 3)).reshape(line.shape[:2])
     stays = np.logical_and.accumulate(depth > 0, axis=1)
     deepest = np.where(stays, depth, 0.0).max(axis=1)
-    least = apart * float(np.linalg.norm(np.ptp(tissue.bounds, axis=0)))
+    least = separation * float(np.linalg.norm(np.ptp(tissue.bounds, axis=0)))
     chosen: list[int] = []
     for n in np.argsort(-deepest, kind="stable"):
         away = np.linalg.norm(points[chosen] - points[n], axis=1)
@@ -372,3 +391,34 @@ def surface_points(
     points: FloatArray = np.einsum("nk,nkx->nx", mix, corner[face])
     normals: FloatArray = -across[face] / size[face, None]
     return points, normals
+
+
+def grow_from_deep_root(
+    tissue: Tissue,
+    options: GrowthOptions,
+    count: int,
+    why: RootError | NoRoomError,
+    grow: Callable[[Tissue, GrowthOptions], VesselTree],
+) -> VesselTree:
+    """Grow from one of ``count`` deep places, after the default root failed by ``why``.
+
+    Raises
+    ------
+    RootError, NoRoomError
+        When none of the places holds the tree: of the root that placed most terminals.
+    """
+    trouble = "no trunk fits at the highest point"
+    if isinstance(why, NoRoomError):
+        trouble = f"from the highest point only {why.placed} terminals fit"
+    for point, way in zip(*deep_roots(tissue, count, options.seed), strict=True):
+        try:
+            tree = grow(tissue, rooted_at(options, point, way))
+        except (RootError, NoRoomError) as error:
+            why = max(why, error, key=lambda one: one.placed)
+            continue
+        note = (
+            "{}, so the root was put at ({:.4g}, {:.4g}, {:.4g}) mm, where the tissue is "
+            "deep".format(trouble, *point)
+        )
+        return replace(tree, notes=(note, *tree.notes))
+    raise why

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,13 +105,13 @@ def supply_notes(supply: Sequence[PartSupply], most: int = 4) -> tuple[str, ...]
     """Sentences for the report on a tissue of several parts; none for one part."""
     if len(supply) == 1:
         return ()
-    said = "; ".join(
+    listed = "; ".join(
         f"{one.volume_mm3:.3g} mm³: {one.terminals} terminals, {100 * one.flow_share:.3g} % of the "
         f"flow for {100 * one.demand_share:.3g} % of the demand"
         for one in supply[:most]
     )
     more = f"; and {len(supply) - most} smaller parts" if len(supply) > most else ""
-    notes = [f"The tissue has {len(supply)} separate parts, each with vessels ({said}{more})."]
+    notes = [f"The tissue has {len(supply)} separate parts, each with vessels ({listed}{more})."]
     uneven = [one for one in supply if one.demand_share > 0 and _off(one) > UNEVEN]
     if uneven:
         worst = max(uneven, key=_off)
@@ -142,20 +143,20 @@ def no_inlet(
     parts: Sequence[Part], left: Sequence[int], most: int = 3, advice: str = _BY_TREE
 ) -> str:
     """The message on parts that no inlet leads to."""
-    said = ", ".join(str(parts[n]) for n in left[:most])
+    listed = ", ".join(str(parts[n]) for n in left[:most])
     more = f" and {len(left) - most} more" if len(left) > most else ""
     return (
         f"the tissue has {len(parts)} separate parts, and vessels that enter one can't reach "
-        f"another: no vessel ends in {said}{more}. {advice}"
+        f"another: no vessel ends in {listed}{more}. {advice}"
     )
 
 
 def no_way(missed: Sequence[Unreached], most: int = 3) -> str:
     """The message on places that no vessel reaches."""
-    said = ", ".join(map(str, missed[:most]))
+    listed = ", ".join(map(str, missed[:most]))
     more = f" and {len(missed) - most} more" if len(missed) > most else ""
     return (
-        f"vessels don't reach all of the tissue: none ends in {said}{more}. The way there may be "
+        f"vessels don't reach all of the tissue: none ends in {listed}{more}. The way there may be "
         "too narrow for them, or taken by others: ask for thinner vessels or a smaller clearance, "
         "take that place out of the mesh, or give it an inlet of its own (inlets, with grow: tree "
         "and without a template)"
@@ -173,18 +174,29 @@ def _place(part: Part) -> tuple[float, float, float]:
 
 # Find large connected volumes of a tissue that are far from every terminal.
 
-FAR_FACTOR = 3.0
-"""Distance from the nearest terminal, over the typical one, from which on a place is far; both
-times the cube root of the demand there."""
-TYPICAL_PERCENTILE = 25.0
-"""Percentile of the distances by demand that is taken for typical: most of a tissue may be far."""
-MIN_MISSED_TERMINALS = 6.0
-"""Terminals' worth of demand that a far place must ask for."""
-MIN_MISSED_PROBES = 12
-"""Probes that it must have: in trees of above 50,000 terminals a single one asks for several, and
-may lie in or beside a wide vessel."""
-PROBES_PER_TERMINAL, MIN_PROBES, MAX_PROBES = 40, 4_000, 100_000
-_SEED = 5
+
+class MissedSettings(NamedTuple):
+    """What counts as a place that no terminal is near."""
+
+    far_factor: float = 3.0
+    """Distance from the nearest terminal over the typical one, both times the cube root of the
+    demand there."""
+    typical_percentile: float = 25.0
+    """Of the distances, by demand, taken for typical: most of a tissue may be far."""
+    min_terminals: float = 6.0
+    """Terminals' worth of demand of such a place."""
+    min_probes: int = 12
+    """Probes in it: in trees of above 50,000 terminals a single one asks for several, and may
+    lie in or beside a wide vessel."""
+    probes_per_terminal: int = 40
+    fewest_probes: int = 4_000
+    most_probes: int = 100_000
+    """Points that fill the tissue: by the number of terminals, within two limits."""
+    seed: int = 5
+    """Of these points."""
+
+
+MISSED = MissedSettings()
 
 
 @dataclass(frozen=True)
@@ -230,8 +242,10 @@ class Probes:
 
 def probes_for(tissue: Tissue, terminals: int) -> Probes:
     """Points that suit so many terminals; same arguments, same points."""
-    count = int(np.clip(PROBES_PER_TERMINAL * terminals, MIN_PROBES, MAX_PROBES))
-    points, weight = demand_points(tissue, count, _SEED)
+    count = int(
+        np.clip(MISSED.probes_per_terminal * terminals, MISSED.fewest_probes, MISSED.most_probes)
+    )
+    points, weight = demand_points(tissue, count, MISSED.seed)
     reach = 2.5 * float(np.cbrt(tissue.volume_mm3 / count))
     return Probes(points, weight / weight.sum(), reach)
 
@@ -251,7 +265,7 @@ def unreached(
         Where the terminals end.
     probes : Probes, optional
     """
-    if len(ends) < 2 * MIN_MISSED_TERMINALS:
+    if len(ends) < 2 * MISSED.min_terminals:
         return ()
     probes = probes or probes_for(tissue, len(ends))
     asks = probes.asks * len(ends)
@@ -260,16 +274,16 @@ def unreached(
     away = away * np.cbrt(probes.asks * len(probes.asks))
     order = np.argsort(away)
     below = np.cumsum(probes.asks[order])
-    typical = float(away[order][np.searchsorted(below, TYPICAL_PERCENTILE / 100.0)])
-    far = np.flatnonzero(away > FAR_FACTOR * typical)
-    if asks[far].sum() < MIN_MISSED_TERMINALS:
+    typical = float(away[order][np.searchsorted(below, MISSED.typical_percentile / 100.0)])
+    far = np.flatnonzero(away > MISSED.far_factor * typical)
+    if asks[far].sum() < MISSED.min_terminals:
         return ()
     pairs = KDTree(probes.points[far]).query_pairs(probes.reach_mm, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(far),) * 2)
     group = connected_components(graph, directed=False)[1]
     places = []
-    large = np.bincount(group, weights=asks[far]) >= MIN_MISSED_TERMINALS
-    for n in np.flatnonzero(large & (np.bincount(group) >= MIN_MISSED_PROBES)):
+    large = np.bincount(group, weights=asks[far]) >= MISSED.min_terminals
+    for n in np.flatnonzero(large & (np.bincount(group) >= MISSED.min_probes)):
         own = far[group == n]
         x, y, z = probes.points[own[np.argmax(away[own])]].tolist()
         volume = tissue.volume_mm3 * len(own) / len(away)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,17 +55,19 @@ class Surroundings:
 
 # Divide a tissue into one territory per root, of the volume that its terminals need.
 
-SAMPLES = 20_000
-"""Points by which volumes are measured: a share of a half is known to 0.4 %."""
+
+class TerritorySettings(NamedTuple):
+    """How a tissue is divided."""
+
+    points: int = 20_000
+    seed: int = 7
+    """Points by which volumes are measured: a share of a half is known to 0.4 %."""
+    max_iterations: int = 400
+    tolerance: float = 2e-3
+    """Of a share of the volume."""
 
 
-MAX_ITERATIONS = 400
-
-
-SHARE_TOLERANCE = 2e-3
-
-
-_SEED = 7
+TERRITORY = TerritorySettings()
 
 
 @dataclass(frozen=True)
@@ -113,16 +116,16 @@ def part_tissue(tissue: Tissue, centre: FloatArray, wanted: FloatArray) -> Terri
     """
     points = _points_inside(tissue)
     weight = np.zeros(len(centre))
-    apart = np.linalg.norm(centre[:, None] - centre[None], axis=2)
-    np.fill_diagonal(apart, np.inf)
-    if not (apart > 0).all():
+    distance = np.linalg.norm(centre[:, None] - centre[None], axis=2)
+    np.fill_diagonal(distance, np.inf)
+    if not (distance > 0).all():
         raise GrowthError("two roots of one kind have their stems' ends at one place; part them")
     step = float(np.ptp(tissue.bounds, axis=0).max()) ** 2
     before = np.zeros(len(centre))
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(TERRITORY.max_iterations):
         share = np.bincount(_owner(points, centre, weight), minlength=len(centre)) / len(points)
         short = wanted - share
-        if np.abs(short).max() < SHARE_TOLERANCE:
+        if np.abs(short).max() < TERRITORY.tolerance:
             break
         if (short * before).sum() < 0:
             step *= 0.5
@@ -133,12 +136,12 @@ def part_tissue(tissue: Tissue, centre: FloatArray, wanted: FloatArray) -> Terri
 
 def _points_inside(tissue: Tissue) -> FloatArray:
     low, high = tissue.bounds
-    random = np.random.default_rng(_SEED)
+    random = np.random.default_rng(TERRITORY.seed)
     points = np.empty((0, 3))
-    while len(points) < SAMPLES:
-        tried = random.uniform(low, high, (SAMPLES, 3))
+    while len(points) < TERRITORY.points:
+        tried = random.uniform(low, high, (TERRITORY.points, 3))
         points = np.concatenate([points, tried[tissue.contains(tried)]])
-    return points[:SAMPLES]
+    return points[: TERRITORY.points]
 
 
 def _owner(points: FloatArray, centre: FloatArray, weight: FloatArray) -> NDArray[np.int64]:

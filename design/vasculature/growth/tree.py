@@ -6,7 +6,7 @@ from concurrent.futures import Executor, Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,17 +25,14 @@ from design.vasculature.growth.cost import (
     TRUNK,
     Segments,
     depth_first,
-    follow_radii,
     place,
     refresh,
     refresh_all,
-    spread_down,
+    settle_radii,
 )
 from design.vasculature.growth.index import (
-    CELL_FACTOR,
-    MARGIN,
-    MARGIN_AT_MOST,
-    MARGIN_LEFT,
+    LISTING,
+    RESERVE,
     CellIndex,
     Clearances,
     clear_of,
@@ -44,14 +41,14 @@ from design.vasculature.growth.index import (
     index_segments,
 )
 from design.vasculature.growth.kernel import (
-    CANDIDATES,
     DONE,
     FULL_INDEX,
-    MAX_SPACING_FACTOR,
     MORE_POINTS,
     PROGRESS,
+    RADII,
     REBUILD,
-    THIN_MARGIN,
+    SEARCH,
+    SPACING,
     Scale,
     derive_radii,
     first_pair,
@@ -59,14 +56,15 @@ from design.vasculature.growth.kernel import (
 )
 from design.vasculature.growth.points import (
     MIN_TERMINAL_FLOW,
+    SAMPLING,
     GivenPoints,
     Sampler,
     Samples,
     obstructing_segments,
+    out_of_room,
 )
-from design.vasculature.growth.region_split import split_tree
+from design.vasculature.growth.region_split import REGIONS, split_tree
 from design.vasculature.growth.regions import (
-    NEAREST_IN_REGION,
     Region,
     grow_regions,
     measure_again,
@@ -75,7 +73,7 @@ from design.vasculature.growth.regions import (
     thread_count,
 )
 from design.vasculature.growth.root import (
-    deep_roots,
+    grow_from_deep_root,
     lengthen_stem,
     rooted_at,
     search_root,
@@ -85,53 +83,46 @@ from design.vasculature.growth.root import (
 )
 from design.vasculature.growth.supply import flows_by_demand
 from design.vasculature.growth.territories import Surroundings
-from design.vasculature.growth.trunk import Trunk, trunk_of
+from design.vasculature.growth.trunk import NARROW_PART, Trunk, trunk_of
 from design.vasculature.options import GrowthOptions
 from design.vasculature.penalty import PenaltyArrays, sample_penalty
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology
-from design.vasculature.viscosity import ROUNDS, SETTLED
 from kernels.arrays import FloatArray
 
 SPREADS = (1.7, 1.5, 1.6, 1.4, 1.3)
 """Terminal spreads tried in turn where none is given: wide ones leave the terminals free, narrow
 ones keep the trunk thin. One whose trunk was too wide for half of the terminals isn't tried
 again, nor a wider one."""
-ATTEMPTS = 24
-"""Growths from other random numbers, where one gets stuck and nothing else is said."""
-DEEP_ROOTS = 3
-"""Deep places tried where the default root is too shallow, or its tree gets stuck."""
-PROBES = 3
-"""Growths from a deep place after the default root's tree got stuck, and of each of the small
-trees by which a root is searched for."""
-MAX_POINTS_TRIED = 2_000_000
-"""Points tried in failed attempts, after which no third or later one is begun."""
-MAX_AUDITS = 20
-"""Audits and repairs at most."""
-REORDER_FROM = 10_000
-"""Terminals below which a tree is in the cache, however it is ordered."""
-NARROW_PART = 0.45
-"""Part of the terminals up to which a given trunk's branches are kept narrow."""
-MANY_CANDIDATES = 40
-"""Nearest segments considered for given points missed at first, or with a flow ratio."""
-MAX_FAILED_POINTS = 20_000
-"""Points in a row that find no place before growth is given up."""
-MIN_POINTS = 4096
-"""Points drawn at a time at least."""
-POINTS_PER_TERMINAL = 0.5
-"""Points in the tissue sampled at a time, over the terminals there are: few enough that a tree
-grown to them in order is like one grown in random order."""
-MAX_CLEARINGS = 40
-"""How often what is in the way of given points is taken away."""
-SYNC_PART = 8
-"""Branches outside a region are made to grow alike each time it has grown by one in so many."""
+
+
+class Effort(NamedTuple):
+    """How long growth tries before it gives up."""
+
+    attempts: int = 24
+    """Growths from other random numbers, where one gets stuck."""
+    deep_roots: int = 3
+    """Deep places tried where the default root is too shallow, or its tree gets stuck."""
+    probes: int = 3
+    """Growths from each of these, and of each small tree by which a root is searched for."""
+    tried_points: int = 2_000_000
+    """Points tried in failed attempts, after which no third or later one is begun."""
+    audits: int = 20
+    """Audits and repairs of a grown tree."""
+    failed_points: int = 20_000
+    """Points in a row that find no place."""
+    clearings: int = 40
+    """Removals of what obstructs given points."""
+
+
+EFFORT = Effort()
 
 
 def grow_tree(
     tissue: Tissue,
     options: GrowthOptions,
     *,
-    attempts: int = ATTEMPTS,
+    attempts: int = EFFORT.attempts,
     trunk: VesselNetwork | VesselTree | None = None,
     pool: Executor | None = None,
 ) -> VesselTree:
@@ -179,53 +170,24 @@ def grow_tree(
         try:
             return grow_from_root(tissue, options, attempts, stem, pool)
         except (RootError, NoRoomError) as error:
-            half_placed = 2 * _placed(error) >= options.terminals
+            half_placed = 2 * error.placed >= options.terminals
             if stem is not None or options.root_point_mm is not None or half_placed:
                 raise
-            return _grow_from_deep_root(tissue, options, attempts, error, pool)
+            # From elsewhere a tree that got stuck once gets few more attempts.
+            few = min(attempts, EFFORT.probes) if isinstance(error, NoRoomError) else attempts
+            return grow_from_deep_root(
+                tissue,
+                options,
+                EFFORT.deep_roots,
+                error,
+                partial(grow_from_root, attempts=few, pool=pool),
+            )
     if stem is not None:
         raise GrowthError("a trunk has a root of its own; set root_candidates to 0")
-    root = search_root(tissue, options, partial(grow_from_root, attempts=PROBES))
+    root = search_root(tissue, options, partial(grow_from_root, attempts=EFFORT.probes))
     placed = rooted_at(options, root.points[root.best], root.directions[root.best])
     tree = grow_from_root(tissue, placed, attempts, None, pool)
     return replace(tree, notes=(root.note, *tree.notes))
-
-
-def _grow_from_deep_root(
-    tissue: Tissue,
-    options: GrowthOptions,
-    attempts: int,
-    why: RootError | NoRoomError,
-    pool: Executor | None,
-) -> VesselTree:
-    """Grow from where the tissue is deep, after the default root failed by ``why``.
-
-    Raises
-    ------
-    RootError, NoRoomError
-        When none of the places holds the tree: of the root that placed most terminals.
-    """
-    trouble = "no trunk fits at the highest point"
-    if isinstance(why, NoRoomError):
-        attempts = min(attempts, PROBES)
-        trouble = f"from the highest point only {why.placed} terminals fit"
-    for point, way in zip(*deep_roots(tissue, DEEP_ROOTS, options.seed), strict=True):
-        try:
-            tree = grow_from_root(tissue, rooted_at(options, point, way), attempts, None, pool)
-        except (RootError, NoRoomError) as error:
-            why = max(why, error, key=_placed)
-            continue
-        note = (
-            "{}, so the root was put at ({:.4g}, {:.4g}, {:.4g}) mm, where the tissue is "
-            "deep".format(trouble, *point)
-        )
-        return replace(tree, notes=(note, *tree.notes))
-    raise why
-
-
-def _placed(error: RootError | NoRoomError) -> int:
-    """Return the number of terminals that found a place."""
-    return error.placed if isinstance(error, NoRoomError) else 0
 
 
 def grow_from_root(
@@ -261,7 +223,7 @@ def grow_from_root(
         if grown < options.terminals // 2:
             spreads = [s for s in spreads if s < spread] or spreads
         tried += int(growth.progress["tried"][0])
-        if attempt > 0 and tried > MAX_POINTS_TRIED:
+        if attempt > 0 and tried > EFFORT.tried_points:
             break
     raise best.around(after=f" (best of {attempt + 1} attempts)") from best
 
@@ -322,17 +284,17 @@ class TreeGrowth:
         self.clearances = clearances_of(tissue, options)
         self.index = empty_index(tissue.bounds, float(np.ptp(tissue.bounds)), 1, 1)
         self.sampler = Sampler.by(tissue, options, self.others.owns)
-        nearest = CANDIDATES
+        nearest = SEARCH.nearest
         if self.region is not None:
-            nearest = NEAREST_IN_REGION
+            nearest = REGIONS.nearest
             self.sampler = replace(
                 self.sampler, corners=self.region.corners, edge_mm=self.region.edge_mm
             )
         self.penalty = sample_penalty(tissue, options.penalty)
         self.progress = np.zeros(1, PROGRESS)
-        self.progress["min_spacing_factor"] = MAX_SPACING_FACTOR
+        self.progress["min_spacing_factor"] = SPACING.most
         self.progress["relative_viscosity"] = 1.0
-        self.progress["candidates"] = MANY_CANDIDATES if options.flow_ratio else nearest
+        self.progress["candidates"] = SEARCH.many_nearest if options.flow_ratio else nearest
         if trunk is not None and trunk.widest_branch < np.inf:
             self._narrow_until = round(NARROW_PART * self.goal)
 
@@ -392,6 +354,10 @@ class TreeGrowth:
         """Terminals grown."""
         return int(self.progress["terminals"][0])
 
+    @property
+    def _first_radius(self) -> float:
+        return self.scale.first_radius(self.options.law, self.tissue.volume_mm3)
+
     def meet(self, others: Surroundings) -> None:
         """Take the vessels of others as they are now."""
         own = self.segments[: len(self.segments) - self.others.count]
@@ -400,15 +366,16 @@ class TreeGrowth:
     def run(self) -> VesselTree:
         """Grow, audit and repair until everything fits."""
         self.start()
-        for _ in range(MAX_AUDITS):
+        for _ in range(EFFORT.audits):
             self.grow()
             left = self.audit()
             if left == 0:
                 return self.tree()
             self.repair()
         raise GrowthError(
-            f"{left} of {self.count} vessels still collide or leave the tissue after {MAX_AUDITS} "
-            "repairs; ask for fewer terminals, a smaller smallest radius or clearance"
+            f"{left} of {self.count} vessels still collide or leave the tissue after "
+            f"{EFFORT.audits} repairs; ask for fewer terminals, a smaller smallest radius or "
+            "clearance"
         )
 
     def start(self) -> None:
@@ -421,12 +388,12 @@ class TreeGrowth:
             derive_radii(self.segments, self.progress, law, self.scale)
             return
         settings = self._enter_stage()
-        begin, end = stem(self.tissue, settings, self._first_guess(), self.clearances.wall)
+        begin, end = stem(self.tissue, settings, self._first_radius, self.clearances.wall)
         self.segments[0]["parent"] = self.segments[0]["left"] = self.segments[0]["right"] = -1
         place(self.segments, 0, tuple(begin), tuple(end))
         refresh(self.segments, 0, law)
         self.segments[0]["allowed"] = np.inf
-        if self.others.count and not self._clear(begin, end[None], self._first_guess())[0]:
+        if self.others.count and not self._clear(begin, end[None], self._first_radius)[0]:
             raise GrowthError(
                 "the root's stem from ({:.4g}, {:.4g}, {:.4g}) ".format(*begin)
                 + "meets another tree's vessel; choose another place or direction of the root"
@@ -445,15 +412,15 @@ class TreeGrowth:
 
         A root direction that is given is kept.
         """
-        radius = self._first_guess()
-        samples = self._samples(MIN_POINTS).at
+        radius = self._first_radius
+        samples = self._samples(SAMPLING.min_points).at
         middle = samples.mean(axis=0) if len(samples) else end
         if self.given is not None:
             ends = samples
         elif self.options.root_direction is not None:
             across = float(np.linalg.norm(np.ptp(self.tissue.bounds, axis=0)))
             far = max(1.0, across / float(np.linalg.norm(end - begin)))
-            ends = begin + np.linspace(1.0, far, MIN_POINTS)[:, None] * (end - begin)
+            ends = begin + np.linspace(1.0, far, SAMPLING.min_points)[:, None] * (end - begin)
         else:
             ends = np.concatenate([samples, end[None]])
         if self.others.count:
@@ -461,30 +428,23 @@ class TreeGrowth:
         return sole_end(self.tissue, begin, ends, middle, radius + self.clearances.wall)
 
     def _first_pair(self) -> None:
-        law, root = self.options.law, self._first_guess()
-        apart = 0.5 * float(np.cbrt(self.scale.volume))
+        law, root = self.options.law, self._first_radius
+        separation = 0.5 * float(np.cbrt(self.scale.volume))
         at = np.array([self.segments[name][0] for name in ("dx", "dy", "dz")])
         for _ in range(40):
-            samples = self._samples(MIN_POINTS)
+            samples = self._samples(SAMPLING.min_points)
             if self.others.count:
                 clear = self._clear(at, samples.at, root)
                 samples = Samples(*(column[clear] for column in samples))
-            if first_pair(self.segments, self.clearances, law, root, samples, apart):
+            if first_pair(self.segments, self.clearances, law, root, samples, separation):
                 self.progress["count"], self.progress["terminals"] = 3, 2
                 self.segments["allowed"][:3] = np.inf
                 return
-            apart *= 0.85
+            separation *= 0.85
         raise RootError(
             "no two branches fit at the end of the root's stem; choose another place or "
             "direction of the root, fewer terminals, a smaller smallest radius or clearance"
         )
-
-    def _first_guess(self) -> float:
-        """Root radius before there is a tree, mm: that of a pipe twice as long as the tissue."""
-        if self.scale.root_radius > 0:
-            return self.scale.root_radius
-        load = 2.0 * self.options.law.k * float(np.cbrt(self.tissue.volume_mm3))
-        return float((self.scale.flow_over_drop * load) ** 0.25)
 
     def _clear(self, begin: Any, points: Any, radius: float) -> Any:
         """Whether capsules from ``begin`` to each of ``points`` clear the vessels of others."""
@@ -508,11 +468,9 @@ class TreeGrowth:
     def grow(self, until: int | None = None) -> None:
         """Grow up to the goal, wherever growth stands, or to so many terminals on the way."""
         if self.split_at:
-            self._grow_in_stages(self.split_at)
+            self.grow_to(self.split_at)
             self._grow_regions()
-        self._grow_in_stages(min(until or self.goal, self.goal))
-
-    def _grow_in_stages(self, goal: int) -> None:
+        goal = min(until or self.goal, self.goal)
         while self.terminals < goal:
             self._enter_stage()
             stages = self.options.stages
@@ -560,33 +518,15 @@ class TreeGrowth:
                 min(self._pause_at(), goal),
             )
             # Points in the order of a curve fail together: a whole lot of them must.
-            stuck = self.progress["since"][0] > max(MAX_FAILED_POINTS, len(samples.at))
+            stuck = self.progress["since"][0] > max(EFFORT.failed_points, len(samples.at))
             if stuck and self.terminals < self._narrow_until:
                 self._narrow_until, status = 0, FULL_INDEX
                 self.progress["since"] = 0
             elif stuck and self.given is None:
-                raise self._out_of_room()
-
-    def _out_of_room(self) -> NoRoomError:
-        """Return the error that says how many terminals fit, and what might help."""
-        smallest, root, goal = self.options.smallest_radius_mm, self.scale.root_radius, self.goal
-        wide = f" of radius {smallest:g} mm or more" if smallest else ""
-        reserved = (
-            f" beside a trunk from {root:.3g} mm radius, reserved because {goal} terminals need it"
-        )
-        limits = ", milder limits on angles or flows" if self.clearances.limits.on else ""
-        hint = " (their thinner trunk leaves more room: more than here may then fit)"
-        # Without a smallest radius all radii follow from the drop, and fewer terminals have as wide
-        # a trunk.
-        narrower = "a smaller smallest radius" if smallest else "a higher pressure drop"
-        return NoRoomError(
-            f"only {self.terminals} of {goal} terminals{wide} fit with clearance "
-            f"{self.clearances.clearance:g} mm{reserved if root else ''}: "
-            f"{MAX_FAILED_POINTS} points in a row found no place",
-            f"ask for {narrower} (narrower vessels), fewer "
-            f"terminals{hint if root else ''} or a smaller clearance{limits}",
-            placed=self.terminals - (self.trunk.tips if self.trunk else 0),
-        )
+                reached = self.terminals, self.trunk.tips if self.trunk else 0
+                root = self.scale.root_radius
+                failed = EFFORT.failed_points
+                raise out_of_room(self.options, self.clearances, reached, self.goal, root, failed)
 
     def _pause_at(self) -> int:
         """Terminals at which growth pauses, unless the index is full before."""
@@ -599,7 +539,7 @@ class TreeGrowth:
         """Do what is due before growth goes on."""
         if self.region is not None:
             self.region.grow_elsewhere(self.segments, self.terminals, self.options.law)
-            self._sync_at = self.terminals + max(1, self.terminals // SYNC_PART)
+            self._sync_at = self.terminals + max(1, self.terminals // REGIONS.sync_divisor)
             if status == REBUILD and self.terminals < 2 * self._indexed:
                 derive_radii(self.segments, self.progress, self.options.law, self.scale)
                 return
@@ -621,15 +561,15 @@ class TreeGrowth:
             self._indexed, others = max(4, self.terminals), self.others.count
             # Numbered by branch where the cache asks for it; grown by regions, it is so already.
             is_grown_by_regions = self._by_regions and not self.split_at
-            if self.terminals > REORDER_FROM and not is_grown_by_regions:
+            if self.terminals > SAMPLING.ordered_from and not is_grown_by_regions:
                 self.segments = depth_first(self.segments, self.count)
             bounds = self.tissue.bounds
         else:
             self._indexed, others = self.terminals, len(region.around)
-            grown = self.segments[len(region.held) : self.count]
+            grown = self.segments[len(region.frozen) : self.count]
             bounds = np.stack(region.box(grown, self.clearances.clearance))
         goal = min(self.goal, 2 * self.terminals)
-        cell = CELL_FACTOR * float(np.cbrt(self.scale.volume / max(8, goal)))
+        cell = LISTING.cell_factor * float(np.cbrt(self.scale.volume / max(8, goal)))
         count = self.count if own is None else own
         self.index = index_segments(bounds, cell, self.segments, count, others, self.clearances)
 
@@ -653,7 +593,7 @@ class TreeGrowth:
         """Points to grow to: so many tries at new ones, or the given ones that are left."""
         if self.given is not None:
             return self.given.samples(self.random.permutation(self._missing(self.given)))
-        return self.sampler.draw(self.random, tries, self.terminals > REORDER_FROM)
+        return self.sampler.draw(self.random, tries, self.terminals > SAMPLING.ordered_from)
 
     def _missing(self, given: GivenPoints) -> NDArray[np.int64]:
         """Given points that aren't reached."""
@@ -675,17 +615,19 @@ class TreeGrowth:
     def _tries(self) -> int:
         """Return how many points to draw at a time."""
         per_wanted = self.sampler.volume_mm3 / (self.scale.volume * self.sampler.kept)
-        tries = POINTS_PER_TERMINAL * per_wanted * self.terminals
+        tries = SAMPLING.per_terminal * per_wanted * self.terminals
         # A region's points come in order, so that more would make another tree: 2 % more volume.
         return (
-            int(tries) + 1 if self.region is not None else int(np.clip(tries, MIN_POINTS, 1 << 21))
+            int(tries) + 1
+            if self.region is not None
+            else int(np.clip(tries, SAMPLING.min_points, 1 << 21))
         )
 
     def _made_way(self, given: GivenPoints, missing: NDArray[np.int64]) -> Samples:
         """Take away what lies nearest to points that can't be reached, and put these first."""
         passes = given.stuck_on(missing)
-        self.progress["candidates"] = MANY_CANDIDATES
-        if passes > MAX_CLEARINGS:
+        self.progress["candidates"] = SEARCH.many_nearest
+        if passes > EFFORT.clearings:
             raise given.unreached(missing, self.tissue)
         s = self.segments[: self.count]
         s["allowed"] = np.inf
@@ -709,9 +651,9 @@ class TreeGrowth:
     def _reserve(self) -> float:
         """How much wider than predicted trial forks must be able to grow."""
         if self.scale.root_radius > 0:
-            return MARGIN
+            return RESERVE.least
         left = float(np.log(self.goal / self.terminals))
-        return min(MARGIN + MARGIN_LEFT * left, MARGIN_AT_MOST)
+        return min(RESERVE.least + RESERVE.per_e_fold * left, RESERVE.most)
 
     def audit(self) -> int:
         """Derive the final radii; return how many segments don't fit with them.
@@ -722,7 +664,14 @@ class TreeGrowth:
         self.clearances = clearances_of(self.tissue, self.options.mildest())
         if self.sampler.flows:
             self._share_by_demand()
-        self._derive_final_radii()
+        settle_radii(
+            self.segments,
+            self.count,
+            self.options.law,
+            self.scale.root_radius,
+            self.scale.flow_over_drop,
+            self.options.smallest_radius_mm,
+        )
         self._reindex()
         # What meets the smallest radius to rounding passes.
         least = (self.options.smallest_radius_mm or 0.0) * (1.0 - 1e-9)
@@ -748,21 +697,6 @@ class TreeGrowth:
         s["flow"][tips] = np.maximum(share, MIN_TERMINAL_FLOW)
         refresh_all(self.segments, self.count, self.options.law)
 
-    def _derive_final_radii(self) -> None:
-        """Derive radii by the pressure drop, or as wide as the smallest radius asks for."""
-        law, smallest, top = self.options.law, self.options.smallest_radius_mm, self.segments[0]
-        for _ in range(ROUNDS):
-            root = self.scale.root_radius or float(
-                (self.scale.flow_over_drop * float(top["load"]) / float(top["flow"])) ** 0.25
-            )
-            thinnest = spread_down(self.segments, self.count, root, 1.0, law)
-            if smallest is not None and thinnest > smallest:
-                spread_down(self.segments, self.count, root * (smallest / thinnest), 1.0, law)
-            if law.haematocrit < 0.0:
-                return
-            if follow_radii(self.segments, self.count, law)[0] < SETTLED:
-                return
-
     def _stem_is_short(self) -> bool:
         return self.trunk is None and stem_is_short(self.segments, self.clearances)
 
@@ -780,14 +714,14 @@ class TreeGrowth:
                 self.index,
                 self.clearances,
                 self.options.law,
-                self._samples(MIN_POINTS).at,
-                THIN_MARGIN * self.options.smallest_radius_mm,
+                self._samples(SAMPLING.min_points).at,
+                RADII.thin_margin * self.options.smallest_radius_mm,
             )
         self._prune()
 
     def _prune(self) -> None:
         """Take away what is wider than allowed."""
-        least = THIN_MARGIN * (self.options.smallest_radius_mm or 0.0)
+        least = RADII.thin_margin * (self.options.smallest_radius_mm or 0.0)
         if self.given is not None:
             least = np.inf  # a given terminal stays where it is
         law = self.options.law
@@ -799,7 +733,7 @@ class TreeGrowth:
             )
         self.progress["count"] = left
         self.progress["terminals"] = self.segments["terminals"][0]
-        self.progress["min_spacing_factor"] = MAX_SPACING_FACTOR
+        self.progress["min_spacing_factor"] = SPACING.most
         derive_radii(self.segments, self.progress, self.options.law, self.scale)
 
     def tree(self) -> VesselTree:
@@ -809,7 +743,9 @@ class TreeGrowth:
         s = self.segments[: self.count]
         flow, drop = options.flow_ul_s(self.scale.volume), options.pressure_drop_pa
         if smallest:
-            drop = flow * float(s["load"][0]) / (float(s["flow"][0]) * float(s["radius"][0]) ** 4)
+            names = "weighted_resistance", "flow", "radius"
+            resistance, root_flow, root_radius = (float(s[name][0]) for name in names)
+            drop = flow * resistance / (root_flow * root_radius**4)
         notes = () if trunk is None else (trunk.note(s, self.tissue),)
         equal = options.terminal_flow == "equal" and options.terminal_flows is None
         arrays = (
@@ -844,7 +780,7 @@ def grow_region(
     ``scale`` is that of the whole tree. Returns the region's segments, numbered on from those that
     hold it.
     """
-    held, share = len(region.held), region.goal / scale.goal
+    frozen, share = len(region.frozen), region.goal / scale.goal
     to_come = np.zeros(2 * (region.goal - region.terminals), SEGMENT)
     growth = TreeGrowth(
         tissue,
@@ -856,8 +792,8 @@ def grow_region(
         region=region,
     )
     growth.progress["count"], growth.progress["terminals"] = len(region.segments), region.terminals
-    growth.progress["frozen_count"] = held
+    growth.progress["frozen_count"] = frozen
     # Out of room: what is missing grows elsewhere, or that says so.
     with suppress(GrowthError):
         growth.grow_to(region.goal)
-    return growth.segments[held : growth.count].copy()
+    return growth.segments[frozen : growth.count].copy()

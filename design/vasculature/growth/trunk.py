@@ -17,6 +17,8 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 
 TOLERANCE = 0.25
 """How far a polyline may be straightened, over its vessel's mean radius."""
+NARROW_PART = 0.45
+"""Part of the terminals up to which a given trunk's branches are kept narrow."""
 
 
 @dataclass(frozen=True)

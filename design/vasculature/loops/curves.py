@@ -1,4 +1,4 @@
-"""Choose the cheapest Bézier curve between two terminals, clear of all other vessels (compiled)."""
+"""Choose the cheapest Bézier curve between two terminals, clear of all other vessels."""
 
 from __future__ import annotations
 
@@ -14,17 +14,28 @@ from design.vasculature.growth.index import CellIndex, cell_range
 from kernels import jit
 from kernels.arrays import FloatArray
 
-PIECES = 10
-"""Straight pieces of a Bézier curve at most."""
-_BENDS = 24
-"""Places at which a curve's bend is measured."""
-_DENSE = 20
-"""Steps by which lengths along a curve are measured."""
+
+class CurveSampling(NamedTuple):
+    """How a Bézier curve becomes straight pieces."""
+
+    pieces: int = 10
+    """At most."""
+    min_pieces: int = 4
+    """Where there is room for so many separate ones, or for none at all."""
+    separation: float = 1.03
+    """Length of a piece over what keeps the pieces before and after it apart."""
+    bend_steps: int = 24
+    """Steps along the curve at which its bend is measured."""
+    length_steps: int = 20
+    """Steps by which lengths along it are measured."""
+
+
+CURVE = CurveSampling()
 
 
 @jit
 def bezier(control: Any, t: float, out: Any) -> None:
-    """Point of a cubic Bézier curve with control points (4, 3)."""
+    """Write the point of a cubic Bézier curve with control points (4, 3) at ``t``."""
     s = 1.0 - t
     a, b, c, d = s * s * s, 3.0 * s * s * t, 3.0 * s * t * t, t * t * t
     for x in range(3):
@@ -33,11 +44,11 @@ def bezier(control: Any, t: float, out: Any) -> None:
 
 @jit
 def tightest_bend(control: Any) -> float:
-    """Least radius of curvature |B'|³ / |B' x B''| at evenly spaced places, mm."""
+    """Return the least radius of curvature |B'|³ / |B' x B''| at evenly spaced places, mm."""
     least = np.inf
     one, two = np.empty(3), np.empty(3)
-    for n in range(_BENDS + 1):
-        t = n / _BENDS
+    for n in range(CURVE.bend_steps + 1):
+        t = n / CURVE.bend_steps
         s = 1.0 - t
         for x in range(3):
             p, q = control[1, x] - control[0, x], control[2, x] - control[1, x]
@@ -92,46 +103,46 @@ def handle(ends: Ends, side: int, shape: Any, control: Any) -> float:
 def curve_cost(
     ends: Ends,
     shape: Any,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
-    until: int,
     best: float,
     points: Any,
 ) -> tuple[float, float, int]:
-    """Cost, radius (mm) and pieces of a candidate; inf where it doesn't fit or costs too much.
+    """Return cost, radius (mm) and pieces of a candidate; inf where it doesn't fit.
 
-    ``shape`` (8,) has `handle`'s four numbers for either end; ``points`` (PIECES + 1, 3)
-    receives the polyline. ``until`` and ``best`` as in `weigh`.
+    ``shape`` (8,) has `handle`'s four numbers for either end; ``points`` (pieces + 1, 3) receives
+    the polyline. ``best`` as in `polyline_cost`.
     """
     control = np.empty((4, 3))
     control[0], control[3] = ends.point[0], ends.point[1]
     for side in range(2):
-        if handle(ends, side, shape[4 * side : 4 * side + 4], control) < rule.straight:
+        if handle(ends, side, shape[4 * side : 4 * side + 4], control) < limits.min_cosine:
             return np.inf, 0.0, 0
-    arc = np.zeros(_DENSE + 1)
+    arc = np.zeros(CURVE.length_steps + 1)
     here, there = np.empty(3), np.empty(3)
     here[:] = control[0]
-    for n in range(1, _DENSE + 1):
-        bezier(control, n / _DENSE, there)
+    for n in range(1, CURVE.length_steps + 1):
+        bezier(control, n / CURVE.length_steps, there)
         arc[n] = arc[n - 1] + point_distance(here, there)
         here[:] = there
-    bend = tightest_bend(control)
-    if rule.by_length * arc[_DENSE] / rule.length >= best or bend < 0.99 * rule.bend * radius_for(
-        arc[_DENSE], ends, rule
-    ):
+    length = arc[CURVE.length_steps]
+    if limits.by_length * length / limits.length >= best:
         return np.inf, 0.0, 0
-    at = np.empty(PIECES + 1)
-    count = stations(arc[_DENSE], ends, rule, PIECES, at)
+    bend = tightest_bend(control)
+    if bend < 0.99 * limits.bend_to_radius * radius_for(length, ends, limits):
+        return np.inf, 0.0, 0
+    at = np.empty(CURVE.pieces + 1)
+    count = stations(length, ends, limits, CURVE.pieces, at)
     m = 0
     for n in range(1, count):
         while arc[m + 1] < at[n]:
             m += 1
-        t = (m + (at[n] - arc[m]) / (arc[m + 1] - arc[m])) / _DENSE
+        t = (m + (at[n] - arc[m]) / (arc[m + 1] - arc[m])) / CURVE.length_steps
         bezier(control, t, points[n])
     # The ends exactly: pieces that share a node meet there to the last bit.
     points[0], points[count] = ends.point[0], ends.point[1]
-    cost, radius = weigh(ends, points[: count + 1], bend, rule, index, capsules, until, best)
+    cost, radius = polyline_cost(ends, points[: count + 1], bend, limits, index, capsules, best)
     return cost, radius, count
 
 
@@ -140,23 +151,22 @@ def best_curve(
     ends: Ends,
     shapes: Any,
     first: int,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
-    until: int,
     points: Any,
 ) -> tuple[float, int]:
-    """Radius (mm) and pieces of the cheapest curve of ``shapes`` (m, 8), or 0 where none fits.
+    """Return radius (mm) and pieces of the cheapest of ``shapes`` (m, 8); 0 where none fits.
 
     All of the ``first`` shapes are weighed; where none fits, the others as far as the first
-    that does. ``points`` (PIECES + 1, 3) receives its polyline.
+    that does. ``points`` (CURVE.pieces + 1, 3) receives its polyline.
     """
     best, best_radius, pieces = np.inf, 0.0, 0
-    trial = np.empty((PIECES + 1, 3))
+    trial = np.empty((CURVE.pieces + 1, 3))
     for n in range(len(shapes)):
         if n >= first and best_radius > 0.0:
             break
-        cost, radius, count = curve_cost(ends, shapes[n], rule, index, capsules, until, best, trial)
+        cost, radius, count = curve_cost(ends, shapes[n], limits, index, capsules, best, trial)
         if cost < best:
             best, best_radius, pieces = cost, radius, count
             points[:] = trial
@@ -177,19 +187,15 @@ CAPSULE = np.dtype(
         ("dy", "f8"),
         ("dz", "f8"),
         ("radius", "f8"),
-        ("there", "i8"),
+        ("present", "i8"),
     ]
 )
-"""A straight piece of a vessel: ends p and d, radius (mm), and whether it is there (1) or was
-taken away (0)."""
-FEWEST = 4
-"""Straight pieces of a curve at least, where there is room for them or for none at all."""
-APART = 1.03
-"""Pieces are this much longer than what keeps their neighbours on either side apart."""
+"""A straight piece of a vessel: ends p and d, radius (mm), and whether it is present (1) or was
+removed (0)."""
 
 
-class Rule(NamedTuple):
-    """What curves are held to and weighed by, as kernels take it.
+class ConnectionLimits(NamedTuple):
+    """Limits on connections and weights of their cost, as kernels take them.
 
     Attributes
     ----------
@@ -200,14 +206,13 @@ class Rule(NamedTuple):
         Kept between vessels: the larger of mm and a part of the thinner radius.
     radius, length : float, mm
         A curve of this length has this radius; others the same resistance, r⁴ ~ length.
-    least : float, mm
-        No curve is thinner.
-    bend : float
+    min_radius : float, mm
+    bend_to_radius : float
         Least bend radius over lumen radius.
-    straight : float
-        Cosine of the largest angle between a terminal and the curve that continues it.
-    comfort : float
-        Gap, over the radius, beyond which more is worth nothing.
+    min_cosine : float
+        Of the angle between a terminal and the curve that continues it.
+    ample_gap : float
+        Gap over the radius beyond which a larger one costs no less.
     by_length, by_tortuosity, by_clearance, by_volume : float
         Weights of the cost.
     """
@@ -218,10 +223,10 @@ class Rule(NamedTuple):
     ratio: float
     radius: float
     length: float
-    least: float
-    bend: float
-    straight: float
-    comfort: float
+    min_radius: float
+    bend_to_radius: float
+    min_cosine: float
+    ample_gap: float
     by_length: float
     by_tortuosity: float
     by_clearance: float
@@ -242,8 +247,8 @@ class Ends(NamedTuple):
     way : (2, KIN) float64, mm
         Along the vessels from the tip to each.
     lost : float, mm⁻³
-        Length over r⁴ that the terminals lost when they were drawn back; the curve makes up for
-        it, so that the way through all three resists as before.
+        Length over r⁴ that the terminals lost when they were shortened; the curve makes up for
+        it, so that all three together keep their resistance.
     """
 
     point: FloatArray
@@ -256,34 +261,34 @@ class Ends(NamedTuple):
 
 @jit
 def point_distance(a: Any, b: Any) -> float:
-    """Distance of two points."""
+    """Return the distance of two points."""
     return sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
 @jit
-def radius_for(length: float, ends: Ends, rule: Rule) -> float:
-    """Radius that gives a curve of ``length`` the resistance all have, mm."""
-    return sqrt(sqrt(length / (rule.length / rule.radius**4 + ends.lost)))
+def radius_for(length: float, ends: Ends, limits: ConnectionLimits) -> float:
+    """Return the radius that gives a curve of ``length`` the resistance all have, mm."""
+    return sqrt(sqrt(length / (limits.length / limits.radius**4 + ends.lost)))
 
 
 @jit
-def stations(length: float, ends: Ends, rule: Rule, most: int, at: Any) -> int:
-    """Where along a curve its points are, mm; at most ``most`` pieces; returns how many.
+def stations(length: float, ends: Ends, limits: ConnectionLimits, most: int, at: Any) -> int:
+    """Set positions of a curve's points along it, mm, for at most ``most`` pieces; return these.
 
     Pieces are long enough that those before and after one don't come near each other: they would
-    count as overlapping within their joint. Curves too short for `FEWEST` such pieces have three
-    or two; those too short for two have `FEWEST` again, for the sake of their shape.
+    count as overlapping within their joint. Curves too short for ``min_pieces`` of them have three
+    or two; those too short for two have ``min_pieces`` again, for the sake of their shape.
     """
-    radius = radius_for(length, ends, rule)
-    kept = max(rule.clearance, rule.ratio * radius)
-    inner = APART * (2.0 * radius + kept)
-    first = APART * (radius + ends.radius[0] + kept)
-    last = APART * (radius + ends.radius[1] + kept)
+    radius = radius_for(length, ends, limits)
+    kept = max(limits.clearance, limits.ratio * radius)
+    inner = CURVE.separation * (2.0 * radius + kept)
+    first = CURVE.separation * (radius + ends.radius[0] + kept)
+    last = CURVE.separation * (radius + ends.radius[1] + kept)
     at[0] = 0.0
     if first + last > length:
-        for n in range(1, FEWEST + 1):
-            at[n] = length * n / FEWEST
-        return FEWEST
+        for n in range(1, CURVE.min_pieces + 1):
+            at[n] = length * n / CURVE.min_pieces
+        return CURVE.min_pieces
     count = min(most, 2 + int((length - first - last) / inner))
     spare = (length - first - last - (count - 2) * inner) / count
     for n in range(1, count):
@@ -293,25 +298,22 @@ def stations(length: float, ends: Ends, rule: Rule, most: int, at: Any) -> int:
 
 
 @jit
-def weigh(
+def polyline_cost(
     ends: Ends,
     points: Any,
     bend: float,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
-    until: int,
     best: float,
 ) -> tuple[float, float]:
-    """Cost and radius (mm) of a polyline; inf where it doesn't fit or costs ``best`` or more.
+    """Return cost and radius (mm) of a polyline; inf where it doesn't fit or costs ``best``.
 
     Parameters
     ----------
     points : (n + 1, 3) float64, mm
     bend : float, mm
         Least bend radius of the curve that the points are on.
-    until : int
-        Capsules from this one on are left out of account.
     """
     count = len(points) - 1
     arc = np.zeros(count + 1)
@@ -319,36 +321,40 @@ def weigh(
         arc[n + 1] = arc[n] + point_distance(points[n], points[n + 1])
     length = arc[count]
     chord = max(point_distance(points[0], points[count]), 1e-9)
-    radius = radius_for(length, ends, rule)
-    if radius < rule.least:
+    radius = radius_for(length, ends, limits)
+    if radius < limits.min_radius:
         return np.inf, 0.0
-    volume = length * radius**2 / (rule.length * rule.radius**2)
-    cost = rule.by_length * length / rule.length + rule.by_tortuosity * (length / chord - 1.0)
-    cost += rule.by_volume * volume
-    if cost >= best or bend < rule.bend * radius or kink(ends, points) < rule.straight:
+    volume = length * radius**2 / (limits.length * limits.radius**2)
+    cost = limits.by_length * length / limits.length + limits.by_tortuosity * (length / chord - 1.0)
+    cost += limits.by_volume * volume
+    if (
+        cost >= best
+        or bend < limits.bend_to_radius * radius
+        or kink(ends, points) < limits.min_cosine
+    ):
         return np.inf, 0.0
-    need = radius + rule.wall
+    need = radius + limits.wall
     for n in range(count):
         p, q = points[n], points[n + 1]
-        if depth_along(rule.grid, p[0], p[1], p[2], q[0], q[1], q[2], need) < need:
+        if depth_along(limits.grid, p[0], p[1], p[2], q[0], q[1], q[2], need) < need:
             return np.inf, 0.0
-    if meets_itself(points, arc, radius, rule):
+    if meets_itself(points, arc, radius, limits):
         return np.inf, 0.0
-    gap = rule.comfort * radius
+    gap = limits.ample_gap * radius
     for n in range(count):
         gap = piece_gap(
             ends, points[n], points[n + 1], arc[n], length - arc[n + 1],
-            radius, gap, rule, index, capsules, until,
+            radius, gap, limits, index, capsules,
         )  # fmt: skip
         if gap < 0.0:
             return np.inf, 0.0
-    cost += rule.by_clearance * max(0.0, 1.0 - gap / (rule.comfort * radius))
+    cost += limits.by_clearance * max(0.0, 1.0 - gap / (limits.ample_gap * radius))
     return (cost if cost < best else np.inf), radius
 
 
 @jit
 def kink(ends: Ends, points: Any) -> float:
-    """Cosine of the larger angle between a terminal and the polyline's first piece there."""
+    """Return the cosine of the larger angle of a terminal and the polyline's piece there."""
     last = len(points) - 1
     return min(
         heading(ends, 0, points[0], points[1]), heading(ends, 1, points[last], points[last - 1])
@@ -357,7 +363,7 @@ def kink(ends: Ends, points: Any) -> float:
 
 @jit
 def heading(ends: Ends, side: int, here: Any, there: Any) -> float:
-    """Cosine of the angle between an end's direction and the way from here to there."""
+    """Return the cosine of the angle between an end's direction and the way from here to there."""
     dot = 0.0
     for x in range(3):
         dot += (there[x] - here[x]) * ends.direction[side, x]
@@ -365,9 +371,9 @@ def heading(ends: Ends, side: int, here: Any, there: Any) -> float:
 
 
 @jit
-def meets_itself(points: Any, arc: Any, radius: float, rule: Rule) -> bool:
-    """Whether two pieces of a curve come near that are far along it."""
-    kept = max(rule.clearance, rule.ratio * radius)
+def meets_itself(points: Any, arc: Any, radius: float, limits: ConnectionLimits) -> bool:
+    """Return whether two pieces of a curve come near that are far along it."""
+    kept = max(limits.clearance, limits.ratio * radius)
     count = len(points) - 1
     for i in range(count):
         a, b = points[i], points[i + 1]
@@ -392,18 +398,17 @@ def piece_gap(
     to_second: float,
     radius: float,
     least: float,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
-    until: int,
 ) -> float:
-    """Least gap between a piece's wall and any other vessel's where below ``least``, mm.
+    """Return the least gap between a piece's wall and any other vessel's where below ``least``, mm.
 
     -1 where they collide. What is near along the vessels belongs to the joint, by the rule of
     `design.vasculature.collide`; ``to_first`` and ``to_second`` are the ways along the
     curve from the piece to its ends.
     """
-    reach = radius + max(rule.clearance, max(least, rule.ratio * radius))
+    reach = radius + max(limits.clearance, max(least, limits.ratio * radius))
     index.query[0] += 1
     query = index.query[0]
     i0, i1 = cell_range(index, 0, min(a[0], b[0]) - reach, max(a[0], b[0]) + reach)
@@ -416,18 +421,18 @@ def piece_gap(
                 while entry >= 0:
                     item = index.item[entry]
                     entry = index.following[entry]
-                    if item >= until or index.stamp[item] == query:
+                    if index.stamp[item] == query:
                         continue
                     index.stamp[item] = query
                     s = capsules[item]
-                    if s.there == 0:
+                    if s.present == 0:
                         continue
                     d, _, _ = segment_segment(
                         a[0], a[1], a[2], b[0], b[1], b[2],
                         s.px, s.py, s.pz, s.dx, s.dy, s.dz,
                     )  # fmt: skip
                     gap = d - radius - s.radius
-                    kept = max(rule.clearance, rule.ratio * min(radius, s.radius))
+                    kept = max(limits.clearance, limits.ratio * min(radius, s.radius))
                     if gap >= max(least, kept):
                         continue
                     limit = 2.0 * (radius + s.radius) + kept
@@ -441,7 +446,7 @@ def piece_gap(
 
 @jit
 def path_length(ends: Ends, item: int, to_first: float, to_second: float) -> float:
-    """Way along the vessels from a piece to a capsule behind either end, mm; else inf."""
+    """Return the path length along the vessels from a piece to a capsule behind an end, mm."""
     way = np.inf
     for n in range(KIN):
         if ends.kin[0, n] == item:
@@ -459,14 +464,13 @@ def piece_clear(
     to_first: float,
     to_second: float,
     radius: float,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
-    until: int,
 ) -> bool:
-    """Whether a piece is in the tissue and clear of all vessels."""
-    need = radius + rule.wall
-    if depth_along(rule.grid, a[0], a[1], a[2], b[0], b[1], b[2], need) < need:
+    """Return whether a piece is in the tissue and clear of all vessels."""
+    need = radius + limits.wall
+    if depth_along(limits.grid, a[0], a[1], a[2], b[0], b[1], b[2], need) < need:
         return False
-    gap = piece_gap(ends, a, b, to_first, to_second, radius, 0.0, rule, index, capsules, until)
+    gap = piece_gap(ends, a, b, to_first, to_second, radius, 0.0, limits, index, capsules)
     return gap >= 0.0

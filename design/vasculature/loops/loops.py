@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,25 +19,105 @@ from design.vasculature.collide import collisions
 from design.vasculature.growth.forest import forest_to_network, joined_networks
 from design.vasculature.growth.index import empty_index
 from design.vasculature.loops.connect import (
-    STUB,
+    PLACES,
+    SEARCH,
+    Connections,
     Tips,
-    Web,
     curve_shapes,
     empty_capsules,
     fill_capsules,
     join_tips,
-    list_some,
+    list_capsules,
     tree_tips,
 )
-from design.vasculature.loops.curves import PIECES, Rule
-from design.vasculature.loops.loop_options import LoopOptions
+from design.vasculature.loops.curves import ConnectionLimits
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 from kernels.arrays import FloatArray, IntArray
 
-_COMFORT = 4.0
-_LONGER = 1.15
-"""Length of a typical curve over its chord."""
+
+class LoopSettings(NamedTuple):
+    """How terminals are matched, and what their connections are compared with."""
+
+    candidates: int = 12
+    """Partners considered for each terminal at first; doubled until all can be matched."""
+    near_weight: float = 4.0
+    """Weight of what a pair lacks of the least distance."""
+    outside_factor: float = 4.0
+    """Factor on a distance where the straight way leaves the tissue."""
+    ample_gap: float = 4.0
+    """Gap over a connection's radius beyond which a larger one costs no less."""
+    length_factor: float = 1.15
+    """Length of a typical curve over its chord."""
+
+
+LOOPS = LoopSettings()
+
+
+@dataclass(frozen=True)
+class LoopOptions:
+    """Options of joining terminals.
+
+    All connections get the same hydraulic resistance, r⁴ ~ length: with trees of equal terminal
+    pressures every loop then carries the same flow.
+
+    Attributes
+    ----------
+    seed : int
+        Of the shapes tried beyond the first.
+    clearance_mm, clearance_ratio : float
+        As in `GrowthOptions`, between connections and everything, each other included. Trees
+        grown with a little more leave room at their tips.
+    bend_to_radius : float
+        Least bend radius of a connection's axis over its lumen radius; at least 1.
+    kink_degrees : float
+        Largest angle between a terminal's vessel and the connection that continues it.
+    radius_ratio : float
+        Radius of a connection of typical length over the terminals' median radius.
+    smallest_radius_mm : float, optional
+        Instead: no connection is thinner.
+    prune_part : float
+        Part of the terminals that may be pruned, in pairs, where nothing joins them; more is an
+        error.
+    weight_length, weight_tortuosity, weight_clearance, weight_volume : float
+        Of a candidate's length over the typical one, its length over its chord less 1, its lack
+        of room (1 at none, 0 at four radii), and its volume over the typical one.
+    """
+
+    seed: int = 1
+    clearance_mm: float = 0.0
+    clearance_ratio: float = 0.1
+    bend_to_radius: float = 2.0
+    kink_degrees: float = 75.0
+    radius_ratio: float = 0.75
+    smallest_radius_mm: float | None = None
+    prune_part: float = 0.01
+    weight_length: float = 1.0
+    weight_tortuosity: float = 0.5
+    weight_clearance: float = 0.5
+    weight_volume: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name, low, high in _LIMITS:
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise GrowthError(f"{name} is {value:g}; give a value from {low:g} to {high:g}")
+
+
+_LIMITS = (
+    ("seed", 0, 2**63),
+    ("clearance_mm", 0.0, 10.0),
+    ("clearance_ratio", 0.0, 10.0),
+    ("bend_to_radius", 1.0, 100.0),
+    ("kink_degrees", 1.0, 85.0),
+    ("radius_ratio", 0.1, 10.0),
+    ("smallest_radius_mm", 1e-4, 10.0),
+    ("prune_part", 0.0, 0.5),
+    ("weight_length", 0.0, 1e3),
+    ("weight_tortuosity", 0.0, 1e3),
+    ("weight_clearance", 0.0, 1e3),
+    ("weight_volume", 0.0, 1e3),
+)
 
 
 @dataclass(frozen=True)
@@ -50,18 +131,15 @@ class ClosedLoops:
         go on after the trees').
     connections : int
         Terminals of a side that are joined.
-    routed : int
-        Connections that go round something, as splines: no single cubic fitted.
     shortened : int
-        Terminals drawn back to make room.
+        Terminals shortened so that a curve fits.
     pruned : int
-        Terminals of a side that nothing joined; they were taken away, and the other side's they
-        were matched to. Flows are no longer equal then: `design.hemodynamics.balance` mends it.
+        Pairs of terminals that nothing joined and that were taken away. Flows are no longer equal
+        then: `design.hemodynamics.balance` mends it.
     """
 
     network: VesselNetwork
     connections: int
-    routed: int = 0
     shortened: int = 0
     pruned: int = 0
 
@@ -76,10 +154,10 @@ def close_loops(
     """Join every arterial terminal to a venous one by a smooth curve in the tissue.
 
     Terminals are matched with the least sum of distances, pairs too near for a curve avoided.
-    Each connection takes the cheapest of several cubic Bézier curves that fit; where none does,
-    neighbours are laid anew and partners exchanged, then ways round are searched on a lattice and
-    smoothed to splines, at last terminals are shortened (the connection makes up for the
-    resistance lost), and a few are pruned. All pairs of the result, curves included, are audited.
+    Each connection takes the cheapest of several cubic Bézier curves that fit. Where none does,
+    partners are exchanged with neighbours, then terminals are shortened (the connection makes up
+    for the resistance lost), and a few pairs may be pruned. All pairs of vessels of the result,
+    curves included, are audited.
 
     Parameters
     ----------
@@ -98,8 +176,8 @@ def close_loops(
     Raises
     ------
     GrowthError
-        When the sides' terminals differ in number, or more connections find no way than may be
-        pruned (with the count).
+        When the sides' terminals differ in number, or more pairs are blocked than may be pruned
+        (with the count).
     NetworkError
         When the audit finds collisions (with the count), between the trees given or else.
     """
@@ -110,13 +188,13 @@ def close_loops(
     ends, vessels = tree_ends(trees, beside)
     tips = [join_tips(ends[: len(sides[0])]), join_tips(ends[len(sides[0]) :])]
     partner = match_tips(tissue, tips[0], tips[1], options)
-    web = open_web(tissue, tips, partner, vessels, options)
-    web.lay_all()
-    refuse_too_many(web, int(options.prune_part * len(partner)), options)
-    closed = _closed(web, trees, kinds)
+    joins = start_connections(tissue, tips, partner, vessels, options)
+    joins.join_all()
+    refuse_blocked(joins, int(options.prune_part * len(partner)), options)
+    closed = _closed(joins, trees, kinds)
     refuse_collisions(closed, options)
-    left = len(web.failed)
-    return ClosedLoops(closed, len(web.radius) - left, int(web.routed.sum()), web.shortened, left)
+    pruned_pairs = len(joins.blocked)
+    return ClosedLoops(closed, len(partner) - pruned_pairs, joins.shortened, pruned_pairs)
 
 
 def _as_list(trees: VesselTree | Sequence[VesselTree]) -> list[VesselTree]:
@@ -126,7 +204,7 @@ def _as_list(trees: VesselTree | Sequence[VesselTree]) -> list[VesselTree]:
 def tree_ends(
     trees: Sequence[VesselTree], beside: VesselNetwork | None = None
 ) -> tuple[list[Tips], NDArray[np.void]]:
-    """Each tree's terminals, and all their vessels as capsules, those of others behind them."""
+    """Return each tree's terminals, and all vessels as capsules, those of others last."""
     first = np.cumsum([0] + [len(tree.parent) for tree in trees])
     tips = [tree_tips(tree, int(at)) for tree, at in zip(trees, first, strict=False)]
     capsules = empty_capsules(int(first[-1]))
@@ -144,48 +222,50 @@ def tree_ends(
 def match_tips(
     tissue: Tissue, one: Tips, other: Tips, options: LoopOptions, parts: int = 1
 ) -> IntArray:
-    """Match two sides' ends, those too near for a connection of so many ``parts`` avoided."""
+    """Match two sides' ends; avoid pairs too near for a connection of ``parts`` parts."""
     typical = float(np.median(one.radius))
     radius = options.smallest_radius_mm or options.radius_ratio * typical
     kept = max(options.clearance_mm, options.clearance_ratio * min(radius, typical))
-    # Two pieces beside the ends and one between them, far enough apart.
+    # Two pieces beside the ends, and one between that separates them.
     nearest = 2.0 * (radius + typical + kept) + 2.0 * radius + kept
     return match_terminals(tissue, one.point, other.point, parts * nearest)
 
 
-def open_web(
+def start_connections(
     tissue: Tissue,
     tips: Sequence[Tips],
     partner: IntArray,
     vessels: NDArray[np.void],
     options: LoopOptions,
-) -> Web:
-    """A web with nothing laid yet between two sides' ends, among vessels that stay."""
+) -> Connections:
+    """Return the connections of two sides' ends, none joined yet, among vessels that stay."""
     one, other = tips
     count, fixed = len(partner), len(vessels)
-    capsules = np.concatenate([vessels, empty_capsules((2 + PIECES) * count)])
+    capsules = np.concatenate([vessels, empty_capsules((2 + PLACES) * count)])
     chord = np.linalg.norm(one.point - other.point[partner], axis=1)
     typical = one if other.mixing else join_tips([one, other])
-    rule = _rule(tissue, options, float(np.median(typical.radius)), chord)
+    limits = _limits(tissue, options, float(np.median(typical.radius)), chord)
     stubs = capsules[fixed : fixed + len(typical.point)]
-    ahead = typical.point + STUB * rule.radius * typical.direction
-    fill_capsules(stubs, typical.point, ahead, np.full(len(stubs), rule.radius))
+    ahead = typical.point + SEARCH.free_length * limits.radius * typical.direction
+    fill_capsules(stubs, typical.point, ahead, np.full(len(stubs), limits.radius))
     cell = max(1.2 * float(np.cbrt(tissue.volume_mm3 / (2 * count))), 1e-6)
     index = empty_index(tissue.bounds, cell, 16 * len(capsules) + 4096, len(capsules))
     shapes = curve_shapes(options.seed, float(np.radians(options.kink_degrees)))
-    web = Web(one, other, partner, rule, tissue.bounds, capsules, fixed, shapes, index)
-    if not list_some(capsules, 0, len(capsules), index):
-        web.reindex()
-    return web
+    joins = Connections(one, other, partner, limits, tissue.bounds, capsules, fixed, shapes, index)
+    if not list_capsules(capsules, 0, len(capsules), index):
+        joins.reindex()
+    return joins
 
 
-def _rule(tissue: Tissue, options: LoopOptions, typical: float, chord: FloatArray) -> Rule:
-    radius, length = options.radius_ratio * typical, _LONGER * float(np.median(chord))
+def _limits(
+    tissue: Tissue, options: LoopOptions, typical: float, chord: FloatArray
+) -> ConnectionLimits:
+    radius, length = options.radius_ratio * typical, LOOPS.length_factor * float(np.median(chord))
     if options.smallest_radius_mm is not None:
         # No curve is shorter than its chord; partners exchanged later may be nearer, and then
-        # have to take a longer way.
+        # have to take a longer curve.
         radius, length = options.smallest_radius_mm, 0.9 * float(chord.min())
-    return Rule(
+    return ConnectionLimits(
         tissue.grid.arrays,
         options.clearance_mm,
         options.clearance_mm,
@@ -195,7 +275,7 @@ def _rule(tissue: Tissue, options: LoopOptions, typical: float, chord: FloatArra
         options.smallest_radius_mm or 0.0,
         options.bend_to_radius,
         float(np.cos(np.radians(options.kink_degrees))),
-        _COMFORT,
+        LOOPS.ample_gap,
         options.weight_length,
         options.weight_tortuosity,
         options.weight_clearance,
@@ -203,14 +283,14 @@ def _rule(tissue: Tissue, options: LoopOptions, typical: float, chord: FloatArra
     )
 
 
-def refuse_too_many(web: Web, allowed: int, options: LoopOptions) -> None:
-    """Raise `GrowthError` when more connections found no way than ``allowed``."""
-    left = web.failed
-    if len(left) <= allowed:
+def refuse_blocked(joins: Connections, allowed: int, options: LoopOptions) -> None:
+    """Raise `GrowthError` when more than ``allowed`` pairs are blocked."""
+    blocked = joins.blocked
+    if len(blocked) <= allowed:
         return
-    place = web.one.point[left[0]]
+    place = joins.one.point[blocked[0]]
     raise GrowthError(
-        f"{len(left)} of {len(web.radius)} connections found no way with clearance "
+        f"{len(blocked)} of {len(joins.radius)} connections found no way with clearance "
         f"{options.clearance_mm:g} mm and bends of {options.bend_to_radius:g} radii "
         f"({allowed} may be pruned), one of them at "
         "({:.4g}, {:.4g}, {:.4g}) mm; ".format(*place)
@@ -231,22 +311,26 @@ def refuse_collisions(network: VesselNetwork, options: LoopOptions) -> None:
         )
 
 
-def _closed(web: Web, trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> VesselNetwork:
-    """Trees and connections as one network, pruned of what wasn't joined."""
+def _closed(
+    joins: Connections, trees: Sequence[VesselTree], kinds: Sequence[VesselKind]
+) -> VesselNetwork:
+    """Return trees and connections as one network, without what wasn't joined."""
     grown = forest_to_network(trees, kinds)
     nodes = tip_nodes(trees)
     drains = np.array([kind != VesselKind.ARTERY for kind in kinds])
     one = np.concatenate([n for n, drain in zip(nodes, drains, strict=True) if not drain])
     other = np.concatenate([n for n, drain in zip(nodes, drains, strict=True) if drain])
-    grown = moved_tips(grown, np.append(one, other), [web.one, web.other])
-    laid = np.flatnonzero(web.radius > 0)
-    ends = np.column_stack([one, other[web.partner]])[laid]
-    lines = polylines([web.curve[n] for n in laid], web.radius[laid], ends, grown.nodes, len(trees))
+    grown = moved_tips(grown, np.append(one, other), [joins.one, joins.other])
+    joined = np.flatnonzero(joins.radius > 0)
+    ends = np.column_stack([one, other[joins.partner]])[joined]
+    lines = polylines(
+        [joins.curve[n] for n in joined], joins.radius[joined], ends, grown.nodes, len(trees)
+    )
     return pruned(joined_at(grown, lines))
 
 
 def tip_nodes(trees: Sequence[VesselTree]) -> list[IntArray]:
-    """Node of each terminal of each tree in `forest_to_network`'s numbering."""
+    """Return each tree's terminals' nodes in `forest_to_network`'s numbering."""
     # A tree's node 0 is its inlet, node i + 1 the end of its segment i.
     first = np.cumsum([0] + [len(tree.parent) + 1 for tree in trees])
     return [
@@ -256,7 +340,7 @@ def tip_nodes(trees: Sequence[VesselTree]) -> list[IntArray]:
 
 
 def moved_tips(network: VesselNetwork, node: IntArray, tips: Sequence[Tips]) -> VesselNetwork:
-    """A network of straight vessels with its terminals where they were drawn back to."""
+    """Return a network of straight vessels with its terminals as shortened."""
     at = network.nodes.copy()
     at[node] = np.concatenate([side.point for side in tips])
     return VesselNetwork.from_segments(
@@ -271,7 +355,7 @@ def polylines(
     nodes: FloatArray,
     tree: int,
 ) -> VesselNetwork | None:
-    """Connections between ``nodes`` as a network; None where there are none."""
+    """Return connections between ``nodes`` as a network; None where there are none."""
     if len(curves) == 0:
         return None
     size = np.array([len(curve) for curve in curves])
@@ -287,7 +371,7 @@ def polylines(
 
 
 def joined_at(network: VesselNetwork, more: VesselNetwork | None) -> VesselNetwork:
-    """A network and vessels between its own nodes (``more`` lists the same or further nodes)."""
+    """Return a network with vessels between its nodes (``more`` has the same or more nodes)."""
     if more is None:
         return network
     both = joined_networks([network, more])
@@ -299,7 +383,7 @@ def joined_at(network: VesselNetwork, more: VesselNetwork | None) -> VesselNetwo
 
 
 def pruned(network: VesselNetwork) -> VesselNetwork:
-    """The network without vessels of trees that lead nowhere, nodes numbered anew."""
+    """Return the network without vessels of trees that lead nowhere, nodes numbered anew."""
     keep = np.ones(network.vessel_count, dtype=bool)
     ends = network.vessel_nodes
     inward = np.isin(network.kind, (VesselKind.VEIN, VesselKind.LYMPH))
@@ -328,13 +412,6 @@ def pruned(network: VesselNetwork) -> VesselNetwork:
 
 # Match arterial with venous terminals one to one, with least total distance.
 
-NEAREST = 12
-"""Candidates of each terminal at first; doubled until all can be matched."""
-TOO_NEAR = 4.0
-"""Weight of what a pair lacks of the least distance."""
-ACROSS = 4.0
-"""Factor on the distance of two terminals between which the straight way leaves the tissue."""
-
 
 def match_terminals(
     tissue: Tissue, one: FloatArray, other: FloatArray, nearest_mm: float = 0.0
@@ -343,9 +420,9 @@ def match_terminals(
 
     Squared distances would keep the longest shorter, but where one side is denser than the other
     they make all connections in between long, which then are in each other's way. A pair nearer
-    than ``nearest_mm`` counts for that and `TOO_NEAR` times what it lacks: no curve that is wide
+    than ``nearest_mm`` counts for that and `near_weight` times what it lacks: no curve that is wide
     enough turns in so little room. Where the straight connection leaves the tissue, a pair counts
-    `ACROSS` times its distance.
+    `outside_factor` times its distance (`LoopSettings`).
 
     Each point's candidates are its nearest of the other side, and it theirs.
 
@@ -371,7 +448,7 @@ def match_terminals(
             f"{count} arterial terminals can't be matched to {len(other)} venous ones; grow both "
             "sides with the same number of terminals"
         )
-    nearest = NEAREST
+    nearest = LOOPS.candidates
     while True:
         weight = _candidates(tissue, one, other, min(nearest, count), nearest_mm)
         # Asked first: without a full matching the search for the cheapest runs for minutes.
@@ -396,9 +473,11 @@ def _candidates(
     )
     pairs = np.unique(pairs, axis=0)
     start, end = one[pairs[:, 0]], other[pairs[:, 1]]
-    apart = np.linalg.norm(end - start, axis=1)
-    apart = np.where(apart < nearest_mm, nearest_mm + TOO_NEAR * (nearest_mm - apart), apart)
+    distance = np.linalg.norm(end - start, axis=1)
+    distance = np.where(
+        distance < nearest_mm, nearest_mm + LOOPS.near_weight * (nearest_mm - distance), distance
+    )
     leaves = ~tissue.grid.capsule_inside(start, end, np.zeros(len(start)))
     # Explicit zeros would read as missing candidates.
-    cost = np.maximum(apart * np.where(leaves, ACROSS, 1.0), 1e-9)
+    cost = np.maximum(distance * np.where(leaves, LOOPS.outside_factor, 1.0), 1e-9)
     return csr_array((cost, (pairs[:, 0], pairs[:, 1])), shape=(count, count))

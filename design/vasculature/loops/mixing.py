@@ -14,29 +14,29 @@ from design.geometry.polyline import arc_lengths
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.forest import forest_to_network, joined_networks
-from design.vasculature.loops.connect import Tips, Web, empty_capsules, fill_capsules
+from design.vasculature.loops.connect import Connections, Tips, empty_capsules, fill_capsules
 from design.vasculature.loops.curves import KIN
-from design.vasculature.loops.loop_options import LoopOptions
 from design.vasculature.loops.loops import (
     ClosedLoops,
+    LoopOptions,
     close_loops,
     joined_at,
     match_tips,
     moved_tips,
-    open_web,
     polylines,
+    refuse_blocked,
     refuse_collisions,
-    refuse_too_many,
+    start_connections,
     tip_nodes,
     tree_ends,
 )
 from design.vasculature.tree import VesselTree
 from kernels.arrays import FloatArray, IntArray
 
-_ROOMIER = ((2, 0.0), (4, 2.0), (8, 8.0), (16, 32.0))
+ATTEMPTS = ((2, 0.0), (4, 2.0), (8, 8.0), (16, 32.0))
 """Lengths of the first connections, over what a plain one needs, and least weights of clearance,
 tried in turn: a mixing node in a narrow place takes no limb."""
-_SAME = 1e-9
+POSITION_TOLERANCE = 1e-9
 """Part of a connection's length within which two places along it are one."""
 
 
@@ -54,8 +54,8 @@ def mix_trees(
     which become nodes: what several arteries bring mixes there, or one artery's flow is shared
     by several drains. The limbs of each tree's terminals have the same resistance among
     themselves, so that with trees of equal terminal pressures every node gets the same shares.
-    Where limbs find no way, all is laid anew, with longer first connections and more weight on
-    clearance.
+    Where limbs are blocked, all are joined anew, with longer first connections and more weight
+    on clearance.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def mix_trees(
     ------
     GrowthError
         When there are fewer than three trees, no artery or nothing that drains, numbers of
-        terminals differ, or limbs find no way (with the count).
+        terminals differ, or limbs are blocked (with the count).
     NetworkError
         When the audit finds collisions (with the count).
 
@@ -93,10 +93,10 @@ def mix_trees(
     """
     options = options or LoopOptions()
     order = _order(trees, kinds)
-    for parts, weight in _ROOMIER:
-        roomier = replace(options, weight_clearance=max(options.weight_clearance, weight))
+    for parts, weight in ATTEMPTS:
+        attempt = replace(options, weight_clearance=max(options.weight_clearance, weight))
         try:
-            return _mix(tissue, trees, kinds, order, parts, roomier, beside)
+            return _mix(tissue, trees, kinds, order, parts, attempt, beside)
         except GrowthError as error:
             refused = error
     raise refused
@@ -111,33 +111,30 @@ def _mix(
     options: LoopOptions,
     beside: VesselNetwork | None,
 ) -> ClosedLoops:
-    """One attempt: the first pair's connections, then each further tree's limbs."""
+    """Attempt it once: the first pair's connections, then each further tree's limbs."""
     ends, vessels = tree_ends(trees, beside)
-    first, second = order[:2]
-    pair = [ends[first], ends[second]]
+    pair = [ends[order[0]], ends[order[1]]]
     partner = match_tips(tissue, pair[0], pair[1], options, parts)
-    web = open_web(tissue, pair, partner, vessels, options)
-    web.lay_all()
-    refuse_too_many(web, 0, options)
-    half = _halve(web)
-    crowd, nodes = _mixing_nodes(web, half)
-    webs: list[Web] = []
+    joins = start_connections(tissue, pair, partner, vessels, options)
+    joins.join_all()
+    refuse_blocked(joins, 0, options)
+    half = _halve(joins)
+    vessels, nodes = _mixing_nodes(joins, half)
+    limbs: list[Connections] = []
     for number in order[2:]:
         partner = match_tips(tissue, ends[number], nodes, options)
-        limbs = open_web(tissue, [ends[number], nodes], partner, crowd, options)
-        limbs.lay_all()
-        refuse_too_many(limbs, 0, options)
-        crowd, nodes = _with_limbs(limbs, nodes)
-        webs.append(limbs)
-    closed = _mixed(web, half, webs, trees, kinds, order)
+        own = start_connections(tissue, [ends[number], nodes], partner, vessels, options)
+        own.join_all()
+        refuse_blocked(own, 0, options)
+        vessels, nodes = _with_limbs(own, nodes)
+        limbs.append(own)
+    closed = _mixed(joins, half, limbs, trees, kinds, order)
     refuse_collisions(closed, options)
-    every = [web, *webs]
-    routed = sum(int(one.routed.sum()) for one in every)
-    return ClosedLoops(closed, len(partner), routed, sum(one.shortened for one in every))
+    return ClosedLoops(closed, len(partner), sum(one.shortened for one in [joins, *limbs]))
 
 
 def _order(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> list[int]:
-    """Trees in the order they are joined: an artery, a drain, the others."""
+    """Return the trees in the order of joining: an artery, a drain, the others."""
     if len(trees) < 3 or len(kinds) != len(trees):
         raise GrowthError(
             f"{len(trees)} trees of {len(kinds)} kinds can't be mixed; give three or more trees "
@@ -159,31 +156,31 @@ def _order(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> list[int
     return [artery[0], drain[0], *artery[1:], *drain[1:]]
 
 
-def _halve(web: Web) -> list[int]:
-    """Give each connection a point at half its resistance; its place among the curve's points."""
+def _halve(joins: Connections) -> list[int]:
+    """Give each connection a point at half its resistance; return its index on the curve."""
     half = []
-    whole = web.rule.length / web.rule.radius**4
-    for n in range(len(web.curve)):
-        # What a terminal lost where it was drawn back is made up for on its own side.
-        lost = web.one.lost(n), web.other.lost(int(web.partner[n]))
+    whole = joins.limits.length / joins.limits.radius**4
+    for n in range(len(joins.curve)):
+        # What a shortened terminal lost is made up for on its own side.
+        lost = joins.one.lost(n), joins.other.lost(int(joins.partner[n]))
         part = (0.5 * whole + lost[0]) / (whole + sum(lost))
-        curve, at = _with_point(web.curve[n], part)
+        curve, at = _with_point(joins.curve[n], part)
         # Best in the place of the point nearest by: two short pieces would crowd the joint.
-        nearest = int(np.argmin(np.linalg.norm(web.curve[n][1:-1] - curve[at], axis=1))) + 1
-        fewer, there = _with_point(np.delete(web.curve[n], nearest, axis=0), part)
-        if len(fewer) == len(web.curve[n]) and there == nearest and web.may_be(n, fewer):
+        nearest = int(np.argmin(np.linalg.norm(joins.curve[n][1:-1] - curve[at], axis=1))) + 1
+        fewer, there = _with_point(np.delete(joins.curve[n], nearest, axis=0), part)
+        if len(fewer) == len(joins.curve[n]) and there == nearest and joins.fits(n, fewer):
             curve, at = fewer, there
-        web.alter(n, curve)
+        joins.alter(n, curve)
         half.append(at)
     return half
 
 
 def _with_point(curve: FloatArray, share: float) -> tuple[FloatArray, int]:
-    """A polyline with a point at a share of its length, and which it is."""
+    """Return a polyline with a point at a share of its length, and that point's index."""
     arc = arc_lengths(curve)
     middle = share * arc[-1]
     nearest = int(np.argmin(np.abs(arc - middle)))
-    if abs(arc[nearest] - middle) < _SAME * arc[-1]:
+    if abs(arc[nearest] - middle) < POSITION_TOLERANCE * arc[-1]:
         return curve, nearest
     at = int(np.searchsorted(arc, middle))
     part = (middle - arc[at - 1]) / (arc[at] - arc[at - 1])
@@ -191,13 +188,13 @@ def _with_point(curve: FloatArray, share: float) -> tuple[FloatArray, int]:
     return np.insert(curve, at, place, axis=0), at
 
 
-def _mixing_nodes(web: Web, half: Sequence[int]) -> tuple[NDArray[np.void], Tips]:
-    """All vessels with the connections laid, and the connections' middles as ends."""
-    crowd, first = _crowd(web)
-    count = len(web.curve)
+def _mixing_nodes(joins: Connections, half: Sequence[int]) -> tuple[NDArray[np.void], Tips]:
+    """Return all vessels, connections included, and the connections' middles as ends."""
+    vessels, first = _all_vessels(joins)
+    count = len(joins.curve)
     kin, way = np.full((count, KIN), -1, dtype=np.int64), np.zeros((count, KIN))
     point, ahead = np.empty((count, 3)), np.empty((count, 3))
-    for n, (curve, h) in enumerate(zip(web.curve, half, strict=True)):
+    for n, (curve, h) in enumerate(zip(joins.curve, half, strict=True)):
         point[n] = curve[h]
         across = curve[h + 1] - curve[h - 1]
         ahead[n] = across / np.linalg.norm(across)
@@ -207,64 +204,66 @@ def _mixing_nodes(web: Web, half: Sequence[int]) -> tuple[NDArray[np.void], Tips
         way[n, 2] = np.linalg.norm(curve[h] - curve[h - 1])
         way[n, 3] = np.linalg.norm(curve[h + 1] - curve[h])
         # A short connection's own terminals.
-        kin[n, 4:6] = web.one.kin[n, 0], web.other.kin[web.partner[n], 0]
+        kin[n, 4:6] = joins.one.kin[n, 0], joins.other.kin[joins.partner[n], 0]
         way[n, 4:6] = 0.5 * np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()
     none = np.zeros(count)
-    return crowd, Tips(point, ahead, kin, way, none, web.radius.copy(), none.copy(), mixing=True)
+    return vessels, Tips(
+        point, ahead, kin, way, none, joins.radius.copy(), none.copy(), mixing=True
+    )
 
 
-def _with_limbs(web: Web, nodes: Tips) -> tuple[NDArray[np.void], Tips]:
-    """The same after a further tree's limbs were laid: they are kin of their nodes."""
-    crowd, first = _crowd(web)
-    for n, curve in enumerate(web.curve):
-        node, last = int(web.partner[n]), int(first[n]) + len(curve) - 2
+def _with_limbs(joins: Connections, nodes: Tips) -> tuple[NDArray[np.void], Tips]:
+    """Return the same once a further tree's limbs are there: they are kin of their nodes."""
+    vessels, first = _all_vessels(joins)
+    for n, curve in enumerate(joins.curve):
+        node, last = int(joins.partner[n]), int(first[n]) + len(curve) - 2
         free = np.flatnonzero(nodes.kin[node] < 0)[:2]
         ways = np.array([0.0, np.linalg.norm(curve[-1] - curve[-2])])
         nodes.kin[node, free] = np.array([last, last - 1])[: len(free)]
         nodes.way[node, free] = ways[: len(free)]
-    return crowd, nodes
+    return vessels, nodes
 
 
-def _crowd(web: Web) -> tuple[NDArray[np.void], IntArray]:
-    """The fixed vessels of a web and its connections' pieces, and where each connection's begin."""
-    size = np.array([len(curve) - 1 for curve in web.curve])
-    first = web.fixed + np.concatenate([[0], np.cumsum(size)[:-1]])
+def _all_vessels(joins: Connections) -> tuple[NDArray[np.void], IntArray]:
+    """Return fixed vessels, then the connections' pieces, and where each connection's begin."""
+    size = np.array([len(curve) - 1 for curve in joins.curve])
+    first = joins.fixed + np.concatenate([[0], np.cumsum(size)[:-1]])
     pieces = empty_capsules(int(size.sum()))
-    start = np.concatenate([curve[:-1] for curve in web.curve])
-    end = np.concatenate([curve[1:] for curve in web.curve])
-    fill_capsules(pieces, start, end, np.repeat(web.radius, size))
-    return np.concatenate([web.capsules[: web.fixed], pieces]), first
+    start = np.concatenate([curve[:-1] for curve in joins.curve])
+    end = np.concatenate([curve[1:] for curve in joins.curve])
+    fill_capsules(pieces, start, end, np.repeat(joins.radius, size))
+    return np.concatenate([joins.capsules[: joins.fixed], pieces]), first
 
 
 def _mixed(
-    web: Web,
+    joins: Connections,
     half: Sequence[int],
-    webs: Sequence[Web],
+    limbs: Sequence[Connections],
     trees: Sequence[VesselTree],
     kinds: Sequence[VesselKind],
     order: Sequence[int],
 ) -> VesselNetwork:
-    """Trees, halves of the first connections, and the limbs between trees and their middles."""
+    """Return trees, halves of the first connections, and limbs from trees to their middles."""
     grown = forest_to_network(trees, kinds)
     nodes = tip_nodes(trees)
-    sides = [web.one, web.other, *(limbs.one for limbs in webs)]
+    sides = [joins.one, joins.other, *(own.one for own in limbs)]
     grown = moved_tips(grown, np.concatenate([nodes[n] for n in order]), sides)
-    count, base = len(web.curve), len(grown.nodes)
+    count, base = len(joins.curve), len(grown.nodes)
     middle = base + np.arange(count)
-    places = np.array([curve[h] for curve, h in zip(web.curve, half, strict=True)])
-    curves = [curve[: h + 1] for curve, h in zip(web.curve, half, strict=True)]
-    curves += [curve[h:] for curve, h in zip(web.curve, half, strict=True)]
+    places = np.array([curve[h] for curve, h in zip(joins.curve, half, strict=True)])
+    curves = [curve[: h + 1] for curve, h in zip(joins.curve, half, strict=True)]
+    curves += [curve[h:] for curve, h in zip(joins.curve, half, strict=True)]
     ends = [
         np.column_stack([nodes[order[0]], middle]),
-        np.column_stack([middle, nodes[order[1]][web.partner]]),
+        np.column_stack([middle, nodes[order[1]][joins.partner]]),
     ]
-    radius = [web.radius, web.radius]
-    for number, limbs in zip(order[2:], webs, strict=True):
+    radius = [joins.radius, joins.radius]
+    for number, own in zip(order[2:], limbs, strict=True):
         inward = kinds[number] == VesselKind.ARTERY
-        pair = np.column_stack([nodes[number], middle[limbs.partner]])
+        pair = np.column_stack([nodes[number], middle[own.partner]])
         ends.append(pair if inward else pair[:, ::-1])
-        curves += [curve if inward else curve[::-1] for curve in limbs.curve]
-        radius.append(limbs.radius)
+        curves += [curve if inward else curve[::-1] for curve in own.curve]
+        radius.append(own.radius)
     lines = polylines(
         curves,
         np.concatenate(radius),
@@ -382,7 +381,7 @@ def _joined(
 def _numbered(
     networks: Sequence[JoinedTrees], done: Sequence[ClosedLoops], beside: VesselNetwork | None
 ) -> list[VesselNetwork]:
-    """The networks with numbers of trees that are told apart."""
+    """Return the networks with distinct tree numbers."""
     first, count = 0, sum(len(one.trees) for one in networks)
     renumbered = []
     for one, closed in zip(networks, done, strict=True):

@@ -1,4 +1,4 @@
-"""Route connecting vessels around obstacles: lattice search, smoothing and cost."""
+"""Route connections around obstacles: search a path on a lattice, smooth it to a spline."""
 
 from __future__ import annotations
 
@@ -13,53 +13,80 @@ from numpy.typing import NDArray
 from design.geometry.polyline import arc_lengths, places_along
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.loops.curves import (
-    APART,
+    CURVE,
+    ConnectionLimits,
     Ends,
-    Rule,
     bezier,
     heading,
     piece_clear,
     point_distance,
+    polyline_cost,
     radius_for,
     tightest_bend,
-    weigh,
 )
 from kernels import jit
 from kernels.arrays import FloatArray
 
-ROUTE_PIECES = 100
-"""Straight pieces of a route at most."""
-LATTICES = ((16.0, 0.6), (10.0, 2.0), (32.0, 0.4), (24.0, 1.5))
-"""Lattices tried until one has a way: spacings to a chord, and room around it, in chords."""
-STEPS_AT_MOST, FIRST_STEPS = 40_000, 1_000
-"""Steps checked in one search, and in one that only looks whether an end is walled in."""
-NODES_AT_MOST = 600_000
-"""Points of a lattice; a finer one is made coarser."""
-ROOM = (1.0, 1.6, 3.0)
-"""Widths, over the connection's, for which a way is searched: wide ones keep more clear."""
-LEGS = (4.0, 8.0, 16.0)
-"""Distances of a spline's control points, in radii."""
-SWEEPS = (0, 3, 8, 20)
-"""Relaxations of a spline, each followed by a weighing."""
-_LONGER = 1.5
-"""Length of a route over its chord, at a guess, while it is searched."""
-_MOST_LEGS = 64
+
+class RouteSettings(NamedTuple):
+    """How ways round are searched on lattices, and smoothed."""
+
+    lattices: tuple[tuple[float, float], ...] = ((16.0, 0.6), (10.0, 2.0), (32.0, 0.4), (24.0, 1.5))
+    """Tried until one has a way: spacings to a chord, and margin around it in chords."""
+    max_nodes: int = 600_000
+    """Points of a lattice; a finer one is made coarser."""
+    first_steps: int = 1_000
+    max_steps: int = 40_000
+    """Steps checked in a search for whether an end is walled in, and in the search proper."""
+    length_factor: float = 1.5
+    """Length of a route over its chord, assumed while it is searched."""
+    join_spacings: float = 2.5
+    """Lattice points within so many spacings of an end are joined to it directly."""
+    min_turn_cosine: float = 0.5
+    """Of the angle between two steps: sharper turns can't be smoothed."""
+    legs: tuple[float, float, float] = (4.0, 8.0, 16.0)
+    """Distances of a spline's control points that are tried, in radii."""
+    max_legs: int = 64
+    sweeps: tuple[int, int, int, int] = (0, 3, 8, 20)
+    """Relaxations of a spline after each of which it is weighed."""
+
+
+class SplineSampling(NamedTuple):
+    """How a spline is checked, and becomes straight pieces."""
+
+    pieces: int = 100
+    """At most."""
+    points_per_span: int = 8
+    """Points of a span of which some become the polyline's."""
+    max_turn: float = 0.35
+    """Turn of a curve within a piece, radians."""
+    max_length: float = 10.0
+    """Length of a piece over its radius, unless there are too many."""
+    checks_per_span: int = 4
+    """Pieces of a span that are checked while relaxing."""
+    widening: float = 1.15
+    """Width over the connection's with which it is relaxed: pieces cut its bends."""
+    narrowing: float = 8.0
+    """Radii from an end within which that is given up: terminals are crowded."""
+
+
+ROUTE, SPLINE = RouteSettings(), SplineSampling()
 
 
 @dataclass(frozen=True)
 class RouteObstacles:
-    """What a route has to keep clear of.
+    """Tissue, vessels and limits that a route keeps to.
 
     Attributes
     ----------
-    rule : Rule
+    limits : ConnectionLimits
     index : CellIndex
     capsules : (k,) CAPSULE
     bounds : (2, 3) float64, mm
         Of the tissue.
     """
 
-    rule: Rule
+    limits: ConnectionLimits
     index: CellIndex
     capsules: NDArray[np.void]
     bounds: FloatArray
@@ -67,56 +94,49 @@ class RouteObstacles:
 
 @dataclass(frozen=True)
 class Route:
-    """A route's polyline (n + 1, 3) and radius, mm, and what it costs."""
+    """A route's polyline (n + 1, 3) and radius, mm."""
 
     points: FloatArray
     radius: float
-    cost: float
 
 
-def find_route(ends: Ends, crowd: RouteObstacles) -> Route | None:
-    """The cheapest of several routes between two ends, or None where none was found.
+def find_route(ends: Ends, obstacles: RouteObstacles) -> Route | None:
+    """Return the cheapest smoothed route between two ends, or None where none was found.
 
-    Each has bends, kinks, clearance and containment tested as a Bézier curve has, and the same
-    cost.
+    Bends, kinks, clearance and containment are tested as of a Bézier curve, with the same cost.
     """
-    best: Route | None = None
-    for per_chord, margin in LATTICES:
-        for room in ROOM:
-            way = _way(ends, crowd, per_chord, margin, room)
-            if way is None:
-                # What is too narrow for this is for more.
-                break
-            best = _smoothed(way, ends, crowd, best)
+    for per_chord, margin in ROUTE.lattices:
+        path = _path(ends, obstacles, per_chord, margin)
+        best = None if path is None else _smoothed(path, ends, obstacles)
         if best is not None:
             return best
-    return best
+    return None
 
 
-def _way(
-    ends: Ends, crowd: RouteObstacles, per_chord: float, margin: float, room: float
+def _path(
+    ends: Ends, obstacles: RouteObstacles, per_chord: float, margin: float
 ) -> FloatArray | None:
-    """The shortest way over one lattice, (n, 3)."""
+    """Return the shortest path over one lattice, (n, 3), or None."""
     chord = float(np.linalg.norm(ends.point[1] - ends.point[0]))
-    radius = radius_for(_LONGER * chord, ends, crowd.rule)
-    low = np.maximum(ends.point.min(axis=0) - margin * chord, crowd.bounds[0])
-    high = np.minimum(ends.point.max(axis=0) + margin * chord, crowd.bounds[1])
+    radius = radius_for(ROUTE.length_factor * chord, ends, obstacles.limits)
+    low = np.maximum(ends.point.min(axis=0) - margin * chord, obstacles.bounds[0])
+    high = np.minimum(ends.point.max(axis=0) + margin * chord, obstacles.bounds[1])
     cell = max(chord / per_chord, 2.0 * radius)
-    cell = max(cell, float(np.cbrt(np.prod(high - low) / NODES_AT_MOST)))
+    cell = max(cell, float(np.cbrt(np.prod(high - low) / ROUTE.max_nodes)))
     # The first end lies midway between lattice points: none coincides with it.
     low = ends.point[0] - cell * (np.floor((ends.point[0] - low) / cell) + 0.5)
     shape = np.maximum(np.floor((high - low) / cell), 0).astype(np.int64) + 1
-    lattice, width = Lattice(low, shape, cell), Width(radius, room)
+    lattice = Lattice(low, shape, cell)
     path = np.empty((4 * int(shape.sum()) + 16, 3))
     # From the far end first, a little: where that is walled in, the other floods the lattice.
-    for side, steps in ((1, FIRST_STEPS), (0, STEPS_AT_MOST)):
+    for side, steps in ((1, ROUTE.first_steps), (0, ROUTE.max_steps)):
         count = search(
             swap_ends(ends) if side else ends,
-            width,
+            radius,
             lattice,
-            crowd.rule,
-            crowd.index,
-            crowd.capsules,
+            obstacles.limits,
+            obstacles.index,
+            obstacles.capsules,
             steps,
             path,
         )
@@ -127,38 +147,36 @@ def _way(
     return None
 
 
-def _smoothed(
-    way: FloatArray, ends: Ends, crowd: RouteObstacles, best: Route | None
-) -> Route | None:
-    """The cheapest spline along a way, where it is cheaper than the ``best`` so far."""
-    arc = arc_lengths(way)
-    radius = radius_for(float(arc[-1]), ends, crowd.rule)
-    points = np.empty((ROUTE_PIECES + 1, 3))
-    for count in sorted({_legs(arc[-1] / (legs * radius)) for legs in LEGS}):
-        # The first and last leg turn no more than allowed: they are the way's own.
+def _smoothed(path: FloatArray, ends: Ends, obstacles: RouteObstacles) -> Route | None:
+    """Return the cheapest spline along a path, or None where none fits."""
+    limits, index, capsules = obstacles.limits, obstacles.index, obstacles.capsules
+    arc = arc_lengths(path)
+    radius = radius_for(float(arc[-1]), ends, limits)
+    points = np.empty((SPLINE.pieces + 1, 3))
+    best: Route | None = None
+    least = np.inf
+    for count in sorted({_legs(arc[-1] / (legs * radius)) for legs in ROUTE.legs}):
+        # The first and last leg turn no more than allowed: they are the path's own.
         at = np.concatenate([[0.0], np.linspace(arc[1], arc[-2], count - 1), [arc[-1]]])
-        control = places_along(way, arc, at)
+        control = places_along(path, arc, at)
         done = 0
-        for sweeps in SWEEPS:
-            relax(control, sweeps - done, ends, radius, crowd.rule, crowd.index, crowd.capsules)
+        for sweeps in ROUTE.sweeps:
+            relax(control, sweeps - done, ends, radius, limits, index, capsules)
             done = sweeps
-            pieces, bend = spline_points(control, ends, crowd.rule, ROUTE_PIECES, points)
+            pieces, bend = spline_points(control, ends, limits, SPLINE.pieces, points)
             line = points[: pieces + 1]
-            until, most = len(crowd.capsules), best.cost if best else np.inf
-            cost, spline = weigh(
-                ends, line, bend, crowd.rule, crowd.index, crowd.capsules, until, most
-            )
-            if cost < most:
-                best = Route(line.copy(), spline, cost)
+            cost, spline_radius = polyline_cost(ends, line, bend, limits, index, capsules, least)
+            if cost < least:
+                best, least = Route(line.copy(), spline_radius), cost
     return best
 
 
 def _legs(wanted: float) -> int:
-    return int(np.clip(round(wanted), 4, _MOST_LEGS))
+    return int(np.clip(round(wanted), 4, ROUTE.max_legs))
 
 
 def swap_ends(ends: Ends) -> Ends:
-    """The same ends, the second one first."""
+    """Return the same ends, the second one first."""
     return Ends(
         np.ascontiguousarray(ends.point[::-1]),
         np.ascontiguousarray(ends.direction[::-1]),
@@ -172,13 +190,7 @@ def swap_ends(ends: Ends) -> Ends:
 # Search the shortest collision-free route between two terminals on a lattice, by A*.
 
 NO_WAY, UNDECIDED = 0, -1
-"""What a search says that found none: it saw all there is, or its steps ran out."""
-_NEAR = 2.5
-"""Lattice points within this many spacings of an end are joined to it directly."""
-_TURN = 0.5
-"""Cosine of the sharpest turn between two steps: sharper ones can't be smoothed."""
-_EASE = 8.0
-"""Radii from an end within which the extra width is given up: terminals are crowded."""
+"""Results of a search that found no way: it saw all points, or its steps ran out."""
 UNSEEN, FREE, TAKEN = 0, 1, 2
 """What is known of a lattice point: nothing, or whether a vessel has room there."""
 
@@ -199,23 +211,8 @@ class Lattice(NamedTuple):
     cell: float
 
 
-class Width(NamedTuple):
-    """How wide a way must be.
-
-    Attributes
-    ----------
-    radius : float, mm
-        Of the vessel that is to go it.
-    inflate : float
-        Room kept, as a multiple of it.
-    """
-
-    radius: float
-    inflate: float
-
-
 class Search(NamedTuple):
-    """What a search has found so far.
+    """State of a search.
 
     Attributes
     ----------
@@ -234,7 +231,7 @@ class Search(NamedTuple):
 
 @jit
 def node_place(node: int, lattice: Lattice, out: Any) -> None:
-    """Coordinates of a lattice point, mm."""
+    """Write the coordinates of a lattice point, mm."""
     low, shape, cell = lattice
     out[2] = low[2] + cell * (node % shape[2])
     node = node // shape[2]
@@ -243,31 +240,26 @@ def node_place(node: int, lattice: Lattice, out: Any) -> None:
 
 
 @jit
-def wide_at(radius: float, inflate: float, gone: float, left: float) -> float:
-    """Radius with which a step is checked: ``inflate`` times as wide away from both ends."""
-    return radius * min(inflate, 1.0 + min(gone, left) / (_EASE * radius))
-
-
-@jit
 def search(
     ends: Ends,
-    width: Width,
+    radius: float,
     lattice: Lattice,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
     most: int,
     path: Any,
 ) -> int:
-    """Shortest clear way from end to end over a lattice with 26 neighbours to each point.
+    """Write the shortest clear path from end to end over a lattice of 26 neighbours; its length.
 
     A* (Hart, Nilsson & Raphael 1968, doi 10.1109/TSSC.1968.300136), distance to the far end as
     the heuristic. A step is checked only when it would be taken: checks cost far more than the
-    heap. First and last steps keep within the rule's kink.
+    heap. First and last steps keep within the limit on kinks.
 
     Parameters
     ----------
-    width : Width
+    radius : float, mm
+        Of the vessel that is to follow the path.
     lattice : Lattice
     most : int
         Steps checked at most.
@@ -288,7 +280,7 @@ def search(
     # Typed by an entry that is taken out again.
     heap = [(0.0, 0.0, -1, -1)]
     heap.pop()
-    push_first(heap, ends, rule.straight, lattice)
+    push_first(heap, ends, limits.min_cosine, lattice)
     steps = 0
     while len(heap) > 0:
         _, g, node, before = heappop(heap)
@@ -307,21 +299,19 @@ def search(
             node_place(node, lattice, there)
         start = state.gone[before] if before >= 0 else 0.0
         left = point_distance(there, goal)
-        wide = wide_at(
-            width.radius, width.inflate, min(start, g), min(left, point_distance(here, goal))
-        )
-        if not piece_clear(
-            ends, here, there, start, left, wide, rule, index, capsules, len(capsules)
-        ):
+        if not piece_clear(ends, here, there, start, left, radius, limits, index, capsules):
             continue
         if hairpin(ends, state.came, before, lattice, there):
             continue
         state.came[node], state.gone[node] = before, g
         if node == total:
             return trace(state.came, node, lattice, ends, path)
-        if left <= _NEAR * lattice.cell and heading(ends, 1, goal, there) >= rule.straight:
+        if (
+            left <= ROUTE.join_spacings * lattice.cell
+            and heading(ends, 1, goal, there) >= limits.min_cosine
+        ):
             heappush(heap, (g + left, g + left, total, node))
-        push_onward(heap, state, node, there, ends, width, lattice, rule, index, capsules)
+        push_onward(heap, state, node, there, ends, radius, lattice, limits, index, capsules)
     return NO_WAY
 
 
@@ -332,9 +322,9 @@ def push_onward(
     node: int,
     place: Any,
     ends: Ends,
-    width: Width,
+    radius: float,
     lattice: Lattice,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
 ) -> None:
@@ -355,9 +345,8 @@ def push_onward(
                 left = point_distance(there, goal)
                 far = g + point_distance(there, place)
                 if state.state[other] == UNSEEN:
-                    wide = wide_at(width.radius, width.inflate, far, left)
                     free = piece_clear(
-                        ends, there, there, far, left, wide, rule, index, capsules, len(capsules)
+                        ends, there, there, far, left, radius, limits, index, capsules
                     )
                     state.state[other] = FREE if free else TAKEN
                     if not free:
@@ -371,7 +360,7 @@ def push_first(heap: Any, ends: Ends, straight: float, lattice: Lattice) -> None
     low, shape, cell = lattice
     here, goal = ends.point[0], ends.point[1]
     there = np.empty(3)
-    reach = int(_NEAR) + 1
+    reach = int(ROUTE.join_spacings) + 1
     centre = np.empty(3, np.int64)
     for x in range(3):
         centre[x] = round((here[x] - low[x]) / cell)
@@ -381,13 +370,13 @@ def push_first(heap: Any, ends: Ends, straight: float, lattice: Lattice) -> None
                 node = (i * shape[1] + j) * shape[2] + k
                 node_place(node, lattice, there)
                 far = point_distance(here, there)
-                if far <= _NEAR * cell and heading(ends, 0, here, there) >= straight:
+                if far <= ROUTE.join_spacings * cell and heading(ends, 0, here, there) >= straight:
                     heappush(heap, (far + point_distance(there, goal), far, node, -1))
 
 
 @jit
 def hairpin(ends: Ends, came: Any, node: int, lattice: Lattice, onward: Any) -> bool:
-    """Whether a step from ``node`` to ``onward`` turns too sharply from the one before."""
+    """Return whether a step from ``node`` to ``onward`` turns too sharply from the one before."""
     if node < 0:
         return False
     here, there = np.empty(3), np.empty(3)
@@ -399,12 +388,12 @@ def hairpin(ends: Ends, came: Any, node: int, lattice: Lattice, onward: Any) -> 
     dot = 0.0
     for x in range(3):
         dot += (here[x] - there[x]) * (onward[x] - here[x])
-    return dot < _TURN * point_distance(here, there) * point_distance(here, onward)
+    return dot < ROUTE.min_turn_cosine * point_distance(here, there) * point_distance(here, onward)
 
 
 @jit
 def trace(came: Any, node: int, lattice: Lattice, ends: Ends, path: Any) -> int:
-    """Write the way that ends at the goal's ``node``; `NO_WAY` where it has no room."""
+    """Write the path that ends at the goal's ``node``; `NO_WAY` where ``path`` is too short."""
     count, at = 2, came[node]
     while at >= 0:
         count += 1
@@ -421,21 +410,10 @@ def trace(came: Any, node: int, lattice: Lattice, ends: Ends, path: Any) -> int:
 
 # Smooth a route to a cubic B-spline, relaxed as far as clearances allow (compiled).
 
-_PER_SPAN = 8
-"""Points of a span of which some become the polyline's."""
-_PIECE_TURN = 0.35
-"""By how much a curve turns within a piece, radians."""
-_LONGEST = 10.0
-"""Length of a straight piece over its radius, unless there are too many."""
-_SPARE = 1.15
-"""Width, over the connection's, with which a spline is relaxed: pieces cut its bends."""
-_CHECKED = 4
-"""Pieces of a span that are checked while relaxing."""
-
 
 @jit
 def span(control: Any, i: int, out: Any) -> None:
-    """Bézier control points (4, 3) of the B-spline's part between controls i and i + 1.
+    """Write the Bézier control points (4, 3) of the B-spline's part between controls i and i + 1.
 
     Beyond an end the controls go on as mirrored at it, so that the curve passes through its ends
     along the first and last leg without curvature.
@@ -453,31 +431,31 @@ def span(control: Any, i: int, out: Any) -> None:
 
 @jit
 def spline_points(
-    control: Any, ends: Ends, rule: Rule, most: int, points: Any
+    control: Any, ends: Ends, limits: ConnectionLimits, most: int, points: Any
 ) -> tuple[int, float]:
     """Write a spline's polyline; return its pieces, at most ``most``, and least bend, mm.
 
-    A piece ends where the curve has turned by `_TURN` since it began, or gets too long; but it
-    has the least length that keeps the pieces before and after it apart (see `stations`).
+    A piece ends where the curve has turned by ``max_turn`` since it began, or gets too long; but
+    it has the least length that separates the pieces before and after it (see `stations`).
     """
-    dense = (len(control) - 1) * _PER_SPAN + 1
+    dense = (len(control) - 1) * SPLINE.points_per_span + 1
     line, arc = np.empty((dense, 3)), np.zeros(dense)
     part = np.empty((4, 3))
     bend = np.inf
     line[0] = ends.point[0]
     for n in range(1, dense):
-        i, m = divmod(n - 1, _PER_SPAN)
+        i, m = divmod(n - 1, SPLINE.points_per_span)
         span(control, i, part)
         if m == 0:
             bend = min(bend, tightest_bend(part))
-        bezier(part, (m + 1) / _PER_SPAN, line[n])
+        bezier(part, (m + 1) / SPLINE.points_per_span, line[n])
         arc[n] = arc[n - 1] + point_distance(line[n - 1], line[n])
     length = arc[dense - 1]
-    radius = radius_for(length, ends, rule)
-    kept = max(rule.clearance, rule.ratio * radius)
-    shortest = APART * (radius + ends.radius[0] + kept)
-    last = APART * (radius + ends.radius[1] + kept)
-    longest = max(1.5 * length / most, _LONGEST * radius)
+    radius = radius_for(length, ends, limits)
+    kept = max(limits.clearance, limits.ratio * radius)
+    shortest = CURVE.separation * (radius + ends.radius[0] + kept)
+    last = CURVE.separation * (radius + ends.radius[1] + kept)
+    longest = max(1.5 * length / most, SPLINE.max_length * radius)
     count, begun, turn = 0, 0.0, 0.0
     points[0] = ends.point[0]
     for n in range(1, dense - 1):
@@ -485,11 +463,11 @@ def spline_points(
         size = arc[n] - begun
         if length - arc[n] < last or count == most - 1:
             break
-        if size >= shortest and (turn >= _PIECE_TURN or size + arc[n + 1] - arc[n] > longest):
+        if size >= shortest and (turn >= SPLINE.max_turn or size + arc[n + 1] - arc[n] > longest):
             count += 1
             points[count] = line[n]
             begun, turn = arc[n], 0.0
-            shortest = APART * (2.0 * radius + kept)
+            shortest = CURVE.separation * (2.0 * radius + kept)
     count += 1
     points[count] = ends.point[1]
     return count, bend
@@ -497,7 +475,7 @@ def spline_points(
 
 @jit
 def turning(a: Any, b: Any, c: Any) -> float:
-    """Angle between the ways from a to b and from b to c, radians."""
+    """Return the angle between the ways from a to b and from b to c, radians."""
     dot = 0.0
     for x in range(3):
         dot += (b[x] - a[x]) * (c[x] - b[x])
@@ -512,26 +490,25 @@ def spans_clear(
     arc: Any,
     ends: Ends,
     radius: float,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
 ) -> bool:
-    """Whether spans ``first`` to ``last`` are in the tissue and clear of all vessels."""
+    """Return whether spans ``first`` to ``last`` are in the tissue and clear of all vessels."""
     part = np.empty((4, 3))
     here, there = np.empty(3), np.empty(3)
     length = arc[len(control) - 1]
     for i in range(max(first, 0), min(last, len(control) - 2) + 1):
         span(control, i, part)
         here[:] = part[0]
-        for n in range(_CHECKED):
-            bezier(part, (n + 1) / _CHECKED, there)
-            step = (arc[i + 1] - arc[i]) / _CHECKED
+        for n in range(SPLINE.checks_per_span):
+            bezier(part, (n + 1) / SPLINE.checks_per_span, there)
+            step = (arc[i + 1] - arc[i]) / SPLINE.checks_per_span
             gone = arc[i] + n * step
             left = length - gone - step
-            wide = wide_at(radius, _SPARE, gone, left)
-            if not piece_clear(
-                ends, here, there, gone, left, wide, rule, index, capsules, len(capsules)
-            ):
+            ease = 1.0 + min(gone, left) / (SPLINE.narrowing * radius)
+            wide = radius * min(SPLINE.widening, ease)
+            if not piece_clear(ends, here, there, gone, left, wide, limits, index, capsules):
                 return False
             here[:] = there
     return True
@@ -543,7 +520,7 @@ def relax(
     sweeps: int,
     ends: Ends,
     radius: float,
-    rule: Rule,
+    limits: ConnectionLimits,
     index: CellIndex,
     capsules: Any,
 ) -> None:
@@ -560,12 +537,14 @@ def relax(
                 for x in range(3):
                     middle = 0.5 * (control[i - 1, x] + control[i + 1, x])
                     control[i, x] = kept[x] + part * (middle - kept[x])
-                turned = (i == 1 and heading(ends, 0, control[0], control[1]) < rule.straight) or (
+                turned = (
+                    i == 1 and heading(ends, 0, control[0], control[1]) < limits.min_cosine
+                ) or (
                     i == last - 1
-                    and heading(ends, 1, control[last], control[last - 1]) < rule.straight
+                    and heading(ends, 1, control[last], control[last - 1]) < limits.min_cosine
                 )
                 if not turned and spans_clear(
-                    control, i - 2, i + 1, arc, ends, radius, rule, index, capsules
+                    control, i - 2, i + 1, arc, ends, radius, limits, index, capsules
                 ):
                     break
                 control[i] = kept

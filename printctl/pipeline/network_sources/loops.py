@@ -64,7 +64,6 @@ def loops_report(closed: ClosedLoops) -> dict[str, int]:
     """What the report says of how the loops were closed."""
     return {
         "connections": closed.connections,
-        "routed": closed.routed,
         "shortened_terminals": closed.shortened,
         "pruned_pairs": closed.pruned,
     }

@@ -1,4 +1,4 @@
-"""Forests: arteries and veins apart, closed to loops, routed, mixed at shared nodes."""
+"""Forests: arteries and veins apart, closed to loops, mixed at shared nodes."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from design.vasculature import (
     tree_radii,
 )
 from design.vasculature.growth.territories import part_tissue
-from design.vasculature.loops.connect import Web
+from design.vasculature.loops.connect import Connections
 from design.vasculature.loops.curves import tightest_bend
 from design.vasculature.loops.loops import match_terminals
 from tests.design.tissue import surfaces
@@ -239,14 +239,14 @@ def test_a_few_that_find_no_way_are_pruned_and_counted(torus, monkeypatch):
     trees = grow_forest(torus, [RootSpec(settings), RootSpec(settings, VesselKind.VEIN)])
     whole = close_loops(torus, *trees)
     assert (whole.connections, whole.pruned) == (40, 0)
-    whole_way = Web.lay_all
+    join_all = Connections.join_all
 
-    def all_but_two(web):
-        whole_way(web)
+    def all_but_two(joins):
+        join_all(joins)
         for number in (3, 17):
-            web._fell(number)
+            joins.remove(number)
 
-    monkeypatch.setattr(Web, "lay_all", all_but_two)
+    monkeypatch.setattr(Connections, "join_all", all_but_two)
     with pytest.raises(GrowthError, match=r"2 of 40 connections found no way .* \(0 may be"):
         close_loops(torus, *trees)
     fewer = close_loops(torus, *trees, LoopOptions(prune_part=0.05))

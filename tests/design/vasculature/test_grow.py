@@ -401,9 +401,11 @@ OPTIONS = GrowthOptions(terminals=1500)
 @pytest.fixture
 def small(monkeypatch):
     """Regions for trees that grow in a second."""
-    monkeypatch.setattr(regions, "LARGE", 1000)
-    monkeypatch.setattr(regions, "EARLY", 200)
-    monkeypatch.setattr(region_split, "REGION", 250)
+    small = region_split.REGIONS._replace(
+        from_terminals=1000, early_terminals=200, region_terminals=250
+    )
+    for module in (regions, region_split):
+        monkeypatch.setattr(module, "REGIONS", small)
 
 
 def same(one, two):
@@ -436,7 +438,7 @@ def test_what_a_region_falls_short_of_grows_elsewhere(small, box, monkeypatch):
 def test_two_dask_workers_grow_the_same_tree(box):
     from distributed import Client, LocalCluster
 
-    options = replace(OPTIONS, terminals=regions.LARGE)
+    options = replace(OPTIONS, terminals=region_split.REGIONS.from_terminals)
     with (
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
         Client(cluster) as client,

@@ -20,7 +20,7 @@ from design.vasculature import (
     tree_to_network,
 )
 from design.vasculature.growth.root import search_root
-from design.vasculature.growth.tree import PROBES
+from design.vasculature.growth.tree import EFFORT
 from design.vasculature.growth.trunk import trunk_of
 from design.vasculature.viscosity import relative_viscosity
 from tests.design.geometry.oracles import segment_segment
@@ -271,14 +271,14 @@ def slab():
 def test_the_cheapest_candidate_wins_and_the_note_says_so(slab):
     options = GrowthOptions(terminals=150, root_candidates=10)
     tree = grow_tree(slab, options)
-    found = search_root(slab, options, lambda t, o: grow_tree(t, o, attempts=PROBES))
+    found = search_root(slab, options, lambda t, o: grow_tree(t, o, attempts=EFFORT.probes))
     costs = []
     for point, way in zip(found.points, found.directions, strict=True):
         placed = replace(
             options, root_candidates=0, root_point_mm=tuple(point), root_direction=tuple(way)
         )
         try:
-            costs.append(oracles.volume(grow_tree(slab, placed, attempts=PROBES)) / np.pi)
+            costs.append(oracles.volume(grow_tree(slab, placed, attempts=EFFORT.probes)) / np.pi)
         except DesignError:
             costs.append(np.inf)
     np.testing.assert_allclose(found.cost, costs, rtol=1e-9)

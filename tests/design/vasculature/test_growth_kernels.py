@@ -93,8 +93,8 @@ def test_load_cost_sum_flows_and_radii_are_those_of_karch_and_murray(
     own, n, ratio = oracles.reduced_resistance(tree, 0, options.law.k)
     # The tree counts flows over the mean terminal's, the segments in the unit they were given.
     unit = float(segments[0]["flow"]) / n[0]
-    load = unit * n[0] * own
-    assert segments[0]["load"] == pytest.approx(load, rel=1e-12)
+    resistance = unit * n[0] * own
+    assert segments[0]["weighted_resistance"] == pytest.approx(resistance, rel=1e-12)
     for i, beta in ratio.items():
         assert tree.ratio[i] == pytest.approx(beta, rel=1e-12)
     radius = tree_radii(tree)
@@ -102,7 +102,7 @@ def test_load_cost_sum_flows_and_radii_are_those_of_karch_and_murray(
     cost = (segments[:count]["length"] ** options.length_exponent) @ (
         relative**options.radius_exponent
     )
-    expected = load ** (options.radius_exponent / 4) * cost
+    expected = resistance ** (options.radius_exponent / 4) * cost
     assert segments[0]["cost_sum"] == pytest.approx(expected, rel=1e-11)
     flows = oracles.terminal_flows(tree, radius)
     asked = segments[:count]["flow"][tree.children[:, 0] < 0]
@@ -151,8 +151,8 @@ def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals, uneven):
     assert fork.low == pytest.approx(relative[lower], rel=1e-10)
     assert fork.new == pytest.approx(relative[tip], rel=1e-10)
     length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
-    load = tree.reduced_resistance[0] * total
-    expected = load ** (law.lam / 4) * (length**law.u @ relative**law.lam)
+    resistance = tree.reduced_resistance[0] * total
+    expected = resistance ** (law.lam / 4) * (length**law.u @ relative**law.lam)
     assert before + rise == pytest.approx(expected, rel=1e-10)
 
 
@@ -162,15 +162,20 @@ def test_derivatives_at_the_root_agree_with_differences(gamma):
     segments, count = random_segments(5, 20, law)
     spread_down(segments, count, 1.0, 1.0, law)
     for i in range(1, count, 3):
-        load, cost_sum = float(segments[i]["load"]), float(segments[i]["cost_sum"])
-        _, by_load, by_cost_sum, _ = climb(segments, i, load, cost_sum, 1.0, 10**6, law)
+        resistance, cost_sum = (
+            float(segments[i]["weighted_resistance"]),
+            float(segments[i]["cost_sum"]),
+        )
+        _, by_resistance, by_cost_sum, _ = climb(segments, i, resistance, cost_sum, 1.0, 10**6, law)
         h = 1e-6
         whole = 10**6
-        up = climb(segments, i, load * (1 + h), cost_sum, 1.0, whole, law)[0]
-        down = climb(segments, i, load * (1 - h), cost_sum, 1.0, whole, law)[0]
-        assert by_load == pytest.approx((up - down) / (2 * h * load), rel=1e-5, abs=1e-8)
-        up = climb(segments, i, load, cost_sum * (1 + h), 1.0, whole, law)[0]
-        down = climb(segments, i, load, cost_sum * (1 - h), 1.0, whole, law)[0]
+        up = climb(segments, i, resistance * (1 + h), cost_sum, 1.0, whole, law)[0]
+        down = climb(segments, i, resistance * (1 - h), cost_sum, 1.0, whole, law)[0]
+        assert by_resistance == pytest.approx(
+            (up - down) / (2 * h * resistance), rel=1e-5, abs=1e-8
+        )
+        up = climb(segments, i, resistance, cost_sum * (1 + h), 1.0, whole, law)[0]
+        down = climb(segments, i, resistance, cost_sum * (1 - h), 1.0, whole, law)[0]
         assert by_cost_sum == pytest.approx((up - down) / (2 * h * cost_sum), rel=1e-5)
 
 
@@ -197,14 +202,16 @@ def test_best_place_beats_a_fine_search_by_nobody():
         p, d = np.array([s["px"], s["py"], s["pz"]]), np.array([s["dx"], s["dy"], s["dz"]])
         t = 0.5 * (p + d) + rng.normal(0, 2, 3)
         spread_down(segments, count, 1.0, 1.0, law)
-        _, by_load, by_cost_sum, _ = climb(segments, i, s["load"], s["cost_sum"], 1.0, 64, law)
+        _, by_resistance, by_cost_sum, _ = climb(
+            segments, i, s["weighted_resistance"], s["cost_sum"], 1.0, 64, law
+        )
 
-        def value(b, s=s, p=p, d=d, t=t, by_load=by_load, by_cost_sum=by_cost_sum):
+        def value(b, s=s, p=p, d=d, t=t, by_resistance=by_resistance, by_cost_sum=by_cost_sum):
             lengths = [max(1e-6, np.linalg.norm(b - x)) for x in (p, d, t)]
             split = split_value(s, *lengths, ONE, law)
-            return by_load * split[0] + by_cost_sum * split[1]
+            return by_resistance * split[0] + by_cost_sum * split[1]
 
-        found = value(np.array(best_place(s, *t, by_load, by_cost_sum, 200, ONE, law)))
+        found = value(np.array(best_place(s, *t, by_resistance, by_cost_sum, 200, ONE, law)))
         u, v = np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60))
         grid = [p + a * (d - p) + b * (t - p) for a, b in zip(u.ravel(), v.ravel(), strict=True)]
         best = min(value(b) for b in grid)
