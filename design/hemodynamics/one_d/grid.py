@@ -15,7 +15,7 @@ from design.hemodynamics.conditions import (
     PulsatileConditions,
     ResistanceOutlet,
     WindkesselOutlet,
-    outlet_of,
+    outlets_by_node,
 )
 from design.hemodynamics.probes import Probes
 from design.hemodynamics.vessel_coefficients import (
@@ -485,9 +485,9 @@ def place_nodes(
     strangers = sorted(set(reflection) - set(outlets.tolist()))
     if strangers:
         raise FlowError(f"node {strangers[0]} has a reflection and isn't one of the outlets")
-    for node in outlets.tolist():
+    for node, outlet in outlets_by_node(conditions.outlet, outlets).items():
         place = int(slot[node])
-        _attach(nodes, place, outlet_of(conditions.outlet, node), waves)
+        _attach(nodes, place, outlet, waves)
         if node in reflection:
             _reflect(nodes, node, place, reflection[node])
     return nodes, slot, tuple(waves)

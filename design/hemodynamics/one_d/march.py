@@ -13,7 +13,7 @@ from design.hemodynamics.conditions import (
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
-    outlet_of,
+    outlets_by_node,
 )
 from design.hemodynamics.one_d.grid import RESISTANCE, Grid, Nodes, end_impedance
 from design.hemodynamics.one_d.kernels import (
@@ -260,9 +260,8 @@ def _with_resistances(
 ) -> dict[int, Outlet]:
     """Outlets, a reflection Γ made the resistance Z (1 + Γ)/(1 - Γ) that has it."""
     impedance = end_impedance(grid)
-    outlets: dict[int, Outlet] = {}
-    for node in boundary_nodes(network, conditions)[1].tolist():
-        outlet = outlets[node] = outlet_of(conditions.outlet, node)
+    outlets = outlets_by_node(conditions.outlet, boundary_nodes(network, conditions)[1])
+    for node, outlet in outlets.items():
         part = reflection.get(node, -1.0)
         if part > -1.0 and isinstance(outlet, PressureOutlet):
             at = np.flatnonzero(network.vessel_nodes.ravel() == node)[0]

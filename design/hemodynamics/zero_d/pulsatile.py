@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -16,6 +16,7 @@ from design.hemodynamics.conditions import (
     PulsatileConditions,
     ResistanceOutlet,
     WindkesselOutlet,
+    outlet_groups,
 )
 from design.hemodynamics.vessel_coefficients import (
     PARABOLIC,
@@ -47,6 +48,7 @@ SAMPLES: Final = 200
 """Times in a cycle at which least and greatest values are looked for."""
 
 _CHUNK: Final = 20_000
+"""Columns sampled at once: 32 MB of them."""
 
 
 @dataclass(frozen=True)
@@ -127,15 +129,22 @@ def solve_pulsatile(
 def cycle_extremes(
     solution: PulsatileSolution, phasors: ComplexArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest value over a cycle of phasors (k, n), (n,) each."""
-    times = solution.times(SAMPLES)
-    count = phasors.shape[1]
-    low, high = np.empty(count), np.empty(count)
-    for start in range(0, count, _CHUNK):
-        part = slice(start, start + _CHUNK)
-        values = solution.at(phasors[:, part], times)
-        low[part], high[part] = values.min(axis=0), values.max(axis=0)
+    """Return the least and greatest value over a cycle of phasors (k, n), (n,) each."""
+    low, high = reduce_cycle(
+        solution, phasors, lambda values: np.stack([values.min(axis=0), values.max(axis=0)])
+    )
     return low, high
+
+
+def reduce_cycle(
+    solution: PulsatileSolution,
+    phasors: ComplexArray,
+    reduce: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
+    """Apply ``reduce`` to samples (t, n) of phasors (k, n), in parts that fit into memory."""
+    times, count = solution.times(SAMPLES), phasors.shape[1]
+    parts = [phasors[:, k : k + _CHUNK] for k in range(0, count, _CHUNK)]
+    return np.concatenate([reduce(solution.at(part, times)) for part in parts], axis=-1)
 
 
 # Data class of the electrical-analogue circuit of vessels and outlets, for 0D solvers.
@@ -227,28 +236,10 @@ def build_circuit(
     parts.push(slot[common], conditions.inlet, hold=conditions.inlet_is == "pressure")
     for nodes, supply in zip(own, conditions.supplies, strict=True):
         parts.push(slot[nodes], Constant(supply.flow_ul_s), hold=False)
-    for outlet, nodes in _groups(conditions.outlet, outlets):
+    for outlet, nodes in outlet_groups(conditions.outlet, outlets):
         _attach(parts, slot[nodes], outlet)
     vessels = slot[network.vessel_nodes]
     return _circuit(parts, network, conditions, vessels, resistance), slot
-
-
-def _groups(
-    given: Outlet | Mapping[int, Outlet], outlets: IntArray
-) -> list[tuple[Outlet, IntArray]]:
-    """Each condition and its nodes."""
-    if not isinstance(given, Mapping):
-        return [(given, outlets)]
-    bare = np.setdiff1d(outlets, list(given))
-    if len(bare):
-        raise FlowError(
-            f"outlet {int(bare[0])} has no condition ({len(bare)} of {len(outlets)} such); give "
-            "it a pressure, a resistance or a Windkessel"
-        )
-    strangers = sorted(set(given) - set(outlets.tolist()))
-    if strangers:
-        raise FlowError(f"node {strangers[0]} has a condition and isn't one of the outlets")
-    return [(given[int(node)], np.array([node])) for node in outlets]
 
 
 def _attach(parts: _Parts, nodes: IntArray, outlet: Outlet) -> None:
