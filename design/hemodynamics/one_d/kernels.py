@@ -5,9 +5,11 @@ Goes in: cells and nodes as arrays. Comes out: their state some time steps later
 
 from __future__ import annotations
 
+from typing import Final, NamedTuple
+
 import numpy as np
 
-from design.hemodynamics.one_d.grid import JUNCTION, PRESSURE, REFLECTION, Grid, Nodes
+from design.hemodynamics.one_d.grid import KIND, Grid, Nodes
 from kernels import jit
 from kernels.arrays import FloatArray
 
@@ -21,8 +23,8 @@ from kernels.arrays import FloatArray
 # of Harten, Lax & van Leer (1983, doi 10.1137/1025002); what each cell adds of Φ at its two faces
 # is taken off again, and at rest nothing is left.
 #
-# Kernels are longer than elsewhere: a cell-step is some tens of nanoseconds, a call between loops
-# costs as much memory traffic as it saves words.
+# Each vessel is one loop: a cell-step is some tens of nanoseconds, and a second pass over the cells
+# would cost as much in memory traffic.
 
 
 @jit
@@ -33,10 +35,19 @@ def cell_pressures(grid: Grid, area: FloatArray, pressure: FloatArray) -> None:
 
 
 @jit
-def _share(a: float, b: float, small: float) -> float:
-    """Van Albada's: 1 where neighbouring steps are alike or small, 0 at a kink."""
-    product = 2.0 * a * b + small
-    return product / (a * a + b * b + small) if product > 0.0 else 0.0
+def _to_faces(before: float, after: float, small: float) -> tuple[float, float]:
+    """Change from a cell's value to its near face (taken off) and to its far face (added).
+
+    ``before`` and ``after`` are the steps between cells; van Albada's limiter leaves them where
+    they are alike or small, and is 0 at a kink.
+    """
+    product = 2.0 * before * after + small
+    share = product / (before * before + after * after + small) if product > 0.0 else 0.0
+    t = share * (1.0 / 3.0)
+    return (
+        0.25 * share * ((1.0 - t) * after + (1.0 + t) * before),
+        0.25 * share * ((1.0 - t) * before + (1.0 + t) * after),
+    )
 
 
 @jit
@@ -46,37 +57,44 @@ def _push_at_node(flow: float, area: float, base: float, alpha: float, weight: f
 
 
 @jit
+def _flux(
+    y0: float, q0: float, phi0: float, y1: float, q1: float, phi1: float,
+    base: float, square: float, alpha: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Mass and momentum flux between two states at a face, of Harten, Lax & van Leer.
+
+    A state is y = √(A/A₀), Q and Φ; ``base`` is A₀, ``square`` c² of both, without the flow.
+    """
+    area0, area1 = base * y0 * y0, base * y1 * y1
+    u0, u1 = q0 / area0, q1 / area1
+    u = 0.5 * (u0 + u1)
+    speed = np.sqrt(square + alpha * (alpha - 1.0) * u * u)
+    slow, fast, span = alpha * u - speed, alpha * u + speed, 0.5 / speed
+    mass = (fast * q0 - slow * q1 + slow * fast * (area1 - area0)) * span
+    push0, push1 = alpha * q0 * u0 + phi0, alpha * q1 * u1 + phi1
+    return mass, (fast * push0 - slow * push1 + slow * fast * (q1 - q0)) * span
+
+
+@jit
 def cell_rates(
-    grid: Grid,
-    area: FloatArray,
-    flow: FloatArray,
-    pressure: FloatArray,
-    node_area: FloatArray,
-    node_flow: FloatArray,
-    area_rate: FloatArray,
-    flow_rate: FloatArray,
-) -> None:
-    """Rates of change of every cell's area and flow.
+    grid: Grid, area: FloatArray, flow: FloatArray, pressure: FloatArray, node_area: FloatArray,
+    node_flow: FloatArray, area_rate: FloatArray, flow_rate: FloatArray,
+) -> None:  # fmt: skip
+    """Write rates of change of every cell's area and flow, (n,).
 
     Parameters
     ----------
-    grid : Grid
     area, flow, pressure : (n,) float64
         Pressure as `cell_pressures` gives it; the pressure outside is the same all along a vessel
         and drives nothing.
     node_area, node_flow : (2 v,) float64
         At the ends of vessels, as the nodes want them; flow positive out of the vessel.
-    area_rate, flow_rate : (n,) float64
-        Written.
     """
-    third = 1.0 / 3.0
     per_density = 1.0 / grid.density
-    third_density, quarter_density = third * per_density, 0.25 * per_density
+    third_density, quarter_density = 1.0 / 3.0 * per_density, 0.25 * per_density
     for vessel in range(len(grid.cell)):
         first, last = grid.offset[vessel], grid.offset[vessel + 1] - 1
-        alpha = grid.alpha[vessel]
-        extra = alpha * (alpha - 1.0)
-        per_cell = 1.0 / grid.cell[vessel]
+        alpha, per_cell = grid.alpha[vessel], 1.0 / grid.cell[vessel]
         small_p, small_q = grid.small_pressure[vessel] + 1e-300, grid.small_flow[vessel] + 1e-300
         # The face before the first cell is the node's.
         mass_in, face = -node_flow[2 * vessel], first + vessel
@@ -84,7 +102,7 @@ def cell_rates(
         weight = stiff * base * third_density
         push_in = _push_at_node(mass_in, node_area[2 * vessel], base, alpha, weight)
         b_p, b_q = pressure[first + 1] - pressure[first], flow[first + 1] - flow[first]
-        left_p, left_q = pressure[first] - 0.5 * b_p, flow[first] - 0.5 * b_q
+        left_p = pressure[first] - 0.5 * b_p
         y = 1.0 + left_p / stiff
         phi_in = weight * y * y * y
         near_p, near_q = pressure[first] + 0.5 * b_p, flow[first] + 0.5 * b_q
@@ -102,22 +120,15 @@ def cell_rates(
                 here_p, here_q = pressure[i + 1], flow[i + 1]
                 if i + 1 < last:
                     b_p, b_q = pressure[i + 2] - here_p, flow[i + 2] - here_q
-                s_p, s_q = _share(a_p, b_p, small_p), _share(a_q, b_q, small_q)
-                t_p, t_q = s_p * third, s_q * third
-                far_left_p = here_p - 0.25 * s_p * ((1.0 - t_p) * b_p + (1.0 + t_p) * a_p)
-                left_q = here_q - 0.25 * s_q * ((1.0 - t_q) * b_q + (1.0 + t_q) * a_q)
-                far_p = here_p + 0.25 * s_p * ((1.0 - t_p) * a_p + (1.0 + t_p) * b_p)
-                far_q = here_q + 0.25 * s_q * ((1.0 - t_q) * a_q + (1.0 + t_q) * b_q)
+                less_p, more_p = _to_faces(a_p, b_p, small_p)
+                less_q, more_q = _to_faces(a_q, b_q, small_q)
+                far_left_p, far_p, far_q = here_p - less_p, here_p + more_p, here_q + more_q
                 y1 = 1.0 + far_left_p * inverse
                 far_own = weight * y1 * y1 * y1
-                area0, area1 = base * y0 * y0, base * y1 * y1
-                u0, u1 = near_q / area0, left_q / area1
-                u = 0.5 * (u0 + u1)
-                speed = np.sqrt(stiff * (y0 + y1) * quarter_density + extra * u * u)
-                slow, fast, span = alpha * u - speed, alpha * u + speed, 0.5 / speed
-                mass = (fast * near_q - slow * left_q + slow * fast * (area1 - area0)) * span
-                push0, push1 = alpha * near_q * u0 + own, alpha * left_q * u1 + far_own
-                push = (fast * push0 - slow * push1 + slow * fast * (left_q - near_q)) * span
+                square = stiff * (y0 + y1) * quarter_density
+                mass, push = _flux(
+                    y0, near_q, own, y1, here_q - less_q, far_own, base, square, alpha
+                )
             else:
                 mass = node_flow[2 * vessel + 1]
                 push = _push_at_node(mass, node_area[2 * vessel + 1], base, alpha, weight)
@@ -130,14 +141,9 @@ def cell_rates(
 
 @jit
 def smooth_viscously(
-    grid: Grid,
-    area: FloatArray,
-    flow: FloatArray,
-    node_flow: FloatArray,
-    step: float,
-    smoothed: FloatArray,
-    work: FloatArray,
-) -> None:
+    grid: Grid, area: FloatArray, flow: FloatArray, node_flow: FloatArray, step: float,
+    smoothed: FloatArray, work: FloatArray,
+) -> None:  # fmt: skip
     """Let a Kelvin-Voigt wall's pressure, -γ Q_x, act for a step: implicit Euler on Q.
 
     γ is the drag over √A. Q_t = (A/ϱ) (γ Q_x)_x in each vessel by Thomas' elimination, the flow at
@@ -202,23 +208,25 @@ def smooth_viscously(
 # Helpers take numbers, not the grid: a tuple of arrays handed to a call counts references, which
 # took ten times as long as the sums.
 
-ROWS = 14
-"""Of `ends`: see `solve_ends`."""
-_ROUNDS = 50
-_CLOSE = 1e-9
-"""Of the wall's stiffness; the step taken after it leaves rounding."""
+
+class NodeLimits(NamedTuple):
+    """Newton's method at nodes."""
+
+    rows: int = 14
+    """Of `ends`: see `solve_ends`."""
+    iterations: int = 50
+    close: float = 1e-9
+    """Pressure left over, of the wall's stiffness; the step taken after it leaves rounding."""
+
+
+LIMITS: Final = NodeLimits()
 
 
 @jit
 def gather_ends(
-    grid: Grid,
-    area: FloatArray,
-    pressure: FloatArray,
-    flow: FloatArray,
-    smoothed: FloatArray,
-    share: float,
-    ends: FloatArray,
-) -> int:
+    grid: Grid, area: FloatArray, pressure: FloatArray, flow: FloatArray, smoothed: FloatArray,
+    share: float, ends: FloatArray,
+) -> int:  # fmt: skip
     """Carry cells' pressure and flow to the ends of vessels in straight lines, and begin there.
 
     Parameters
@@ -296,20 +304,20 @@ def solve_ends(
         kind, wave = nodes.kind[node], nodes.wave[node]
         given = drive[wave] if wave >= 0 else 0.0
         start, stop = nodes.start[node], nodes.start[node + 1]
-        if kind == REFLECTION:
+        if kind == KIND.reflection:
             end = nodes.end[start]
             if not _reflect(given, nodes.reflection[node], density, end, ends):
                 return end // 2
             continue
-        kinetic = 1.0 if kind == JUNCTION else 0.0
+        kinetic = 1.0 if kind == KIND.junction else 0.0
         outward, conductance = 0.0, 0.0
-        if kind == JUNCTION:
+        if kind == KIND.junction:
             outward = -given
-        elif kind != PRESSURE:
+        elif kind != KIND.pressure:
             conductance = 1.0 / nodes.proximal[node]
             outward = -stored[node] * conductance
         shared, total, over = given, 0.0, 0.0
-        for _ in range(_ROUNDS):
+        for _ in range(LIMITS.iterations):
             worst, total, weighted, over = 0.0, 0.0, 0.0, -outward
             for k in range(start, stop):
                 end = nodes.end[k]
@@ -319,7 +327,7 @@ def solve_ends(
                 total += y
                 over += q
                 weighted += y * head
-            if kind != PRESSURE:
+            if kind != KIND.pressure:
                 shared = (over + weighted) / (total + conductance)
             for k in range(start, stop):
                 end = nodes.end[k]
@@ -328,7 +336,7 @@ def solve_ends(
                 ends[3, end] += rest / ends[11, end]
                 if not ends[3, end] > 0.0:
                     return end // 2
-            if worst < _CLOSE:
+            if worst < LIMITS.close:
                 break
         bad = _settle(nodes, node, shared, outward + conductance * shared, density, kinetic, ends)
         if bad >= 0:
@@ -338,15 +346,9 @@ def solve_ends(
 
 @jit
 def _at(
-    c: float,
-    w: float,
-    stiff: float,
-    scale: float,
-    series: float,
-    inner: float,
-    kinetic: float,
+    c: float, w: float, stiff: float, scale: float, series: float, inner: float, kinetic: float,
     density: float,
-) -> tuple[float, float, float, float]:
+) -> tuple[float, float, float, float]:  # fmt: skip
     """Flow, pressure, its slope over c, and admittance of an end for its c.
 
     ``stiff`` is K less the pressure outside.
@@ -365,14 +367,9 @@ def _at(
 
 @jit
 def _settle(
-    nodes: Nodes,
-    node: int,
-    shared: float,
-    leaving: float,
-    density: float,
-    kinetic: float,
+    nodes: Nodes, node: int, shared: float, leaving: float, density: float, kinetic: float,
     ends: FloatArray,
-) -> int:
+) -> int:  # fmt: skip
     """Write the node's ends; what Newton's method leaves of the flows' sum is shared out."""
     over, total = -leaving, 0.0
     for k in range(nodes.start[node], nodes.start[node + 1]):
@@ -386,7 +383,7 @@ def _settle(
         ends[2, end] = shared - 0.5 * density * kinetic * u * u
         over += area * u
         total += ends[12, end]
-    if nodes.kind[node] != PRESSURE:
+    if nodes.kind[node] != KIND.pressure:
         for k in range(nodes.start[node], nodes.start[node + 1]):
             end = nodes.end[k]
             ends[1, end] -= over * ends[12, end] / total

@@ -16,7 +16,7 @@ from design.hemodynamics.conditions import (
     outlets_by_node,
 )
 from design.hemodynamics.waveforms import Waveform, cycle_times
-from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
+from design.hemodynamics.zero_d.boundary import checked_ends, refuse_supplies
 from design.network import VesselNetwork
 from design.units import CM3_PER_UL, DYN_CM2_PER_PA, DYN_S_CM5_PER_PA_S_UL
 from kernels.arrays import FloatArray
@@ -74,8 +74,7 @@ def network_case(
         begins or ends, a node that vessels only enter or leave.
     """
     refuse_supplies(conditions.supplies, solver)
-    inlets, outlets = boundary_nodes(network, conditions)
-    check_parts(network, inlets, outlets)
+    inlets, outlets = checked_ends(network, conditions)
     every: list[Joint] = [([], []) for _ in network.nodes]
     for vessel, (first, last) in enumerate(network.vessel_nodes.tolist()):
         every[first][1].append(vessel)

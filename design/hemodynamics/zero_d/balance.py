@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +20,22 @@ from design.hemodynamics.zero_d.steady import solve_flow
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
-SPREAD = 0.01
-"""Largest difference of two loops' flows over the mean, after division by their shares."""
 
-WIDEST = 0.25
-"""Part of its resistance that a connection may be lowered to where there is a choice: a radius
-grows by a factor of √2 at most."""
+class BalanceLimits(NamedTuple):
+    """Limits of `balance`."""
 
-_SUM = 1e-6
-_HALVINGS = 12
+    spread: float = 0.01
+    """Largest difference of two loops' flows over the mean, each divided by its share."""
+    resistance_share: float = 0.25
+    """Part of its resistance that a connection may be lowered to where there is a choice: a
+    radius grows by a factor of √2 at most."""
+    imbalance: float = 1e-6
+    """Of all flow in connections, that shares may leave over in a part between them."""
+    halvings: int = 12
+    """Of the flow under a given pressure."""
+
+
+LIMITS: Final = BalanceLimits()
 
 
 def loop_vessels(network: VesselNetwork) -> IntArray:
@@ -67,7 +75,7 @@ def balance(
     conditions: FlowConditions,
     shares: Sequence[float] | FloatArray | None = None,
     *,
-    spread: float = SPREAD,
+    spread: float = LIMITS.spread,
     smallest_radius_mm: float = 0.0,
     widen: bool = True,
 ) -> VesselNetwork:
@@ -111,7 +119,9 @@ def balance(
     loops = loop_vessels(network)
     wanted = _shares(shares, len(loops))
     resistance = vessel_resistance(network, conditions.viscosity_pa_s)
-    needed = _needed(network, conditions, loops, wanted, resistance, WIDEST if widen else 1.0)
+    needed = _needed(
+        network, conditions, loops, wanted, resistance, LIMITS.resistance_share if widen else 1.0
+    )
     _refuse_impossible(loops, needed, resistance[loops], widen=widen)
     scale = np.ones(network.vessel_count)
     scale[loops] = (resistance[loops] / needed) ** 0.25
@@ -135,19 +145,15 @@ def _refuse_others(conditions: FlowConditions) -> None:
 
 
 def _needed(
-    network: VesselNetwork,
-    conditions: FlowConditions,
-    loops: IntArray,
-    wanted: FloatArray,
-    resistance: FloatArray,
-    least: float,
-) -> FloatArray:
+    network: VesselNetwork, conditions: FlowConditions, loops: IntArray, wanted: FloatArray,
+    resistance: FloatArray, least: float,
+) -> FloatArray:  # fmt: skip
     """Resistance that gives each connection its share, (k,), Pa·s/mm³."""
     flow = solve_flow(network, conditions).flow
     # Connections may be drawn against the flow; what they carry keeps its direction.
     sign = np.where(flow[loops] < 0, -1.0, 1.0)
     target = sign * wanted * (np.abs(flow[loops]).sum() / wanted.sum())
-    for _ in range(_HALVINGS):
+    for _ in range(LIMITS.halvings):
         drop = _drops(network, conditions, loops, target, resistance, least)
         needed = drop / target
         if conditions.inlet_pressure_pa is None or (needed > least * resistance[loops]).all():
@@ -200,13 +206,9 @@ def _shares(shares: Sequence[float] | FloatArray | None, count: int) -> FloatArr
 
 
 def _drops(
-    network: VesselNetwork,
-    conditions: FlowConditions,
-    loops: IntArray,
-    target: FloatArray,
-    resistance: FloatArray,
-    least: float,
-) -> FloatArray:
+    network: VesselNetwork, conditions: FlowConditions, loops: IntArray, target: FloatArray,
+    resistance: FloatArray, least: float,
+) -> FloatArray:  # fmt: skip
     """Pressure drop left to each connection when all carry their target, (k,), Pa.
 
     Where a single level is free, it leaves each ``least`` times its resistance now.
@@ -271,7 +273,7 @@ def _floating(
     held = np.unique(part[fixed])
     floating = np.setdiff1d(part, held)
     net = np.bincount(part, weights=injected)
-    off = floating[np.abs(net[floating]) > _SUM * scale]
+    off = floating[np.abs(net[floating]) > LIMITS.imbalance * scale]
     if len(off):
         raise FlowError(
             f"the shares leave {net[off[0]]:.3g} µL/s over in a part of the network between "

@@ -33,8 +33,7 @@ from design.hemodynamics.waveforms import (
     harmonics_of,
 )
 from design.hemodynamics.zero_d.boundary import (
-    boundary_nodes,
-    check_parts,
+    checked_ends,
     number_unknowns,
     supplied_inlets,
 )
@@ -225,8 +224,7 @@ def build_circuit(
         length.
     """
     resistance = vessel_resistance(network, conditions.viscosity_pa_s)
-    inlets, outlets = boundary_nodes(network, conditions)
-    check_parts(network, inlets, outlets)
+    inlets, outlets = checked_ends(network, conditions)
     slot = np.arange(len(network.nodes))
     common, own = supplied_inlets(inlets, conditions.supplies)
     for nodes in (*own, *([common] if conditions.inlet_is == "flow" else [])):

@@ -11,9 +11,9 @@ from design.hemodynamics.conditions import FlowConditions, PulsatileConditions
 from design.hemodynamics.pressure_drops import drops_of, heads_of, measure_pipes
 from design.hemodynamics.probes import Probes, ProbeWaves
 from design.hemodynamics.vessel_coefficients import (
+    LIMITS,
     PARABOLIC,
     POWERS,
-    QUASI_STEADY,
     impedance_factor,
     integrals,
     plug_inertance,
@@ -139,7 +139,7 @@ def _pulse_numbers(
     number = 2.0 * conditions.density * peak / (np.pi * radius * conditions.viscosity_pa_s)
     inertance = plug_inertance(network, conditions.density)
     speed = wave_speed(inertance, conditions.wall.compliance(network), length)
-    steady = alpha < QUASI_STEADY
+    steady = alpha < LIMITS.quasi_steady
     return {
         "reynolds_max": number,
         "womersley": alpha,

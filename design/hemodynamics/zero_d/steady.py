@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ from design.hemodynamics.pressure_drops import (
     speed_and_shear,
 )
 from design.hemodynamics.zero_d.boundary import (
-    boundary_nodes,
-    check_parts,
+    checked_ends,
     place_at,
     place_conditions,
 )
@@ -58,12 +57,9 @@ class FlowSolution:
     loss: FloatArray | None = None
 
 
-# Solve steady 0D flow in any graph of vessels for node pressures and vessel flows.
-
-
 @dataclass(frozen=True)
 class FlowStructure:
-    """What of a flow problem doesn't depend on radii, viscosity and the conditions' numbers.
+    """The part of a flow problem that radii, viscosity and the conditions' numbers don't change.
 
     Attributes
     ----------
@@ -93,8 +89,7 @@ def flow_structure(network: VesselNetwork, conditions: FlowConditions) -> FlowSt
     FlowError
         As `solve_flow`.
     """
-    inlets, outlets = boundary_nodes(network, conditions)
-    check_parts(network, inlets, outlets)
+    inlets, outlets = checked_ends(network, conditions)
     boundary = place_at(len(network.nodes), inlets, outlets, conditions)
     nodal = structure_of(boundary.slot[network.vessel_nodes], boundary.fixed)
     kind = _kind(conditions)
@@ -206,13 +201,21 @@ def node_inflow(network: VesselNetwork, flow: FloatArray) -> FloatArray:
 # Fixed-point iteration on the resistance f(Q)/Q converges for shear-thinning fluids only linearly,
 # by a factor of 1 - n, and hardly where losses rule; two such steps begin, to leave the start.
 
-SETTLED: Final = 1e-11
-"""Largest pressure left over in a vessel, of the largest in the network."""
 
-_STEPS: Final = 60
-_HALVINGS: Final = 12
-_FIRST: Final = 2
-_START_RATE: Final = 100.0
+class NewtonLimits(NamedTuple):
+    """When Newton's method on the vessels' laws begins, damps and stops."""
+
+    settled: float = 1e-11
+    """Largest pressure left over in a vessel, of the largest in the network."""
+    steps: int = 60
+    halvings: int = 12
+    """Of one step."""
+    fixed_point_steps: int = 2
+    start_rate: float = 100.0
+    """Wall shear rate, 1/s, whose resistance the first guess has in every vessel."""
+
+
+NEWTON: Final = NewtonLimits()
 
 
 def solve_drops(
@@ -222,22 +225,19 @@ def solve_drops(
     given: FloatArray,
     ground: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, Drop]:
-    """Pressures (s,), flows (v,) and what they take, for what is given at unknowns (s,).
+    """Return pressures (s,), flows (v,) and their drops, for what is given at unknowns (s,).
 
-    Raises
-    ------
-    FlowError
-        When the iteration doesn't settle, with how far it came.
+    Raises `FlowError` when the iteration doesn't settle, with how far it came.
     """
 
     def linear(resistance: FloatArray, source: FloatArray) -> tuple[FloatArray, FloatArray]:
         return _linear_step(structure, 1.0 / resistance, source, injected, given, ground)
 
     pressure, flow = _first_flows(drops, linear)
-    for _ in range(_STEPS):
+    for _ in range(NEWTON.steps):
         drop = drops.at(flow)
         left = _left_over(structure, pressure, drop.whole(flow))
-        if float(np.abs(left).max()) <= SETTLED * _scale(drop, flow, pressure):
+        if float(np.abs(left).max()) <= NEWTON.settled * _scale(drop, flow, pressure):
             return pressure, flow, drop
         next_pressure, next_flow = linear(drop.slope, drop.whole(flow) - drop.slope * flow)
         share = _damped(structure, drops, (pressure, next_pressure), (flow, next_flow), drop, left)
@@ -245,7 +245,7 @@ def solve_drops(
         flow = flow + share * (next_flow - flow)
     worst = int(np.abs(left).argmax())
     raise FlowError(
-        f"the flow didn't settle in {_STEPS} steps: {abs(left[worst]):.3g} Pa of "
+        f"the flow didn't settle in {NEWTON.steps} steps: {abs(left[worst]):.3g} Pa of "
         f"{_scale(drop, flow, pressure):.3g} Pa are left over in vessel {worst} at "
         f"{flow[worst]:.3g} µL/s; check the fluid's numbers, the losses and the network's unit"
     )
@@ -255,9 +255,9 @@ def _first_flows(
     drops: Drops, linear: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 ) -> tuple[FloatArray, FloatArray]:
     none = np.zeros(len(drops.pipes.radius))
-    pressure, flow = linear(drops.at(_START_RATE * np.pi / 4.0 * drops.pipes.radius**3).resistance,
-                            none)  # fmt: skip
-    for _ in range(_FIRST):
+    start = NEWTON.start_rate * np.pi / 4.0 * drops.pipes.radius**3
+    pressure, flow = linear(drops.at(start).resistance, none)
+    for _ in range(NEWTON.fixed_point_steps):
         drop = drops.at(flow)
         secant = drop.resistance + np.abs(drop.loss) / np.maximum(np.abs(flow), 1e-300)
         pressure, flow = linear(secant, none)
@@ -265,13 +265,9 @@ def _first_flows(
 
 
 def _linear_step(
-    structure: Structure,
-    conductance: FloatArray,
-    source: FloatArray,
-    injected: FloatArray,
-    given: FloatArray,
-    ground: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:
+    structure: Structure, conductance: FloatArray, source: FloatArray, injected: FloatArray,
+    given: FloatArray, ground: FloatArray | None,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Q = g (p₀ - p₁ - e) with Σ Q as injected."""
     driven = conductance * source
     count = len(injected)
@@ -295,16 +291,12 @@ def _scale(drop: Drop, flow: FloatArray, pressure: FloatArray) -> float:
 
 
 def _damped(
-    structure: Structure,
-    drops: Drops,
-    pressures: tuple[FloatArray, FloatArray],
-    flows: tuple[FloatArray, FloatArray],
-    drop: Drop,
-    left: FloatArray,
-) -> float:
+    structure: Structure, drops: Drops, pressures: tuple[FloatArray, FloatArray],
+    flows: tuple[FloatArray, FloatArray], drop: Drop, left: FloatArray,
+) -> float:  # fmt: skip
     """Part of the step after which less is left over, by its power."""
     before, share = float((left**2 / drop.slope).sum()), 1.0
-    for _ in range(_HALVINGS):
+    for _ in range(NEWTON.halvings):
         flow = flows[0] + share * (flows[1] - flows[0])
         pressure = pressures[0] + share * (pressures[1] - pressures[0])
         after = _left_over(structure, pressure, drops.at(flow).whole(flow))
@@ -312,9 +304,6 @@ def _damped(
             break
         share *= 0.5
     return share
-
-
-# Compute steady 0D flows and their exact derivatives by vessel radii.
 
 
 def flow_and_sensitivity(
