@@ -139,8 +139,6 @@ def _check_flow(conditions: FlowConditions) -> None:
             raise FlowError(f"{name} is {value}; give a number")
 
 
-# Conditions of pulsatile flow: inlet waveform, outlets (pressure, R, Windkessel), wall.
-
 Profile = Literal["poiseuille", "womersley"]
 
 

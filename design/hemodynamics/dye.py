@@ -35,7 +35,7 @@ class DyeLimits(NamedTuple):
     runs with the mean (Ananthakrishnan, Gill & Barduhn 1965, AIChE J 11, 1063, for Péclet numbers
     above some hundreds)."""
     frames_in_vessel: float = 2.0
-    """While the tip runs through a vessel, to tell its arrival at both ends apart."""
+    """While the tip runs through a vessel, so that arrivals at its two ends differ."""
     frames_in_all: float = 10.0
     """While the tip runs from the inlet to where it leaves last."""
 
@@ -182,7 +182,6 @@ def dye_front(
 
     Parameters
     ----------
-    network : VesselNetwork
     carried : CarryingFlow
         Of 1 µL/s; all its times go with 1 over the flow.
     flow_ul_s : float, µL/s
@@ -356,9 +355,6 @@ def _integrals(z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     fall = np.exp(-z)
     second = fall - z * exp1(z)
     return second, (fall - z * second) / 2.0
-
-
-# Check that a dye video's frame interval resolves the moving front.
 
 
 @dataclass(frozen=True)

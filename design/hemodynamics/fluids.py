@@ -194,9 +194,6 @@ class Carreau:
         return np.asarray(1.0 + part * (self.index - 1.0) * x / (1.0 + x))
 
 
-# Apparent viscosity of a power-law fluid, τ = K γ̇ⁿ, in tube flow.
-
-
 @dataclass(frozen=True)
 class PowerLaw:
     """μ_app = K ((3n + 1)/(4n))ⁿ Γⁿ⁻¹ (Bird, Stewart & Lightfoot, Transport Phenomena, 8.3).
@@ -227,9 +224,6 @@ class PowerLaw:
         factor = self.consistency_pa_sn * ((3.0 * n + 1.0) / (4.0 * n)) ** n
         viscosity = factor * np.maximum(rate, SLOWEST) ** (n - 1.0)
         return viscosity, np.where(rate > SLOWEST, n, 1.0)
-
-
-# Viscosity of blood by vessel radius and haematocrit: the in vivo law of Pries et al. 1994.
 
 
 @dataclass(frozen=True)

@@ -308,9 +308,12 @@ def speed_and_shear(
 
 @jit
 def _measure(
-    points: FloatArray, radius: FloatArray, offset: IntArray, mean: FloatArray,
+    points: FloatArray,
+    radius: FloatArray,
+    offset: IntArray,
+    mean: FloatArray,
     per_viscosity: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     for vessel in range(len(mean)):
         whole, area, resists = 0.0, 0.0, 0.0
         for k in range(offset[vessel], offset[vessel + 1] - 1):
@@ -340,15 +343,15 @@ def _resist(
 
 @jit
 def _speed(
-    radius: FloatArray, flow: FloatArray, viscosity: FloatArray, speed: FloatArray,
+    radius: FloatArray,
+    flow: FloatArray,
+    viscosity: FloatArray,
+    speed: FloatArray,
     shear: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     for v in range(len(flow)):
         speed[v] = flow[v] / (np.pi * radius[v] * radius[v])
         shear[v] = 4.0 * viscosity[v] * speed[v] / radius[v]
-
-
-# Cut each probed vessel off at its flow probe; return its upstream part.
 
 
 def heads_of(network: VesselNetwork, probes: Probes) -> VesselNetwork:
@@ -381,5 +384,5 @@ def _head(points: FloatArray, radius: FloatArray, fraction: float) -> tuple[Floa
     piece = min(max(int(np.searchsorted(along, where)) - 1, 0), len(steps) - 1)
     share = (where - along[piece]) / steps[piece] if steps[piece] > 0.0 else 0.0
     last = points[piece] + share * (points[piece + 1] - points[piece])
-    thick = radius[piece] + share * (radius[piece + 1] - radius[piece])
-    return np.vstack([points[: piece + 1], last]), np.append(radius[: piece + 1], thick)
+    end_radius = radius[piece] + share * (radius[piece + 1] - radius[piece])
+    return np.vstack([points[: piece + 1], last]), np.append(radius[: piece + 1], end_radius)

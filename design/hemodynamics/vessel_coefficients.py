@@ -52,9 +52,6 @@ def _integrate(points: FloatArray, radius: FloatArray, offset: IntArray, sums: F
             sums[5, vessel] += length * second / (ab * ab * ab)
 
 
-# Resistance of each vessel by Poiseuille's law: viscosity times (8/π) ∫ ds/r⁴.
-
-
 def vessel_resistance(network: VesselNetwork, viscosity_pa_s: float) -> FloatArray:
     """Resistance of each vessel, (v,), Pa·s/µL: viscosity times (8/π) ∫ ds/r⁴.
 

@@ -117,13 +117,12 @@ class Tabulated:
     ) -> None:
         time, values = np.asarray(time_s, dtype=np.float64), np.asarray(value, dtype=np.float64)
         _check_samples(time, values)
-        closed = (
-            period_s is None or abs(period_s - (time[-1] - time[0])) < TOLERANCES.period * period_s
-        )
-        self._period = check_period(float(time[-1] - time[0]) if period_s is None else period_s)
-        if time[-1] - time[0] > self._period * (1.0 + TOLERANCES.period):
+        span = float(time[-1] - time[0])
+        closed = period_s is None or abs(period_s - span) < TOLERANCES.period * period_s
+        self._period = check_period(span if period_s is None else period_s)
+        if span > self._period * (1.0 + TOLERANCES.period):
             raise FlowInputError(
-                f"the waveform's samples span {time[-1] - time[0]:g} s, more than its period "
+                f"the waveform's samples span {span:g} s, more than its period "
                 f"{self._period:g} s; give one cycle, or the right period"
             )
         if closed:
@@ -308,9 +307,6 @@ def shape(name: str, mean: float, period_s: float) -> Tabulated:
     return Tabulated(phase * check_period(period_s), mean * value / value.mean(), period_s)
 
 
-# Read a periodic waveform from the time column and another of a user's CSV file.
-
-
 def read_waveform(
     path: Path,
     column: str,
@@ -322,7 +318,6 @@ def read_waveform(
 
     Parameters
     ----------
-    path : Path
     column : str
         Of the values; its name says their unit, such as ``flow_ml_min``.
     scale : float

@@ -238,9 +238,13 @@ def make_grid(
 
 @jit
 def _measure(
-    points: FloatArray, radius: FloatArray, offset: IntArray, cell_offset: IntArray,
-    cells: FloatArray, faces: FloatArray,
-) -> None:  # fmt: skip
+    points: FloatArray,
+    radius: FloatArray,
+    offset: IntArray,
+    cell_offset: IntArray,
+    cells: FloatArray,
+    faces: FloatArray,
+) -> None:
     """Means of r², r³ and r⁻⁴ over each cell (3, n), exact for linear tapers; radius at faces."""
     for vessel in range(len(offset) - 1):
         first, last = offset[vessel], offset[vessel + 1] - 1
@@ -451,7 +455,7 @@ def place_nodes(
 
 
 def _junctions(at: IntArray, count: int) -> Nodes:
-    """So many nodes, of which vessel ends are ``at`` (2 v,), with nothing asked of any."""
+    """``count`` junctions, at which vessel ends ``at`` (2 v,) meet."""
     start = np.concatenate([[0], np.cumsum(np.bincount(at, minlength=count))])
     kind, wave = np.full(count, KIND.junction), np.full(count, -1)
     return Nodes(start, np.argsort(at, kind="stable"), kind, wave, *np.zeros((5, count)))

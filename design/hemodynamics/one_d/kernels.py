@@ -13,6 +13,75 @@ from design.hemodynamics.one_d.grid import KIND, Grid, Nodes
 from kernels import jit
 from kernels.arrays import FloatArray
 
+
+class NodeLimits(NamedTuple):
+    """Newton's method at nodes."""
+
+    rows: int = 14
+    """Of ``work.ends``: see `solve_ends`."""
+    iterations: int = 50
+    close: float = 1e-9
+    """Pressure left over, of the wall's stiffness; the step taken after it leaves rounding."""
+
+
+LIMITS: Final = NodeLimits()
+
+
+class State(NamedTuple):
+    """Cross-sections and flows of all cells, and the outlets' state, at one time.
+
+    Attributes
+    ----------
+    area, flow : (n,) float64, mm², µL/s
+        Of cells.
+    stored : (m,) float64, Pa
+        Behind each outlet's first resistance.
+    passed : (m,) float64, µL
+        What has left the network at each node.
+    """
+
+    area: FloatArray
+    flow: FloatArray
+    stored: FloatArray
+    passed: FloatArray
+
+
+class MarchScratch(NamedTuple):
+    """Scratch: one set a network, so that a step allocates nothing."""
+
+    pressure: FloatArray
+    area_rate: FloatArray
+    flow_rate: FloatArray
+    area: FloatArray
+    flow: FloatArray
+    stored: FloatArray
+    ends: FloatArray
+    mean_flow: FloatArray
+    late_flow: FloatArray
+    smoothed: FloatArray
+    lines: FloatArray
+
+
+def make_work(grid: Grid, nodes: Nodes) -> MarchScratch:
+    """Return scratch for a network."""
+    cells, ends = len(grid.area), 2 * len(grid.cell)
+    pressure, area_rate, flow_rate, area, flow = np.zeros((5, cells))
+    mean_flow, late_flow, smoothed = np.zeros((3, ends))
+    return MarchScratch(
+        pressure=pressure,
+        area_rate=area_rate,
+        flow_rate=flow_rate,
+        area=area,
+        flow=flow,
+        stored=np.zeros(len(nodes.kind)),
+        ends=np.zeros((LIMITS.rows, ends)),
+        mean_flow=mean_flow,
+        late_flow=late_flow,
+        smoothed=smoothed,
+        lines=np.zeros((2, cells)),
+    )
+
+
 # Compute rates of change of area and flow in 1D vessel cells by finite volumes.
 #
 # A_t + Q_x = 0 and Q_t + (α Q²/A)_x + (A/ϱ) p_x = -f Q/A. Pressure and flow, not area, are carried
@@ -25,13 +94,6 @@ from kernels.arrays import FloatArray
 #
 # Each vessel is one loop: a cell-step is some tens of nanoseconds, and a second pass over the cells
 # would cost as much in memory traffic.
-
-
-@jit
-def cell_pressures(grid: Grid, area: FloatArray, pressure: FloatArray) -> None:
-    """Elastic pressure above the one outside, K (√(A/A₀) - 1), of every cell."""
-    for i in range(len(area)):
-        pressure[i] = grid.stiffness[i] * (np.sqrt(area[i]) * grid.root[i] - 1.0)
 
 
 @jit
@@ -58,9 +120,16 @@ def _push_at_node(flow: float, area: float, base: float, alpha: float, weight: f
 
 @jit
 def _flux(
-    y0: float, q0: float, phi0: float, y1: float, q1: float, phi1: float,
-    base: float, square: float, alpha: float,
-) -> tuple[float, float]:  # fmt: skip
+    y0: float,
+    q0: float,
+    phi0: float,
+    y1: float,
+    q1: float,
+    phi1: float,
+    base: float,
+    square: float,
+    alpha: float,
+) -> tuple[float, float]:
     """Mass and momentum flux between two states at a face, of Harten, Lax & van Leer.
 
     A state is y = √(A/A₀), Q and Φ; ``base`` is A₀, ``square`` c² of both, without the flow.
@@ -76,20 +145,15 @@ def _flux(
 
 
 @jit
-def cell_rates(
-    grid: Grid, area: FloatArray, flow: FloatArray, pressure: FloatArray, node_area: FloatArray,
-    node_flow: FloatArray, area_rate: FloatArray, flow_rate: FloatArray,
-) -> None:  # fmt: skip
-    """Write rates of change of every cell's area and flow, (n,).
+def cell_rates(grid: Grid, state: State, work: MarchScratch) -> None:
+    """Write rates of change of every cell's area and flow.
 
-    Parameters
-    ----------
-    area, flow, pressure : (n,) float64
-        Pressure as `cell_pressures` gives it; the pressure outside is the same all along a vessel
-        and drives nothing.
-    node_area, node_flow : (2 v,) float64
-        At the ends of vessels, as the nodes want them; flow positive out of the vessel.
+    After `settle_ends`, whose ends are the faces at nodes; the pressure outside is the same all
+    along a vessel and drives nothing.
     """
+    area, flow, pressure = state.area, state.flow, work.pressure
+    node_area, node_flow = work.ends[0], work.ends[1]
+    area_rate, flow_rate = work.area_rate, work.flow_rate
     per_density = 1.0 / grid.density
     third_density, quarter_density = 1.0 / 3.0 * per_density, 0.25 * per_density
     for vessel in range(len(grid.cell)):
@@ -140,24 +204,15 @@ def cell_rates(
 
 
 @jit
-def smooth_viscously(
-    grid: Grid, area: FloatArray, flow: FloatArray, node_flow: FloatArray, step: float,
-    smoothed: FloatArray, work: FloatArray,
-) -> None:  # fmt: skip
+def smooth_viscously(grid: Grid, state: State, work: MarchScratch, step: float) -> None:
     """Let a Kelvin-Voigt wall's pressure, -γ Q_x, act for a step: implicit Euler on Q.
 
     γ is the drag over √A. Q_t = (A/ϱ) (γ Q_x)_x in each vessel by Thomas' elimination, the flow at
-    its ends that of the nodes; stable for any step.
-
-    Parameters
-    ----------
-    node_flow : (2 v,) float64
-        At the step's end, positive out of the vessel.
-    smoothed : (2 v,) float64
-        Written: what it did to the last cells' outward flow.
-    work : (2, n) float64
-        Scratch.
+    its ends that of the nodes at the step's end (``late_flow``); stable for any step. What it did
+    to the last cells' outward flow goes into ``smoothed``.
     """
+    area, flow, node_flow = state.area, state.flow, work.late_flow
+    smoothed, lines = work.smoothed, work.lines
     for vessel in range(len(grid.cell)):
         first, last = grid.offset[vessel], grid.offset[vessel + 1] - 1
         before_first, before_last = flow[first], flow[last]
@@ -180,11 +235,11 @@ def smooth_viscously(
             pivot = 1.0 + weight * (left + right) - lower * upper
             upper = 0.0 if i == last else weight * right / pivot
             before = (value + lower * before) / pivot
-            work[0, i], work[1, i] = upper, before
+            lines[0, i], lines[1, i] = upper, before
             left = right
-        flow[last] = work[1, last]
+        flow[last] = lines[1, last]
         for i in range(last - 1, first - 1, -1):
-            flow[i] = work[1, i] + work[0, i] * flow[i + 1]
+            flow[i] = lines[1, i] + lines[0, i] * flow[i + 1]
         smoothed[2 * vessel] = before_first - flow[first]
         smoothed[2 * vessel + 1] = flow[last] - before_last
 
@@ -209,43 +264,22 @@ def smooth_viscously(
 # took ten times as long as the sums.
 
 
-class NodeLimits(NamedTuple):
-    """Newton's method at nodes."""
-
-    rows: int = 14
-    """Of `ends`: see `solve_ends`."""
-    iterations: int = 50
-    close: float = 1e-9
-    """Pressure left over, of the wall's stiffness; the step taken after it leaves rounding."""
-
-
-LIMITS: Final = NodeLimits()
-
-
 @jit
-def gather_ends(
-    grid: Grid, area: FloatArray, pressure: FloatArray, flow: FloatArray, smoothed: FloatArray,
-    share: float, ends: FloatArray,
-) -> int:  # fmt: skip
-    """Carry cells' pressure and flow to the ends of vessels in straight lines, and begin there.
+def gather_ends(grid: Grid, state: State, work: MarchScratch, share: float) -> int:
+    """Write cells' elastic pressures; carry pressure and flow to vessels' ends in straight lines.
 
-    Parameters
-    ----------
-    area, pressure, flow : (n,) float64
-        Of cells.
-    smoothed : (2 v,) float64
-        What a viscous wall did to the last cells' outward flow in the step before.
-    share : float
-        Of a step that has gone by without it: within a step the wall's viscosity hasn't acted
-        yet, and the difference to the node's flow, which is of the size of a step, would be
-        wrong by as much.
-    ends : (14, 2 v) float64
+    ``share`` is the part of a step that has gone by without the wall's viscosity, which acts at its
+    end: the difference to the node's flow would be wrong by what it does in a step.
 
     Returns
     -------
     int
         -1, or the first vessel that collapses or is outrun.
     """
+    area, flow, pressure = state.area, state.flow, work.pressure
+    smoothed, ends = work.smoothed, work.ends
+    for i in range(len(area)):
+        pressure[i] = grid.stiffness[i] * (np.sqrt(area[i]) * grid.root[i] - 1.0)
     density, per_density = grid.density, 1.0 / grid.density
     for vessel in range(len(grid.cell)):
         for side in range(2):
@@ -278,28 +312,20 @@ def gather_ends(
 
 @jit
 def solve_ends(
-    nodes: Nodes, stored: FloatArray, drive: FloatArray, density: float, ends: FloatArray
+    grid: Grid, nodes: Nodes, state: State, drive: FloatArray, work: MarchScratch
 ) -> int:
-    """Find area, flow and pressure at every vessel's ends.
+    """Find area, flow and pressure at every vessel's ends, for waves ``drive`` (w,) at this time.
 
-    Parameters
-    ----------
-    nodes : Nodes
-    stored : (m,) float64, Pa
-        Pressure behind each outlet's first resistance.
-    drive : (w,) float64
-        Waves at this time.
-    density : float
-    ends : (14, 2 v) float64
-        Written, rows 0 to 2: area, outward flow and pressure at each end. Given by
-        `gather_ends`, rows 3 to 8: c (changed), W, K, A/c⁴, resistance in series and the outward
-        flow before it; row 13: K less the pressure outside. Scratch, rows 9 to 12: Q, H, H', Y.
+    Rows of ``work.ends`` (14, 2 v): 0 to 2, written, area, outward flow and pressure at each end;
+    3 to 8, of `gather_ends`, c (changed), W, K, A/c⁴, resistance in series and the outward flow
+    before it; 13, K less the pressure outside; 9 to 12, scratch, Q, H, H', Y.
 
     Returns
     -------
     int
         -1, or the first vessel that collapses or is outrun.
     """
+    density, ends, stored = grid.density, work.ends, state.stored
     for node in range(len(nodes.kind)):
         kind, wave = nodes.kind[node], nodes.wave[node]
         given = drive[wave] if wave >= 0 else 0.0
@@ -346,9 +372,15 @@ def solve_ends(
 
 @jit
 def _at(
-    c: float, w: float, stiff: float, scale: float, series: float, inner: float, kinetic: float,
+    c: float,
+    w: float,
+    stiff: float,
+    scale: float,
+    series: float,
+    inner: float,
+    kinetic: float,
     density: float,
-) -> tuple[float, float, float, float]:  # fmt: skip
+) -> tuple[float, float, float, float]:
     """Flow, pressure, its slope over c, and admittance of an end for its c.
 
     ``stiff`` is K less the pressure outside.
@@ -367,9 +399,14 @@ def _at(
 
 @jit
 def _settle(
-    nodes: Nodes, node: int, shared: float, leaving: float, density: float, kinetic: float,
+    nodes: Nodes,
+    node: int,
+    shared: float,
+    leaving: float,
+    density: float,
+    kinetic: float,
     ends: FloatArray,
-) -> int:  # fmt: skip
+) -> int:
     """Write the node's ends; what Newton's method leaves of the flows' sum is shared out."""
     over, total = -leaving, 0.0
     for k in range(nodes.start[node], nodes.start[node + 1]):

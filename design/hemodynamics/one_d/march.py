@@ -17,8 +17,8 @@ from design.hemodynamics.conditions import (
 )
 from design.hemodynamics.one_d.grid import KIND, Grid, Nodes, end_impedance
 from design.hemodynamics.one_d.kernels import (
-    LIMITS,
-    cell_pressures,
+    MarchScratch,
+    State,
     cell_rates,
     gather_ends,
     smooth_viscously,
@@ -31,66 +31,21 @@ from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
 
-class State(NamedTuple):
-    """Cross-sections and flows of all cells, and the outlets' state, at one time.
-
-    Attributes
-    ----------
-    area, flow : (n,) float64, mm², µL/s
-        Of cells.
-    stored : (m,) float64, Pa
-        Behind each outlet's first resistance.
-    passed : (m,) float64, µL
-        What has left the network at each node.
-    """
-
-    area: FloatArray
-    flow: FloatArray
-    stored: FloatArray
-    passed: FloatArray
-
-
-class MarchScratch(NamedTuple):
-    """Scratch: one set a network, so that a step allocates nothing."""
-
-    pressure: FloatArray
-    area_rate: FloatArray
-    flow_rate: FloatArray
-    area: FloatArray
-    flow: FloatArray
-    stored: FloatArray
-    ends: FloatArray
-    mean_flow: FloatArray
-    late_flow: FloatArray
-    smoothed: FloatArray
-    lines: FloatArray
-
-
-def make_work(grid: Grid, nodes: Nodes) -> MarchScratch:
-    """Return scratch for a network."""
-    cells, ends = len(grid.area), 2 * len(grid.cell)
-    pressure, area_rate, flow_rate, area, flow = np.zeros((5, cells))
-    stored, at_ends = np.zeros(len(nodes.kind)), np.zeros((LIMITS.rows, ends))
-    return MarchScratch(
-        pressure, area_rate, flow_rate, area, flow, stored, at_ends, *np.zeros((3, ends)),
-        lines=np.zeros((2, cells)),
-    )  # fmt: skip
-
-
 @jit
 def settle_ends(
-    grid: Grid, nodes: Nodes, state: State, drive: FloatArray, work: MarchScratch,
+    grid: Grid,
+    nodes: Nodes,
+    state: State,
+    drive: FloatArray,
+    work: MarchScratch,
     share: float = 0.0,
-) -> int:  # fmt: skip
+) -> int:
     """Solve for vessels' ends at a state, into ``work.ends`` and ``work.pressure``.
 
     ``share`` is the part of a step since a viscous wall acted.
     """
-    cell_pressures(grid, state.area, work.pressure)
-    bad = gather_ends(grid, state.area, work.pressure, state.flow, work.smoothed, share, work.ends)
-    if bad >= 0:
-        return bad
-    return solve_ends(nodes, state.stored, drive, grid.density, work.ends)
+    bad = gather_ends(grid, state, work, share)
+    return bad if bad >= 0 else solve_ends(grid, nodes, state, drive, work)
 
 
 @jit
@@ -122,8 +77,7 @@ def advance(
             bad = settle_ends(grid, nodes, state, drives[at], work, share)
             if bad >= 0:
                 return bad
-            cell_rates(grid, state.area, state.flow, work.pressure, work.ends[0], work.ends[1],
-                       work.area_rate, work.flow_rate)  # fmt: skip
+            cell_rates(grid, state, work)
             old = 0.0 if stage == 0 else 0.75 if stage == 1 else 1.0 / 3.0
             bad = _mix(grid, nodes, state, step, work, old)
             if bad >= 0:
@@ -134,9 +88,7 @@ def advance(
                 work.late_flow[:] = work.ends[1]
         _pass(nodes, state, step, work)
         if grid.viscous:
-            smooth_viscously(
-                grid, state.area, state.flow, work.late_flow, step, work.smoothed, work.lines
-            )
+            smooth_viscously(grid, state, work, step)
     return -1
 
 
@@ -257,13 +209,13 @@ def lumped_extremes(network: VesselNetwork, lumped: PulsatileSolution) -> Lumped
     )
 
 
-def with_small_changes(grid: Grid, seen: LumpedForecast, part: float = 0.3) -> Grid:
+def with_small_changes(grid: Grid, forecast: LumpedForecast, part: float = 0.3) -> Grid:
     """Return the grid that doesn't limit changes from cell to cell below ``part`` of the swing.
 
     So crests keep their height.
     """
-    swings = part * np.maximum(seen.high - seen.low, 1e-300)
-    flows = part * np.maximum(seen.flow, 1e-300)
+    swings = part * np.maximum(forecast.high - forecast.low, 1e-300)
+    flows = part * np.maximum(forecast.flow, 1e-300)
     return grid._replace(small_pressure=swings**2, small_flow=flows**2)
 
 
@@ -291,10 +243,10 @@ def first_state(
     stored = nodes.back.copy()
     leaving = np.bincount(slot[network.vessel_nodes[:, 1]], weights=outflow, minlength=len(stored))
     leaving -= np.bincount(slot[network.vessel_nodes[:, 0]], weights=inflow, minlength=len(stored))
-    held = (nodes.kind == KIND.resistance) & (nodes.capacitance > 0.0)
+    windkessel = (nodes.kind == KIND.resistance) & (nodes.capacitance > 0.0)
     node_pressure = np.zeros(len(stored))
     node_pressure[slot] = pressure
-    stored[held] = (node_pressure - nodes.proximal * leaving)[held]
+    stored[windkessel] = (node_pressure - nodes.proximal * leaving)[windkessel]
     return State(
         grid.area * width**2,
         inflow[vessel] * (1.0 - share) + outflow[vessel] * share,

@@ -44,7 +44,7 @@ class OneDSolution:
     rest_area : (v,) float64, mm²
         Amid each vessel, at no pressure.
     probes : ProbeWaves or None
-        At the probes asked for.
+        At the options' probes.
     change : (c,) float64
         From each cycle's begin to its end, over the swing.
     mass_imbalance : float
@@ -55,7 +55,7 @@ class OneDSolution:
     friction_exponent : (v,) float64
         ζ of the velocity profile.
     probe_area : (p, t) float64, mm², or None
-        At the probes asked for.
+        At the options' probes.
     """
 
     period_s: float

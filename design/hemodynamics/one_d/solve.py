@@ -19,16 +19,14 @@ from design.hemodynamics.one_d.grid import (
     make_grid,
     place_nodes,
 )
+from design.hemodynamics.one_d.kernels import MarchScratch, State, make_work
 from design.hemodynamics.one_d.march import (
     LumpedForecast,
-    MarchScratch,
-    State,
     advance,
     all_pressures,
     first_state,
     lumped_extremes,
     lumped_state,
-    make_work,
     settle_ends,
     with_small_changes,
 )
@@ -89,17 +87,6 @@ def solve_one_d(
     junctions. ``profile`` of the conditions is the lumped model's: here the profile is that of
     the options.
 
-    Parameters
-    ----------
-    network : VesselNetwork
-    conditions : PulsatileConditions
-    options : OneDOptions, optional
-    progress : callable, optional
-
-    Returns
-    -------
-    OneDSolution
-
     Raises
     ------
     FlowError
@@ -144,10 +131,10 @@ def set_up_problem(
     speed = wave_speed(plug_inertance(network, conditions.density), compliance, network.lengths())
     grid = make_grid(network, conditions, options, period, speed)
     lumped = lumped_state(network, conditions, grid, options.reflection, options.samples)
-    seen = lumped_extremes(network, lumped)
-    grid = with_small_changes(grid, seen)
+    forecast = lumped_extremes(network, lumped)
+    grid = with_small_changes(grid, forecast)
     state = first_state(network, grid, nodes, slot, lumped)
-    return OneDProblem(grid, nodes, slot, waves, period, state, foreseen_rate(grid, seen))
+    return OneDProblem(grid, nodes, slot, waves, period, state, foreseen_rate(grid, forecast))
 
 
 def _cycle(
@@ -275,13 +262,13 @@ class StepLimits(NamedTuple):
 LIMITS: Final = StepLimits()
 
 
-def foreseen_rate(grid: Grid, seen: LumpedForecast) -> float:
+def foreseen_rate(grid: Grid, forecast: LumpedForecast) -> float:
     """Return how many cells a second the fastest wave will run, as the lumped model expects."""
     vessel = grid.vessel_of_cell
     outside = grid.external[vessel]
-    low = np.maximum(1.0 + (seen.low[vessel] - outside) / grid.stiffness, 0.1)
-    velocity = seen.flow[vessel] / (grid.area * low**2)
-    return wave_rate(grid, np.maximum(seen.high[vessel] - outside, 0.0), velocity)
+    low = np.maximum(1.0 + (forecast.low[vessel] - outside) / grid.stiffness, 0.1)
+    velocity = forecast.flow[vessel] / (grid.area * low**2)
+    return wave_rate(grid, np.maximum(forecast.high[vessel] - outside, 0.0), velocity)
 
 
 def wave_rate(grid: Grid, pressure: FloatArray, velocity: FloatArray) -> float:
@@ -312,8 +299,9 @@ def steps_for(
     whose time is short; raises `FlowError` above `StepLimits.max_steps`.
     """
     rubbing = grid.friction / area
-    held = (nodes.kind == KIND.resistance) & (nodes.capacitance > 0.0)
-    emptying = (1.0 / nodes.proximal[held] + 1.0 / nodes.distal[held]) / nodes.capacitance[held]
+    windkessel = (nodes.kind == KIND.resistance) & (nodes.capacitance > 0.0)
+    conductance = 1.0 / nodes.proximal[windkessel] + 1.0 / nodes.distal[windkessel]
+    emptying = conductance / nodes.capacitance[windkessel]
     wanted = {
         "waves": rate / courant,
         "friction": float(rubbing.max()) / LIMITS.friction,
@@ -376,8 +364,8 @@ class Acceleration:
     def _mixed(self) -> FloatArray:
         """The mixture of the ends kept whose changes' mixture is least."""
         last = self._changes[-1]
-        apart = np.array([last - other for other in self._changes[:-1]]).T
-        share = np.linalg.lstsq(apart, last, rcond=1e-6)[0]
+        differences = np.array([last - other for other in self._changes[:-1]]).T
+        share = np.linalg.lstsq(differences, last, rcond=1e-6)[0]
         end = self._ends[-1]
         back = [part * (end - other) for part, other in zip(share, self._ends[:-1], strict=True)]
         return np.asarray(end - np.sum(back, axis=0))
@@ -396,9 +384,6 @@ class Acceleration:
         state.area[:] = self._grid.area * width**2
         state.flow[:] = packed[count : 2 * count]
         state.stored[:] = packed[2 * count :]
-
-
-# Record one cycle of 1D flow: waves at chosen points, and extremes everywhere.
 
 
 class Lines:

@@ -57,7 +57,7 @@ class SiUnits(NamedTuple):
 
 SI: Final = SiUnits()
 _MIN_CYCLES: Final = 60
-"""Cycles in which ours looks for the periodic state at least; openBF stops where it is told."""
+"""Cycles in which ours looks for the periodic state at least; openBF stops after its `cycles`."""
 QUANTITIES: Final = ("P", "Q", "A", "u")
 """Pressure, flow, cross-section and mean velocity, as ``write_results`` names them."""
 PLACES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -144,7 +144,6 @@ def case_of(data: Any, inlet: FloatArray) -> OpenBFCase:
 
     Parameters
     ----------
-    data : Any
     inlet : (n, 2) float64
         Time, s, and flow, m³/s, of one cycle.
 
@@ -230,15 +229,15 @@ def _inlet_wave(inlet: FloatArray) -> Tabulated:
 
 
 def _quantities(given: Mapping[str, Any]) -> tuple[str, ...]:
-    asked = entries(given, "write_results") if "write_results" in given else list(QUANTITIES)
-    if not asked:
+    listed = entries(given, "write_results") if "write_results" in given else list(QUANTITIES)
+    if not listed:
         raise FlowError(f"write_results is empty; write {', '.join(QUANTITIES)}, or leave it out")
-    for name in asked:
+    for name in listed:
         if name not in QUANTITIES:
             raise FlowError(
                 f"write_results: {name!r} isn't written by openBF; write {', '.join(QUANTITIES)}"
             )
-    return tuple(name for name in QUANTITIES if name in asked)
+    return tuple(name for name in QUANTITIES if name in listed)
 
 
 # Vessels of the list ``network``: ends, lengths, radii, walls and outlets.
@@ -304,7 +303,7 @@ def _walls(both: Sequence[Entry]) -> VesselWalls:
 
 
 def _cells(data: Mapping[str, Any], place: str, length_m: float) -> int:
-    """Cells of openBF's mesh: as asked, five at least, none longer than 1 mm."""
+    """Cells of openBF's mesh: as given, five at least, none longer than 1 mm."""
     return max(5, whole(data, "M", place, 1, 5), math.ceil(length_m * 1e3))
 
 
@@ -411,9 +410,6 @@ def _check_word(data: Mapping[str, Any], given: set[str], place: str) -> None:
     if missing or (word == "wk2" and "R2" in given):
         what = f"has no {missing[0]}" if missing else "has R2"
         raise FlowError(f"{place}: outlet is {word} and {what}; make them agree")
-
-
-# Checked access to the keys of openBF's YAML input.
 
 
 def section(data: Any, place: str, known: frozenset[str]) -> Mapping[str, Any]:

@@ -83,7 +83,7 @@ def write_svmultiphysics(
     Raises
     ------
     FlowError
-        What the solver can't be told: a resistance to another pressure than 0, several inlets
+        What its input can't express: a resistance to another pressure than 0, several inlets
         on one flow without ``inlet_share``, a port without an outlet's condition.
     OSError
         When a file can't be written.

@@ -154,7 +154,7 @@ def _vessels(
 
 
 class RunLimits(NamedTuple):
-    """What a run is held to."""
+    """Limits of a run."""
 
     periodic_change: float = 1e-6
     """Largest change over a cycle, relative to a column's mean magnitude, of a periodic state."""
@@ -393,16 +393,16 @@ def _solve(data: Mapping[str, Any]) -> tuple[list[str], list[str], str]:
     finally:
         os.close(kept)
         os.close(watched)
-    said = done.stdout.strip()[: LIMITS.max_message]
+    message = done.stdout.strip()[: LIMITS.max_message]
     if done.returncode == _EXIT_CODES["no package"]:
         raise FlowError(
             "a case of svZeroDSolver needs the package svzerod, which can't be imported "
-            f"({said}); pip install 'printctl[svzerod]'"
+            f"({message}); pip install 'printctl[svzerod]'"
         )
     if done.returncode == _EXIT_CODES["no memory"]:
         raise FlowError(f"svZeroDSolver ran out of memory; {_LESS_MEMORY}")
     if done.returncode > 0:
-        raise FlowError(f"svZeroDSolver: {said}")
+        raise FlowError(f"svZeroDSolver: {message}")
     if done.returncode < 0:
         end = signal.Signals(-done.returncode).name
         if end == "SIGKILL":

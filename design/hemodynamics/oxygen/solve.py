@@ -70,8 +70,6 @@ def solve_oxygen(
         In the tissue's frame.
     flow : FlowSolution
         Of that network, in any direction.
-    grid : TissueGrid
-    conditions : OxygenConditions
     guess : OxygenSolution, optional
         On another grid of the same tissue, to begin with.
 
@@ -128,7 +126,7 @@ def _check(problem: OxygenProblem) -> None:
     if not problem.conductance.any() and problem.conditions.bath_millimolar is None:
         raise FlowError(
             "no vessel runs through the tissue, so nothing reaches it; check that network and "
-            "tissue are in one frame and in the units said"
+            "tissue are in one frame and in the same units"
         )
 
 
@@ -265,8 +263,6 @@ class OxygenProblem:
         return VCycle(self.levels)
 
 
-# Solve for oxygen on finer and finer grids; return the finest and the next coarser solution.
-
 Grids = Callable[[float], TissueGrid]
 """A tissue's grid by its spacing in mm."""
 
@@ -284,7 +280,7 @@ def solve_refined(
     Returns
     -------
     OxygenSolution, OxygenSolution or None
-        At the spacing asked for, and at twice that; None where the tissue is too thin for it.
+        At ``spacing_mm``, and at twice that; None where the tissue is too thin for it.
 
     Raises
     ------

@@ -6,7 +6,6 @@ from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import i0e
 
 from design.hemodynamics.oxygen.conditions import OxygenConditions
@@ -35,6 +34,10 @@ class Coupling(NamedTuple):
 
 
 COUPLING: Final = Coupling()
+Pieces = tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]
+"""Of `VesselNetwork.pieces`."""
+Rings = tuple[FloatArray, FloatArray, FloatArray]
+"""Middles (n, 3), axes (n, 3) and radii (n,)."""
 
 
 class Transport(NamedTuple):
@@ -182,7 +185,7 @@ def cut_vessels(network: VesselNetwork, grid: TissueGrid) -> Elements:
     start = 27 * rings * np.concatenate([[0], np.cumsum(points)])
     length, cell = lengths[vessel] / count[vessel], np.zeros(start[-1], dtype=np.int64)
     elements = Elements(vessel, offset, length, mean, start, cell, np.zeros(start[-1]))
-    _spread(elements, at, axis, radius, points, grid.origin_mm, h, grid.inside)
+    _spread(elements, (at, axis, radius), points, grid)
     return elements
 
 
@@ -214,10 +217,10 @@ def _along(
     step[network.offset[1:-1] - 1] = 0.0
     arc = np.concatenate([[0.0], np.cumsum(step)])
     first, last = network.offset[vessel], network.offset[vessel + 1] - 1
-    asked = arc[first] + part * (arc[last] - arc[first])
-    k = np.clip(np.searchsorted(arc, asked, side="right") - 1, first, last - 1)
+    target = arc[first] + part * (arc[last] - arc[first])
+    k = np.clip(np.searchsorted(arc, target, side="right") - 1, first, last - 1)
     wide = np.maximum(arc[k + 1] - arc[k], 1e-300)
-    share = np.clip((asked - arc[k]) / wide, 0.0, 1.0)
+    share = np.clip((target - arc[k]) / wide, 0.0, 1.0)
     a, b = network.points[k], network.points[k + 1]
     radius = network.radius[k] + share * (network.radius[k + 1] - network.radius[k])
     return a + share[:, None] * (b - a), (b - a) / wide[:, None], radius
@@ -236,23 +239,22 @@ def _turn_across(axis: FloatArray, across: FloatArray, other: FloatArray) -> Non
 
 
 @jit
-def _spread(
-    elements: Elements, at: FloatArray, axis: FloatArray, radius: FloatArray, points: IntArray,
-    origin: FloatArray, h: float, inside: NDArray[np.bool_],
-) -> None:  # fmt: skip
+def _spread(elements: Elements, rings: Rings, points: IntArray, grid: TissueGrid) -> None:
     """Lay each element's ring points on 27 cells each by quadratic B-splines.
 
     What falls on cells outside the tissue is shared out among those inside: nothing passes the
-    surface. In one kernel because the weights' count is only known here.
+    surface.
     """
+    at, axis, radius = rings
+    origin, h, inside = grid.origin_mm, grid.spacing_mm, grid.inside
     nx, ny, nz = inside.shape
-    start, cell, weight, rings = elements.start, elements.cell, elements.weight, COUPLING.rings
+    start, cell, weight = elements.start, elements.cell, elements.weight
     low, across, other, where = np.empty(3, np.int64), np.empty(3), np.empty(3), np.empty(3)
     spline = np.empty((3, 3))
     for e in range(len(points)):
         k, total = start[e], 0.0
-        for ring in range(rings):
-            i = e * rings + ring
+        for ring in range(COUPLING.rings):
+            i = e * COUPLING.rings + ring
             _turn_across(axis[i], across, other)
             for p in range(points[e]):
                 # The two rings are turned against each other by half a step.
@@ -277,7 +279,7 @@ def _spread(
                                 weight[k] = spline[0, a] * spline[1, b] * spline[2, c]
                                 total += weight[k]
                             k += 1
-        share = total / (rings * points[e])
+        share = total / (COUPLING.rings * points[e])
         scale = 1.0 / total if share > 0.5 else 0.0
         for k in range(start[e], start[e + 1]):
             weight[k] *= scale
@@ -285,19 +287,16 @@ def _spread(
 
 def lumen_share(network: VesselNetwork, grid: TissueGrid) -> FloatArray:
     """Share of each cell that is lumen, (nx, ny, nz), 0 to 1; no uptake there."""
-    h = grid.spacing_mm
-    start, end, r0, r1, _ = network.pieces()
     filled = np.zeros(grid.inside.shape)
-    _fill(start, end, r0, r1, grid.origin_mm, h, filled)
+    _fill(network.pieces(), grid, filled)
     return np.minimum(filled, 1.0, out=filled)
 
 
 @jit
-def _fill(
-    start: FloatArray, end: FloatArray, r0: FloatArray, r1: FloatArray, origin: FloatArray,
-    h: float, filled: FloatArray,
-) -> None:  # fmt: skip
+def _fill(pieces: Pieces, grid: TissueGrid, filled: FloatArray) -> None:
     """Add the volume of each piece, in points a third of a cell apart, to the cells they lie in."""
+    start, end, r0, r1, _ = pieces
+    origin, h = grid.origin_mm, grid.spacing_mm
     nx, ny, nz = filled.shape
     across, other = np.empty(3), np.empty(3)
     for i in range(len(start)):
@@ -350,9 +349,9 @@ def subgrid(radius: FloatArray, spacing_mm: float) -> FloatArray:
     ln(√2 s/r) - γ/2, for r ≫ s to 0.
     """
     x, value = _table()
-    asked = np.log((np.asarray(radius) / (COUPLING.smoothing * spacing_mm)) ** 2)
-    thin = 0.5 * (np.log(2.0) - np.euler_gamma - asked)
-    return np.where(asked < x[0], thin, np.interp(asked, x, value))
+    log_ratio = np.log((np.asarray(radius) / (COUPLING.smoothing * spacing_mm)) ** 2)
+    thin = 0.5 * (np.log(2.0) - np.euler_gamma - log_ratio)
+    return np.where(log_ratio < x[0], thin, np.interp(log_ratio, x, value))
 
 
 @cache

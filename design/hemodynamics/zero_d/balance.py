@@ -7,14 +7,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, diags_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import lsmr
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions, rescaled
 from design.hemodynamics.vessel_coefficients import vessel_resistance
-from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
+from design.hemodynamics.zero_d.boundary import parts_of, place_conditions
 from design.hemodynamics.zero_d.nodal import factorise
 from design.hemodynamics.zero_d.steady import solve_flow
 from design.network import VesselKind, VesselNetwork
@@ -91,8 +90,6 @@ def balance(
 
     Parameters
     ----------
-    network : VesselNetwork
-    conditions : FlowConditions
     shares : (k,), optional
         Of each connection, in the network's order, in any unit; equal by default.
     spread : float
@@ -145,9 +142,13 @@ def _refuse_others(conditions: FlowConditions) -> None:
 
 
 def _needed(
-    network: VesselNetwork, conditions: FlowConditions, loops: IntArray, wanted: FloatArray,
-    resistance: FloatArray, least: float,
-) -> FloatArray:  # fmt: skip
+    network: VesselNetwork,
+    conditions: FlowConditions,
+    loops: IntArray,
+    wanted: FloatArray,
+    resistance: FloatArray,
+    least: float,
+) -> FloatArray:
     """Resistance that gives each connection its share, (k,), Pa·s/mm³."""
     flow = solve_flow(network, conditions).flow
     # Connections may be drawn against the flow; what they carry keeps its direction.
@@ -206,9 +207,13 @@ def _shares(shares: Sequence[float] | FloatArray | None, count: int) -> FloatArr
 
 
 def _drops(
-    network: VesselNetwork, conditions: FlowConditions, loops: IntArray, target: FloatArray,
-    resistance: FloatArray, least: float,
-) -> FloatArray:  # fmt: skip
+    network: VesselNetwork,
+    conditions: FlowConditions,
+    loops: IntArray,
+    target: FloatArray,
+    resistance: FloatArray,
+    least: float,
+) -> FloatArray:
     """Pressure drop left to each connection when all carry their target, (k,), Pa.
 
     Where a single level is free, it leaves each ``least`` times its resistance now.
@@ -217,7 +222,10 @@ def _drops(
     ends = boundary.slot[network.vessel_nodes]
     rest = np.ones(network.vessel_count, dtype=bool)
     rest[loops] = False
-    part = _parts(ends[rest], boundary)
+    known = np.flatnonzero(boundary.fixed)
+    # Those of given pressure make one part.
+    chained = np.column_stack([known[:-1], known[1:]])
+    part, _ = parts_of(np.concatenate([ends[rest], chained]), len(boundary.fixed))
     injected = boundary.injected.copy()
     np.add.at(injected, ends[loops, 0], -target)
     np.add.at(injected, ends[loops, 1], target)
@@ -255,23 +263,12 @@ def _levels(ends: IntArray, floating: IntArray) -> csr_array:
     return csr_array((np.concatenate(values), where), shape=(len(ends), len(floating)))
 
 
-def _parts(ends: IntArray, boundary: Boundary) -> IntArray:
-    """Part of each unknown without the connections; those of given pressure make one."""
-    count = len(boundary.fixed)
-    held = np.flatnonzero(boundary.fixed)
-    first = np.concatenate([ends[:, 0], held[:-1]])
-    last = np.concatenate([ends[:, 1], held[1:]])
-    joined = coo_array((np.ones(len(first), dtype=np.int8), (first, last)), shape=(count, count))
-    _, part = connected_components(joined, directed=False)
-    return np.asarray(part, dtype=np.int64)
-
-
 def _floating(
     part: IntArray, fixed: NDArray[np.bool_], injected: FloatArray, scale: float
 ) -> IntArray:
     """Parts without a given pressure; what flows into each must flow out of it."""
-    held = np.unique(part[fixed])
-    floating = np.setdiff1d(part, held)
+    fixed_unknowns = np.unique(part[fixed])
+    floating = np.setdiff1d(part, fixed_unknowns)
     net = np.bincount(part, weights=injected)
     off = floating[np.abs(net[floating]) > LIMITS.imbalance * scale]
     if len(off):

@@ -217,9 +217,9 @@ def boundary_nodes(
 
 
 def _nodes(
-    network: VesselNetwork, asked: tuple[int, ...] | None, own: IntArray, what: str
+    network: VesselNetwork, named: tuple[int, ...] | None, own: IntArray, what: str
 ) -> IntArray:
-    nodes = own if asked is None else np.unique(np.array(asked, dtype=np.int64))
+    nodes = own if named is None else np.unique(np.array(named, dtype=np.int64))
     if len(nodes) == 0:
         raise FlowError(
             f"the network has no {what}: no node that vessels only "
@@ -242,7 +242,7 @@ def checked_ends(
     """
     inlets, outlets = boundary_nodes(network, conditions)
     count = len(network.nodes)
-    part, bare = _parts(network.vessel_nodes, count)
+    part, bare = parts_of(network.vessel_nodes, count)
     if bare >= 0:
         raise FlowError(f"node {bare} is isolated: no vessel meets it; remove it")
     for ends, what in ((inlets, "inlet"), (outlets, "outlet")):
@@ -260,8 +260,8 @@ def checked_ends(
 
 
 @jit
-def _parts(ends: IntArray, count: int) -> tuple[IntArray, int]:
-    """A node of its part for each node, the same for all of the part; a node without vessel.
+def parts_of(ends: IntArray, count: int) -> tuple[IntArray, int]:
+    """Return the least node of each node's part, and a node without a vessel, -1 for none.
 
     Trees of nodes are joined, their paths halved on the way (Tarjan & van Leeuwen 1984).
     """

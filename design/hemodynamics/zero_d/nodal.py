@@ -28,6 +28,14 @@ _BALANCED = 16.0 * float(np.finfo(np.float64).eps)
 """Of the flow through an unknown; elimination alone leaves a few roundings of it over."""
 
 
+class HalfFixed(NamedTuple):
+    """Vessels with one end of given pressure; their free and their fixed unknowns, (h,) each."""
+
+    vessel: IntArray
+    free: IntArray
+    fixed: IntArray
+
+
 class Structure(NamedTuple):
     """A graph with branches folded onto a core.
 
@@ -41,8 +49,7 @@ class Structure(NamedTuple):
         Folded unknowns, the vessel each was folded along, and the unknown it was folded onto.
     unfolded : (v - k,) int64
         The other vessels.
-    beside, free, held : (h,) int64
-        Vessels with one end fixed; their free unknowns and their fixed ones.
+    half_fixed : HalfFixed
     core : (c,) int64
         Unknowns that are left.
     links : (l,) int64
@@ -58,9 +65,7 @@ class Structure(NamedTuple):
     by: IntArray
     onto: IntArray
     unfolded: IntArray
-    beside: IntArray
-    free: IntArray
-    held: IntArray
+    half_fixed: HalfFixed
     core: IntArray
     links: IntArray
     plan: Chains
@@ -161,13 +166,10 @@ def structure_of(ends: IntArray, fixed: NDArray[np.bool_]) -> Structure:
     number = np.zeros(len(fixed), dtype=np.int64)
     number[core] = np.arange(len(core))
     plan = chains_of(number[first[links]], number[last[links]], len(core))
-    beside = np.flatnonzero(fixed[first] != fixed[last])
-    after = fixed[last[beside]]
-    free = np.where(after, first[beside], last[beside])
-    held = np.where(after, last[beside], first[beside])
-    return Structure(
-        first, last, fixed, order, by, onto, unfolded, beside, free, held, core, links, plan
-    )
+    vessel = np.flatnonzero(fixed[first] != fixed[last])
+    a, b, b_fixed = first[vessel], last[vessel], fixed[last[vessel]]
+    half = HalfFixed(vessel, np.where(b_fixed, a, b), np.where(b_fixed, b, a))
+    return Structure(first, last, fixed, order, by, onto, unfolded, half, core, links, plan)
 
 
 def factorise(ends: IntArray, conductance: FloatArray, fixed: NDArray[np.bool_]) -> NodalSystem:
@@ -519,9 +521,9 @@ def folding_order(
 @jit
 def fold(s: Structure, conductance: Numbers, ground: Numbers, share: Numbers) -> None:
     """σ of each folded node (k,); ``ground`` (s,) gains what vessels lead to, both in place."""
-    beside, free, order, by, onto = s.beside, s.free, s.order, s.by, s.onto
-    for k in range(len(beside)):
-        ground[free[k]] += conductance[beside[k]]
+    half, order, by, onto = s.half_fixed, s.order, s.by, s.onto
+    for k in range(len(half.vessel)):
+        ground[half.free[k]] += conductance[half.vessel[k]]
     for k in range(len(order)):
         node, g = order[k], conductance[by[k]]
         share[k] = g / (g + ground[node])
@@ -533,9 +535,9 @@ def gather(
     s: Structure, conductance: Numbers, share: Numbers, pressure: Numbers, source: Numbers
 ) -> None:
     """Add what given pressures drive; carry sources of folded nodes to what they hang on."""
-    beside, free, held, order, onto = s.beside, s.free, s.held, s.order, s.onto
-    for k in range(len(beside)):
-        source[free[k]] += conductance[beside[k]] * pressure[held[k]]
+    half, order, onto = s.half_fixed, s.order, s.onto
+    for k in range(len(half.vessel)):
+        source[half.free[k]] += conductance[half.vessel[k]] * pressure[half.fixed[k]]
     for k in range(len(order)):
         source[onto[k]] += source[order[k]] * share[k]
 

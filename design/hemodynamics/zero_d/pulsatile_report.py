@@ -199,9 +199,6 @@ def _ratio(top: FloatArray, bottom: FloatArray) -> FloatArray:
     return np.divide(top, bottom, out=np.ones_like(top), where=bottom > still)
 
 
-# Summarise a pulsatile 0D solution: totals, extremes, and waves at inlets and outlets.
-
-
 def end_waves(
     network: VesselNetwork,
     solution: PulsatileSolution,
@@ -304,7 +301,7 @@ def _nodal(network: VesselNetwork, solution: PulsatileSolution) -> tuple[Complex
 #
 # Along a vessel the pressure falls as the resistance before the probe does, exactly for tapers and
 # bends of the polyline. In rigid walls the flow is the same along a vessel at every moment, and
-# both are exact for the model: the ideal that 1D and 3D are held against. With an elastic wall the
+# both are exact for the model: the ideal that 1D and 3D are compared with. With an elastic wall the
 # lumped model knows the flow at a vessel's ends only; between, what flows in is stored as the
 # compliance lies along the vessel, and the pressure follows the flow amid the vessel, of second
 # order in its length as the model is.

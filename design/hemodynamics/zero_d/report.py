@@ -37,14 +37,12 @@ def flow_summary(
     against what viscosity and losses take, Σ R Q² + Σ Δp Q, relative to the latter.
     ``pressure_drop`` is between the network's extremes, and ``resistance`` that drop over the
     inflow (0 where nothing flows).
-    ``losses_share``, where losses were asked for, is what junctions and stenoses take of power.
+    ``losses_share``, where losses are modelled, is what junctions and stenoses take of power.
     ``poiseuille_holds_share`` counts vessels in which the flow is laminar and developed but for a
     tenth of the length; ``entrance_share_max`` is the greatest such share.
 
     Parameters
     ----------
-    network : VesselNetwork
-    solution : FlowSolution
     conditions : FlowConditions, optional
         Those solved for, where they name inlets or outlets other than the network's own.
     density : float, Pa·s²/mm², optional
@@ -252,8 +250,6 @@ def poiseuille_holds(network: VesselNetwork, reynolds_number: FloatArray) -> np.
     short = entrance_share(network, reynolds_number) <= LIMITS.entrance_share
     return short & (reynolds_number < LIMITS.laminar_reynolds)
 
-
-# Classify each vessel's wall shear as below, inside or above a wanted range.
 
 PLACES: Final = ("below", "inside", "above")
 
