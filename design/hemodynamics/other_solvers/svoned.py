@@ -44,6 +44,7 @@ from design.hemodynamics.other_solvers.network_case import (
     outlet_values,
 )
 from design.hemodynamics.vessel_coefficients import VesselWalls
+from design.hemodynamics.zero_d.boundary import boundary_nodes
 from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA
 
@@ -103,8 +104,6 @@ def svoned_input(
     options = options or OneDOptions()
     _refuse_unsaid(network, conditions, options)
     case = network_case(network, conditions, "svOneDSolver")
-    if len(case.inlets) != 1:
-        raise FlowError(f"{len(case.inlets)} inlets; svOneDSolver takes one: join them by a vessel")
     for node, (into, _) in case.ends.items():
         if bool(into) != (node in case.outlets):
             raise FlowError(
@@ -138,8 +137,10 @@ def svoned_input(
 def _refuse_unsaid(
     network: VesselNetwork, conditions: PulsatileConditions, options: OneDOptions
 ) -> None:
-    wall = conditions.wall
+    wall, inlets = conditions.wall, boundary_nodes(network, conditions)[0]
     check_compliant(network, wall)
+    if len(inlets) != 1:
+        raise FlowError(f"{len(inlets)} inlets; svOneDSolver takes one: join them by a vessel")
     if external_pressure(wall, network.vessel_count).any() or options.alpha is not None:
         raise FlowError(
             "svOneDSolver has no pressure outside vessels, and alpha follows the profile; leave "
