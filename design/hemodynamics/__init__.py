@@ -1,6 +1,6 @@
 """Flow in vessel networks by 0D, 1D and 3D solvers; fluids, waveforms, dye, oxygen.
 
-Names are loaded when first asked for: a steady flow needs neither 1D waves nor pulses.
+Names are loaded on first use: a steady flow needs neither 1D waves nor pulses.
 
 Goes in: a network and boundary conditions. Comes out: pressure, flow and wall shear of each
 vessel. Begin with `zero_d/steady.py` (network, nodal solve, `FlowSolution`); `one_d`, `three_d`,

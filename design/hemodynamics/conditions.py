@@ -15,7 +15,7 @@ from design.hemodynamics.vessel_coefficients import RigidWall, Wall
 from design.hemodynamics.waveforms import Constant, Waveform
 from design.network import VesselNetwork
 from design.units import WATER_DENSITY
-from kernels.arrays import FloatArray
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,6 @@ def _check_flow(conditions: FlowConditions) -> None:
             raise FlowError(f"{name} is {value}; give a number")
 
 
-# Conditions of pulsatile flow: inlet waveform, outlets (pressure, R, Windkessel), wall.
-
 Profile = Literal["poiseuille", "womersley"]
 
 
@@ -190,21 +188,33 @@ class WindkesselOutlet:
 Outlet = PressureOutlet | ResistanceOutlet | WindkesselOutlet
 
 
-def outlet_of(given: Outlet | Mapping[int, Outlet], node: int) -> Outlet:
-    """The condition of one outlet.
+def outlet_groups(
+    given: Outlet | Mapping[int, Outlet], outlets: IntArray
+) -> list[tuple[Outlet, IntArray]]:
+    """Return each condition and the nodes that it stands at: one for all, or one a node.
 
     Raises
     ------
     FlowError
-        When it has none.
+        For an outlet without a condition, or a condition at another node.
     """
     if not isinstance(given, Mapping):
-        return given
-    if node not in given:
+        return [(given, outlets)]
+    bare = np.setdiff1d(outlets, list(given))
+    if len(bare):
         raise FlowError(
-            f"outlet {node} has no condition; give it a pressure, a resistance or a Windkessel"
+            f"outlet {int(bare[0])} has no condition ({len(bare)} of {len(outlets)} such); give "
+            "it a pressure, a resistance or a Windkessel"
         )
-    return given[node]
+    strangers = sorted(set(given) - set(outlets.tolist()))
+    if strangers:
+        raise FlowError(f"node {strangers[0]} has a condition and isn't one of the outlets")
+    return [(given[int(node)], np.array([node])) for node in outlets]
+
+
+def outlets_by_node(given: Outlet | Mapping[int, Outlet], outlets: IntArray) -> dict[int, Outlet]:
+    """Return the condition of each outlet; raises as `outlet_groups`."""
+    return {int(n): outlet for outlet, nodes in outlet_groups(given, outlets) for n in nodes}
 
 
 @dataclass(frozen=True)

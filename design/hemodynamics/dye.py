@@ -5,8 +5,9 @@ Goes in: a network and its steady flow. Comes out: arrival times and concentrati
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,105 @@ from design.hemodynamics.zero_d.steady import FlowSolution
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
+DYE_DIFFUSIVITY: Final = 4e-4
+"""mm²/s; fluorescein in water at 25 °C has 4.25e-4 (Culbertson et al. 2002,
+doi 10.1016/S0039-9140(01)00602-6)."""
+
+
+class DyeLimits(NamedTuple):
+    """Where a vessel counts as still, dispersed or filmed too slowly."""
+
+    still_ul_s: float = 1e-9
+    """Of 1 µL/s into the network: nothing flows below it."""
+    carried_below: float = 0.01
+    """Transit times D/r², below which dye is carried as if it didn't diffuse."""
+    dispersed_above: float = 0.8
+    """Transit times D/r², above which the section is even and the front is Taylor's, a bell that
+    runs with the mean (Ananthakrishnan, Gill & Barduhn 1965, AIChE J 11, 1063, for Péclet numbers
+    above some hundreds)."""
+    frames_in_vessel: float = 2.0
+    """While the tip runs through a vessel, so that arrivals at its two ends differ."""
+    frames_in_all: float = 10.0
+    """While the tip runs from the inlet to where it leaves last."""
+
+
+class CurveSampling(NamedTuple):
+    """How `dye_curves` are inverted and read."""
+
+    steps: int = 1024
+    """In time."""
+    damping: float = 8.0
+    """What wraps around on twice the span is damped by exp(-8)."""
+    mean_ages: float = 4.0
+    """Length of a curve for its half: one tube's is at 7/8 by then."""
+
+
+LIMITS: Final = DyeLimits()
+SAMPLING: Final = CurveSampling()
+
+
+@dataclass(frozen=True)
+class CarryingFlow:
+    """The steady flow that carries dye, at 1 µL/s into the network.
+
+    Attributes
+    ----------
+    solution : FlowSolution
+    volume : (v,) float64, µL
+    transit_s : (v,) float64, s
+        Volume over flow; inf where nothing flows.
+    earliest_s : (m,) float64, s
+        Least sum of mean transits from an inlet to each node; inf where none leads.
+    """
+
+    solution: FlowSolution
+    volume: FloatArray
+    transit_s: FloatArray
+    earliest_s: FloatArray
+
+    @property
+    def entering(self) -> NDArray[np.bool_]:
+        """Whether each node is an inlet of dye, (m,)."""
+        return self.earliest_s == 0.0
+
+    def moves(self) -> NDArray[np.bool_]:
+        """Vessels that carry flow, (v,)."""
+        return np.isfinite(self.transit_s)
+
+
+def steady_transit(
+    network: VesselNetwork, solution: FlowSolution, inlets: tuple[int, ...]
+) -> CarryingFlow:
+    """Return transits of a flow of 1 µL/s that dye enters at ``inlets``."""
+    volume = np.pi * integral_of_power(network, 2)
+    flow, still = np.abs(solution.flow), LIMITS.still_ul_s
+    transit = np.where(flow > still, volume / np.maximum(flow, still), np.inf)
+    earliest: FloatArray = np.full(len(network.nodes), np.inf)
+    earliest[list(inlets)] = 0.0
+    for k, first, last in _downstream(network, solution):
+        earliest[last] = min(earliest[last], earliest[first] + transit[k])
+    return CarryingFlow(solution, volume, transit, earliest)
+
+
+def downstream_order(network: VesselNetwork, solution: FlowSolution) -> IntArray:
+    """Return vessels that flow, by falling pressure at their beginning."""
+    begins = solution.pressure[network.vessel_nodes].max(axis=1)
+    order = np.argsort(-begins, kind="stable")
+    return np.asarray(order[np.abs(solution.flow[order]) > LIMITS.still_ul_s])
+
+
+def flow_ends(network: VesselNetwork, solution: FlowSolution, vessel: int) -> tuple[int, int]:
+    """Return the nodes that a vessel's flow runs from and to."""
+    first, last = network.vessel_nodes[vessel].tolist()
+    return (first, last) if solution.flow[vessel] >= 0.0 else (last, first)
+
+
+def _downstream(network: VesselNetwork, solution: FlowSolution) -> Iterator[tuple[int, int, int]]:
+    """Vessels that flow and their ends; all that enters a node comes before what leaves it."""
+    for k in downstream_order(network, solution).tolist():
+        yield k, *flow_ends(network, solution, k)
+
+
 # Compute a dye front's arrival times in each vessel; classify vessels by diffusion's effect.
 #
 # The tip runs on the axis at twice the mean speed, so that it is through a vessel in T/2; the mean
@@ -24,21 +124,9 @@ from kernels.arrays import FloatArray, IntArray
 # the axis.
 
 
-DYE_DIFFUSIVITY: Final = 4e-4
-"""mm²/s; fluorescein in water at 25 °C has 4.25e-4 (Culbertson et al. 2002,
-doi 10.1016/S0039-9140(01)00602-6)."""
-CARRIED_BELOW: Final = 0.01
-DISPERSED_ABOVE: Final = 0.8
-"""Transit times D/r²: below the first, dye is carried as if it didn't diffuse; above the second its
-section is even and the front is Taylor's, a bell that runs with the mean (Ananthakrishnan, Gill &
-Barduhn 1965, AIChE J 11, 1063, for Péclet numbers above some hundreds)."""
-_SPAN: Final = 4.0
-"""Curves run to so many mean ages of the slowest place: of one tube they are at 7/8 by then."""
-
-
 @dataclass(frozen=True)
 class DyeFront:
-    """When a step of dye at the inlets comes to each vessel; times from the inlets, s.
+    """Arrival of a step of dye at each vessel; times from the inlets, s.
 
     All arrays (v,); NaN where nothing flows or dye doesn't lead.
 
@@ -73,7 +161,11 @@ class DyeFront:
     def regime(self) -> NDArray[np.str_]:
         """``carried``, ``between``, ``dispersed`` or ``still`` of each vessel."""
         words = np.select(
-            [self.fourier < CARRIED_BELOW, self.fourier <= DISPERSED_ABOVE, self.fourier > 0.0],
+            [
+                self.fourier < LIMITS.carried_below,
+                self.fourier <= LIMITS.dispersed_above,
+                self.fourier > 0.0,
+            ],
             ["carried", "between", "dispersed"],
             "still",
         )
@@ -90,7 +182,6 @@ def dye_front(
 
     Parameters
     ----------
-    network : VesselNetwork
     carried : CarryingFlow
         Of 1 µL/s; all its times go with 1 over the flow.
     flow_ul_s : float, µL/s
@@ -119,21 +210,19 @@ def dye_front(
 
 
 def mean_age(network: VesselNetwork, carried: CarryingFlow) -> FloatArray:
-    """Mean time that what flows by each node has taken from the inlets, at 1 µL/s, (m,), s.
+    """Return the mean age of what flows by each node since the inlets, at 1 µL/s, (m,), s.
 
     Ages mix by flow. Inf at a node that nothing flows to; 0 at the inlets.
     """
-    solution = carried.solution
     total, into = np.zeros((2, len(network.nodes)))
-    entering = carried.earliest_s == 0.0
+    entering = carried.entering
     age = np.where(entering, 0.0, np.inf)
-    for k in downstream_order(network, solution).tolist():
-        first, last = flow_ends(network, solution, k)
-        rate = abs(float(solution.flow[k]))
+    for k, first, last in _downstream(network, carried.solution):
+        rate = abs(float(carried.solution.flow[k]))
         total[last] += rate * (age[first] + carried.transit_s[k])
         into[last] += rate
         if not entering[last]:
-            age[last] = total[last] / max(into[last], STILL)
+            age[last] = total[last] / max(into[last], LIMITS.still_ul_s)
     return age
 
 
@@ -143,10 +232,9 @@ def _begins(network: VesselNetwork, carried: CarryingFlow) -> NDArray[np.int64]:
 
 
 def _half(network: VesselNetwork, carried: CarryingFlow, moves: NDArray[np.bool_]) -> FloatArray:
-    """When the area mean at each vessel's end is one half, at 1 µL/s, (v,), s.
+    """Return when the area mean at each vessel's end is one half, at 1 µL/s, (v,), s.
 
-    Vessel by vessel in classes of like ages, so that an early one isn't read off steps that are
-    fit for the latest.
+    Vessels of like ages share a curve's length, so that early ones have steps short enough.
     """
     half_due = np.full(network.vessel_count, np.nan)
     age = mean_age(network, carried)[_begins(network, carried)] + carried.transit_s
@@ -154,7 +242,7 @@ def _half(network: VesselNetwork, carried: CarryingFlow, moves: NDArray[np.bool_
     octave = np.floor(np.log2(age[ready]))
     for level in np.unique(octave):
         here = ready[octave == level]
-        until = _SPAN * 2.0 ** (float(level) + 1.0)
+        until = SAMPLING.mean_ages * 2.0 ** (float(level) + 1.0)
         times, curves = dye_curves(network, carried, here, np.ones(len(here)), until)
         after = np.clip(np.argmax(curves >= 0.5, axis=1), 1, None)
         row = np.arange(len(here))
@@ -184,65 +272,6 @@ def front_table(network: VesselNetwork, front: DyeFront) -> dict[str, NDArray[np
     }
 
 
-# Compute each vessel's transit time in steady flow; sort vessels in downstream order.
-
-
-STILL = 1e-9
-"""µL/s of 1 µL/s into the network, below which nothing flows."""
-
-
-@dataclass(frozen=True)
-class CarryingFlow:
-    """The steady flow that carries dye, at 1 µL/s into the network.
-
-    Attributes
-    ----------
-    solution : FlowSolution
-    volume : (v,) float64, µL
-    transit_s : (v,) float64, s
-        Volume over flow; inf where nothing flows.
-    earliest_s : (m,) float64, s
-        Least sum of mean transits from an inlet to each node; inf where none leads.
-    """
-
-    solution: FlowSolution
-    volume: FloatArray
-    transit_s: FloatArray
-    earliest_s: FloatArray
-
-    def moves(self) -> NDArray[np.bool_]:
-        """Vessels that carry flow, (v,)."""
-        return np.isfinite(self.transit_s)
-
-
-def steady_transit(
-    network: VesselNetwork, solution: FlowSolution, inlets: tuple[int, ...]
-) -> CarryingFlow:
-    """Transits of a flow of 1 µL/s that dye enters at ``inlets``."""
-    volume = np.pi * integral_of_power(network, 2)
-    flow = np.abs(solution.flow)
-    transit = np.where(flow > STILL, volume / np.maximum(flow, STILL), np.inf)
-    earliest: FloatArray = np.full(len(network.nodes), np.inf)
-    earliest[list(inlets)] = 0.0
-    for k in downstream_order(network, solution):
-        first, last = flow_ends(network, solution, int(k))
-        earliest[last] = min(earliest[last], earliest[first] + transit[k])
-    return CarryingFlow(solution, volume, transit, earliest)
-
-
-def downstream_order(network: VesselNetwork, solution: FlowSolution) -> IntArray:
-    """Vessels that flow, by falling pressure at their beginning."""
-    begins = solution.pressure[network.vessel_nodes].max(axis=1)
-    order = np.argsort(-begins, kind="stable")
-    return np.asarray(order[np.abs(solution.flow[order]) > STILL])
-
-
-def flow_ends(network: VesselNetwork, solution: FlowSolution, vessel: int) -> tuple[int, int]:
-    """Nodes a vessel's flow runs from and to."""
-    first, last = network.vessel_nodes[vessel].tolist()
-    return (first, last) if solution.flow[vessel] >= 0.0 else (last, first)
-
-
 # Compute dye concentration over time at points in vessels after a dye step at the inlets.
 #
 # No diffusion (Taylor 1953, doi 10.1098/rspa.1953.0139), flows that mix wholly at nodes. With T the
@@ -258,8 +287,6 @@ def flow_ends(network: VesselNetwork, solution: FlowSolution, vessel: int) -> tu
 ComplexArray = NDArray[np.complex128]
 Mean = Literal["area", "flux"]
 """Of a section: by area, as a camera sees it, or by flow, as a cup at the outlet collects it."""
-_STEPS: Final = 1024
-_DAMPED: Final = 8.0
 
 
 def dye_curves(
@@ -270,7 +297,7 @@ def dye_curves(
     until_s: float,
     mean: Mean = "area",
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean concentration at stations after a step at the inlets at time 0.
+    """Return the mean concentration at stations after a step at the inlets at time 0.
 
     Parameters
     ----------
@@ -286,22 +313,22 @@ def dye_curves(
         Times and concentrations, 0 to 1, that never fall.
     """
     # Inverse transform on twice the span, damped so that what wraps around has died away.
-    step = until_s / _STEPS
-    times: FloatArray = step * np.arange(_STEPS, dtype=np.float64)
-    damping = _DAMPED / (2.0 * until_s)
-    s = np.asarray(damping + 2j * np.pi * np.fft.rfftfreq(2 * _STEPS, step), dtype=np.complex128)
+    steps = SAMPLING.steps
+    step = until_s / steps
+    times: FloatArray = step * np.arange(steps, dtype=np.float64)
+    damping = SAMPLING.damping / (2.0 * until_s)
+    s = np.asarray(damping + 2j * np.pi * np.fft.rfftfreq(2 * steps, step), dtype=np.complex128)
     # Lanczos' factors keep the ends of the spectrum from ringing.
     window = np.sinc(np.arange(len(s)) / len(s)) / (s * step)
     at_nodes = _nodes(network, flow, s)
-    curves: FloatArray = np.zeros((len(vessel), _STEPS))
-    for k in downstream_order(network, flow.solution).tolist():
+    curves: FloatArray = np.zeros((len(vessel), steps))
+    for k, first, _ in _downstream(network, flow.solution):
         here = np.flatnonzero(vessel == k)
         if len(here) == 0:
             continue
-        first, _ = flow_ends(network, flow.solution, k)
         second, third = _integrals(np.outer(share[here] * flow.transit_s[k] / 2.0, s))
         passed = second if mean == "area" else 2.0 * third
-        back = np.fft.irfft(passed * at_nodes[first] * window, axis=1)[:, :_STEPS]
+        back = np.fft.irfft(passed * at_nodes[first] * window, axis=1)[:, :steps]
         curves[here] = back * np.exp(damping * times)
     return times, np.asarray(np.maximum.accumulate(np.clip(curves, 0.0, 1.0), axis=1))
 
@@ -310,17 +337,15 @@ def _nodes(network: VesselNetwork, flow: CarryingFlow, s: ComplexArray) -> Compl
     """Flux mean at each node over that of the inlets' step, (m, frequencies)."""
     into = np.zeros(len(network.nodes))
     flux = np.zeros((len(network.nodes), len(s)), dtype=np.complex128)
-    entering = flow.earliest_s == 0.0
+    entering = flow.entering
     flux[entering] = 1.0
-    # Falling pressure: all that enters a node is known before anything leaves it.
-    for k in downstream_order(network, flow.solution).tolist():
-        first, last = flow_ends(network, flow.solution, k)
+    for k, first, last in _downstream(network, flow.solution):
         begun = flux[first] if entering[first] else flux[first] / into[first]
         passed = 2.0 * _integrals(s * flow.transit_s[k] / 2.0)[1]
         rate = abs(float(flow.solution.flow[k]))
         flux[last] += rate * begun * passed
         into[last] += rate
-    scaled = np.where(entering, 1.0, np.maximum(into, STILL))
+    scaled = np.where(entering, 1.0, np.maximum(into, LIMITS.still_ul_s))
     return np.asarray(flux / scaled[:, None])
 
 
@@ -332,15 +357,6 @@ def _integrals(z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     return second, (fall - z * second) / 2.0
 
 
-# Check that a dye video's frame interval resolves the moving front.
-
-
-FRAMES_IN_A_VESSEL: Final = 2.0
-"""Frames while the tip runs through a vessel, for its arrival at both ends to be told apart."""
-FRAMES_IN_ALL: Final = 10.0
-"""Frames while the tip runs from the inlet to where it leaves last."""
-
-
 @dataclass(frozen=True)
 class FrameCheck:
     """Result of checking a video's frame interval against the dye front.
@@ -350,7 +366,7 @@ class FrameCheck:
     interval_s : float, s
         Between frames.
     quick : (k,) int64
-        Vessels that the tip runs through in less than `FRAMES_IN_A_VESSEL` frames.
+        Vessels that the tip runs through in less than `DyeLimits.frames_in_vessel` frames.
     needed_per_s : float, 1/s
         Frames a second that would show half of the vessels, and the whole.
     frames : float
@@ -371,17 +387,17 @@ def check_frames(front: DyeFront, interval_s: float) -> FrameCheck:
 
     It warns where more than half of the vessels are too quick, or the whole is.
     """
-    tips = front.transit_s / 2.0
+    tips, frames_in_vessel = front.transit_s / 2.0, LIMITS.frames_in_vessel
     known = np.isfinite(tips)
-    quick = np.flatnonzero(known & (tips < FRAMES_IN_A_VESSEL * interval_s))
+    quick = np.flatnonzero(known & (tips < frames_in_vessel * interval_s))
     whole = float(np.nanmax(front.tip_leaves_s))
-    needed = max(FRAMES_IN_A_VESSEL / float(np.median(tips[known])), FRAMES_IN_ALL / whole)
+    needed = max(frames_in_vessel / float(np.median(tips[known])), LIMITS.frames_in_all / whole)
     frames = whole / interval_s
     warning = ""
     if 1.0 / interval_s < needed * (1.0 - 1e-9):
         warning = (
             f"frames {interval_s:.3g} s apart are too far apart: dye's tip runs through "
-            f"{len(quick)} of {int(known.sum())} vessels in less than {FRAMES_IN_A_VESSEL:g} "
+            f"{len(quick)} of {int(known.sum())} vessels in less than {frames_in_vessel:g} "
             f"frames, and through the whole in {frames:.3g}; film {np.ceil(needed):g} frames a "
             f"second or more, or lower the flow ({front.flow_ul_s * 0.06:.3g} mL/min)"
         )

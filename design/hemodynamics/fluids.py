@@ -91,8 +91,8 @@ def require_above_zero(name: str, value: float, unit: str) -> None:
 #
 # (Rabinowitsch 1929), which is integrated once for each fluid; a vessel then needs a look-up.
 
-_DECADES: Final = (-5.0, 9.0)
-_KNOTS: Final = 1401
+_LOG_RATES: Final = np.linspace(-5.0, 9.0, 1401) * np.log(10.0)
+"""Knots of the table: 100 a decade of shear rates in 1/s."""
 _GAUSS: Final = np.polynomial.legendre.leggauss(8)
 
 
@@ -169,19 +169,18 @@ class Carreau:
         """
         from scipy.interpolate import CubicHermiteSpline  # heavy: other fluids do without
 
-        log_rate = np.linspace(*_DECADES, _KNOTS) * np.log(10.0)
-        rate = np.exp(log_rate)
+        rate = np.exp(_LOG_RATES)
         stress = rate * self.viscosity(rate)
-        moment = np.concatenate([[0.0], np.cumsum(self._pieces(log_rate))])
+        moment = np.concatenate([[0.0], np.cumsum(self._pieces())])
         # Below the first knot the fluid is at rest's viscosity.
         moment += stress[0] ** 3 * rate[0] / 4.0
         gamma = 4.0 * moment / stress**3
         return CubicHermiteSpline(np.log(gamma), np.log(stress), 1.0 / (4.0 * rate / gamma - 3.0))
 
-    def _pieces(self, log_rate: FloatArray) -> FloatArray:
+    def _pieces(self) -> FloatArray:
         """∫ γ̇ τ² dτ between knots, by Gauss's rule in ln γ̇."""
-        half = np.diff(log_rate)[:, None] / 2.0
-        x = (log_rate[:-1, None] + half) + half * _GAUSS[0]
+        half = np.diff(_LOG_RATES)[:, None] / 2.0
+        x = (_LOG_RATES[:-1, None] + half) + half * _GAUSS[0]
         rate = np.exp(x)
         stress = rate * self.viscosity(rate)
         value = rate * stress**3 * self._slope(rate)
@@ -193,9 +192,6 @@ class Carreau:
         thinning = self.viscosity(rate) - self.infinite_shear_pa_s
         part = thinning / self.viscosity(rate)
         return np.asarray(1.0 + part * (self.index - 1.0) * x / (1.0 + x))
-
-
-# Apparent viscosity of a power-law fluid, τ = K γ̇ⁿ, in tube flow.
 
 
 @dataclass(frozen=True)
@@ -228,9 +224,6 @@ class PowerLaw:
         factor = self.consistency_pa_sn * ((3.0 * n + 1.0) / (4.0 * n)) ** n
         viscosity = factor * np.maximum(rate, SLOWEST) ** (n - 1.0)
         return viscosity, np.where(rate > SLOWEST, n, 1.0)
-
-
-# Viscosity of blood by vessel radius and haematocrit: the in vivo law of Pries et al. 1994.
 
 
 @dataclass(frozen=True)

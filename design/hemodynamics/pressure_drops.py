@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from kernels.arrays import FloatArray, IntArray
 _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-@dataclass(frozen=True)
-class Drop:
+class Drop(NamedTuple):
     """Pressure drops and their derivatives at given flows, (v,) each.
 
     Attributes
@@ -42,9 +41,8 @@ class Drop:
         return self.resistance * flow + self.loss
 
 
-@dataclass(frozen=True)
-class LossTerms:
-    """What a network's losses are, all (v,).
+class LossTerms(NamedTuple):
+    """Coefficients of a network's losses, all (v,).
 
     Attributes
     ----------
@@ -57,9 +55,6 @@ class LossTerms:
     viscous: FloatArray
     forth: FloatArray
     back: FloatArray
-
-
-# Mean radius and resistance per viscosity of each vessel; velocity and wall shear from flow.
 
 
 @dataclass(frozen=True)
@@ -81,12 +76,9 @@ class Pipes:
     per_viscosity: FloatArray
 
     def resistance(self, viscosity: FloatArray | float) -> FloatArray:
-        """Of each vessel, (v,), Pa·s/µL; ``viscosity`` in Pa·s, (v,) or one for all.
+        """Return the resistance of each vessel, (v,), Pa·s/µL; ``viscosity`` (v,) or one, Pa·s.
 
-        Raises
-        ------
-        FlowError
-            For a vessel of zero length, or one whose resistance leaves the range of numbers.
+        Raises `FlowError` for a vessel of zero length, or a resistance beyond the range of numbers.
         """
         return self.conductance(viscosity)[0]
 
@@ -161,7 +153,7 @@ def drops_of(network: VesselNetwork, pipes: Pipes, fluid: Fluid, losses: LossTer
 
 
 def resistance_at(network: VesselNetwork, fluid: Fluid, flow: FloatArray) -> FloatArray:
-    """What viscosity takes of each vessel's flow (v,), over it, (v,), Pa·s/µL; without losses.
+    """Return the viscous resistance of each vessel at a flow, (v,) each, Pa·s/µL.
 
     Raises
     ------
@@ -174,9 +166,6 @@ def resistance_at(network: VesselNetwork, fluid: Fluid, flow: FloatArray) -> Flo
 
 
 # Coefficients of pressure losses at bifurcations and stenoses, in steady flow.
-
-EXPANSION: Final = 1.52
-"""K_t of Young & Tsai 1973: the loss where a jet widens, over that of Borda and Carnot."""
 
 
 @dataclass(frozen=True)
@@ -200,6 +189,9 @@ class Stenosis:
     length_mm : float
         L_s.
     """
+
+    EXPANSION: ClassVar[float] = 1.52
+    """K_t, the loss where a jet widens, over that of Borda and Carnot."""
 
     vessel: int
     diameter_share: float
@@ -257,12 +249,9 @@ class Losses:
 def loss_terms(
     network: VesselNetwork, radius: FloatArray, losses: Losses, density: float
 ) -> LossTerms:
-    """Losses of a network whose mean radii (v,) are known; ``density`` in Pa·s²/mm².
+    """Return losses of a network whose mean radii (v,) are known; ``density`` in Pa·s²/mm².
 
-    Raises
-    ------
-    FlowInputError
-        For a stenosis in no vessel, or stenoses longer than their vessel.
+    Raises `FlowInputError` for a stenosis in no vessel, or stenoses longer than their vessel.
     """
     _check(network, losses.stenoses)
     head = 0.5 * density / (np.pi * radius**2) ** 2
@@ -277,7 +266,7 @@ def loss_terms(
         apparent = 0.83 * each.length_mm + 1.64 * narrow
         viscous[v] += 128.0 / np.pi * (apparent / narrow**4 - each.length_mm / whole**4)
         for b in (forth, back):
-            b[v] += EXPANSION * (share**-2.0 - 1.0) ** 2 * head[v]
+            b[v] += Stenosis.EXPANSION * (share**-2.0 - 1.0) ** 2 * head[v]
     return LossTerms(viscous, forth, back)
 
 
@@ -365,9 +354,6 @@ def _speed(
         shear[v] = 4.0 * viscosity[v] * speed[v] / radius[v]
 
 
-# Cut each probed vessel off at its flow probe; return its upstream part.
-
-
 def heads_of(network: VesselNetwork, probes: Probes) -> VesselNetwork:
     """Upstream part of each probe's vessel, as a network of p unjoined vessels.
 
@@ -398,5 +384,5 @@ def _head(points: FloatArray, radius: FloatArray, fraction: float) -> tuple[Floa
     piece = min(max(int(np.searchsorted(along, where)) - 1, 0), len(steps) - 1)
     share = (where - along[piece]) / steps[piece] if steps[piece] > 0.0 else 0.0
     last = points[piece] + share * (points[piece + 1] - points[piece])
-    thick = radius[piece] + share * (radius[piece + 1] - radius[piece])
-    return np.vstack([points[: piece + 1], last]), np.append(radius[: piece + 1], thick)
+    end_radius = radius[piece] + share * (radius[piece + 1] - radius[piece])
+    return np.vstack([points[: piece + 1], last]), np.append(radius[: piece + 1], end_radius)

@@ -10,8 +10,6 @@ from design.errors import FlowError
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
-_MOST_CLEAR = 0.4
-
 
 @dataclass(frozen=True)
 class Probes:
@@ -28,12 +26,7 @@ class Probes:
     fraction: FloatArray
 
     def check(self, network: VesselNetwork) -> None:
-        """Raise where a place isn't on the network.
-
-        Raises
-        ------
-        FlowError
-        """
+        """Raise `FlowError` where a place isn't on the network."""
         if self.vessel.shape != self.fraction.shape:
             raise FlowError(
                 f"{len(self.vessel)} vessels and {len(self.fraction)} fractions of probes; give "
@@ -92,5 +85,6 @@ def clear_parts(network: VesselNetwork) -> FloatArray:
     np.maximum.at(wide, network.vessel_nodes.ravel(), network.radius[ends].ravel())
     wide[network.degree() == 1] = 0.0
     own, length = network.mean_radius()[:, None], network.lengths()[:, None]
-    reach = np.minimum((wide[network.vessel_nodes] + own) / length, _MOST_CLEAR)
+    most = 0.4  # of the length at either end: the middle fifth is left
+    reach = np.minimum((wide[network.vessel_nodes] + own) / length, most)
     return np.column_stack([reach[:, 0], 1.0 - reach[:, 1]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ POWERS: Final = {0: 0, 1: 1, 2: 2, 3: 3, -2: 4, -4: 5}
 
 
 def integrals(network: VesselNetwork) -> FloatArray:
-    """∫ r^power ds over each vessel for all `POWERS`, (6, v), mm^(power + 1); 0 is the length."""
+    """Return ∫ r^power ds over each vessel for all `POWERS`, (6, v), mm^(power + 1)."""
     sums = np.zeros((len(POWERS), network.vessel_count))
     _integrate(
         np.ascontiguousarray(network.points), np.asarray(network.radius), network.offset, sums
@@ -30,13 +30,7 @@ def integrals(network: VesselNetwork) -> FloatArray:
 
 
 def integral_of_power(network: VesselNetwork, power: int) -> FloatArray:
-    """∫ r^power ds over each vessel, (v,), mm^(power + 1).
-
-    Raises
-    ------
-    KeyError
-        For a power that isn't among `POWERS`.
-    """
+    """Return ∫ r^power ds over each vessel, (v,), mm^(power + 1), for one of `POWERS`."""
     return np.asarray(integrals(network)[POWERS[power]])
 
 
@@ -56,9 +50,6 @@ def _integrate(points: FloatArray, radius: FloatArray, offset: IntArray, sums: F
             sums[3, vessel] += length * (a + b) * (a * a + b * b) / 4.0
             sums[4, vessel] += length / ab
             sums[5, vessel] += length * second / (ab * ab * ab)
-
-
-# Resistance of each vessel by Poiseuille's law: viscosity times (8/π) ∫ ds/r⁴.
 
 
 def vessel_resistance(network: VesselNetwork, viscosity_pa_s: float) -> FloatArray:
@@ -115,10 +106,18 @@ def plug_inertance(network: VesselNetwork, density: float = WATER_DENSITY) -> Fl
 # times i α² F/(8 (1 - F)). Both factors go to 1 for α → 0.
 
 ComplexArray = NDArray[np.complex128]
-QUASI_STEADY: Final = 1.0
-"""Womersley numbers below it leave the profile a parabola that follows the pressure."""
-_SERIES: Final = 0.3
-"""Below it 1 - F loses digits to cancellation, and the series is right to 1e-10."""
+
+
+class WomersleyLimits(NamedTuple):
+    """Womersley numbers that divide regimes and formulas."""
+
+    quasi_steady: float = 1.0
+    """Below it the profile stays a parabola that follows the pressure."""
+    series: float = 0.3
+    """Below it 1 - F loses digits to cancellation, and the series is right to 1e-10."""
+
+
+LIMITS: Final = WomersleyLimits()
 
 
 def womersley_number(
@@ -134,7 +133,7 @@ def impedance_factor(alpha: FloatArray) -> ComplexArray:
     Its series in s = iα² is that of (s/8) J₀/(J₀ - 2J₁/z), divided out.
     """
     s = 1j * np.asarray(alpha, dtype=np.float64) ** 2
-    small = alpha < _SERIES
+    small = alpha < LIMITS.series
     series = 1.0 + s / 6.0 - s**2 / 1152.0 + s**3 / 34560.0 - 7.0 * s**4 / 6635520.0
     return np.where(small, series, s / 8.0 / (1.0 - _f(np.where(small, 1.0, alpha))))
 
@@ -266,7 +265,8 @@ class VesselWalls:
     def stiffness(self, vessel: IntArray, radius: FloatArray) -> FloatArray:
         """E h/((1 - ν²) r₀), Pa, at places of radius r₀ (n,), mm, in vessels (n,)."""
         given = self.thickness_mm[vessel] / radius
-        share = np.where(np.isnan(given), thickness_ratio(radius), given)
+        by_radius = 0.2802 * np.exp(-0.5053 * radius) + 0.1324 * np.exp(-0.01114 * radius)
+        share = np.where(np.isnan(given), by_radius, given)
         return np.asarray(self.young_pa[vessel] / (1.0 - self.poisson**2) * share)
 
     def damping(self, vessel: IntArray, radius: FloatArray) -> FloatArray:
@@ -288,11 +288,6 @@ class VesselWalls:
             whole += 0.5 * weight * length * radius**2 / self.stiffness(vessel, radius)
         each = np.bincount(vessel, weights=whole, minlength=network.vessel_count)
         return np.asarray(2.0 * np.pi * each)
-
-
-def thickness_ratio(radius_mm: FloatArray) -> FloatArray:
-    """h/r of an artery of radius ``radius_mm``, as `VesselWalls` says."""
-    return np.asarray(0.2802 * np.exp(-0.5053 * radius_mm) + 0.1324 * np.exp(-0.01114 * radius_mm))
 
 
 def wave_speed(inertance: FloatArray, compliance: FloatArray, length: FloatArray) -> FloatArray:

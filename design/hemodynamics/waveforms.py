@@ -9,7 +9,7 @@ import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +17,23 @@ from numpy.typing import NDArray
 from design.errors import FlowInputError
 from kernels.arrays import FloatArray
 
-# Periodic waveform classes: constant, sinusoidal, or interpolated between samples.
-
 Interpolation = Literal["linear", "spline"]
-_CLOSES = 1e-6
-_ROUNDING = 1e-9
-"""Of the largest value, below which a wave counts as at 0."""
-_OVERSAMPLED = 16
-"""Samples of the waveforms for each step: kinks don't alias into the mean."""
-_SILENT = 1e-13
-"""Harmonics weaker than this part of the strongest aren't solved for."""
+
+
+class WaveTolerances(NamedTuple):
+    """Tolerances of samples and of harmonics."""
+
+    period: float = 1e-6
+    """Relative difference of times that count as one period."""
+    rounding: float = 1e-9
+    """Of the largest value, below which a wave counts as at 0."""
+    oversampling: int = 16
+    """Samples of the waveforms for each step: kinks don't alias into the mean."""
+    silent: float = 1e-13
+    """Harmonics weaker than this part of the strongest aren't solved for."""
+
+
+TOLERANCES: Final = WaveTolerances()
 
 
 class Waveform(Protocol):
@@ -110,11 +117,12 @@ class Tabulated:
     ) -> None:
         time, values = np.asarray(time_s, dtype=np.float64), np.asarray(value, dtype=np.float64)
         _check_samples(time, values)
-        closed = period_s is None or abs(period_s - (time[-1] - time[0])) < _CLOSES * period_s
-        self._period = check_period(float(time[-1] - time[0]) if period_s is None else period_s)
-        if time[-1] - time[0] > self._period * (1.0 + _CLOSES):
+        span = float(time[-1] - time[0])
+        closed = period_s is None or abs(period_s - span) < TOLERANCES.period * period_s
+        self._period = check_period(span if period_s is None else period_s)
+        if span > self._period * (1.0 + TOLERANCES.period):
             raise FlowInputError(
-                f"the waveform's samples span {time[-1] - time[0]:g} s, more than its period "
+                f"the waveform's samples span {span:g} s, more than its period "
                 f"{self._period:g} s; give one cycle, or the right period"
             )
         if closed:
@@ -154,13 +162,13 @@ def harmonics_of(
     positive, so that what it smooths stays so (Weisse et al. 2006, Rev Mod Phys 78, 275,
     doi 10.1103/RevModPhys.78.275, equation 71).
     """
-    times = cycle_times(period_s, steps * _OVERSAMPLED)
+    times = cycle_times(period_s, steps * TOLERANCES.oversampling)
     samples = np.array([wave.at(times) for wave in waveforms])
     size, fine, n = len(times), 2 * steps, np.arange(len(times) // 2 + 1)
     spectrum = np.fft.rfft(samples, axis=1)
     kept = np.where(n < (steps + 1) // 2, spectrum, 0.0)
     swing = np.fft.irfft(kept, size, axis=1).min(axis=1)
-    rings = (samples.min(axis=1) >= 0.0) & (swing < -_ROUNDING * samples.max(axis=1))
+    rings = (samples.min(axis=1) >= 0.0) & (swing < -TOLERANCES.rounding * samples.max(axis=1))
     angle = np.pi / (fine + 1)
     damping = (fine - n + 1) * np.cos(angle * n) + np.sin(angle * n) / np.tan(angle)
     damped = (spectrum * np.where(n < fine, damping / (fine + 1), 0.0))[rings]
@@ -173,19 +181,13 @@ def harmonics_of(
     amplitudes = np.where(n == 0, 1.0, 2.0) / size * kept
     # Pressures and flows are in units of their own: each waveform by its own scale.
     scale = np.maximum(np.abs(amplitudes).max(axis=1, keepdims=True), 1e-300)
-    heard = (np.abs(amplitudes) / scale).max(axis=0) > _SILENT
+    heard = (np.abs(amplitudes) / scale).max(axis=0) > TOLERANCES.silent
     heard[0] = True
     return np.flatnonzero(heard), np.asarray(amplitudes[:, heard], dtype=np.complex128)
 
 
 def check_period(period_s: float) -> float:
-    """The period, if it is one.
-
-    Raises
-    ------
-    FlowInputError
-        When it isn't above 0.
-    """
+    """Return the period; raise `FlowInputError` unless it is above 0."""
     if not (np.isfinite(period_s) and period_s > 0.0):
         raise FlowInputError(f"the waveform's period is {period_s:g} s; give one above 0")
     return float(period_s)
@@ -197,16 +199,10 @@ def cycle_times(period_s: float, steps: int, *, closed: bool = False) -> FloatAr
 
 
 def common_period(waveforms: tuple[Waveform, ...]) -> float | None:
-    """Period that all share, s; None where all are constant.
-
-    Raises
-    ------
-    FlowInputError
-        When they differ.
-    """
+    """Return the period that all share, s, None where all are constant; raise if they differ."""
     periods = [w.period_s for w in waveforms if w.period_s is not None]
     for period in periods[1:]:
-        if abs(period - periods[0]) > _CLOSES * periods[0]:
+        if abs(period - periods[0]) > TOLERANCES.period * periods[0]:
             raise FlowInputError(
                 f"waveforms have periods {periods[0]:g} and {period:g} s; give all the same one"
             )
@@ -237,7 +233,7 @@ def _check_samples(time: FloatArray, value: FloatArray) -> None:
 
 def _check_closed(value: FloatArray) -> None:
     gap, swing = abs(value[-1] - value[0]), float(np.ptp(value))
-    if gap > 1e-3 * max(swing, _CLOSES * float(np.abs(value).max())):
+    if gap > 1e-3 * max(swing, TOLERANCES.period * float(np.abs(value).max())):
         raise FlowInputError(
             f"the waveform ends at {value[-1]:g} and began at {value[0]:g}, so its cycle doesn't "
             "close; repeat the first sample at the end, or give the period"
@@ -258,8 +254,6 @@ def _periodic_spline(time_s: FloatArray, value: FloatArray) -> Any:
 
 # Flow waveforms by name (aorta, coronary artery, roller pump), scaled to a given mean.
 
-_SAMPLES: Final = 200
-_SYSTOLE: Final = 0.4
 _KASSAB_COS: Final = np.array([-0.005, -0.040, -0.034])
 _KASSAB_SIN: Final = np.array([0.212, 0.086, 0.032])
 
@@ -270,7 +264,8 @@ def _ejection(phase: FloatArray) -> FloatArray:
     I(t) = I₀ sin(π t/T_s) for t < T_s = 2/5 T (Catanho, Sinha & Vijayan 2012, Model of aortic
     blood flow using the Windkessel effect).
     """
-    return np.where(phase < _SYSTOLE, np.sin(np.pi * phase / _SYSTOLE), 0.0)
+    systole = 0.4
+    return np.where(phase < systole, np.sin(np.pi * phase / systole), 0.0)
 
 
 def _roller(phase: FloatArray) -> FloatArray:
@@ -298,7 +293,7 @@ SHAPES: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
 
 
 def shape(name: str, mean: float, period_s: float) -> Tabulated:
-    """The shape of that name, scaled to a mean.
+    """Return the shape of that name in 200 samples, scaled to a mean.
 
     Raises
     ------
@@ -307,12 +302,9 @@ def shape(name: str, mean: float, period_s: float) -> Tabulated:
     """
     if name not in SHAPES:
         raise FlowInputError(f"there is no waveform {name!r}; choose one of {', '.join(SHAPES)}")
-    phase = np.arange(_SAMPLES) / _SAMPLES
+    phase = np.arange(200) / 200
     value = SHAPES[name](phase)
     return Tabulated(phase * check_period(period_s), mean * value / value.mean(), period_s)
-
-
-# Read a periodic waveform from the time column and another of a user's CSV file.
 
 
 def read_waveform(
@@ -326,7 +318,6 @@ def read_waveform(
 
     Parameters
     ----------
-    path : Path
     column : str
         Of the values; its name says their unit, such as ``flow_ml_min``.
     scale : float

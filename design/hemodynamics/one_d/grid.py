@@ -15,7 +15,7 @@ from design.hemodynamics.conditions import (
     PulsatileConditions,
     ResistanceOutlet,
     WindkesselOutlet,
-    outlet_of,
+    outlets_by_node,
 )
 from design.hemodynamics.probes import Probes
 from design.hemodynamics.vessel_coefficients import (
@@ -27,17 +27,13 @@ from design.hemodynamics.vessel_coefficients import (
 )
 from design.hemodynamics.waveforms import Waveform
 from design.hemodynamics.zero_d.boundary import (
-    boundary_nodes,
-    check_parts,
+    checked_ends,
     number_unknowns,
     refuse_supplies,
 )
 from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
-
-PARABOLIC = 2.0
-"""Exponent ζ of Poiseuille's profile."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +55,7 @@ class OneDOptions:
     least_cells : int
         In every vessel, however short; 2 or more.
     profile_exponent : float or (v,) float64
-        ζ, 2 or more; one, or each vessel's.
+        ζ, 2 (Poiseuille's parabola) or more; one, or each vessel's.
     alpha : float, optional
         The momentum's correction, where it isn't to be the profile's.
     wall_viscosity_pa_s : float, Pa·s
@@ -81,7 +77,7 @@ class OneDOptions:
     cell_mm: float | FloatArray | None = None
     cells_per_period: int = 800
     least_cells: int = 2
-    profile_exponent: float | FloatArray = PARABOLIC
+    profile_exponent: float | FloatArray = 2.0
     alpha: float | None = None
     wall_viscosity_pa_s: float = 0.0
     reflection: Mapping[int, float] = field(default_factory=dict)
@@ -199,15 +195,7 @@ def make_grid(
     period_s: float,
     speed: FloatArray,
 ) -> Grid:
-    """Cut vessels into cells.
-
-    Parameters
-    ----------
-    network, conditions, options
-    period_s : float, s
-    speed : (v,) float64, mm/s
-        Pulse wave velocity at rest.
-    """
+    """Cut vessels into cells; ``speed`` (v,) is the pulse wave velocity at rest, mm/s."""
     lengths = network.lengths()
     wanted = options.cell_mm
     if wanted is None:
@@ -329,13 +317,7 @@ def _radius_at(radius: FloatArray, k: int, piece: float, along: float) -> float:
 
 
 def check_compliant(network: VesselNetwork, wall: Wall) -> FloatArray:
-    """Compliance of each vessel, (v,), µL/Pa.
-
-    Raises
-    ------
-    FlowError
-        For a wall that gives way nowhere, or not in some vessel.
-    """
+    """Return the compliance of each vessel, (v,), µL/Pa; raise `FlowError` where it is 0."""
     compliance = wall.compliance(network)
     rigid = np.flatnonzero(~(compliance > 0.0))
     if len(rigid):
@@ -350,17 +332,10 @@ def check_compliant(network: VesselNetwork, wall: Wall) -> FloatArray:
 def stiffness(
     network: VesselNetwork, wall: Wall, vessel: np.ndarray, square: FloatArray, cube: FloatArray
 ) -> FloatArray:
-    """K of pieces of vessels, (n,), Pa.
+    """Return K of pieces of vessels, (n,), Pa.
 
-    Parameters
-    ----------
-    network : VesselNetwork
-    wall : Wall
-        One that isn't known here has one stiffness a vessel, by its compliance.
-    vessel : (n,) int64
-        That each piece belongs to.
-    square, cube : (n,) float64, mm², mm³
-        Mean of the radius' powers over the piece (at a point, its powers).
+    ``vessel`` (n,) has each piece; ``square`` and ``cube`` (n,) are means of the radius' powers
+    over it, mm², mm³. A wall that isn't known here has one K a vessel, by its compliance.
     """
     if isinstance(wall, GelWall):
         return np.full(len(square), wall.young_pa / (1.0 + wall.poisson))
@@ -381,13 +356,7 @@ def external_pressure(wall: Wall, vessels: int) -> FloatArray:
 
 
 def relaxation_time(wall: Wall, wall_viscosity_pa_s: float) -> float:
-    """τ = φ/E of a Kelvin-Voigt wall, s.
-
-    Raises
-    ------
-    FlowError
-        For a viscous wall whose modulus isn't known.
-    """
+    """Return τ = φ/E of a Kelvin-Voigt wall, s; raise `FlowError` where E isn't known."""
     if wall_viscosity_pa_s == 0.0:
         return 0.0
     if isinstance(wall, GelWall | ThinWall):
@@ -400,19 +369,7 @@ def wall_drag(
 ) -> FloatArray:
     """Return γ √A of pieces of vessels, (n,), Pa·s/mm: K τ/(2 √A₀), or Γ/A₀.
 
-    Parameters
-    ----------
-    wall : Wall
-    wall_viscosity_pa_s : float, Pa·s
-        φ of a thin wall or a gel.
-    vessel : (n,) int64
-    stiff, area : (n,) float64
-        K, Pa, and A₀, mm².
-
-    Raises
-    ------
-    FlowError
-        As `relaxation_time`.
+    ``stiff`` and ``area`` (n,) are K, Pa, and A₀, mm²; raises as `relaxation_time`.
     """
     drag = stiff * relaxation_time(wall, wall_viscosity_pa_s) / (2.0 * np.sqrt(area))
     if isinstance(wall, VesselWalls):
@@ -422,10 +379,19 @@ def wall_drag(
 
 # Set up node arrays of the 1D solver from junctions and inlet and outlet conditions.
 
-JUNCTION: Final = 0
-PRESSURE: Final = 1
-RESISTANCE: Final = 2
-REFLECTION: Final = 3
+
+class NodeKinds(NamedTuple):
+    """What a node asks of the vessel ends that meet there."""
+
+    junction: int = 0
+    """One total pressure, and flows that add up to a flow from outside (where it has a wave)."""
+    pressure: int = 1
+    resistance: int = 2
+    """Of a Windkessel the first, or all there is."""
+    reflection: int = 3
+
+
+KIND: Final = NodeKinds()
 
 
 class Nodes(NamedTuple):
@@ -439,8 +405,7 @@ class Nodes(NamedTuple):
         Ends of node ``j`` are ``end[start[j]:start[j + 1]]``.
     end : (2 v,) int64
     kind : (m,) int64
-        `JUNCTION` (with a flow from outside, where it has a wave), `PRESSURE`, `RESISTANCE` (the
-        first of a Windkessel, or all there is) or `REFLECTION`.
+        Of `NodeKinds`.
     wave : (m,) int64
         Row of what drives it, -1 for none.
     proximal, distal, capacitance, back : (m,) float64, Pa·s/µL, Pa·s/µL, µL/Pa, Pa
@@ -462,17 +427,13 @@ class Nodes(NamedTuple):
 def place_nodes(
     network: VesselNetwork, conditions: PulsatileConditions, reflection: Mapping[int, float]
 ) -> tuple[Nodes, IntArray, tuple[Waveform, ...]]:
-    """Nodes, which of them each of the network's is (inlets on one flow share theirs), waves.
+    """Return nodes, which of them each of the network's is (inlets on one flow share one), waves.
 
-    Raises
-    ------
-    FlowError
-        No inlet, no outlet, an isolated part, an outlet without a condition, a reflection where
-        it can't be.
+    Raises `FlowError` for no inlet, no outlet, an isolated part, an outlet without a condition, a
+    reflection where it can't be.
     """
     refuse_supplies(conditions.supplies, "1D flow")
-    inlets, outlets = boundary_nodes(network, conditions)
-    check_parts(network, inlets, outlets)
+    inlets, outlets = checked_ends(network, conditions)
     slot = np.arange(len(network.nodes))
     if conditions.inlet_is == "flow":
         slot[inlets] = inlets[0]
@@ -480,43 +441,34 @@ def place_nodes(
     nodes = _junctions(slot[network.vessel_nodes].ravel(), int(slot.max()) + 1)
     nodes.wave[slot[inlets]] = 0
     if conditions.inlet_is == "pressure":
-        nodes.kind[slot[inlets]] = PRESSURE
+        nodes.kind[slot[inlets]] = KIND.pressure
     waves: list[Waveform] = [conditions.inlet]
     strangers = sorted(set(reflection) - set(outlets.tolist()))
     if strangers:
         raise FlowError(f"node {strangers[0]} has a reflection and isn't one of the outlets")
-    for node in outlets.tolist():
+    for node, outlet in outlets_by_node(conditions.outlet, outlets).items():
         place = int(slot[node])
-        _attach(nodes, place, outlet_of(conditions.outlet, node), waves)
+        _attach(nodes, place, outlet, waves)
         if node in reflection:
             _reflect(nodes, node, place, reflection[node])
     return nodes, slot, tuple(waves)
 
 
 def _junctions(at: IntArray, count: int) -> Nodes:
-    """So many nodes, of which vessel ends are ``at`` (2 v,), with nothing asked of any."""
-    nothing = np.zeros(count)
-    return Nodes(
-        start=np.concatenate([[0], np.cumsum(np.bincount(at, minlength=count))]),
-        end=np.argsort(at, kind="stable"),
-        kind=np.full(count, JUNCTION),
-        wave=np.full(count, -1),
-        proximal=nothing.copy(),
-        distal=nothing.copy(),
-        capacitance=nothing.copy(),
-        back=nothing.copy(),
-        reflection=nothing,
-    )
+    """``count`` junctions, at which vessel ends ``at`` (2 v,) meet."""
+    start = np.concatenate([[0], np.cumsum(np.bincount(at, minlength=count))])
+    kind, wave = np.full(count, KIND.junction), np.full(count, -1)
+    return Nodes(start, np.argsort(at, kind="stable"), kind, wave, *np.zeros((5, count)))
 
 
 def _attach(nodes: Nodes, place: int, outlet: Outlet, waves: list[Waveform]) -> None:
     if isinstance(outlet, PressureOutlet):
-        nodes.kind[place] = PRESSURE
+        nodes.kind[place] = KIND.pressure
         if outlet.waveform not in waves[1:]:
             waves.append(outlet.waveform)
         nodes.wave[place] = 1 + waves[1:].index(outlet.waveform)
         return
-    nodes.kind[place], nodes.back[place] = RESISTANCE, outlet.distal_pa
+    nodes.kind[place], nodes.back[place] = KIND.resistance, outlet.distal_pa
     if isinstance(outlet, ResistanceOutlet):
         nodes.proximal[place] = outlet.resistance
     elif isinstance(outlet, WindkesselOutlet):
@@ -525,14 +477,14 @@ def _attach(nodes: Nodes, place: int, outlet: Outlet, waves: list[Waveform]) -> 
 
 
 def _reflect(nodes: Nodes, node: int, place: int, part: float) -> None:
-    if nodes.kind[place] != PRESSURE:
+    if nodes.kind[place] != KIND.pressure:
         raise FlowError(
             f"outlet {node} has a reflection, and a resistance of its own; give it a pressure, "
             "about which waves are sent back"
         )
     if nodes.start[place + 1] - nodes.start[place] != 1:
         raise FlowError(f"several vessels meet at outlet {node}; a reflection is for one")
-    nodes.kind[place], nodes.reflection[place] = REFLECTION, part
+    nodes.kind[place], nodes.reflection[place] = KIND.reflection, part
 
 
 def end_impedance(grid: Grid) -> FloatArray:

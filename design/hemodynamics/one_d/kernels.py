@@ -5,11 +5,82 @@ Goes in: cells and nodes as arrays. Comes out: their state some time steps later
 
 from __future__ import annotations
 
+from typing import Final, NamedTuple
+
 import numpy as np
 
-from design.hemodynamics.one_d.grid import JUNCTION, PRESSURE, REFLECTION, Grid, Nodes
+from design.hemodynamics.one_d.grid import KIND, Grid, Nodes
 from kernels import jit
 from kernels.arrays import FloatArray
+
+
+class NodeLimits(NamedTuple):
+    """Newton's method at nodes."""
+
+    rows: int = 14
+    """Of ``work.ends``: see `solve_ends`."""
+    iterations: int = 50
+    close: float = 1e-9
+    """Pressure left over, of the wall's stiffness; the step taken after it leaves rounding."""
+
+
+LIMITS: Final = NodeLimits()
+
+
+class State(NamedTuple):
+    """Cross-sections and flows of all cells, and the outlets' state, at one time.
+
+    Attributes
+    ----------
+    area, flow : (n,) float64, mm², µL/s
+        Of cells.
+    stored : (m,) float64, Pa
+        Behind each outlet's first resistance.
+    passed : (m,) float64, µL
+        What has left the network at each node.
+    """
+
+    area: FloatArray
+    flow: FloatArray
+    stored: FloatArray
+    passed: FloatArray
+
+
+class MarchScratch(NamedTuple):
+    """Scratch: one set a network, so that a step allocates nothing."""
+
+    pressure: FloatArray
+    area_rate: FloatArray
+    flow_rate: FloatArray
+    area: FloatArray
+    flow: FloatArray
+    stored: FloatArray
+    ends: FloatArray
+    mean_flow: FloatArray
+    late_flow: FloatArray
+    smoothed: FloatArray
+    lines: FloatArray
+
+
+def make_work(grid: Grid, nodes: Nodes) -> MarchScratch:
+    """Return scratch for a network."""
+    cells, ends = len(grid.area), 2 * len(grid.cell)
+    pressure, area_rate, flow_rate, area, flow = np.zeros((5, cells))
+    mean_flow, late_flow, smoothed = np.zeros((3, ends))
+    return MarchScratch(
+        pressure=pressure,
+        area_rate=area_rate,
+        flow_rate=flow_rate,
+        area=area,
+        flow=flow,
+        stored=np.zeros(len(nodes.kind)),
+        ends=np.zeros((LIMITS.rows, ends)),
+        mean_flow=mean_flow,
+        late_flow=late_flow,
+        smoothed=smoothed,
+        lines=np.zeros((2, cells)),
+    )
+
 
 # Compute rates of change of area and flow in 1D vessel cells by finite volumes.
 #
@@ -21,22 +92,24 @@ from kernels.arrays import FloatArray
 # of Harten, Lax & van Leer (1983, doi 10.1137/1025002); what each cell adds of Φ at its two faces
 # is taken off again, and at rest nothing is left.
 #
-# Kernels are longer than elsewhere: a cell-step is some tens of nanoseconds, a call between loops
-# costs as much memory traffic as it saves words.
+# Each vessel is one loop: a cell-step is some tens of nanoseconds, and a second pass over the cells
+# would cost as much in memory traffic.
 
 
 @jit
-def cell_pressures(grid: Grid, area: FloatArray, pressure: FloatArray) -> None:
-    """Elastic pressure above the one outside, K (√(A/A₀) - 1), of every cell."""
-    for i in range(len(area)):
-        pressure[i] = grid.stiffness[i] * (np.sqrt(area[i]) * grid.root[i] - 1.0)
+def _to_faces(before: float, after: float, small: float) -> tuple[float, float]:
+    """Change from a cell's value to its near face (taken off) and to its far face (added).
 
-
-@jit
-def _share(a: float, b: float, small: float) -> float:
-    """Van Albada's: 1 where neighbouring steps are alike or small, 0 at a kink."""
-    product = 2.0 * a * b + small
-    return product / (a * a + b * b + small) if product > 0.0 else 0.0
+    ``before`` and ``after`` are the steps between cells; van Albada's limiter leaves them where
+    they are alike or small, and is 0 at a kink.
+    """
+    product = 2.0 * before * after + small
+    share = product / (before * before + after * after + small) if product > 0.0 else 0.0
+    t = share * (1.0 / 3.0)
+    return (
+        0.25 * share * ((1.0 - t) * after + (1.0 + t) * before),
+        0.25 * share * ((1.0 - t) * before + (1.0 + t) * after),
+    )
 
 
 @jit
@@ -46,37 +119,46 @@ def _push_at_node(flow: float, area: float, base: float, alpha: float, weight: f
 
 
 @jit
-def cell_rates(
-    grid: Grid,
-    area: FloatArray,
-    flow: FloatArray,
-    pressure: FloatArray,
-    node_area: FloatArray,
-    node_flow: FloatArray,
-    area_rate: FloatArray,
-    flow_rate: FloatArray,
-) -> None:
-    """Rates of change of every cell's area and flow.
+def _flux(
+    y0: float,
+    q0: float,
+    phi0: float,
+    y1: float,
+    q1: float,
+    phi1: float,
+    base: float,
+    square: float,
+    alpha: float,
+) -> tuple[float, float]:
+    """Mass and momentum flux between two states at a face, of Harten, Lax & van Leer.
 
-    Parameters
-    ----------
-    grid : Grid
-    area, flow, pressure : (n,) float64
-        Pressure as `cell_pressures` gives it; the pressure outside is the same all along a vessel
-        and drives nothing.
-    node_area, node_flow : (2 v,) float64
-        At the ends of vessels, as the nodes want them; flow positive out of the vessel.
-    area_rate, flow_rate : (n,) float64
-        Written.
+    A state is y = √(A/A₀), Q and Φ; ``base`` is A₀, ``square`` c² of both, without the flow.
     """
-    third = 1.0 / 3.0
+    area0, area1 = base * y0 * y0, base * y1 * y1
+    u0, u1 = q0 / area0, q1 / area1
+    u = 0.5 * (u0 + u1)
+    speed = np.sqrt(square + alpha * (alpha - 1.0) * u * u)
+    slow, fast, span = alpha * u - speed, alpha * u + speed, 0.5 / speed
+    mass = (fast * q0 - slow * q1 + slow * fast * (area1 - area0)) * span
+    push0, push1 = alpha * q0 * u0 + phi0, alpha * q1 * u1 + phi1
+    return mass, (fast * push0 - slow * push1 + slow * fast * (q1 - q0)) * span
+
+
+@jit
+def cell_rates(grid: Grid, state: State, work: MarchScratch) -> None:
+    """Write rates of change of every cell's area and flow.
+
+    After `settle_ends`, whose ends are the faces at nodes; the pressure outside is the same all
+    along a vessel and drives nothing.
+    """
+    area, flow, pressure = state.area, state.flow, work.pressure
+    node_area, node_flow = work.ends[0], work.ends[1]
+    area_rate, flow_rate = work.area_rate, work.flow_rate
     per_density = 1.0 / grid.density
-    third_density, quarter_density = third * per_density, 0.25 * per_density
+    third_density, quarter_density = 1.0 / 3.0 * per_density, 0.25 * per_density
     for vessel in range(len(grid.cell)):
         first, last = grid.offset[vessel], grid.offset[vessel + 1] - 1
-        alpha = grid.alpha[vessel]
-        extra = alpha * (alpha - 1.0)
-        per_cell = 1.0 / grid.cell[vessel]
+        alpha, per_cell = grid.alpha[vessel], 1.0 / grid.cell[vessel]
         small_p, small_q = grid.small_pressure[vessel] + 1e-300, grid.small_flow[vessel] + 1e-300
         # The face before the first cell is the node's.
         mass_in, face = -node_flow[2 * vessel], first + vessel
@@ -84,7 +166,7 @@ def cell_rates(
         weight = stiff * base * third_density
         push_in = _push_at_node(mass_in, node_area[2 * vessel], base, alpha, weight)
         b_p, b_q = pressure[first + 1] - pressure[first], flow[first + 1] - flow[first]
-        left_p, left_q = pressure[first] - 0.5 * b_p, flow[first] - 0.5 * b_q
+        left_p = pressure[first] - 0.5 * b_p
         y = 1.0 + left_p / stiff
         phi_in = weight * y * y * y
         near_p, near_q = pressure[first] + 0.5 * b_p, flow[first] + 0.5 * b_q
@@ -102,22 +184,15 @@ def cell_rates(
                 here_p, here_q = pressure[i + 1], flow[i + 1]
                 if i + 1 < last:
                     b_p, b_q = pressure[i + 2] - here_p, flow[i + 2] - here_q
-                s_p, s_q = _share(a_p, b_p, small_p), _share(a_q, b_q, small_q)
-                t_p, t_q = s_p * third, s_q * third
-                far_left_p = here_p - 0.25 * s_p * ((1.0 - t_p) * b_p + (1.0 + t_p) * a_p)
-                left_q = here_q - 0.25 * s_q * ((1.0 - t_q) * b_q + (1.0 + t_q) * a_q)
-                far_p = here_p + 0.25 * s_p * ((1.0 - t_p) * a_p + (1.0 + t_p) * b_p)
-                far_q = here_q + 0.25 * s_q * ((1.0 - t_q) * a_q + (1.0 + t_q) * b_q)
+                less_p, more_p = _to_faces(a_p, b_p, small_p)
+                less_q, more_q = _to_faces(a_q, b_q, small_q)
+                far_left_p, far_p, far_q = here_p - less_p, here_p + more_p, here_q + more_q
                 y1 = 1.0 + far_left_p * inverse
                 far_own = weight * y1 * y1 * y1
-                area0, area1 = base * y0 * y0, base * y1 * y1
-                u0, u1 = near_q / area0, left_q / area1
-                u = 0.5 * (u0 + u1)
-                speed = np.sqrt(stiff * (y0 + y1) * quarter_density + extra * u * u)
-                slow, fast, span = alpha * u - speed, alpha * u + speed, 0.5 / speed
-                mass = (fast * near_q - slow * left_q + slow * fast * (area1 - area0)) * span
-                push0, push1 = alpha * near_q * u0 + own, alpha * left_q * u1 + far_own
-                push = (fast * push0 - slow * push1 + slow * fast * (left_q - near_q)) * span
+                square = stiff * (y0 + y1) * quarter_density
+                mass, push = _flux(
+                    y0, near_q, own, y1, here_q - less_q, far_own, base, square, alpha
+                )
             else:
                 mass = node_flow[2 * vessel + 1]
                 push = _push_at_node(mass, node_area[2 * vessel + 1], base, alpha, weight)
@@ -129,29 +204,15 @@ def cell_rates(
 
 
 @jit
-def smooth_viscously(
-    grid: Grid,
-    area: FloatArray,
-    flow: FloatArray,
-    node_flow: FloatArray,
-    step: float,
-    smoothed: FloatArray,
-    work: FloatArray,
-) -> None:
+def smooth_viscously(grid: Grid, state: State, work: MarchScratch, step: float) -> None:
     """Let a Kelvin-Voigt wall's pressure, -γ Q_x, act for a step: implicit Euler on Q.
 
     γ is the drag over √A. Q_t = (A/ϱ) (γ Q_x)_x in each vessel by Thomas' elimination, the flow at
-    its ends that of the nodes; stable for any step.
-
-    Parameters
-    ----------
-    node_flow : (2 v,) float64
-        At the step's end, positive out of the vessel.
-    smoothed : (2 v,) float64
-        Written: what it did to the last cells' outward flow.
-    work : (2, n) float64
-        Scratch.
+    its ends that of the nodes at the step's end (``late_flow``); stable for any step. What it did
+    to the last cells' outward flow goes into ``smoothed``.
     """
+    area, flow, node_flow = state.area, state.flow, work.late_flow
+    smoothed, lines = work.smoothed, work.lines
     for vessel in range(len(grid.cell)):
         first, last = grid.offset[vessel], grid.offset[vessel + 1] - 1
         before_first, before_last = flow[first], flow[last]
@@ -174,11 +235,11 @@ def smooth_viscously(
             pivot = 1.0 + weight * (left + right) - lower * upper
             upper = 0.0 if i == last else weight * right / pivot
             before = (value + lower * before) / pivot
-            work[0, i], work[1, i] = upper, before
+            lines[0, i], lines[1, i] = upper, before
             left = right
-        flow[last] = work[1, last]
+        flow[last] = lines[1, last]
         for i in range(last - 1, first - 1, -1):
-            flow[i] = work[1, i] + work[0, i] * flow[i + 1]
+            flow[i] = lines[1, i] + lines[0, i] * flow[i + 1]
         smoothed[2 * vessel] = before_first - flow[first]
         smoothed[2 * vessel + 1] = flow[last] - before_last
 
@@ -202,42 +263,23 @@ def smooth_viscously(
 # Helpers take numbers, not the grid: a tuple of arrays handed to a call counts references, which
 # took ten times as long as the sums.
 
-ROWS = 14
-"""Of `ends`: see `solve_ends`."""
-_ROUNDS = 50
-_CLOSE = 1e-9
-"""Of the wall's stiffness; the step taken after it leaves rounding."""
-
 
 @jit
-def gather_ends(
-    grid: Grid,
-    area: FloatArray,
-    pressure: FloatArray,
-    flow: FloatArray,
-    smoothed: FloatArray,
-    share: float,
-    ends: FloatArray,
-) -> int:
-    """Carry cells' pressure and flow to the ends of vessels in straight lines, and begin there.
+def gather_ends(grid: Grid, state: State, work: MarchScratch, share: float) -> int:
+    """Write cells' elastic pressures; carry pressure and flow to vessels' ends in straight lines.
 
-    Parameters
-    ----------
-    area, pressure, flow : (n,) float64
-        Of cells.
-    smoothed : (2 v,) float64
-        What a viscous wall did to the last cells' outward flow in the step before.
-    share : float
-        Of a step that has gone by without it: within a step the wall's viscosity hasn't acted
-        yet, and the difference to the node's flow, which is of the size of a step, would be
-        wrong by as much.
-    ends : (14, 2 v) float64
+    ``share`` is the part of a step that has gone by without the wall's viscosity, which acts at its
+    end: the difference to the node's flow would be wrong by what it does in a step.
 
     Returns
     -------
     int
         -1, or the first vessel that collapses or is outrun.
     """
+    area, flow, pressure = state.area, state.flow, work.pressure
+    smoothed, ends = work.smoothed, work.ends
+    for i in range(len(area)):
+        pressure[i] = grid.stiffness[i] * (np.sqrt(area[i]) * grid.root[i] - 1.0)
     density, per_density = grid.density, 1.0 / grid.density
     for vessel in range(len(grid.cell)):
         for side in range(2):
@@ -270,46 +312,38 @@ def gather_ends(
 
 @jit
 def solve_ends(
-    nodes: Nodes, stored: FloatArray, drive: FloatArray, density: float, ends: FloatArray
+    grid: Grid, nodes: Nodes, state: State, drive: FloatArray, work: MarchScratch
 ) -> int:
-    """Find area, flow and pressure at every vessel's ends.
+    """Find area, flow and pressure at every vessel's ends, for waves ``drive`` (w,) at this time.
 
-    Parameters
-    ----------
-    nodes : Nodes
-    stored : (m,) float64, Pa
-        Pressure behind each outlet's first resistance.
-    drive : (w,) float64
-        Waves at this time.
-    density : float
-    ends : (14, 2 v) float64
-        Written, rows 0 to 2: area, outward flow and pressure at each end. Given by
-        `gather_ends`, rows 3 to 8: c (changed), W, K, A/c⁴, resistance in series and the outward
-        flow before it; row 13: K less the pressure outside. Scratch, rows 9 to 12: Q, H, H', Y.
+    Rows of ``work.ends`` (14, 2 v): 0 to 2, written, area, outward flow and pressure at each end;
+    3 to 8, of `gather_ends`, c (changed), W, K, A/c⁴, resistance in series and the outward flow
+    before it; 13, K less the pressure outside; 9 to 12, scratch, Q, H, H', Y.
 
     Returns
     -------
     int
         -1, or the first vessel that collapses or is outrun.
     """
+    density, ends, stored = grid.density, work.ends, state.stored
     for node in range(len(nodes.kind)):
         kind, wave = nodes.kind[node], nodes.wave[node]
         given = drive[wave] if wave >= 0 else 0.0
         start, stop = nodes.start[node], nodes.start[node + 1]
-        if kind == REFLECTION:
+        if kind == KIND.reflection:
             end = nodes.end[start]
             if not _reflect(given, nodes.reflection[node], density, end, ends):
                 return end // 2
             continue
-        kinetic = 1.0 if kind == JUNCTION else 0.0
+        kinetic = 1.0 if kind == KIND.junction else 0.0
         outward, conductance = 0.0, 0.0
-        if kind == JUNCTION:
+        if kind == KIND.junction:
             outward = -given
-        elif kind != PRESSURE:
+        elif kind != KIND.pressure:
             conductance = 1.0 / nodes.proximal[node]
             outward = -stored[node] * conductance
         shared, total, over = given, 0.0, 0.0
-        for _ in range(_ROUNDS):
+        for _ in range(LIMITS.iterations):
             worst, total, weighted, over = 0.0, 0.0, 0.0, -outward
             for k in range(start, stop):
                 end = nodes.end[k]
@@ -319,7 +353,7 @@ def solve_ends(
                 total += y
                 over += q
                 weighted += y * head
-            if kind != PRESSURE:
+            if kind != KIND.pressure:
                 shared = (over + weighted) / (total + conductance)
             for k in range(start, stop):
                 end = nodes.end[k]
@@ -328,7 +362,7 @@ def solve_ends(
                 ends[3, end] += rest / ends[11, end]
                 if not ends[3, end] > 0.0:
                     return end // 2
-            if worst < _CLOSE:
+            if worst < LIMITS.close:
                 break
         bad = _settle(nodes, node, shared, outward + conductance * shared, density, kinetic, ends)
         if bad >= 0:
@@ -386,7 +420,7 @@ def _settle(
         ends[2, end] = shared - 0.5 * density * kinetic * u * u
         over += area * u
         total += ends[12, end]
-    if nodes.kind[node] != PRESSURE:
+    if nodes.kind[node] != KIND.pressure:
         for k in range(nodes.start[node], nodes.start[node + 1]):
             end = nodes.end[k]
             ends[1, end] -= over * ends[12, end] / total

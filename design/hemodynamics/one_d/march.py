@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import (
-    Outlet,
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
-    outlet_of,
+    outlets_by_node,
 )
-from design.hemodynamics.one_d.grid import RESISTANCE, Grid, Nodes, end_impedance
+from design.hemodynamics.one_d.grid import KIND, Grid, Nodes, end_impedance
 from design.hemodynamics.one_d.kernels import (
-    ROWS,
-    cell_pressures,
+    MarchScratch,
+    State,
     cell_rates,
     gather_ends,
     smooth_viscously,
@@ -31,59 +31,6 @@ from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
 
-class State(NamedTuple):
-    """Cross-sections and flows of all cells, and the outlets' state, at one time.
-
-    Attributes
-    ----------
-    area, flow : (n,) float64, mm², µL/s
-        Of cells.
-    stored : (m,) float64, Pa
-        Behind each outlet's first resistance.
-    passed : (m,) float64, µL
-        What has left the network at each node.
-    """
-
-    area: FloatArray
-    flow: FloatArray
-    stored: FloatArray
-    passed: FloatArray
-
-
-class MarchScratch(NamedTuple):
-    """Scratch: one set a network, so that a step allocates nothing."""
-
-    pressure: FloatArray
-    area_rate: FloatArray
-    flow_rate: FloatArray
-    area: FloatArray
-    flow: FloatArray
-    stored: FloatArray
-    ends: FloatArray
-    mean_flow: FloatArray
-    late_flow: FloatArray
-    smoothed: FloatArray
-    lines: FloatArray
-
-
-def make_work(grid: Grid, nodes: Nodes) -> MarchScratch:
-    """Scratch for a network."""
-    cells, ends = len(grid.area), 2 * len(grid.cell)
-    return MarchScratch(
-        pressure=np.zeros(cells),
-        area_rate=np.zeros(cells),
-        flow_rate=np.zeros(cells),
-        area=np.zeros(cells),
-        flow=np.zeros(cells),
-        stored=np.zeros(len(nodes.kind)),
-        ends=np.zeros((ROWS, ends)),
-        mean_flow=np.zeros(ends),
-        late_flow=np.zeros(ends),
-        smoothed=np.zeros(ends),
-        lines=np.zeros((2, cells)),
-    )
-
-
 @jit
 def settle_ends(
     grid: Grid,
@@ -93,15 +40,12 @@ def settle_ends(
     work: MarchScratch,
     share: float = 0.0,
 ) -> int:
-    """Find what vessels' ends are at a state; ``work.ends`` and ``work.pressure`` hold it.
+    """Solve for vessels' ends at a state, into ``work.ends`` and ``work.pressure``.
 
-    ``share`` of a step has gone by since a viscous wall was heard.
+    ``share`` is the part of a step since a viscous wall acted.
     """
-    cell_pressures(grid, state.area, work.pressure)
-    bad = gather_ends(grid, state.area, work.pressure, state.flow, work.smoothed, share, work.ends)
-    if bad >= 0:
-        return bad
-    return solve_ends(nodes, state.stored, drive, grid.density, work.ends)
+    bad = gather_ends(grid, state, work, share)
+    return bad if bad >= 0 else solve_ends(grid, nodes, state, drive, work)
 
 
 @jit
@@ -133,8 +77,7 @@ def advance(
             bad = settle_ends(grid, nodes, state, drives[at], work, share)
             if bad >= 0:
                 return bad
-            cell_rates(grid, state.area, state.flow, work.pressure, work.ends[0], work.ends[1],
-                       work.area_rate, work.flow_rate)  # fmt: skip
+            cell_rates(grid, state, work)
             old = 0.0 if stage == 0 else 0.75 if stage == 1 else 1.0 / 3.0
             bad = _mix(grid, nodes, state, step, work, old)
             if bad >= 0:
@@ -145,9 +88,7 @@ def advance(
                 work.late_flow[:] = work.ends[1]
         _pass(nodes, state, step, work)
         if grid.viscous:
-            smooth_viscously(
-                grid, state.area, state.flow, work.late_flow, step, work.smoothed, work.lines
-            )
+            smooth_viscously(grid, state, work, step)
     return -1
 
 
@@ -169,7 +110,7 @@ def _mix(
                 bad += 1
             return bad
     for node in range(len(nodes.kind)):
-        if nodes.kind[node] == RESISTANCE and nodes.capacitance[node] > 0.0:
+        if nodes.kind[node] == KIND.resistance and nodes.capacitance[node] > 0.0:
             here = state.stored[node]
             rate = -(here - nodes.back[node]) / nodes.distal[node]
             for k in range(nodes.start[node], nodes.start[node + 1]):
@@ -189,7 +130,7 @@ def _pass(nodes: Nodes, state: State, step: float, work: MarchScratch) -> None:
 
 @jit
 def all_pressures(grid: Grid, state: State, work: MarchScratch, pressure: FloatArray) -> None:
-    """Pressure of every cell with the one outside and what a viscous wall adds.
+    """Write the pressure of every cell with the one outside and what a viscous wall adds.
 
     After `settle_ends`.
     """
@@ -212,15 +153,8 @@ def all_pressures(grid: Grid, state: State, work: MarchScratch, pressure: FloatA
 
 # Compute the 1D solver's initial state and limiter thresholds from a periodic 0D solution.
 
-_SMALL = 0.3
-"""Of a vessel's swing: changes from cell to cell below it aren't limited, so that crests keep
-their height."""
-_CLOSED = 1e6
-"""Resistance over a vessel's impedance that stands for a closed end in the lumped model."""
 
-
-@dataclass(frozen=True)
-class LumpedForecast:
+class LumpedForecast(NamedTuple):
     """What the lumped model expects of each vessel over a cycle, all (v,).
 
     Attributes
@@ -240,40 +174,31 @@ def lumped_state(
     network: VesselNetwork,
     conditions: PulsatileConditions,
     grid: Grid,
-    reflection: dict[int, float],
+    reflection: Mapping[int, float],
     samples: int,
 ) -> PulsatileSolution:
-    """The periodic state of the lumped model under the same conditions."""
-    outlet = conditions.outlet
+    """Return the periodic state of the lumped model under the same conditions.
+
+    A reflection Γ becomes the resistance Z (1 + Γ)/(1 - Γ) that has it, at most a million times
+    the vessel's impedance Z, which stands for a closed end.
+    """
     if reflection:
-        outlet = _with_resistances(network, conditions, grid, reflection)
-    return solve_pulsatile(
-        network, replace(conditions, profile="poiseuille", outlet=outlet), samples
-    )
-
-
-def _with_resistances(
-    network: VesselNetwork,
-    conditions: PulsatileConditions,
-    grid: Grid,
-    reflection: dict[int, float],
-) -> dict[int, Outlet]:
-    """Outlets, a reflection Γ made the resistance Z (1 + Γ)/(1 - Γ) that has it."""
-    impedance = end_impedance(grid)
-    outlets: dict[int, Outlet] = {}
-    for node in boundary_nodes(network, conditions)[1].tolist():
-        outlet = outlets[node] = outlet_of(conditions.outlet, node)
-        part = reflection.get(node, -1.0)
-        if part > -1.0 and isinstance(outlet, PressureOutlet):
-            at = np.flatnonzero(network.vessel_nodes.ravel() == node)[0]
-            over = min((1.0 + part) / max(1.0 - part, 1e-300), _CLOSED)
-            rest = float(np.mean(outlet.waveform.at(np.linspace(0.0, 1.0, 64, endpoint=False))))
-            outlets[node] = ResistanceOutlet(float(impedance[at]) * over, rest)
-    return outlets
+        outlets = outlets_by_node(conditions.outlet, boundary_nodes(network, conditions)[1])
+        impedance = end_impedance(grid)
+        for node, part in reflection.items():
+            given = outlets[node]
+            if part > -1.0 and isinstance(given, PressureOutlet):
+                at = np.flatnonzero(network.vessel_nodes.ravel() == node)[0]
+                over = min((1.0 + part) / max(1.0 - part, 1e-300), 1e6)
+                times = np.linspace(0.0, 1.0, 64, endpoint=False)
+                rest = float(np.mean(given.waveform.at(times)))
+                outlets[node] = ResistanceOutlet(float(impedance[at]) * over, rest)
+        conditions = replace(conditions, outlet=outlets)
+    return solve_pulsatile(network, replace(conditions, profile="poiseuille"), samples)
 
 
 def lumped_extremes(network: VesselNetwork, lumped: PulsatileSolution) -> LumpedForecast:
-    """Extremes of each vessel in the lumped model."""
+    """Return the extremes of each vessel in the lumped model."""
     low, high = cycle_extremes(lumped, lumped.pressure)
     ends = network.vessel_nodes
     flows = [
@@ -284,22 +209,22 @@ def lumped_extremes(network: VesselNetwork, lumped: PulsatileSolution) -> Lumped
     )
 
 
-def with_small_changes(grid: Grid, seen: LumpedForecast) -> Grid:
-    """The grid, knowing which changes are small."""
-    swings = _SMALL * np.maximum(seen.high - seen.low, 1e-300)
-    flows = _SMALL * np.maximum(seen.flow, 1e-300)
+def with_small_changes(grid: Grid, forecast: LumpedForecast, part: float = 0.3) -> Grid:
+    """Return the grid that doesn't limit changes from cell to cell below ``part`` of the swing.
+
+    So crests keep their height.
+    """
+    swings = part * np.maximum(forecast.high - forecast.low, 1e-300)
+    flows = part * np.maximum(forecast.flow, 1e-300)
     return grid._replace(small_pressure=swings**2, small_flow=flows**2)
 
 
 def first_state(
     network: VesselNetwork, grid: Grid, nodes: Nodes, slot: IntArray, lumped: PulsatileSolution
 ) -> State:
-    """Pressure and flow in straight lines between what the lumped model has at vessels' ends.
+    """Return pressure and flow in straight lines between the lumped model's at vessels' ends.
 
-    Raises
-    ------
-    FlowError
-        Where the pressure would close a vessel.
+    Raises `FlowError` where the pressure would close a vessel.
     """
     at = np.zeros(1)
     pressure = lumped.at(lumped.pressure, at)[0]
@@ -318,10 +243,10 @@ def first_state(
     stored = nodes.back.copy()
     leaving = np.bincount(slot[network.vessel_nodes[:, 1]], weights=outflow, minlength=len(stored))
     leaving -= np.bincount(slot[network.vessel_nodes[:, 0]], weights=inflow, minlength=len(stored))
-    held = (nodes.kind == RESISTANCE) & (nodes.capacitance > 0.0)
+    windkessel = (nodes.kind == KIND.resistance) & (nodes.capacitance > 0.0)
     node_pressure = np.zeros(len(stored))
     node_pressure[slot] = pressure
-    stored[held] = (node_pressure - nodes.proximal * leaving)[held]
+    stored[windkessel] = (node_pressure - nodes.proximal * leaving)[windkessel]
     return State(
         grid.area * width**2,
         inflow[vessel] * (1.0 - share) + outflow[vessel] * share,

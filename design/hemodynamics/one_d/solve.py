@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import PulsatileConditions
 from design.hemodynamics.one_d.grid import (
-    RESISTANCE,
+    KIND,
     Grid,
     Nodes,
     OneDOptions,
@@ -19,16 +19,14 @@ from design.hemodynamics.one_d.grid import (
     make_grid,
     place_nodes,
 )
+from design.hemodynamics.one_d.kernels import MarchScratch, State, make_work
 from design.hemodynamics.one_d.march import (
     LumpedForecast,
-    MarchScratch,
-    State,
     advance,
     all_pressures,
     first_state,
     lumped_extremes,
     lumped_state,
-    make_work,
     settle_ends,
     with_small_changes,
 )
@@ -40,7 +38,7 @@ from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
 Progress = Callable[[int, float], None]
-"""Told each cycle's number and how much it changed."""
+"""Called with each cycle's number and how much it changed."""
 
 
 @dataclass(frozen=True)
@@ -89,17 +87,6 @@ def solve_one_d(
     junctions. ``profile`` of the conditions is the lumped model's: here the profile is that of
     the options.
 
-    Parameters
-    ----------
-    network : VesselNetwork
-    conditions : PulsatileConditions
-    options : OneDOptions, optional
-    progress : callable, optional
-
-    Returns
-    -------
-    OneDSolution
-
     Raises
     ------
     FlowError
@@ -137,23 +124,17 @@ def solve_one_d(
 def set_up_problem(
     network: VesselNetwork, conditions: PulsatileConditions, options: OneDOptions
 ) -> OneDProblem:
-    """Cut the network into cells and find where to begin.
-
-    Raises
-    ------
-    FlowError
-        As `solve_one_d`.
-    """
+    """Cut the network into cells and find where to begin; raises as `solve_one_d`."""
     compliance = check_compliant(network, conditions.wall)
     nodes, slot, waves = place_nodes(network, conditions, options.reflection)
     period = common_period(waves) or 1.0
     speed = wave_speed(plug_inertance(network, conditions.density), compliance, network.lengths())
     grid = make_grid(network, conditions, options, period, speed)
-    lumped = lumped_state(network, conditions, grid, dict(options.reflection), options.samples)
-    seen = lumped_extremes(network, lumped)
-    grid = with_small_changes(grid, seen)
+    lumped = lumped_state(network, conditions, grid, options.reflection, options.samples)
+    forecast = lumped_extremes(network, lumped)
+    grid = with_small_changes(grid, forecast)
     state = first_state(network, grid, nodes, slot, lumped)
-    return OneDProblem(grid, nodes, slot, waves, period, state, foreseen_rate(grid, seen))
+    return OneDProblem(grid, nodes, slot, waves, period, state, foreseen_rate(grid, forecast))
 
 
 def _cycle(
@@ -162,12 +143,12 @@ def _cycle(
     """March a cycle; again with shorter steps where waves turn out too fast."""
     grid, state = problem.grid, problem.state
     work = make_work(grid, problem.nodes)
-    for _ in range(10):
+    for _ in range(LIMITS.attempts):
         steps = steps_for(grid, problem.nodes, problem.period_s, options.samples, options.courant,
                           rate, begun.area)  # fmt: skip
         lines = Lines(grid, places, options.samples)
         needed = _march(problem, lines, steps, options.samples, work)
-        if needed * problem.period_s / steps <= STABLE:
+        if needed * problem.period_s / steps <= LIMITS.stable:
             return lines, steps, needed
         for now, then in zip(state, begun, strict=True):
             now[:] = then
@@ -188,7 +169,7 @@ def _march(
             lines.take(sample, problem.state, work)
             velocity = problem.state.flow / problem.state.area
             rate = max(rate, wave_rate(problem.grid, work.pressure, velocity))
-            if rate * step > STABLE:
+            if rate * step > LIMITS.stable:
                 return rate
             bad = advance(problem.grid, problem.nodes, problem.state, drives, step, work)
         if bad >= 0:
@@ -260,31 +241,40 @@ def _solution(
 
 # Choose the 1D solver's time steps per cycle by wave speed, friction and Windkessel time.
 
-STABLE: Final = 1.3
-"""Cells a wave may run in a step at most; with κ = 1/3 and this Runge-Kutta method 1.5 still
-holds for one wave in a uniform tube."""
-_RUBBED: Final = 1.0
-"""Share of its flow that friction may take in a step; 2.5 is the method's limit."""
-_MOST_STEPS: Final = 50_000_000
+
+class StepLimits(NamedTuple):
+    """Limits of time steps and of Anderson's acceleration."""
+
+    stable: float = 1.3
+    """Cells a wave may run in a step at most; with κ = 1/3 and this Runge-Kutta method 1.5 still
+    holds for one wave in a uniform tube."""
+    friction: float = 1.0
+    """Share of its flow that friction may take in a step; 2.5 is the method's limit."""
+    max_steps: int = 50_000_000
+    attempts: int = 10
+    """At a cycle, each with shorter steps."""
+    free_cycles: int = 2
+    """Left to themselves before the acceleration: waves of the start die out."""
+    memory: int = 3
+    """Cycles before the last that are mixed."""
 
 
-def foreseen_rate(grid: Grid, seen: LumpedForecast) -> float:
-    """Cells a second that the fastest wave will run, by what the lumped model expects."""
+LIMITS: Final = StepLimits()
+
+
+def foreseen_rate(grid: Grid, forecast: LumpedForecast) -> float:
+    """Return how many cells a second the fastest wave will run, as the lumped model expects."""
     vessel = grid.vessel_of_cell
     outside = grid.external[vessel]
-    low = np.maximum(1.0 + (seen.low[vessel] - outside) / grid.stiffness, 0.1)
-    velocity = seen.flow[vessel] / (grid.area * low**2)
-    return wave_rate(grid, np.maximum(seen.high[vessel] - outside, 0.0), velocity)
+    low = np.maximum(1.0 + (forecast.low[vessel] - outside) / grid.stiffness, 0.1)
+    velocity = forecast.flow[vessel] / (grid.area * low**2)
+    return wave_rate(grid, np.maximum(forecast.high[vessel] - outside, 0.0), velocity)
 
 
 def wave_rate(grid: Grid, pressure: FloatArray, velocity: FloatArray) -> float:
-    """Cells a second that the fastest wave runs.
+    """Return how many cells a second the fastest wave runs.
 
-    Parameters
-    ----------
-    grid : Grid
-    pressure, velocity : (n,) float64, Pa, mm/s
-        Pressure above the one outside.
+    ``pressure`` above the one outside and ``velocity`` are of cells, (n,), Pa, mm/s.
     """
     vessel = grid.vessel_of_cell
     alpha = grid.alpha[vessel]
@@ -303,35 +293,31 @@ def steps_for(
     rate: float,
     area: FloatArray,
 ) -> int:
-    """Steps of a cycle, a multiple of ``samples``.
+    """Return the steps of a cycle, a multiple of ``samples``.
 
     Limited by waves (``rate``, cells a second), by friction in thin vessels and by Windkessels
-    whose time is short.
-
-    Raises
-    ------
-    FlowError
-        When they are absurdly many.
+    whose time is short; raises `FlowError` above `StepLimits.max_steps`.
     """
     rubbing = grid.friction / area
-    held = (nodes.kind == RESISTANCE) & (nodes.capacitance > 0.0)
-    emptying = (1.0 / nodes.proximal[held] + 1.0 / nodes.distal[held]) / nodes.capacitance[held]
+    windkessel = (nodes.kind == KIND.resistance) & (nodes.capacitance > 0.0)
+    conductance = 1.0 / nodes.proximal[windkessel] + 1.0 / nodes.distal[windkessel]
+    emptying = conductance / nodes.capacitance[windkessel]
     wanted = {
         "waves": rate / courant,
-        "friction": float(rubbing.max()) / _RUBBED,
+        "friction": float(rubbing.max()) / LIMITS.friction,
         "a Windkessel's time": float(emptying.max(initial=0.0)),
     }
     cause = max(wanted, key=lambda name: wanted[name])
     steps = samples * int(np.ceil(max(1.0, period_s * wanted[cause] / samples)))
-    if steps > _MOST_STEPS:
+    if steps > LIMITS.max_steps:
         where = ""
         if cause != "a Windkessel's time":
             cells = rubbing if cause == "friction" else 1.0 / grid.cell[grid.vessel_of_cell]
             where = f" in vessel {int(grid.vessel_of_cell[np.argmax(cells)])}"
         raise FlowError(
-            f"a cycle of {period_s:g} s would take {steps:.3g} steps, above {_MOST_STEPS:.3g}, "
-            f"because of {cause}{where}; give longer cells (cell_mm), or solve it lumped: waves "
-            "don't matter where friction is so strong"
+            f"a cycle of {period_s:g} s would take {steps:.3g} steps, above "
+            f"{LIMITS.max_steps:.3g}, because of {cause}{where}; give longer cells (cell_mm), or "
+            "solve it lumped: waves don't matter where friction is so strong"
         )
     return steps
 
@@ -344,18 +330,9 @@ def steps_for(
 # cycles, the mixture whose change G(x) - x is least: exact where what is left is a handful of slow
 # modes. Whether a state is periodic is judged by the cycle that follows, never by the mixture.
 
-_MEMORY = 3
-_FIRST = 2
-"""Cycles left to themselves: waves of the start die out."""
-
 
 class Acceleration:
-    """Begins of cycles and what they ended in.
-
-    Parameters
-    ----------
-    grid : Grid
-    """
+    """Begins of cycles and what they ended in."""
 
     def __init__(self, grid: Grid) -> None:
         self._grid = grid
@@ -366,14 +343,10 @@ class Acceleration:
     def improve(self, begun: State, state: State, swing: float, greatest: float) -> None:
         """Put a better begin of the next cycle into ``state``, a cycle's end.
 
-        Parameters
-        ----------
-        begun, state : State
-        swing, greatest : float, Pa, µL/s
-            What pressures and flows are measured by.
+        ``swing`` and ``greatest``, Pa and µL/s, are what pressures and flows are measured by.
         """
         self._cycles += 1
-        if self._cycles <= _FIRST:
+        if self._cycles <= LIMITS.free_cycles:
             return
         scale = np.concatenate(
             [np.full(len(state.area), swing), np.full(len(state.flow), greatest),
@@ -383,16 +356,16 @@ class Acceleration:
         change = (end - self._packed(begun)) / scale
         if self._changes and np.abs(change).max() > 2.0 * np.abs(self._changes[-1]).max():
             self._ends, self._changes = [], []
-        self._ends = [*self._ends, end][-_MEMORY - 1 :]
-        self._changes = [*self._changes, change][-_MEMORY - 1 :]
+        self._ends = [*self._ends, end][-LIMITS.memory - 1 :]
+        self._changes = [*self._changes, change][-LIMITS.memory - 1 :]
         if len(self._ends) > 1:
             self._unpack(self._mixed(), state)
 
     def _mixed(self) -> FloatArray:
         """The mixture of the ends kept whose changes' mixture is least."""
         last = self._changes[-1]
-        apart = np.array([last - other for other in self._changes[:-1]]).T
-        share = np.linalg.lstsq(apart, last, rcond=1e-6)[0]
+        differences = np.array([last - other for other in self._changes[:-1]]).T
+        share = np.linalg.lstsq(differences, last, rcond=1e-6)[0]
         end = self._ends[-1]
         back = [part * (end - other) for part, other in zip(share, self._ends[:-1], strict=True)]
         return np.asarray(end - np.sum(back, axis=0))
@@ -413,19 +386,8 @@ class Acceleration:
         state.stored[:] = packed[2 * count :]
 
 
-# Record one cycle of 1D flow: waves at chosen points, and extremes everywhere.
-
-
 class Lines:
-    """Cells of each vessel with its two ends beside them, and places between.
-
-    Parameters
-    ----------
-    grid : Grid
-    places : Probes
-        Where waves are kept.
-    samples : int
-    """
+    """Cells of each vessel with its two ends beside them, and places where waves are kept."""
 
     def __init__(self, grid: Grid, places: Probes, samples: int) -> None:
         vessels = np.arange(len(grid.cell))

@@ -1,4 +1,7 @@
-"""Checked access to the keys of parsed JSON and YAML input files."""
+"""Checked access to the keys of parsed JSON and YAML input files.
+
+Every function raises `FlowError` with the place, the key and what to write there.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,7 @@ from design.errors import FlowError
 
 
 def parse_json(text: str) -> Any:
-    """Return what JSON says.
-
-    Raises
-    ------
-    FlowError
-        When it isn't JSON, is nested too deeply, has an infinite number, or gives a key twice, of
-        which one would be lost (comments, whose keys begin with ``_``, may be).
-    """
+    """Parse JSON; refuse infinite numbers and a key given twice (unless a comment)."""
     try:
         return json.loads(text, object_pairs_hook=_once, parse_constant=_refuse)
     except FlowError:  # which is a ValueError too
@@ -42,13 +38,7 @@ def _refuse(constant: str) -> None:
 
 
 def check_keys(data: Any, place: str, known: Set[str]) -> Mapping[str, Any]:
-    """Return ``data`` as a mapping; keys that begin with ``_`` are comments.
-
-    Raises
-    ------
-    FlowError
-        When it isn't an object, or has a key that isn't known.
-    """
+    """Return ``data`` as a mapping of known keys; those that begin with ``_`` are comments."""
     if not isinstance(data, Mapping):
         raise FlowError(f"{place} is {_short(data)}; write an object with keys")
     if data.keys() <= known:
@@ -61,13 +51,7 @@ def check_keys(data: Any, place: str, known: Set[str]) -> Mapping[str, Any]:
 
 
 def entries(data: Mapping[str, Any], key: str) -> list[Any]:
-    """Return the list under ``key``; an absent one is empty.
-
-    Raises
-    ------
-    FlowError
-        When it isn't a list.
-    """
+    """Return the list under ``key``; an absent one is empty."""
     value = data.get(key, [])
     if not isinstance(value, list):
         raise FlowError(f"{key} is {_short(value)}; write a list")
@@ -75,13 +59,7 @@ def entries(data: Mapping[str, Any], key: str) -> list[Any]:
 
 
 def text(data: Mapping[str, Any], key: str, place: str) -> str:
-    """Return the name under ``key``.
-
-    Raises
-    ------
-    FlowError
-        When it is missing or isn't text.
-    """
+    """Return the name under ``key``: printable text without comma or quotation mark."""
     value = data.get(key)
     if not isinstance(value, str) or not value:
         raise FlowError(f"{place}: {key} is {_short(value)}; write a name")
@@ -94,13 +72,7 @@ def text(data: Mapping[str, Any], key: str, place: str) -> str:
 
 
 def number(data: Mapping[str, Any], key: str, place: str, default: float | None = None) -> float:
-    """Return the number under ``key``, or ``default`` where it is absent.
-
-    Raises
-    ------
-    FlowError
-        When it is missing, not a number, or not finite.
-    """
+    """Return the finite number under ``key``, or ``default`` where it is absent."""
     if key not in data and default is not None:
         return default
     value = data.get(key)
@@ -122,13 +94,7 @@ def number(data: Mapping[str, Any], key: str, place: str, default: float | None 
 def whole(
     data: Mapping[str, Any], key: str, place: str, least: int, default: int | None = None
 ) -> int:
-    """Return the integer under ``key``, at least ``least``.
-
-    Raises
-    ------
-    FlowError
-        When it is missing, not an integer, or below ``least``.
-    """
+    """Return the integer under ``key``, at least ``least``."""
     value = data.get(key, default)
     if isinstance(value, float) and value.is_integer():
         value = int(value)
@@ -138,13 +104,7 @@ def whole(
 
 
 def flag(data: Mapping[str, Any], key: str, place: str, default: bool) -> bool:
-    """Return the truth value under ``key``.
-
-    Raises
-    ------
-    FlowError
-        When it is neither true nor false.
-    """
+    """Return the truth value under ``key``."""
     value = data.get(key, default)
     if not isinstance(value, bool):
         raise FlowError(f"{place}: {key} is {_short(value)}; write true or false")
@@ -152,7 +112,6 @@ def flag(data: Mapping[str, Any], key: str, place: str, default: bool) -> bool:
 
 
 def _short(value: Any) -> str:
-    """Return a value as a message shows it."""
     if value is None:
         return "missing"
     shown = repr(value)

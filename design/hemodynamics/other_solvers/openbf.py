@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -44,131 +44,42 @@ from kernels.arrays import FloatArray, IntArray
 # is in SI units.
 
 _MARKS: Final = {"network", "blood", "solver"}
-_UL: Final = 1e9
-_LEAST_CYCLES: Final = 60
-"""Cycles in which ours looks for the periodic state at least; openBF stops where it is told."""
 
 
-def is_openbf(data: Any) -> bool:
-    """Whether parsed YAML is an input file of openBF."""
-    return isinstance(data, Mapping) and data.keys() >= _MARKS
+class SiUnits(NamedTuple):
+    """What takes SI units to ours."""
+
+    ul_per_m3: float = 1e9
+    mm_per_m: float = 1e3
+    pa_s_ul_per_pa_s_m3: float = 1e-9
+    """Of resistances; a compliance takes its inverse."""
 
 
-def inlet_file(data: Mapping[str, Any]) -> str:
-    """Name of the inlet's table: ``inlet_file``, or that of the project.
-
-    Raises
-    ------
-    FlowError
-        When it isn't text.
-    """
-    given = section(data, "the file", TOP)
-    if "inlet_file" in given:
-        return text(given, "inlet_file", "the file")
-    return text(given, "project_name", "the file") + "_inlet.dat"
-
-
-def case_of(data: Any, inlet: FloatArray) -> OpenBFCase:
-    """Return the case that parsed YAML describes.
-
-    Parameters
-    ----------
-    data : Any
-    inlet : (n, 2) float64
-        Time, s, and flow, m³/s, of one cycle.
-
-    Raises
-    ------
-    FlowError
-        For a key that isn't modelled, and for what is missing or wrong.
-    """
-    given = section(data, "the file", TOP)
-    blood = section(given.get("blood"), "blood", BLOOD)
-    solver = section(given.get("solver"), "solver", SOLVER)
-    density = quantity(blood, "rho", "blood", (1.0, 1e5)) * 1e-6
-    listed = [section(v, f"network[{k}]", VESSEL) for k, v in enumerate(entries(given, "network"))]
-    if not listed:
-        raise FlowError("network: no vessel is given")
-    vessels = read_vessels(listed, density)
-    folder = text(given, "output_directory", "the file") if "output_directory" in given else None
-    return OpenBFCase(
-        project=text(given, "project_name", "the file"),
-        labels=vessels.labels,
-        network=vessels.network,
-        conditions=PulsatileConditions(
-            viscosity_pa_s=quantity(blood, "mu", "blood", (1e-9, 1e3)),
-            inlet=_inlet_wave(inlet),
-            outlet=vessels.outlets,
-            wall=vessels.walls,
-            density=density,
-        ),
-        options=_options(solver, vessels),
-        quantities=_quantities(given),
-        shown=vessels.shown,
-        folder=folder,
-        tolerance_mmhg=quantity(solver, "convergence_tolerance", "solver", (1e-12, 1e6)),
-        notes=_notes(given),
-    )
-
-
-def _notes(given: Mapping[str, Any]) -> tuple[str, ...]:
-    spaced = [one for one in entries(given, "network") if SPACED in one]
-    if not spaced:
-        return ()
-    return (
-        f"{SPACED!r} is taken as gamma_profile, the exponent of the velocity profile, in "
-        f"{len(spaced)} vessels; openBF of 2026 passes over the key with a space and computes "
-        "with 2",
-    )
-
-
-def _inlet_wave(inlet: FloatArray) -> Tabulated:
-    table = np.asarray(inlet, dtype=np.float64)
-    if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
-        raise FlowError(
-            "inlet_file: write two columns, time in s and flow in m³/s, two rows or more"
-        )
-    if table[0, 0] != 0.0:
-        raise FlowError(f"inlet_file: its time begins at {table[0, 0]:g} s; begin at 0")
-    try:
-        return Tabulated(table[:, 0], table[:, 1] * _UL)
-    except FlowError as exc:
-        raise FlowError(f"inlet_file: {exc}") from exc
-
-
-def _options(solver: Mapping[str, Any], vessels: Vessels) -> OneDOptions:
-    count = len(vessels.labels)
-    probes = Probes(np.repeat(np.arange(count), len(PLACES)), np.tile(PLACES, count))
-    return OneDOptions(
-        cell_mm=vessels.network.lengths() / vessels.cells,
-        profile_exponent=vessels.exponents,
-        alpha=1.0,
-        reflection=vessels.reflection,
-        courant=quantity(solver, "Ccfl", "solver", (0.01, 1.0)),
-        samples=whole(solver, "jump", "solver", 8),
-        most_cycles=max(_LEAST_CYCLES, whole(solver, "cycles", "solver", 1)),
-        probes=probes,
-    )
-
-
-def _quantities(given: Mapping[str, Any]) -> tuple[str, ...]:
-    asked = entries(given, "write_results") if "write_results" in given else list(QUANTITIES)
-    if not asked:
-        raise FlowError(f"write_results is empty; write {', '.join(QUANTITIES)}, or leave it out")
-    for name in asked:
-        if name not in QUANTITIES:
-            raise FlowError(
-                f"write_results: {name!r} isn't written by openBF; write {', '.join(QUANTITIES)}"
-            )
-    return tuple(name for name in QUANTITIES if name in asked)
-
-
-# Data class of an openBF case: network, conditions, solver options, results to write.
-
+SI: Final = SiUnits()
+_MIN_CYCLES: Final = 60
+"""Cycles in which ours looks for the periodic state at least; openBF stops after its `cycles`."""
 QUANTITIES: Final = ("P", "Q", "A", "u")
 """Pressure, flow, cross-section and mean velocity, as ``write_results`` names them."""
 PLACES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Of a vessel's length, where openBF keeps waves (there: the middles of these cells)."""
+TOP: Final = frozenset((
+    "project_name", "write_results", "output_directory", "inlet_file", "blood", "solver",
+    "network",
+))  # fmt: skip
+BLOOD: Final = frozenset(("mu", "rho"))
+SOLVER: Final = frozenset(("Ccfl", "cycles", "convergence_tolerance", "jump"))
+OUTLET: Final = frozenset(("outlet", "Rt", "R1", "R2", "Cc", "Pout", "inlet_impedance_matching"))
+VESSEL: Final = OUTLET | frozenset((
+    "label", "sn", "tn", "L", "E", "R0", "Rp", "Rd", "M", "h0", "Pext", "gamma_profile",
+    "to_save", "initial_pressure", "initial_flow", "visco-elastic",
+))  # fmt: skip
+SPACED: Final = "gamma profile"
+"""As openBF's manual and models wrote ``gamma_profile``."""
+_KINDS: Final = {"reflection": {"Rt"}, "wk2": {"R1", "Cc"}, "wk3": {"R1", "Cc"}}
+"""Keys that the word under ``outlet`` needs."""
+
+Entry = tuple[Mapping[str, Any], str]
+"""A vessel's keys, and what messages call it."""
 
 
 @dataclass(frozen=True)
@@ -209,82 +120,127 @@ class OpenBFCase:
     notes: tuple[str, ...] = ()
 
 
-# Read the vessels of openBF's input: lengths, radii, walls, profiles and outlets.
-
-_LENGTH: Final = (1e-6, 1e3)
-_RADIUS: Final = (1e-7, 1.0)
-_MM: Final = 1e3
-_PRESSURE: Final = (-1e9, 1e9)
+def is_openbf(data: Any) -> bool:
+    """Whether parsed YAML is an input file of openBF."""
+    return isinstance(data, Mapping) and data.keys() >= _MARKS
 
 
-@dataclass(frozen=True)
-class Vessels:
-    """Vessels of a file, in our units.
-
-    Attributes
-    ----------
-    labels : (v,) tuple of str
-    network : VesselNetwork
-    walls : VesselWalls
-    exponents : (v,) float64
-        ζ of the velocity profile, ``gamma_profile``.
-    cells : (v,) int64
-        Of openBF's mesh.
-    outlets : dict of node to Outlet
-    reflection : dict of node to float
-    shown : tuple of int
-        Those with ``to_save``.
-    """
-
-    labels: tuple[str, ...]
-    network: VesselNetwork
-    walls: VesselWalls
-    exponents: FloatArray
-    cells: IntArray
-    outlets: dict[int, Outlet]
-    reflection: dict[int, float]
-    shown: tuple[int, ...]
-
-
-def read_vessels(listed: Sequence[Mapping[str, Any]], density: float) -> Vessels:
-    """Return the vessels of the list ``network``.
-
-    Parameters
-    ----------
-    listed : sequence of mappings
-    density : float, Pa·s²/mm²
+def inlet_file(data: Mapping[str, Any]) -> str:
+    """Name of the inlet's table: ``inlet_file``, or that of the project.
 
     Raises
     ------
     FlowError
-        For what is missing, wrong, not modelled, or an inlet that isn't exactly one vessel.
+        When it isn't text.
     """
+    given = section(data, "the file", TOP)
+    if "inlet_file" in given:
+        return text(given, "inlet_file", "the file")
+    return text(given, "project_name", "the file") + "_inlet.dat"
+
+
+def case_of(data: Any, inlet: FloatArray) -> OpenBFCase:
+    """Return the case that parsed YAML describes.
+
+    Parameters
+    ----------
+    inlet : (n, 2) float64
+        Time, s, and flow, m³/s, of one cycle.
+
+    Raises
+    ------
+    FlowError
+        For a key that isn't modelled, and for what is missing or wrong.
+    """
+    given = section(data, "the file", TOP)
+    blood = section(given.get("blood"), "blood", BLOOD)
+    solver = section(given.get("solver"), "solver", SOLVER)
+    density = quantity(blood, "rho", "blood", (1.0, 1e5)) * 1e-6
+    listed = [section(v, f"network[{k}]", VESSEL) for k, v in enumerate(entries(given, "network"))]
+    if not listed:
+        raise FlowError("network: no vessel is given")
     labels = _labels(listed)
-    places = [f"vessel {label}" for label in labels]
-    both = list(zip(listed, places, strict=True))
+    both = [(data, f"vessel {label}") for data, label in zip(listed, labels, strict=True)]
     for data, place in both:
-        _refuse_unmodelled(data, place)
-    nodes, ends = _nodes(both)
-    lengths = np.array([quantity(d, "L", p, _LENGTH) for d, p in both])
-    radii = np.array([_radii(d, p) for d, p in both]) * _MM
-    walls = VesselWalls(
-        young_pa=np.array([quantity(d, "E", p, (1e-3, 1e15)) for d, p in both]),
-        thickness_mm=np.array([_thickness(d, p) for d, p in both]) * _MM,
-        external_pa=np.array([quantity(d, "Pext", p, _PRESSURE, 0.0) for d, p in both]),
-        viscous=np.array([flag(d, "visco-elastic", p, default=False) for d, p in both]),
+        _refuse_initial_state(data, place)
+    nodes, is_outlet = _nodes(both)
+    lengths = np.array([quantity(d, "L", p, (1e-6, 1e3)) for d, p in both])
+    network = _network(
+        nodes, lengths * SI.mm_per_m, np.array([_radii(d, p) for d, p in both]) * SI.mm_per_m
     )
-    vessels = Vessels(
+    walls = _walls(both)
+    cells = [_cells(d, p, x) for (d, p), x in zip(both, lengths.tolist(), strict=True)]
+    exponents = [quantity(d, "gamma_profile", p, (2.0, 100.0), 2.0) for d, p in both]
+    shown = tuple(k for k, (d, p) in enumerate(both) if flag(d, "to_save", p, default=True))
+    outlets, reflection = _outlets(both, is_outlet, network, walls, density)
+    count = len(labels)
+    return OpenBFCase(
+        project=text(given, "project_name", "the file"),
         labels=labels,
-        network=_network(nodes, lengths * _MM, radii),
-        walls=walls,
-        exponents=np.array([quantity(d, "gamma_profile", p, (2.0, 100.0), 2.0) for d, p in both]),
-        cells=np.array([_cells(d, p, x) for (d, p), x in zip(both, lengths.tolist(), strict=True)]),
-        outlets={},
-        reflection={},
-        shown=tuple(k for k, (d, p) in enumerate(both) if flag(d, "to_save", p, default=True)),
+        network=network,
+        conditions=PulsatileConditions(
+            viscosity_pa_s=quantity(blood, "mu", "blood", (1e-9, 1e3)),
+            inlet=_inlet_wave(inlet),
+            outlet=outlets,
+            wall=walls,
+            density=density,
+        ),
+        options=OneDOptions(
+            cell_mm=network.lengths() / cells,
+            profile_exponent=np.array(exponents),
+            alpha=1.0,
+            reflection=reflection,
+            courant=quantity(solver, "Ccfl", "solver", (0.01, 1.0)),
+            samples=whole(solver, "jump", "solver", 8),
+            most_cycles=max(_MIN_CYCLES, whole(solver, "cycles", "solver", 1)),
+            probes=Probes(np.repeat(np.arange(count), len(PLACES)), np.tile(PLACES, count)),
+        ),
+        quantities=_quantities(given),
+        shown=shown,
+        folder=text(given, "output_directory", "the file") if "output_directory" in given else None,
+        tolerance_mmhg=quantity(solver, "convergence_tolerance", "solver", (1e-12, 1e6)),
+        notes=_notes(given),
     )
-    _read_outlets(vessels, both, ends, density)
-    return vessels
+
+
+def _notes(given: Mapping[str, Any]) -> tuple[str, ...]:
+    spaced = [one for one in entries(given, "network") if SPACED in one]
+    if not spaced:
+        return ()
+    return (
+        f"{SPACED!r} is taken as gamma_profile, the exponent of the velocity profile, in "
+        f"{len(spaced)} vessels; openBF of 2026 passes over the key with a space and computes "
+        "with 2",
+    )
+
+
+def _inlet_wave(inlet: FloatArray) -> Tabulated:
+    table = np.asarray(inlet, dtype=np.float64)
+    if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
+        raise FlowError(
+            "inlet_file: write two columns, time in s and flow in m³/s, two rows or more"
+        )
+    if table[0, 0] != 0.0:
+        raise FlowError(f"inlet_file: its time begins at {table[0, 0]:g} s; begin at 0")
+    try:
+        return Tabulated(table[:, 0], table[:, 1] * SI.ul_per_m3)
+    except FlowError as exc:
+        raise FlowError(f"inlet_file: {exc}") from exc
+
+
+def _quantities(given: Mapping[str, Any]) -> tuple[str, ...]:
+    listed = entries(given, "write_results") if "write_results" in given else list(QUANTITIES)
+    if not listed:
+        raise FlowError(f"write_results is empty; write {', '.join(QUANTITIES)}, or leave it out")
+    for name in listed:
+        if name not in QUANTITIES:
+            raise FlowError(
+                f"write_results: {name!r} isn't written by openBF; write {', '.join(QUANTITIES)}"
+            )
+    return tuple(name for name in QUANTITIES if name in listed)
+
+
+# Vessels of the list ``network``: ends, lengths, radii, walls and outlets.
 
 
 def _labels(listed: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -295,7 +251,7 @@ def _labels(listed: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     return labels
 
 
-def _refuse_unmodelled(data: Mapping[str, Any], place: str) -> None:
+def _refuse_initial_state(data: Mapping[str, Any], place: str) -> None:
     for key in ("initial_pressure", "initial_flow"):
         if quantity(data, key, place, (-math.inf, math.inf), 0.0) != 0.0:
             raise FlowError(
@@ -304,7 +260,7 @@ def _refuse_unmodelled(data: Mapping[str, Any], place: str) -> None:
             )
 
 
-def _nodes(both: Sequence[tuple[Mapping[str, Any], str]]) -> tuple[IntArray, list[bool]]:
+def _nodes(both: Sequence[Entry]) -> tuple[IntArray, list[bool]]:
     """First and last node of each vessel from 0, and whether it ends in an outlet.
 
     Every outlet has a node of its own: where openBF's vessels end in one, they don't meet.
@@ -316,14 +272,14 @@ def _nodes(both: Sequence[tuple[Mapping[str, Any], str]]) -> tuple[IntArray, lis
         what = f"{', '.join(inlets[:3])} begin" if inlets else "none begins"
         raise FlowError(f"sn: one vessel begins where none ends, the inlet; here {what} there")
     number = {node: k for k, node in enumerate(sorted(starts))}
-    ends, is_outlet = [], []
+    is_outlet, ends = [], []
     for (_, place), (sn, tn) in zip(both, named, strict=True):
         if sn == tn:
             raise FlowError(f"{place}: sn and tn are both {sn}; a vessel joins two nodes")
-        ends.append(tn not in starts)
-        last = len(starts) + sum(ends) - 1 if ends[-1] else number[tn]
-        is_outlet.append((number[sn], last))
-    return np.array(is_outlet), ends
+        is_outlet.append(tn not in starts)
+        last = len(starts) + sum(is_outlet) - 1 if is_outlet[-1] else number[tn]
+        ends.append((number[sn], last))
+    return np.array(ends), is_outlet
 
 
 def _radii(data: Mapping[str, Any], place: str) -> tuple[float, float]:
@@ -332,16 +288,22 @@ def _radii(data: Mapping[str, Any], place: str) -> tuple[float, float]:
         raise FlowError(f"{place}: R0 is given, and Rp; leave one of them out")
     if "Rp" not in data and "R0" not in data:
         raise FlowError(f"{place}: R0 is missing, and Rp; give one of them, in m")
-    first = quantity(data, "Rp" if "Rp" in data else "R0", place, _RADIUS)
-    return first, quantity(data, "Rd", place, _RADIUS, first)
+    first = quantity(data, "Rp" if "Rp" in data else "R0", place, (1e-7, 1.0))
+    return first, quantity(data, "Rd", place, (1e-7, 1.0), first)
 
 
-def _thickness(data: Mapping[str, Any], place: str) -> float:
-    return quantity(data, "h0", place, (1e-9, 1.0)) if "h0" in data else math.nan
+def _walls(both: Sequence[Entry]) -> VesselWalls:
+    thickness = [quantity(d, "h0", p, (1e-9, 1.0)) if "h0" in d else math.nan for d, p in both]
+    return VesselWalls(
+        young_pa=np.array([quantity(d, "E", p, (1e-3, 1e15)) for d, p in both]),
+        thickness_mm=np.array(thickness) * SI.mm_per_m,
+        external_pa=np.array([quantity(d, "Pext", p, (-1e9, 1e9), 0.0) for d, p in both]),
+        viscous=np.array([flag(d, "visco-elastic", p, default=False) for d, p in both]),
+    )
 
 
 def _cells(data: Mapping[str, Any], place: str, length_m: float) -> int:
-    """Cells of openBF's mesh: as asked, five at least, none longer than 1 mm."""
+    """Cells of openBF's mesh: as given, five at least, none longer than 1 mm."""
     return max(5, whole(data, "M", place, 1, 5), math.ceil(length_m * 1e3))
 
 
@@ -361,34 +323,30 @@ def _network(nodes: IntArray, lengths: FloatArray, radii: FloatArray) -> VesselN
     )
 
 
-def _read_outlets(
-    vessels: Vessels,
-    both: Sequence[tuple[Mapping[str, Any], str]],
-    ends: Sequence[bool],
+def _outlets(
+    both: Sequence[Entry],
+    is_outlet: Sequence[bool],
+    network: VesselNetwork,
+    walls: VesselWalls,
     density: float,
-) -> None:
-    radius = vessels.network.radius[2::3]
-    stiff = vessels.walls.stiffness(np.arange(len(ends)), radius)
+) -> tuple[dict[int, Outlet], dict[int, float]]:
+    """Condition of each outlet's node, and which part of a wave reflecting ones send back."""
+    radius = network.radius[2::3]
+    stiff = walls.stiffness(np.arange(len(both)), radius)
     impedance = np.sqrt(density * stiff / 2.0) / (np.pi * radius**2) * 1e9
+    outlets: dict[int, Outlet] = {}
+    reflection: dict[int, float] = {}
     for k, (data, place) in enumerate(both):
-        if not ends[k]:
-            refuse_inner(data, place)
+        if not is_outlet[k]:
+            _refuse_outlet_keys(data, place)
             continue
-        external = float(vessels.walls.external_pa[k])
-        node = int(vessels.network.vessel_nodes[k, 1])
-        vessels.outlets[node], part = outlet_of(data, place, float(impedance[k]), external)
+        node = int(network.vessel_nodes[k, 1])
+        outlets[node], part = outlet_of(
+            data, place, float(impedance[k]), float(walls.external_pa[k])
+        )
         if part is not None:
-            vessels.reflection[node] = part
-
-
-# Read the outlet of one openBF vessel: reflection, or a Windkessel of two or three elements.
-
-_SI: Final = 1e-9
-"""Pa·s/m³ to Pa·s/µL; m³/Pa to µL/Pa is its inverse."""
-_KINDS: Final = {"reflection": {"Rt"}, "wk2": {"R1", "Cc"}, "wk3": {"R1", "Cc"}}
-"""Keys that the word under ``outlet`` needs."""
-_RESISTANCE: Final = (1e-3, 1e30)
-_COMPLIANCE: Final = (1e-30, 1.0)
+            reflection[node] = part
+    return outlets, reflection
 
 
 def outlet_of(
@@ -419,25 +377,21 @@ def outlet_of(
         return PressureOutlet(Constant(external_pa)), part
     if not given & {"R1", "R2", "Cc"}:
         raise FlowError(f"{place} ends in an outlet; give it R1 and Cc (and R2), or Rt")
-    proximal = quantity(data, "R1", place, _RESISTANCE)
+    proximal = quantity(data, "R1", place, (1e-3, 1e30))
     distal = quantity(data, "R2", place, (0.0, 1e30), 0.0) or proximal - impedance
     if distal <= 0.0:
         raise FlowError(
             f"{place}: R1 is {proximal:g} and without R2 has to be above the vessel's impedance, "
             f"{impedance:.6g} Pa·s/m³; raise R1, or give R2"
         )
-    compliance = quantity(data, "Cc", place, _COMPLIANCE)
+    compliance = quantity(data, "Cc", place, (1e-30, 1.0))
     back = quantity(data, "Pout", place, (-1e9, 1e9), 0.0)
-    return WindkesselOutlet(proximal * _SI, compliance / _SI, distal * _SI, back), None
+    si = SI.pa_s_ul_per_pa_s_m3
+    return WindkesselOutlet(proximal * si, compliance / si, distal * si, back), None
 
 
-def refuse_inner(data: Mapping[str, Any], place: str) -> None:
-    """Raise where a vessel that others follow has an outlet's keys.
-
-    Raises
-    ------
-    FlowError
-    """
+def _refuse_outlet_keys(data: Mapping[str, Any], place: str) -> None:
+    """Raise `FlowError` where a vessel that others follow has an outlet's keys."""
     matched = flag(data, "inlet_impedance_matching", place, default=False)
     for key in sorted(OUTLET & data.keys() - {"inlet_impedance_matching"}):
         raise FlowError(f"{place}: {key} is for outlets, and other vessels follow; leave it out")
@@ -456,23 +410,6 @@ def _check_word(data: Mapping[str, Any], given: set[str], place: str) -> None:
     if missing or (word == "wk2" and "R2" in given):
         what = f"has no {missing[0]}" if missing else "has R2"
         raise FlowError(f"{place}: outlet is {word} and {what}; make them agree")
-
-
-# Checked access to the keys of openBF's YAML input.
-
-TOP: Final = frozenset((
-    "project_name", "write_results", "output_directory", "inlet_file", "blood", "solver",
-    "network",
-))  # fmt: skip
-BLOOD: Final = frozenset(("mu", "rho"))
-SOLVER: Final = frozenset(("Ccfl", "cycles", "convergence_tolerance", "jump"))
-OUTLET: Final = frozenset(("outlet", "Rt", "R1", "R2", "Cc", "Pout", "inlet_impedance_matching"))
-VESSEL: Final = OUTLET | frozenset((
-    "label", "sn", "tn", "L", "E", "R0", "Rp", "Rd", "M", "h0", "Pext", "gamma_profile",
-    "to_save", "initial_pressure", "initial_flow", "visco-elastic",
-))  # fmt: skip
-SPACED: Final = "gamma profile"
-"""As openBF's manual and models wrote ``gamma_profile``."""
 
 
 def section(data: Any, place: str, known: frozenset[str]) -> Mapping[str, Any]:

@@ -23,17 +23,34 @@ from design.hemodynamics.conditions import (
     PulsatileConditions,
     ResistanceOutlet,
 )
+from design.hemodynamics.other_solvers.network_case import CGS, outlet_values
 from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
 from design.hemodynamics.three_d.solution import vtk_document
 from design.hemodynamics.waveforms import Waveform, cycle_times
 from design.hemodynamics.zero_d.boundary import refuse_supplies
-from design.units import CM3_PER_UL, DYN_CM2_PER_PA, DYN_S_CM5_PER_PA_S_UL
+from design.units import CM3_PER_UL, DYN_CM2_PER_PA
 from kernels.arrays import IntArray
 
-POISE_PER_PA_S: Final = 10.0
-G_CM3_PER_PA_S2_MM2: Final = 1e3
 _MODES: Final = 16
+"""Fourier modes that the solver takes of a waveform's 201 samples."""
 Fields = dict[str, Any]
+_EQUATION: Final[Fields] = {
+    "Coupled": True,
+    "Min_iterations": 3,
+    "Max_iterations": 12,
+    "Tolerance": 1e-9,
+    "Backflow_stabilization_coefficient": 0.2,
+}
+_LINEAR_SOLVER: Final[Fields] = {
+    "Max_iterations": 15,
+    "NS_GM_max_iterations": 10,
+    "NS_CG_max_iterations": 300,
+    "Tolerance": 1e-3,
+    "NS_GM_tolerance": 1e-3,
+    "NS_CG_tolerance": 1e-3,
+    "Absolute_tolerance": 1e-17,
+    "Krylov_space_dimension": 250,
+}
 
 
 @dataclass(frozen=True)
@@ -66,7 +83,7 @@ def write_svmultiphysics(
     Raises
     ------
     FlowError
-        What the solver can't be told: a resistance to another pressure than 0, several inlets
+        What its input can't express: a resistance to another pressure than 0, several inlets
         on one flow without ``inlet_share``, a port without an outlet's condition.
     OSError
         When a file can't be written.
@@ -80,14 +97,24 @@ def write_svmultiphysics(
     root.append(ElementTree.Comment(" cm, g, s: pressure in dyn/cm2, flow in cm3/s "))
     _fill(root, "GeneralSimulationParameters", _general(steps, period))
     _add_mesh(root, mesh)
-    equation = _fill(root, "Add_equation", _equation(conditions), type="fluid")
+    fluid = {
+        "Density": conditions.density * CGS.g_cm3_per_pa_s2_mm2,
+        "Viscosity": {"Value": conditions.viscosity_pa_s * CGS.poise_per_pa_s},
+    }
+    equation = _fill(root, "Add_equation", _EQUATION | fluid, type="fluid")
     _add_numerics(equation)
     for k, port in enumerate(mesh.ports):
         name = face_name(mesh, k + 1)
         if port.inlet:
             condition = _inlet(name, conditions, shares.get(k, 1.0), period, files)
         else:
-            condition = _outlet(name, _of(conditions.outlet, port.node, k), period, files)
+            given = conditions.outlet
+            if isinstance(given, Mapping) and port.node not in given:
+                raise FlowError(
+                    f"port {k} (node {port.node}) is an outlet without a condition; give one"
+                )
+            outlet = given[port.node] if isinstance(given, Mapping) else given
+            condition = _outlet(name, outlet, period, files)
         _fill(equation, "Add_BC", condition, name=name)
     wall = {"Type": "Dir", "Time_dependence": "Steady", "Value": 0.0}
     _fill(equation, "Add_BC", wall, name=face_name(mesh, WALL))
@@ -144,18 +171,6 @@ def _add_mesh(root: ElementTree.Element, mesh: LumenMesh) -> None:
         _fill(part, "Add_face", {"Face_file_path": path}, name=name)
 
 
-def _equation(conditions: PulsatileConditions) -> Fields:
-    return {
-        "Coupled": True,
-        "Min_iterations": 3,
-        "Max_iterations": 12,
-        "Tolerance": 1e-9,
-        "Backflow_stabilization_coefficient": 0.2,
-        "Density": conditions.density * G_CM3_PER_PA_S2_MM2,
-        "Viscosity": {"Value": conditions.viscosity_pa_s * POISE_PER_PA_S},
-    }
-
-
 def _add_numerics(equation: ElementTree.Element) -> None:
     for viscosity in equation.iter("Viscosity"):
         viscosity.set("model", "Constant")
@@ -163,17 +178,7 @@ def _add_numerics(equation: ElementTree.Element) -> None:
     _fill(equation, "Output", wanted, type="Spatial")
     solver = _fill(equation, "LS", {}, type="NS")
     _fill(solver, "Linear_algebra", {"Preconditioner": "fsils"}, type="fsils")
-    values = {
-        "Max_iterations": 15,
-        "NS_GM_max_iterations": 10,
-        "NS_CG_max_iterations": 300,
-        "Tolerance": 1e-3,
-        "NS_GM_tolerance": 1e-3,
-        "NS_CG_tolerance": 1e-3,
-        "Absolute_tolerance": 1e-17,
-        "Krylov_space_dimension": 250,
-    }
-    for key, value in values.items():
+    for key, value in _LINEAR_SOLVER.items():
         _fill(solver, key, value)
 
 
@@ -182,36 +187,27 @@ def _inlet(
 ) -> Fields:
     if conditions.inlet_is == "pressure":
         return _pressure(name, conditions.inlet, period, files)
-    scale = -CM3_PER_UL * share
-    wave = _wave(f"{name}.flow", conditions.inlet, scale, period, files)
+    wave = _wave(f"{name}.flow", conditions.inlet, -CM3_PER_UL * share, period, files)
     return {"Type": "Dir", **wave, "Profile": "Parabolic", "Impose_flux": True}
-
-
-def _of(outlet: Outlet | Mapping[int, Outlet], node: int, port: int) -> Outlet:
-    if not isinstance(outlet, Mapping):
-        return outlet
-    if node not in outlet:
-        raise FlowError(f"port {port} (node {node}) is an outlet without a condition; give one")
-    return outlet[node]
 
 
 def _outlet(name: str, outlet: Outlet, period: float, files: dict[str, str]) -> Fields:
     if isinstance(outlet, PressureOutlet):
         return _pressure(name, outlet.waveform, period, files)
+    cgs = outlet_values(outlet)
     if isinstance(outlet, ResistanceOutlet):
         if outlet.distal_pa != 0.0:
             raise FlowError(
                 f"{name}: svMultiPhysics' resistance ends at pressure 0, and distal_pa is "
                 f"{outlet.distal_pa:g} Pa; take pressures from there, or a Windkessel"
             )
-        resistance = outlet.resistance * DYN_S_CM5_PER_PA_S_UL
-        return {"Type": "Neu", "Time_dependence": "Resistance", "Value": resistance}
+        return {"Type": "Neu", "Time_dependence": "Resistance", "Value": cgs["R"]}
     values = {
-        "Capacitance": outlet.compliance * CM3_PER_UL / DYN_CM2_PER_PA,
-        "Distal_resistance": outlet.distal * DYN_S_CM5_PER_PA_S_UL,
-        "Proximal_resistance": outlet.proximal * DYN_S_CM5_PER_PA_S_UL,
-        "Distal_pressure": outlet.distal_pa * DYN_CM2_PER_PA,
-        "Initial_pressure": outlet.distal_pa * DYN_CM2_PER_PA,
+        "Capacitance": cgs["C"],
+        "Distal_resistance": cgs["Rd"],
+        "Proximal_resistance": cgs["Rp"],
+        "Distal_pressure": cgs["Pd"],
+        "Initial_pressure": cgs["Pd"],
     }
     return {"Type": "Neu", "Time_dependence": "RCR", "RCR_values": values}
 
@@ -249,8 +245,6 @@ def _fill(
 
 # Write a lumen mesh as SimVascular's mesh-complete folder: linear tetrahedra in VTK, in cm.
 
-CM_PER_MM: Final = 0.1
-_TETRA: Final = 10
 Arrays = Mapping[str, NDArray[Any]]
 
 
@@ -281,7 +275,7 @@ def write_mesh_complete(folder: Path, mesh: LumenMesh) -> None:
     """
     tets, faces = mesh.tets[:, :4], mesh.faces[:, :3]
     _check(mesh, tets)
-    points = mesh.points[: mesh.corner_count] * CM_PER_MM
+    points = mesh.points[: mesh.corner_count] * CGS.cm_per_mm
     behind = _element_behind(tets, faces)
     whole = np.arange(len(faces))
     _write_volume(folder / "mesh-complete.mesh.vtu", points, tets)
@@ -334,7 +328,7 @@ def _write_volume(path: Path, points: NDArray[Any], tets: IntArray) -> None:
         "Cells": {
             "connectivity": _int32(tets.ravel()),
             "offsets": _int32(4 * np.arange(1, count + 1)),
-            "types": np.full(count, _TETRA, dtype=np.uint8),
+            "types": np.full(count, 10, dtype=np.uint8),  # VTK_TETRA
         },
     }
     counts = {"NumberOfPoints": len(points), "NumberOfCells": count}

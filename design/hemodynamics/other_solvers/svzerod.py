@@ -16,25 +16,27 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from design.errors import FlowError
 from design.files import atomic_replacement, write_text
 from design.hemodynamics.conditions import (
-    Outlet,
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
-    outlet_of,
 )
 from design.hemodynamics.other_solvers.json_keys import check_keys, entries, flag, whole
+from design.hemodynamics.other_solvers.network_case import (
+    closed_cycle,
+    network_case,
+    outlet_values,
+)
 from design.hemodynamics.vessel_coefficients import PARABOLIC, plug_inertance, vessel_resistance
-from design.hemodynamics.waveforms import Waveform, cycle_times
-from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
+from design.hemodynamics.waveforms import Waveform
 from design.network import VesselNetwork
-from design.units import CM3_PER_UL, DYN_CM2_PER_PA, DYN_S_CM5_PER_PA_S_UL
+from design.units import DYN_CM2_PER_PA, DYN_S_CM5_PER_PA_S_UL
 from kernels.arrays import FloatArray
 
 
@@ -70,107 +72,63 @@ def svzerod_input(
         What the format can't say: an inlet or outlet where not exactly one vessel begins or
         ends, several inlets on one flow, Womersley's impedance.
     """
-    refuse_supplies(conditions.supplies, "svZeroDSolver")
-    inlets, outlets = boundary_nodes(network, conditions)
-    check_parts(network, inlets, outlets)
     if conditions.profile == "womersley":
         raise FlowError("svZeroDSolver has no Womersley impedance; choose the poiseuille profile")
-    if conditions.inlet_is == "flow" and len(inlets) > 1:
+    case = network_case(network, conditions, "svZeroDSolver")
+    flow = conditions.inlet_is == "flow"
+    if flow and len(case.inlets) > 1:
         raise FlowError(
-            f"{len(inlets)} inlets share one flow, which svZeroDSolver can't say; give them a "
+            f"{len(case.inlets)} inlets share one flow, which svZeroDSolver can't say; give them a "
             "pressure, or join them by a vessel"
         )
-    period = conditions.inlet.period_s or 1.0
-    waves: list[dict[str, Any]] = []
-    at: dict[int, str] = {}
-    for node in inlets.tolist():
-        at[node] = f"INLET_{node}"
-        flow = conditions.inlet_is == "flow"
-        waves.append(_wave(at[node], conditions.inlet, period, steps, flow=flow))
-    for node in outlets.tolist():
-        at[node] = f"OUTLET_{node}"
-        waves.append(_outlet(at[node], outlet_of(conditions.outlet, node), period, steps))
+
+    def wave(name: str, waveform: Waveform, kind: str, scale: float) -> dict[str, Any]:
+        time, value = closed_cycle(waveform, case.period_s, steps, scale)
+        values = {"Q" if kind == "FLOW" else "P": value.tolist(), "t": time.tolist()}
+        return {"bc_name": name, "bc_type": kind, "bc_values": values}
+
+    at = {node: f"INLET_{node}" for node in case.inlets}
+    at |= {node: f"OUTLET_{node}" for node in case.outlets}
+    kind = "FLOW" if flow else "PRESSURE"
+    blocks = [wave(at[n], conditions.inlet, kind, case.inlet_scale) for n in case.inlets]
+    for node, outlet in case.outlets.items():
+        if isinstance(outlet, PressureOutlet):
+            blocks.append(wave(at[node], outlet.waveform, "PRESSURE", DYN_CM2_PER_PA))
+        else:
+            kind = "RESISTANCE" if isinstance(outlet, ResistanceOutlet) else "RCR"
+            blocks.append(
+                {"bc_name": at[node], "bc_type": kind, "bc_values": outlet_values(outlet)}
+            )
     return {
         "simulation_parameters": {
             "number_of_cardiac_cycles": cycles,
             "number_of_time_pts_per_cardiac_cycle": steps + 1,
             "output_all_cycles": False,
         },
-        "boundary_conditions": waves,
-        "junctions": _junctions(network, set(at)),
-        "vessels": _vessels(network, conditions, at),
-    }
-
-
-def _wave(name: str, wave: Waveform, period: float, steps: int, *, flow: bool) -> dict[str, Any]:
-    time = cycle_times(period, steps, closed=True)
-    value = wave.at(time) * (CM3_PER_UL if flow else DYN_CM2_PER_PA)
-    value[-1] = value[0]
-    return {
-        "bc_name": name,
-        "bc_type": "FLOW" if flow else "PRESSURE",
-        "bc_values": {"Q" if flow else "P": value.tolist(), "t": time.tolist()},
-    }
-
-
-def _outlet(name: str, outlet: Outlet, period: float, steps: int) -> dict[str, Any]:
-    if isinstance(outlet, PressureOutlet):
-        return _wave(name, outlet.waveform, period, steps, flow=False)
-    distal = outlet.distal_pa * DYN_CM2_PER_PA
-    if isinstance(outlet, ResistanceOutlet):
-        values = {"R": outlet.resistance * DYN_S_CM5_PER_PA_S_UL, "Pd": distal}
-        return {"bc_name": name, "bc_type": "RESISTANCE", "bc_values": values}
-    values = {
-        "Rp": outlet.proximal * DYN_S_CM5_PER_PA_S_UL,
-        "C": outlet.compliance / DYN_S_CM5_PER_PA_S_UL,
-        "Rd": outlet.distal * DYN_S_CM5_PER_PA_S_UL,
-        "Pd": distal,
-    }
-    return {"bc_name": name, "bc_type": "RCR", "bc_values": values}
-
-
-def _junctions(network: VesselNetwork, ends: set[int]) -> list[dict[str, Any]]:
-    entering: list[list[int]] = [[] for _ in network.nodes]
-    leaving: list[list[int]] = [[] for _ in network.nodes]
-    for vessel, (first, last) in enumerate(network.vessel_nodes.tolist()):
-        leaving[first].append(vessel)
-        entering[last].append(vessel)
-    junctions = []
-    for node, (into, out) in enumerate(zip(entering, leaving, strict=True)):
-        if node in ends:
-            if len(into) + len(out) != 1:
-                raise FlowError(
-                    f"{len(into) + len(out)} vessels meet at end {node}; svZeroDSolver takes one "
-                    "vessel a boundary condition: lead them together by a short vessel"
-                )
-            continue
-        if not (into and out):
-            raise FlowError(
-                f"node {node} has vessels that only {'enter' if into else 'leave'}; turn one "
-                "round for svZeroDSolver"
-            )
-        junctions.append(
+        "boundary_conditions": blocks,
+        "junctions": [
             {
                 "junction_name": f"J{node}",
                 "junction_type": "NORMAL_JUNCTION",
                 "inlet_vessels": into,
                 "outlet_vessels": out,
             }
-        )
-    return junctions
+            for node, (into, out) in case.joints.items()
+        ],
+        "vessels": _vessels(network, conditions, at),
+    }
 
 
 def _vessels(
-    network: VesselNetwork, conditions: PulsatileConditions, at: dict[int, str]
+    network: VesselNetwork, conditions: PulsatileConditions, at: Mapping[int, str]
 ) -> list[dict[str, Any]]:
+    """Blocks of vessels; ``at`` names the boundary conditions by node."""
     lengths = network.lengths() / 10.0
     resistance = vessel_resistance(network, conditions.viscosity_pa_s) * DYN_S_CM5_PER_PA_S_UL
     inertance = PARABOLIC * plug_inertance(network, conditions.density) * DYN_S_CM5_PER_PA_S_UL
     compliance = conditions.wall.compliance(network) / DYN_S_CM5_PER_PA_S_UL
     vessels = []
-    for k, (first, last) in enumerate(network.vessel_nodes.tolist()):
-        named = {"inlet": at.get(first), "outlet": at.get(last)}
-        conditions_here = {side: name for side, name in named.items() if name is not None}
+    for k, ends in enumerate(network.vessel_nodes.tolist()):
         vessel: dict[str, Any] = {
             "vessel_id": k,
             "vessel_name": f"branch{k}_seg0",
@@ -182,9 +140,9 @@ def _vessels(
                 "L": float(inertance[k]),
             },
         }
-        if conditions_here:
-            vessel["boundary_conditions"] = conditions_here
-        vessels.append(vessel)
+        sides = zip(("inlet", "outlet"), ends, strict=True)
+        named = {side: at[node] for side, node in sides if node in at}
+        vessels.append(vessel | ({"boundary_conditions": named} if named else {}))
     return vessels
 
 
@@ -194,20 +152,27 @@ def _vessels(
 # end its process by a signal: a block without an inlet or outlet, an empty list. Case and results
 # go through pipes, so that a full disk can't shorten them.
 
-PERIODIC: Final = 1e-6
-"""Largest change over a cycle, relative to a column's mean magnitude, of a periodic state."""
-_MIN_SCALE: Final = 1e-3
-"""Of the largest mean magnitude of its kind: smaller ones are noise of the solver's tolerance."""
-MAX_STEPS: Final = 10_000_000
-"""Of a run; the solver counts steps in 32 bits and, with output_all_cycles, keeps them all."""
+
+class RunLimits(NamedTuple):
+    """Limits of a run."""
+
+    periodic_change: float = 1e-6
+    """Largest change over a cycle, relative to a column's mean magnitude, of a periodic state."""
+    min_scale: float = 1e-3
+    """Of the largest mean magnitude of its kind: smaller ones are noise of the solver."""
+    max_steps: int = 10_000_000
+    """The solver counts steps in 32 bits and, with output_all_cycles, keeps them all."""
+    max_message: int = 300
+    """Characters of a solver's message that are shown; it may repeat a whole number of the file."""
+
+
+LIMITS: Final = RunLimits()
 _OPTIONS: Final = "simulation_parameters"
 _CALIBRATION: Final = "calibration_parameters"
 _CYCLES: Final = "number_of_cardiac_cycles"
 _POINTS: Final = "number_of_time_pts_per_cardiac_cycle"
 _UNTIL_REPEATED: Final = "use_cycle_to_cycle_error"
 _EXTRA_CYCLES: Final = re.compile(r"Ran simulation for (\d+) more cycles")
-_MAX_MESSAGE: Final = 300
-"""Characters of a solver's message that are shown; it may repeat a whole number of the file."""
 _ALL: Final = ("flow_all", "pressure_all")
 """Initial values that stand for many variables."""
 _NAMES: Final = (
@@ -219,9 +184,8 @@ _ELEMENT: Final = re.compile(r"[RC]\w*")
 """Resistances and compliances; a calibration can make coefficients of a stenosis negative."""
 _BODIES: Final = ("chambers", "valves", "closed_loop_blocks")
 """Lists that a case may have in place of vessels."""
-_NO_PACKAGE: Final = 3
-_NO_MEMORY: Final = 4
-"""Exit codes."""
+_EXIT_CODES: Final = {"no package": 3, "no memory": 4}
+"""Of the script below."""
 _FAULTS: Final = ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV")
 """Signals by which a process ends by a fault of its own; others come from outside."""
 _LESS_MEMORY: Final = (
@@ -276,8 +240,8 @@ class SvZeroDRun:
         Gone through; None where the solver derives them from the Windkessels' decay.
     change : float or None
         Largest of flows and pressures from begin to end of the last cycle, each over its own mean
-        magnitude in it, or over `_MIN_SCALE` of the largest of these; None where the results don't
-        hold both.
+        magnitude in it, or over `RunLimits.min_scale` of the
+        largest of these; None where the results don't hold both.
     unused : tuple of str
         Initial values that the file gives for no variable of its model.
     """
@@ -289,11 +253,10 @@ class SvZeroDRun:
     @property
     def periodic(self) -> bool | None:
         """Whether the last cycle ended as it began."""
-        return None if self.change is None else self.change <= PERIODIC
+        return None if self.change is None else self.change <= LIMITS.periodic_change
 
 
-@dataclass(frozen=True)
-class _Table:
+class _Table(NamedTuple):
     """Results by name: ``time`` (t,), empty of a mean, and each column (t, m)."""
 
     names: tuple[str, ...]
@@ -360,10 +323,10 @@ def _checked_options(data: Mapping[str, Any]) -> dict[str, Any]:
     how["output_interval"] = whole(how, "output_interval", _OPTIONS, 1, 1)
     whole(how, "maximum_nonlinear_iterations", _OPTIONS, 2, 30)
     steps = how[_POINTS] - 1
-    if how[_CYCLES] * steps > MAX_STEPS:
+    if how[_CYCLES] * steps > LIMITS.max_steps:
         raise FlowError(
             f"{_OPTIONS}: {how[_CYCLES]:,} {_CYCLES} of {steps:,} steps are "
-            f"{how[_CYCLES] * steps:,} steps; the limit is {MAX_STEPS:,}; lower one of them"
+            f"{how[_CYCLES] * steps:,} steps; the limit is {LIMITS.max_steps:,}; lower one of them"
         )
     return how
 
@@ -430,16 +393,16 @@ def _solve(data: Mapping[str, Any]) -> tuple[list[str], list[str], str]:
     finally:
         os.close(kept)
         os.close(watched)
-    said = done.stdout.strip()[:_MAX_MESSAGE]
-    if done.returncode == _NO_PACKAGE:
+    message = done.stdout.strip()[: LIMITS.max_message]
+    if done.returncode == _EXIT_CODES["no package"]:
         raise FlowError(
             "a case of svZeroDSolver needs the package svzerod, which can't be imported "
-            f"({said}); pip install 'printctl[svzerod]'"
+            f"({message}); pip install 'printctl[svzerod]'"
         )
-    if done.returncode == _NO_MEMORY:
+    if done.returncode == _EXIT_CODES["no memory"]:
         raise FlowError(f"svZeroDSolver ran out of memory; {_LESS_MEMORY}")
     if done.returncode > 0:
-        raise FlowError(f"svZeroDSolver: {said}")
+        raise FlowError(f"svZeroDSolver: {message}")
     if done.returncode < 0:
         end = signal.Signals(-done.returncode).name
         if end == "SIGKILL":
@@ -491,7 +454,7 @@ def _change(found: _Table, how: Mapping[str, Any]) -> float | None:
         ]
         cycle = np.concatenate([column[-1 - parts :] for column in columns], axis=1)
         scale = np.abs(cycle).mean(axis=0)
-        scale = np.maximum(scale, _MIN_SCALE * scale.max(initial=0.0))
+        scale = np.maximum(scale, LIMITS.min_scale * scale.max(initial=0.0))
         moved = np.abs(cycle[-1] - cycle[0])[scale > 0.0]
         worst = max(worst, float((moved / scale[scale > 0.0]).max(initial=0.0)))
     return worst

@@ -12,7 +12,7 @@ from design.hemodynamics.oxygen.solution import (
     oxygen_table,
     write_oxygen_vti,
 )
-from design.hemodynamics.oxygen.solve import SolverOptions, solve_oxygen, solve_refined
+from design.hemodynamics.oxygen.solve import solve_oxygen, solve_refined
 from design.hemodynamics.oxygen.tissue_grid import (
     TissueGrid,
     grid_of_box,
@@ -24,7 +24,6 @@ __all__ = [
     "HALF",
     "OxygenConditions",
     "OxygenSolution",
-    "SolverOptions",
     "TissueGrid",
     "assumptions",
     "grid_of_box",

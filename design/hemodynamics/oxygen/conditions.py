@@ -22,7 +22,7 @@ AIR_MILLIMOLAR: Final = 0.2
 NMOL_PER_MOL: Final = 1e9
 UL_PER_ML: Final = 1e3
 
-_MAY_BE_ZERO: Final = ("inlet_millimolar", "threshold_millimolar")
+_MAY_BE_ZERO: Final = ("inlet_millimolar", "threshold_millimolar", "bath_millimolar")
 
 
 @dataclass(frozen=True)
@@ -70,14 +70,10 @@ class OxygenConditions:
 
 
 def _check(name: str, value: float | None) -> None:
-    if name == "bath_millimolar":
-        if value is None:
-            return
-        bad = not (np.isfinite(value) and value >= 0.0)
-    else:
-        least = 0.0 if name in _MAY_BE_ZERO else 1e-300
-        bad = value is None or not (np.isfinite(value) and value >= least)
-    if bad:
+    if name == "bath_millimolar" and value is None:
+        return
+    least = 0.0 if name in _MAY_BE_ZERO else 1e-300
+    if value is None or not (np.isfinite(value) and value >= least):
         raise FlowError(f"oxygen: {name} is {value}; give a number above 0")
 
 

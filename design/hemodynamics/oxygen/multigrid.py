@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -12,8 +11,17 @@ from design.hemodynamics.oxygen.tissue_grid import TissueGrid
 from kernels import jit
 from kernels.arrays import FloatArray
 
-_SWEEPS: Final = 1
-_ON_THE_COARSEST: Final = 60
+
+class CycleLimits(NamedTuple):
+    """Shape of the V-cycle: one sweep down and one up on every level but the coarsest."""
+
+    coarsest_sweeps: int = 60
+    """Of Gauss-Seidel, over at most 125 cells."""
+    coarsest_cells: int = 5
+    """Along the longest side of the coarsest level."""
+
+
+CYCLE: Final = CycleLimits()
 
 
 class VCycle:
@@ -43,21 +51,18 @@ class VCycle:
 
     def _cycle(self, depth: int, given: FloatArray) -> FloatArray:
         level, value, rest = self.levels[depth], self._value[depth], self._rest[depth]
-        faces = (level.east, level.north, level.up, level.own)
         value[:] = 0.0
         if depth == len(self.levels) - 1:
-            for sweep in range(_ON_THE_COARSEST):
-                relax(*faces, given, value, sweep % 2 == 1)
+            for sweep in range(CYCLE.coarsest_sweeps):
+                relax(level, given, value, sweep % 2 == 1)
             return value
-        for _ in range(_SWEEPS):
-            relax(*faces, given, value, False)
-        apply(*faces, value, rest)
+        relax(level, given, value, False)
+        apply(level, value, rest)
         np.subtract(given, rest, out=rest)
         add_eight(rest, self._given[depth])
         correction = self._cycle(depth + 1, self._given[depth])
         add_between(correction, self.levels[depth + 1].own, value)
-        for _ in range(_SWEEPS):
-            relax(*faces, given, value, True)
+        relax(level, given, value, True)
         return value
 
 
@@ -101,14 +106,8 @@ def add_between(coarse: FloatArray, inside: FloatArray, fine: FloatArray) -> Non
 # the fine faces between them do together, since the way is twice as long (cell-centred multigrid,
 # Wesseling 1988, J Comput Phys 79, 85).
 
-_SMALLEST: Final = 5
-_NEAREST: Final = 0.25
-"""A bath is no nearer to a cell's middle than this share of the spacing: rounding aside, the
-staircase's cells are that far below the surface or more."""
 
-
-@dataclass(frozen=True)
-class Level:
+class Level(NamedTuple):
     """Conductances of one grid, in µL/s; all arrays have a layer of empty cells all round.
 
     Attributes
@@ -141,25 +140,26 @@ def finest_level(grid: TissueGrid, diffusivity: float) -> Level:
 def bath_conductance(grid: TissueGrid, diffusivity: float) -> FloatArray:
     """From each cell to the bath beyond the tissue's surface, (nx, ny, nz), µL/s.
 
-    Through each face to an empty cell, over the cell's depth below the surface.
+    Through each face to an empty cell, over the cell's depth below the surface: a quarter of the
+    spacing at least, since rounding aside the staircase's cells are that deep or deeper.
     """
     h, bare = grid.spacing_mm, np.zeros(grid.inside.shape)
     for axis in range(3):
         for step in (-1, 1):
             bare += grid.inside & ~np.roll(grid.inside, step, axis=axis)
     # Below a surface aslant to the axes a cell shows it several faces for the one it has.
-    return bare * diffusivity * h * h / np.clip(grid.depth_mm, _NEAREST * h, h)
+    return bare * diffusivity * h * h / np.clip(grid.depth_mm, 0.25 * h, h)
 
 
 def coarser(level: Level) -> list[Level]:
     """``level`` and its coarser ones, down to a few cells, whose ``own`` is still 0."""
     levels = [level]
-    while max(levels[-1].own.shape) > _SMALLEST + 2:
+    while max(levels[-1].own.shape) > CYCLE.coarsest_cells + 2:
         fine = levels[-1]
         shape = tuple((n - 2 + 1) // 2 + 2 for n in fine.own.shape)
-        faces = [np.zeros(shape, dtype=np.float32) for _ in range(3)]
-        _coarsen(fine.east, fine.north, fine.up, *faces)
-        levels.append(Level(faces[0], faces[1], faces[2], np.zeros(shape)))
+        east, north, up = np.zeros((3, *shape), dtype=np.float32)
+        levels.append(Level(east, north, up, np.zeros(shape)))
+        _coarsen(fine, levels[-1])
     return levels
 
 
@@ -170,21 +170,18 @@ def restrict_losses(levels: list[Level]) -> None:
 
 
 @jit
-def _coarsen(
-    east: np.ndarray, north: np.ndarray, up: np.ndarray,
-    wide_east: np.ndarray, wide_north: np.ndarray, wide_up: np.ndarray,
-) -> None:  # fmt: skip
-    nx, ny, nz = east.shape
+def _coarsen(fine: Level, coarse: Level) -> None:
+    nx, ny, nz = fine.east.shape
     for i in range(1, nx - 1):
         for j in range(1, ny - 1):
             for k in range(1, nz - 1):
                 a, b, c = (i + 1) // 2, (j + 1) // 2, (k + 1) // 2
                 if i % 2 == 0:
-                    wide_east[a, b, c] += np.float32(0.5) * east[i, j, k]
+                    coarse.east[a, b, c] += np.float32(0.5) * fine.east[i, j, k]
                 if j % 2 == 0:
-                    wide_north[a, b, c] += np.float32(0.5) * north[i, j, k]
+                    coarse.north[a, b, c] += np.float32(0.5) * fine.north[i, j, k]
                 if k % 2 == 0:
-                    wide_up[a, b, c] += np.float32(0.5) * up[i, j, k]
+                    coarse.up[a, b, c] += np.float32(0.5) * fine.up[i, j, k]
 
 
 @jit
@@ -199,11 +196,9 @@ def add_eight(fine: FloatArray, coarse: FloatArray) -> None:
 
 
 @jit
-def apply(
-    east: np.ndarray, north: np.ndarray, up: np.ndarray, own: FloatArray, c: FloatArray,
-    out: FloatArray,
-) -> None:  # fmt: skip
+def apply(level: Level, c: FloatArray, out: FloatArray) -> None:
     """What each cell loses, nmol/s, into ``out``; its outer layer stays as it is."""
+    east, north, up, own = level
     nx, ny, nz = c.shape
     for i in range(1, nx - 1):
         for j in range(1, ny - 1):
@@ -221,11 +216,9 @@ def apply(
 
 
 @jit
-def relax(
-    east: np.ndarray, north: np.ndarray, up: np.ndarray, own: FloatArray, given: FloatArray,
-    c: FloatArray, backward: bool,
-) -> None:  # fmt: skip
+def relax(level: Level, given: FloatArray, c: FloatArray, backward: bool) -> None:
     """One sweep of Gauss-Seidel in place, forward or backward."""
+    east, north, up, own = level
     nx, ny, nz = c.shape
     for a in range(1, nx - 1):
         i = nx - 1 - a if backward else a

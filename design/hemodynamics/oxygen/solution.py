@@ -103,8 +103,6 @@ class OxygenSolution:
         return int(i), int(j), int(k)
 
 
-# Summarise an oxygen solution: totals, extremes, balance, histogram and a table of vessels.
-
 BINS: Final = 40
 MMHG_PER_MILLIMOLAR: Final = AIR_MMHG / AIR_MILLIMOLAR
 """Henry's law: medium at 37 °C holds 0.2 mM under 149 mmHg."""
@@ -161,8 +159,8 @@ def oxygen_summary(fine: OxygenSolution, coarse: OxygenSolution | None = None) -
 
 def _percentile(solution: OxygenSolution, percent: float) -> float:
     """By volume."""
-    held = solution.tissue_share > 0.0
-    value, weight = solution.concentration[held], solution.tissue_share[held]
+    is_tissue = solution.tissue_share > 0.0
+    value, weight = solution.concentration[is_tissue], solution.tissue_share[is_tissue]
     order = np.argsort(value)
     below = np.cumsum(weight[order])
     return float(value[order][np.searchsorted(below, percent / 100.0 * below[-1])])
@@ -200,8 +198,6 @@ def oxygen_table(
         "wall_flux_nmol_s": solution.wall_flux,
     }
 
-
-# Write the oxygen concentration in the tissue as VTK image data (`.vti`) for ParaView.
 
 _BLOCK: Final = 1 << 20
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, bicgstab
@@ -37,21 +36,20 @@ from design.network import VesselNetwork
 from kernels.arrays import FloatArray
 
 
-@dataclass(frozen=True)
-class SolverOptions:
-    """Convergence limits of the oxygen solver.
-
-    Attributes
-    ----------
-    tolerance : float
-        Sum of the sizes of what is left over in all cells, over what is taken up.
-    newton, krylov : int
-        Steps at most.
-    """
+class SolverLimits(NamedTuple):
+    """When the oxygen solver stops."""
 
     tolerance: float = 1e-6
+    """Sum of the sizes of what is left over in all cells, over what is taken up."""
     newton: int = 40
+    """Steps at most."""
     krylov: int = 200
+    """Linear steps at most in each of these."""
+    grids: int = 3
+    """Of `solve_refined`, each of twice the next one's spacing."""
+
+
+LIMITS: Final = SolverLimits()
 
 
 def solve_oxygen(
@@ -60,7 +58,6 @@ def solve_oxygen(
     grid: TissueGrid,
     conditions: OxygenConditions,
     guess: OxygenSolution | None = None,
-    options: SolverOptions | None = None,
 ) -> OxygenSolution:
     """Solve steady advection in the vessels, diffusion and uptake in the tissue.
 
@@ -73,11 +70,8 @@ def solve_oxygen(
         In the tissue's frame.
     flow : FlowSolution
         Of that network, in any direction.
-    grid : TissueGrid
-    conditions : OxygenConditions
     guess : OxygenSolution, optional
         On another grid of the same tissue, to begin with.
-    options : SolverOptions, optional
 
     Raises
     ------
@@ -85,7 +79,6 @@ def solve_oxygen(
         When nothing flows, no vessel runs through the tissue, lumens fill it, or the steps don't
         lead to a solution.
     """
-    options = options or SolverOptions()
     if not np.abs(flow.flow).max() > 0.0:
         raise FlowError("no vessel carries any flow, and so no oxygen; check the flow first")
     problem = OxygenProblem(network, flow, grid, conditions)
@@ -93,8 +86,8 @@ def solve_oxygen(
     c = _begin(grid, conditions, guess)
     steps = cycles = 0
     loss = problem.loss(c)
-    while float(np.abs(loss).sum()) > (goal := options.tolerance * _scale(problem, c)):
-        if steps == options.newton:
+    while float(np.abs(loss).sum()) > (goal := LIMITS.tolerance * _scale(problem, c)):
+        if steps == LIMITS.newton:
             raise FlowError(
                 f"oxygen: {steps} Newton steps leave {np.abs(loss).sum():.3g} nmol/s unbalanced, "
                 f"above {goal:.3g}; raise half_millimolar ({conditions.half_millimolar:g} mM) or "
@@ -104,9 +97,7 @@ def solve_oxygen(
         inverse = problem.approximate_inverse(slope)
         size = float(np.abs(loss).sum())
         aim = min(0.03, max(0.3 * goal / size, 1e-10))
-        change = partial(problem.change, slope=slope)
-        step = _solve_linear(change, -loss, inverse, aim, options.krylov)
-        c += step
+        c += _solve_linear(partial(problem.change, slope=slope), -loss, inverse, aim)
         loss = problem.loss(c)
         steps, cycles = steps + 1, cycles + inverse.count
     return _solution(problem, c, steps, cycles)
@@ -117,13 +108,12 @@ def _solve_linear(
     given: FloatArray,
     inverse: VCycle,
     tolerance: float,
-    max_steps: int,
 ) -> FloatArray:
     """Return about the solution of ``change(x) = given``, (n,); Newton's method judges it."""
     shape = 2 * given.shape
     exact = LinearOperator(shape, change, dtype=np.float64)
     about = LinearOperator(shape, inverse, dtype=np.float64)
-    return bicgstab(exact, given, rtol=tolerance, atol=0.0, maxiter=max_steps, M=about)[0]
+    return bicgstab(exact, given, rtol=tolerance, atol=0.0, maxiter=LIMITS.krylov, M=about)[0]
 
 
 def _check(problem: OxygenProblem) -> None:
@@ -136,7 +126,7 @@ def _check(problem: OxygenProblem) -> None:
     if not problem.conductance.any() and problem.conditions.bath_millimolar is None:
         raise FlowError(
             "no vessel runs through the tissue, so nothing reaches it; check that network and "
-            "tissue are in one frame and in the units said"
+            "tissue are in one frame and in the same units"
         )
 
 
@@ -227,14 +217,11 @@ class OxygenProblem:
         if conditions.bath_millimolar is not None:
             self.bath = bath_conductance(grid, conditions.tissue_diffusivity_mm2_s).ravel()
         self._lumped = np.zeros(grid.inside.size)
-        self._scatter(self.conductance, self._lumped)
+        scatter(self.elements, self.conductance, self._lumped)
 
     def around(self, c: FloatArray) -> FloatArray:
         """What the grid holds at each element, (n,), mM."""
-        return gather(self.elements.start, self.elements.cell, self.elements.weight, c)
-
-    def _scatter(self, value: FloatArray, field: FloatArray) -> None:
-        scatter(self.elements.start, self.elements.cell, self.elements.weight, value, field)
+        return gather(self.elements, c)
 
     def taken_up(self, c: FloatArray) -> FloatArray:
         """By each cell, nmol/s."""
@@ -248,13 +235,13 @@ class OxygenProblem:
             self.transport, self.conductance, self.around(c), self.conditions.inlet_millimolar
         )[0]
         loss = self._spread(c, self.bath) + self.taken_up(c) - self.bath * bath
-        self._scatter(-flux, loss)
+        scatter(self.elements, -flux, loss)
         return loss
 
     def _spread(self, c: FloatArray, own: FloatArray) -> FloatArray:
-        level, shape = self.levels[0], self.grid.inside.shape
+        shape = self.grid.inside.shape
         spread = np.zeros(shape)
-        apply(level.east, level.north, level.up, own.reshape(shape), c.reshape(shape), spread)
+        apply(self.levels[0]._replace(own=own.reshape(shape)), c.reshape(shape), spread)
         return spread.ravel()
 
     def slope(self, c: FloatArray) -> FloatArray:
@@ -266,7 +253,7 @@ class OxygenProblem:
         """By how much `loss` changes with a small step, exactly: what is upstream included."""
         flux = sweep(self.transport, self.conductance, self.around(step), 0.0)[0]
         change = self._spread(step, slope)
-        self._scatter(-flux, change)
+        scatter(self.elements, -flux, change)
         return change
 
     def approximate_inverse(self, slope: FloatArray) -> VCycle:
@@ -276,10 +263,6 @@ class OxygenProblem:
         return VCycle(self.levels)
 
 
-# Solve for oxygen on finer and finer grids; return the finest and the next coarser solution.
-
-GRIDS: Final = 3
-"""Each of twice the next one's spacing."""
 Grids = Callable[[float], TissueGrid]
 """A tissue's grid by its spacing in mm."""
 
@@ -290,7 +273,6 @@ def solve_refined(
     grids: Grids,
     spacing_mm: float,
     conditions: OxygenConditions,
-    options: SolverOptions | None = None,
     report: Callable[[float, str], None] | None = None,
 ) -> tuple[OxygenSolution, OxygenSolution | None]:
     """Solve at ``spacing_mm``, by way of four and two times that.
@@ -298,7 +280,7 @@ def solve_refined(
     Returns
     -------
     OxygenSolution, OxygenSolution or None
-        At the spacing asked for, and at twice that; None where the tissue is too thin for it.
+        At ``spacing_mm``, and at twice that; None where the tissue is too thin for it.
 
     Raises
     ------
@@ -306,28 +288,14 @@ def solve_refined(
         As `solve_oxygen`, or for a spacing that the tissue can't be cut by.
     """
     solution: OxygenSolution | None = None
-    before: OxygenSolution | None = None
-    for number in range(GRIDS):
-        spacing = spacing_mm * 2.0 ** (GRIDS - 1 - number)
+    for number in range(LIMITS.grids):
+        spacing = spacing_mm * 2.0 ** (LIMITS.grids - 1 - number)
         if report is not None:
-            report(8.0 ** (number - GRIDS), f"{spacing * 1e3:.3g} µm")
-        if number < GRIDS - 1:
-            solution = _coarse(network, flow, grids, spacing, conditions, solution, options)
-            before = solution
-    return solve_oxygen(network, flow, grids(spacing_mm), conditions, solution, options), before
-
-
-def _coarse(
-    network: VesselNetwork,
-    flow: FlowSolution,
-    grids: Grids,
-    spacing: float,
-    conditions: OxygenConditions,
-    guess: OxygenSolution | None,
-    options: SolverOptions | None,
-) -> OxygenSolution | None:
-    """What a coarser grid says; None where it can't resolve what the finest one may."""
-    try:
-        return solve_oxygen(network, flow, grids(spacing), conditions, guess, options)
-    except FlowError:
-        return None
+            report(8.0 ** (number - LIMITS.grids), f"{spacing * 1e3:.3g} µm")
+        if number < LIMITS.grids - 1:
+            try:
+                solution = solve_oxygen(network, flow, grids(spacing), conditions, solution)
+            except FlowError:
+                # A coarse grid needn't resolve what the finest one may.
+                solution = None
+    return solve_oxygen(network, flow, grids(spacing_mm), conditions, solution), solution

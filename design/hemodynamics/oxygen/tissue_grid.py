@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +17,7 @@ CELLS_AT_MOST: Final = 40_000_000
 _SLAB = 2_000_000
 
 
-@dataclass(frozen=True)
-class TissueGrid:
+class TissueGrid(NamedTuple):
     """Cubic cells, one layer of empty ones all round, so that kernels need no test for the edge.
 
     Attributes

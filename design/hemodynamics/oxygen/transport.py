@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import i0e
 
 from design.hemodynamics.oxygen.conditions import OxygenConditions
@@ -17,12 +15,32 @@ from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-STILL: Final = 1e-9
-"""Share of the largest flow below which a vessel carries nothing."""
+
+class Coupling(NamedTuple):
+    """How vessels are cut up and read on the grid."""
+
+    still: float = 1e-9
+    """Share of the largest flow below which a vessel carries nothing."""
+    rings: int = 2
+    """Rings of source points in an element of one cell's length."""
+    thin: float = 0.25
+    """Lumens of a smaller radius, in cells, have one point instead of a ring."""
+    smoothing: float = 0.6234
+    """Deviation, in cells and along each axis, of the Gaussian that answers as the grid does: laid
+    on 27 cells by quadratic B-splines, spread by the five-point star in the plane across the
+    vessel, and read by the B-splines. From Green's functions of a 192 × 192 lattice for 40 places
+    in a cell: a thin line answers at its own place as the exact solution does 0.661 ± 0.027 cells
+    away from it."""
 
 
-@dataclass(frozen=True)
-class Transport:
+COUPLING: Final = Coupling()
+Pieces = tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]
+"""Of `VesselNetwork.pieces`."""
+Rings = tuple[FloatArray, FloatArray, FloatArray]
+"""Middles (n, 3), axes (n, 3) and radii (n,)."""
+
+
+class Transport(NamedTuple):
     """Vessels in flow order with their flows, as `sweep` needs them.
 
     Attributes
@@ -56,7 +74,7 @@ class Transport:
 def transport_of(network: VesselNetwork, flow: FlowSolution, elements: Elements) -> Transport:
     """Order a network's vessels for sweeps."""
     size = np.abs(flow.flow)
-    moves = size > STILL * size.max()
+    moves = size > COUPLING.still * size.max()
     forward = flow.flow >= 0.0
     first, last = network.vessel_nodes.T
     begin, end = np.where(forward, first, last), np.where(forward, last, first)
@@ -65,7 +83,7 @@ def transport_of(network: VesselNetwork, flow: FlowSolution, elements: Elements)
     entering = np.bincount(end, weights=np.where(moves, size, 0.0), minlength=len(inflow))
     leaving = np.bincount(begin, weights=np.where(moves, size, 0.0), minlength=len(inflow))
     # At an inner node the rounding of a sum isn't a supply.
-    supplied = np.where(inflow > STILL * (entering + leaving), inflow, 0.0)
+    supplied = np.where(inflow > COUPLING.still * (entering + leaving), inflow, 0.0)
     return Transport(
         order=order[moves[order]],
         begin=begin,
@@ -78,6 +96,7 @@ def transport_of(network: VesselNetwork, flow: FlowSolution, elements: Elements)
     )
 
 
+@jit
 def sweep(
     transport: Transport, conductance: FloatArray, outside: FloatArray, inlet: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -103,78 +122,27 @@ def sweep(
         At the ends of each vessel, in the flow's direction; NaN where nothing flows.
     """
     flux = np.zeros(len(conductance))
-    entry, leaves = np.full((2, len(transport.flow)), np.nan)
-    _sweep(
-        transport.order, transport.begin, transport.end, transport.forward, transport.flow,
-        transport.supplied * inlet, transport.through, transport.offset, conductance, outside,
-        flux, entry, leaves,
-    )  # fmt: skip
-    return flux, entry, leaves
-
-
-@jit
-def _sweep(
-    order: IntArray,
-    begin: IntArray,
-    end: IntArray,
-    forward: np.ndarray,
-    flow: FloatArray,
-    arrived: FloatArray,
-    through: FloatArray,
-    offset: IntArray,
-    conductance: FloatArray,
-    outside: FloatArray,
-    flux: FloatArray,
-    entry: FloatArray,
-    leaves: FloatArray,
-) -> None:
-    """``arrived`` (nodes,), nmol/s, grows by what each vessel brings."""
-    for vessel in order:
-        node = begin[vessel]
-        here = arrived[node] / through[node] if through[node] > 0.0 else 0.0
+    entry, leaves = np.full(len(transport.flow), np.nan), np.full(len(transport.flow), np.nan)
+    arrived = transport.supplied * inlet
+    for vessel in transport.order:
+        node, flow = transport.begin[vessel], transport.flow[vessel]
+        here = arrived[node] / transport.through[node] if transport.through[node] > 0.0 else 0.0
         entry[vessel] = here
-        low, high = offset[vessel], offset[vessel + 1]
+        low, high = transport.offset[vessel], transport.offset[vessel + 1]
         for k in range(high - low):
-            e = low + k if forward[vessel] else high - 1 - k
-            flux[e] = -flow[vessel] * np.expm1(-conductance[e] / flow[vessel])
+            e = low + k if transport.forward[vessel] else high - 1 - k
+            flux[e] = -flow * np.expm1(-conductance[e] / flow)
             flux[e] *= here - outside[e]
-            here -= flux[e] / flow[vessel]
+            here -= flux[e] / flow
         leaves[vessel] = here
-        arrived[end[vessel]] += flow[vessel] * here
-
-
-@jit
-def gather(start: IntArray, cell: IntArray, weight: FloatArray, field: FloatArray) -> FloatArray:
-    """Weighted mean of a flat field around each element, (n,)."""
-    mean = np.zeros(len(start) - 1)
-    for e in range(len(mean)):
-        total = 0.0
-        for k in range(start[e], start[e + 1]):
-            total += weight[k] * field[cell[k]]
-        mean[e] = total
-    return mean
-
-
-@jit
-def scatter(
-    start: IntArray, cell: IntArray, weight: FloatArray, value: FloatArray, field: FloatArray
-) -> None:
-    """Add each element's value to a flat field by its weights."""
-    for e in range(len(value)):
-        for k in range(start[e], start[e + 1]):
-            field[cell[k]] += weight[k] * value[e]
+        arrived[transport.end[vessel]] += flow * here
+    return flux, entry, leaves
 
 
 # Cut vessels into short elements coupled to tissue grid cells; find each cell's lumen fraction.
 
-_RINGS = 2
-"""Rings of source points in an element of one cell's length."""
-_THIN = 0.25
-"""Lumens of a smaller radius, in cells, have one point instead of a ring."""
 
-
-@dataclass(frozen=True)
-class Elements:
+class Elements(NamedTuple):
     """Pieces of vessels, about a cell long, vessel by vessel.
 
     Attributes
@@ -207,17 +175,38 @@ def cut_vessels(network: VesselNetwork, grid: TissueGrid) -> Elements:
     vessel = np.repeat(np.arange(network.vessel_count), count)
     offset = np.concatenate([[0], np.cumsum(count)])
     number = np.arange(len(vessel)) - offset[vessel]
-    part = (number[:, None] + (np.arange(_RINGS) + 0.5) / _RINGS) / count[vessel][:, None]
-    at, axis, radius = _along(network, np.repeat(vessel, _RINGS), part.ravel())
-    mean = radius.reshape(-1, _RINGS).mean(axis=1)
+    rings = COUPLING.rings
+    part = (number[:, None] + (np.arange(rings) + 0.5) / rings) / count[vessel][:, None]
+    at, axis, radius = _along(network, np.repeat(vessel, rings), part.ravel())
+    mean = radius.reshape(-1, rings).mean(axis=1)
     points = np.where(
-        mean < _THIN * h, 1, np.maximum(np.ceil(2.0 * np.pi * mean / (0.75 * h)), 4)
+        mean < COUPLING.thin * h, 1, np.maximum(np.ceil(2.0 * np.pi * mean / (0.75 * h)), 4)
     ).astype(np.int64)
-    start = 27 * _RINGS * np.concatenate([[0], np.cumsum(points)])
-    cell = np.zeros(start[-1], dtype=np.int64)
-    weight = np.zeros(start[-1])
-    _spread(at, axis, radius, points, grid.origin_mm, h, grid.inside, start, cell, weight)
-    return Elements(vessel, offset, lengths[vessel] / count[vessel], mean, start, cell, weight)
+    start = 27 * rings * np.concatenate([[0], np.cumsum(points)])
+    length, cell = lengths[vessel] / count[vessel], np.zeros(start[-1], dtype=np.int64)
+    elements = Elements(vessel, offset, length, mean, start, cell, np.zeros(start[-1]))
+    _spread(elements, (at, axis, radius), points, grid)
+    return elements
+
+
+@jit
+def gather(elements: Elements, field: FloatArray) -> FloatArray:
+    """Weighted mean of a flat field around each element, (n,)."""
+    start, mean = elements.start, np.zeros(len(elements.start) - 1)
+    for e in range(len(mean)):
+        total = 0.0
+        for k in range(start[e], start[e + 1]):
+            total += elements.weight[k] * field[elements.cell[k]]
+        mean[e] = total
+    return mean
+
+
+@jit
+def scatter(elements: Elements, value: FloatArray, field: FloatArray) -> None:
+    """Add each element's value to a flat field by its weights."""
+    for e in range(len(value)):
+        for k in range(elements.start[e], elements.start[e + 1]):
+            field[elements.cell[k]] += elements.weight[k] * value[e]
 
 
 def _along(
@@ -228,47 +217,45 @@ def _along(
     step[network.offset[1:-1] - 1] = 0.0
     arc = np.concatenate([[0.0], np.cumsum(step)])
     first, last = network.offset[vessel], network.offset[vessel + 1] - 1
-    asked = arc[first] + part * (arc[last] - arc[first])
-    k = np.clip(np.searchsorted(arc, asked, side="right") - 1, first, last - 1)
+    target = arc[first] + part * (arc[last] - arc[first])
+    k = np.clip(np.searchsorted(arc, target, side="right") - 1, first, last - 1)
     wide = np.maximum(arc[k + 1] - arc[k], 1e-300)
-    share = np.clip((asked - arc[k]) / wide, 0.0, 1.0)
+    share = np.clip((target - arc[k]) / wide, 0.0, 1.0)
     a, b = network.points[k], network.points[k + 1]
     radius = network.radius[k] + share * (network.radius[k + 1] - network.radius[k])
     return a + share[:, None] * (b - a), (b - a) / wide[:, None], radius
 
 
 @jit
-def _spread(
-    at: FloatArray,
-    axis: FloatArray,
-    radius: FloatArray,
-    points: IntArray,
-    origin: FloatArray,
-    h: float,
-    inside: NDArray[np.bool_],
-    start: IntArray,
-    cell: IntArray,
-    weight: FloatArray,
-) -> None:
+def _turn_across(axis: FloatArray, across: FloatArray, other: FloatArray) -> None:
+    """Write two unit vectors across a unit axis, (3,) each."""
+    least = np.argmin(np.abs(axis))
+    across[:] = -axis[least] * axis
+    across[least] += 1.0
+    across /= np.sqrt((across**2).sum())
+    other[0] = axis[1] * across[2] - axis[2] * across[1]
+    other[1] = axis[2] * across[0] - axis[0] * across[2]
+    other[2] = axis[0] * across[1] - axis[1] * across[0]
+
+
+@jit
+def _spread(elements: Elements, rings: Rings, points: IntArray, grid: TissueGrid) -> None:
     """Lay each element's ring points on 27 cells each by quadratic B-splines.
 
     What falls on cells outside the tissue is shared out among those inside: nothing passes the
-    surface. In one kernel because the weights' count is only known here.
+    surface.
     """
+    at, axis, radius = rings
+    origin, h, inside = grid.origin_mm, grid.spacing_mm, grid.inside
     nx, ny, nz = inside.shape
+    start, cell, weight = elements.start, elements.cell, elements.weight
     low, across, other, where = np.empty(3, np.int64), np.empty(3), np.empty(3), np.empty(3)
     spline = np.empty((3, 3))
     for e in range(len(points)):
         k, total = start[e], 0.0
-        for ring in range(_RINGS):
-            i = e * _RINGS + ring
-            least = np.argmin(np.abs(axis[i]))
-            across[:] = -axis[i, least] * axis[i]
-            across[least] += 1.0
-            across /= np.sqrt((across**2).sum()) + 1e-300
-            other[0] = axis[i, 1] * across[2] - axis[i, 2] * across[1]
-            other[1] = axis[i, 2] * across[0] - axis[i, 0] * across[2]
-            other[2] = axis[i, 0] * across[1] - axis[i, 1] * across[0]
+        for ring in range(COUPLING.rings):
+            i = e * COUPLING.rings + ring
+            _turn_across(axis[i], across, other)
             for p in range(points[e]):
                 # The two rings are turned against each other by half a step.
                 angle = 2.0 * np.pi * (p + 0.5 * ring) / points[e]
@@ -292,7 +279,7 @@ def _spread(
                                 weight[k] = spline[0, a] * spline[1, b] * spline[2, c]
                                 total += weight[k]
                             k += 1
-        share = total / (_RINGS * points[e])
+        share = total / (COUPLING.rings * points[e])
         scale = 1.0 / total if share > 0.5 else 0.0
         for k in range(start[e], start[e + 1]):
             weight[k] *= scale
@@ -300,24 +287,16 @@ def _spread(
 
 def lumen_share(network: VesselNetwork, grid: TissueGrid) -> FloatArray:
     """Share of each cell that is lumen, (nx, ny, nz), 0 to 1; no uptake there."""
-    h = grid.spacing_mm
-    start, end, r0, r1, _ = network.pieces()
     filled = np.zeros(grid.inside.shape)
-    _fill(start, end, r0, r1, grid.origin_mm, h, filled)
+    _fill(network.pieces(), grid, filled)
     return np.minimum(filled, 1.0, out=filled)
 
 
 @jit
-def _fill(
-    start: FloatArray,
-    end: FloatArray,
-    r0: FloatArray,
-    r1: FloatArray,
-    origin: FloatArray,
-    h: float,
-    filled: FloatArray,
-) -> None:
+def _fill(pieces: Pieces, grid: TissueGrid, filled: FloatArray) -> None:
     """Add the volume of each piece, in points a third of a cell apart, to the cells they lie in."""
+    start, end, r0, r1, _ = pieces
+    origin, h = grid.origin_mm, grid.spacing_mm
     nx, ny, nz = filled.shape
     across, other = np.empty(3), np.empty(3)
     for i in range(len(start)):
@@ -326,13 +305,7 @@ def _fill(
         if length == 0.0:
             continue
         axis = axis / length
-        least = np.argmin(np.abs(axis))
-        across[:] = -axis[least] * axis
-        across[least] += 1.0
-        across /= np.sqrt((across**2).sum())
-        other[0] = axis[1] * across[2] - axis[2] * across[1]
-        other[1] = axis[2] * across[0] - axis[0] * across[2]
-        other[2] = axis[0] * across[1] - axis[1] * across[0]
+        _turn_across(axis, across, other)
         steps = int(np.ceil(3.0 * length / h))
         for s in range(steps):
             t = (s + 0.5) / steps
@@ -364,11 +337,6 @@ def _fill(
 # spread on purpose, as by Koch et al. 2020 (doi 10.1016/j.jcp.2020.109370), so that it doesn't
 # depend on where in a cell, or in which direction, a vessel runs.
 
-SMOOTHING: Final = 0.6234
-"""Deviation, in cells and along each axis, of the Gaussian that answers as the grid does: laid on
-27 cells by quadratic B-splines, spread by the five-point star in the plane across the vessel, and
-read by the B-splines. From Green's functions of a 192 × 192 lattice for 40 places in a cell: a thin
-line answers at its own place as the exact solution does 0.661 ± 0.027 cells away from it."""
 _LOW, _HIGH = 1e-5, 1e8
 
 
@@ -381,9 +349,9 @@ def subgrid(radius: FloatArray, spacing_mm: float) -> FloatArray:
     ln(√2 s/r) - γ/2, for r ≫ s to 0.
     """
     x, value = _table()
-    asked = np.log((np.asarray(radius) / (SMOOTHING * spacing_mm)) ** 2)
-    thin = 0.5 * (np.log(2.0) - np.euler_gamma - asked)
-    return np.where(asked < x[0], thin, np.interp(asked, x, value))
+    log_ratio = np.log((np.asarray(radius) / (COUPLING.smoothing * spacing_mm)) ** 2)
+    thin = 0.5 * (np.log(2.0) - np.euler_gamma - log_ratio)
+    return np.where(log_ratio < x[0], thin, np.interp(log_ratio, x, value))
 
 
 @cache

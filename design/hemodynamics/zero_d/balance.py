@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, diags_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import lsmr
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions, rescaled
 from design.hemodynamics.vessel_coefficients import vessel_resistance
-from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
+from design.hemodynamics.zero_d.boundary import parts_of, place_conditions
 from design.hemodynamics.zero_d.nodal import factorise
 from design.hemodynamics.zero_d.steady import solve_flow
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
-SPREAD = 0.01
-"""Largest difference of two loops' flows over the mean, after division by their shares."""
 
-WIDEST = 0.25
-"""Part of its resistance that a connection may be lowered to where there is a choice: a radius
-grows by a factor of √2 at most."""
+class BalanceLimits(NamedTuple):
+    """Limits of `balance`."""
 
-_SUM = 1e-6
-_HALVINGS = 12
+    spread: float = 0.01
+    """Largest difference of two loops' flows over the mean, each divided by its share."""
+    resistance_share: float = 0.25
+    """Part of its resistance that a connection may be lowered to where there is a choice: a
+    radius grows by a factor of √2 at most."""
+    imbalance: float = 1e-6
+    """Of all flow in connections, that shares may leave over in a part between them."""
+    halvings: int = 12
+    """Of the flow under a given pressure."""
+
+
+LIMITS: Final = BalanceLimits()
 
 
 def loop_vessels(network: VesselNetwork) -> IntArray:
@@ -67,7 +74,7 @@ def balance(
     conditions: FlowConditions,
     shares: Sequence[float] | FloatArray | None = None,
     *,
-    spread: float = SPREAD,
+    spread: float = LIMITS.spread,
     smallest_radius_mm: float = 0.0,
     widen: bool = True,
 ) -> VesselNetwork:
@@ -83,8 +90,6 @@ def balance(
 
     Parameters
     ----------
-    network : VesselNetwork
-    conditions : FlowConditions
     shares : (k,), optional
         Of each connection, in the network's order, in any unit; equal by default.
     spread : float
@@ -111,7 +116,9 @@ def balance(
     loops = loop_vessels(network)
     wanted = _shares(shares, len(loops))
     resistance = vessel_resistance(network, conditions.viscosity_pa_s)
-    needed = _needed(network, conditions, loops, wanted, resistance, WIDEST if widen else 1.0)
+    needed = _needed(
+        network, conditions, loops, wanted, resistance, LIMITS.resistance_share if widen else 1.0
+    )
     _refuse_impossible(loops, needed, resistance[loops], widen=widen)
     scale = np.ones(network.vessel_count)
     scale[loops] = (resistance[loops] / needed) ** 0.25
@@ -147,7 +154,7 @@ def _needed(
     # Connections may be drawn against the flow; what they carry keeps its direction.
     sign = np.where(flow[loops] < 0, -1.0, 1.0)
     target = sign * wanted * (np.abs(flow[loops]).sum() / wanted.sum())
-    for _ in range(_HALVINGS):
+    for _ in range(LIMITS.halvings):
         drop = _drops(network, conditions, loops, target, resistance, least)
         needed = drop / target
         if conditions.inlet_pressure_pa is None or (needed > least * resistance[loops]).all():
@@ -215,7 +222,10 @@ def _drops(
     ends = boundary.slot[network.vessel_nodes]
     rest = np.ones(network.vessel_count, dtype=bool)
     rest[loops] = False
-    part = _parts(ends[rest], boundary)
+    known = np.flatnonzero(boundary.fixed)
+    # Those of given pressure make one part.
+    chained = np.column_stack([known[:-1], known[1:]])
+    part, _ = parts_of(np.concatenate([ends[rest], chained]), len(boundary.fixed))
     injected = boundary.injected.copy()
     np.add.at(injected, ends[loops, 0], -target)
     np.add.at(injected, ends[loops, 1], target)
@@ -253,25 +263,14 @@ def _levels(ends: IntArray, floating: IntArray) -> csr_array:
     return csr_array((np.concatenate(values), where), shape=(len(ends), len(floating)))
 
 
-def _parts(ends: IntArray, boundary: Boundary) -> IntArray:
-    """Part of each unknown without the connections; those of given pressure make one."""
-    count = len(boundary.fixed)
-    held = np.flatnonzero(boundary.fixed)
-    first = np.concatenate([ends[:, 0], held[:-1]])
-    last = np.concatenate([ends[:, 1], held[1:]])
-    joined = coo_array((np.ones(len(first), dtype=np.int8), (first, last)), shape=(count, count))
-    _, part = connected_components(joined, directed=False)
-    return np.asarray(part, dtype=np.int64)
-
-
 def _floating(
     part: IntArray, fixed: NDArray[np.bool_], injected: FloatArray, scale: float
 ) -> IntArray:
     """Parts without a given pressure; what flows into each must flow out of it."""
-    held = np.unique(part[fixed])
-    floating = np.setdiff1d(part, held)
+    fixed_unknowns = np.unique(part[fixed])
+    floating = np.setdiff1d(part, fixed_unknowns)
     net = np.bincount(part, weights=injected)
-    off = floating[np.abs(net[floating]) > _SUM * scale]
+    off = floating[np.abs(net[floating]) > LIMITS.imbalance * scale]
     if len(off):
         raise FlowError(
             f"the shares leave {net[off[0]]:.3g} µL/s over in a part of the network between "

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
-from design.hemodynamics.conditions import FlowConditions, Supply
+from design.hemodynamics.conditions import FlowConditions, PulsatileConditions, Supply
 from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
@@ -45,11 +45,11 @@ class Boundary:
     ground: FloatArray | None = None
 
     def above_lowest(self) -> FloatArray:
-        """The given pressures from the lowest: outlets of most networks drop out of the sums."""
+        """Return given pressures above the lowest: most networks' outlets drop out of the sums."""
         return self.pressure if self.lowest == 0.0 else self.pressure - self.lowest
 
     def at_nodes(self, above_lowest: FloatArray) -> FloatArray:
-        """Pressures of nodes (m,) of those of unknowns (s,), which are changed."""
+        """Return pressures of nodes (m,) from those of unknowns (s,), which are changed."""
         if self.lowest != 0.0:
             above_lowest += self.lowest
             above_lowest[self.fixed] = self.pressure[self.fixed]
@@ -61,13 +61,10 @@ class Boundary:
 def place_conditions(network: VesselNetwork, conditions: FlowConditions) -> Boundary:
     """Turn `FlowConditions` into unknowns of ``network``.
 
-    Raises
-    ------
-    FlowError
-        No inlet, no outlet, unknown node, isolated part, pressure nowhere given.
+    Raises `FlowError` for no inlet, no outlet, an unknown node, an isolated part, or pressure
+    nowhere given.
     """
-    inlets, outlets = boundary_nodes(network, conditions)
-    check_parts(network, inlets, outlets)
+    inlets, outlets = checked_ends(network, conditions)
     return place_at(len(network.nodes), inlets, outlets, conditions)
 
 
@@ -112,12 +109,10 @@ def place_at(
 def supplied_inlets(
     inlets: IntArray, supplies: Sequence[Supply]
 ) -> tuple[IntArray, list[IntArray]]:
-    """Inlets on the common supply, and those of each supply of its own.
+    """Return inlets on the common supply, and those of each supply of its own.
 
-    Raises
-    ------
-    FlowError
-        For a node that is no inlet or hangs on two supplies, or when none is left for the common.
+    Raises `FlowError` for a node that is no inlet or hangs on two supplies, or when none is left
+    for the common one.
     """
     taken = np.array([node for supply in supplies for node in supply.inlets], dtype=np.int64)
     strangers = np.setdiff1d(taken, inlets)
@@ -204,27 +199,12 @@ def number_unknowns(slot: IntArray, *values: NDArray[Any]) -> tuple[Any, ...]:
     return (np.cumsum(used) - 1)[slot], *(value[used] for value in values)
 
 
-class Ends(Protocol):
-    """Conditions that may name nodes where the network's own ends aren't meant."""
+def boundary_nodes(
+    network: VesselNetwork, conditions: FlowConditions | PulsatileConditions
+) -> tuple[IntArray, IntArray]:
+    """Return inlets and outlets, those of the conditions or the network's own.
 
-    @property
-    def inlets(self) -> tuple[int, ...] | None:
-        """Nodes that flow comes in by."""
-        ...
-
-    @property
-    def outlets(self) -> tuple[int, ...] | None:
-        """Nodes that it leaves by."""
-        ...
-
-
-def boundary_nodes(network: VesselNetwork, conditions: Ends) -> tuple[IntArray, IntArray]:
-    """Inlets and outlets, those asked for or the network's own.
-
-    Raises
-    ------
-    FlowError
-        No inlet, no outlet, unknown node, a node that is both.
+    Raises `FlowError` for no inlet, no outlet, an unknown node, a node that is both.
     """
     inlets = _nodes(network, conditions.inlets, network.inlets(), "inlet")
     outlets = _nodes(network, conditions.outlets, network.outlets(), "outlet")
@@ -237,9 +217,9 @@ def boundary_nodes(network: VesselNetwork, conditions: Ends) -> tuple[IntArray, 
 
 
 def _nodes(
-    network: VesselNetwork, asked: tuple[int, ...] | None, own: IntArray, what: str
+    network: VesselNetwork, named: tuple[int, ...] | None, own: IntArray, what: str
 ) -> IntArray:
-    nodes = own if asked is None else np.unique(np.array(asked, dtype=np.int64))
+    nodes = own if named is None else np.unique(np.array(named, dtype=np.int64))
     if len(nodes) == 0:
         raise FlowError(
             f"the network has no {what}: no node that vessels only "
@@ -253,16 +233,16 @@ def _nodes(
     return nodes
 
 
-def check_parts(network: VesselNetwork, inlets: IntArray, outlets: IntArray) -> None:
-    """Refuse parts without an inlet or an outlet, and nodes without a vessel.
+def checked_ends(
+    network: VesselNetwork, conditions: FlowConditions | PulsatileConditions
+) -> tuple[IntArray, IntArray]:
+    """Return `boundary_nodes` of a network whose every part has an inlet and an outlet.
 
-    Raises
-    ------
-    FlowError
-        Naming the first of them.
+    Raises `FlowError` for one that hasn't, and for a node without a vessel.
     """
+    inlets, outlets = boundary_nodes(network, conditions)
     count = len(network.nodes)
-    part, bare = _parts(network.vessel_nodes, count)
+    part, bare = parts_of(network.vessel_nodes, count)
     if bare >= 0:
         raise FlowError(f"node {bare} is isolated: no vessel meets it; remove it")
     for ends, what in ((inlets, "inlet"), (outlets, "outlet")):
@@ -276,11 +256,12 @@ def check_parts(network: VesselNetwork, inlets: IntArray, outlets: IntArray) -> 
                 f"({len(cut_off)} such vessels of {network.vessel_count}); join it to the "
                 f"network, remove it, or name its {what}"
             )
+    return inlets, outlets
 
 
 @jit
-def _parts(ends: IntArray, count: int) -> tuple[IntArray, int]:
-    """A node of its part for each node, the same for all of the part; a node without vessel.
+def parts_of(ends: IntArray, count: int) -> tuple[IntArray, int]:
+    """Return the least node of each node's part, and a node without a vessel, -1 for none.
 
     Trees of nodes are joined, their paths halved on the way (Tarjan & van Leeuwen 1984).
     """

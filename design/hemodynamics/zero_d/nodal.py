@@ -9,7 +9,7 @@ conductances for admittances and no ground; a frequency of a pulse has the same 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,15 @@ _BALANCED = 16.0 * float(np.finfo(np.float64).eps)
 """Of the flow through an unknown; elimination alone leaves a few roundings of it over."""
 
 
-@dataclass(frozen=True)
-class Structure:
+class HalfFixed(NamedTuple):
+    """Vessels with one end of given pressure; their free and their fixed unknowns, (h,) each."""
+
+    vessel: IntArray
+    free: IntArray
+    fixed: IntArray
+
+
+class Structure(NamedTuple):
     """A graph with branches folded onto a core.
 
     Attributes
@@ -42,8 +49,7 @@ class Structure:
         Folded unknowns, the vessel each was folded along, and the unknown it was folded onto.
     unfolded : (v - k,) int64
         The other vessels.
-    beside : three of (h,) int64
-        Vessels with one end fixed, by the other, free one: vessels, free unknowns, fixed ones.
+    half_fixed : HalfFixed
     core : (c,) int64
         Unknowns that are left.
     links : (l,) int64
@@ -59,7 +65,7 @@ class Structure:
     by: IntArray
     onto: IntArray
     unfolded: IntArray
-    beside: tuple[IntArray, IntArray, IntArray]
+    half_fixed: HalfFixed
     core: IntArray
     links: IntArray
     plan: Chains
@@ -75,11 +81,9 @@ class Structure:
         total = np.zeros(len(self.fixed), admittance.dtype)
         if ground is not None:
             total += ground
-        vessels, free, _ = self.beside
-        ground_given_pressures(vessels, free, admittance, total)
         # Of NumPy, which takes large pages for it.
         share = np.empty(len(self.order), admittance.dtype)
-        fold(self.order, self.by, self.onto, admittance, total, share)
+        fold(self, admittance, total, share)
         core = factorise_core(self.plan, admittance[self.links], total[self.core])
         return NodalSystem(self, admittance, ground, share, total, core)
 
@@ -113,23 +117,10 @@ class NodalSystem:
         # The pressure is read where fixed only, and written elsewhere.
         pressure, source = np.empty((2, len(given)), kind)
         pressure[:], source[:] = given, injected
-        add_driven_sources(*s.beside, self.conductance, pressure, source)
-        gather(s.order, s.onto, self.share, source)
+        gather(s, self.conductance, self.share, pressure, source)
         pressure[s.core] = self.core.solve(source[s.core])
         flow = np.empty(len(s.first), kind)
-        unfold(
-            s.order,
-            s.by,
-            s.onto,
-            s.last,
-            self.share,
-            self.conductance,
-            self.ground,
-            source,
-            pressure,
-            flow,
-        )
-        flows_between_known(s.unfolded, s.first, s.last, self.conductance, pressure, flow)
+        unfold(s, self.share, self.conductance, self.ground, source, pressure, flow)
         return pressure, flow
 
     def balanced(self, injected: Numbers, given: Numbers) -> tuple[Numbers, Numbers]:
@@ -158,8 +149,7 @@ class NodalSystem:
             lost = self.to_ground * pressure
             net -= lost
             through += np.abs(lost)
-        worst = largest_imbalance(s.first, s.last, s.fixed, flow, net, through)
-        return net, float(worst)
+        return net, float(largest_imbalance(s, flow, net, through))
 
 
 def structure_of(ends: IntArray, fixed: NDArray[np.bool_]) -> Structure:
@@ -176,8 +166,10 @@ def structure_of(ends: IntArray, fixed: NDArray[np.bool_]) -> Structure:
     number = np.zeros(len(fixed), dtype=np.int64)
     number[core] = np.arange(len(core))
     plan = chains_of(number[first[links]], number[last[links]], len(core))
-    beside = _beside(first, last, fixed)
-    return Structure(first, last, fixed, order, by, onto, unfolded, beside, core, links, plan)
+    vessel = np.flatnonzero(fixed[first] != fixed[last])
+    a, b, b_fixed = first[vessel], last[vessel], fixed[last[vessel]]
+    half = HalfFixed(vessel, np.where(b_fixed, a, b), np.where(b_fixed, b, a))
+    return Structure(first, last, fixed, order, by, onto, unfolded, half, core, links, plan)
 
 
 def factorise(ends: IntArray, conductance: FloatArray, fixed: NDArray[np.bool_]) -> NodalSystem:
@@ -189,15 +181,6 @@ def factorise(ends: IntArray, conductance: FloatArray, fixed: NDArray[np.bool_])
         When the core is singular to working precision.
     """
     return structure_of(ends, fixed).factorise(conductance)
-
-
-def _beside(
-    first: IntArray, last: IntArray, fixed: NDArray[np.bool_]
-) -> tuple[IntArray, IntArray, IntArray]:
-    vessels = np.flatnonzero(fixed[first] != fixed[last])
-    first, last = first[vessels], last[vessels]
-    after = fixed[last]
-    return vessels, np.where(after, first, last), np.where(after, last, first)
 
 
 # Solve node pressures in a graph's looped core: fold chains, then factorise what is left.
@@ -227,10 +210,10 @@ class Core:
     def solve(self, source: Numbers) -> Numbers:
         """Values (n,) for ``source`` (n,), which is changed."""
         p, value = self.plan, np.empty_like(source)
-        gather_chains(p.order, p.neighbour, self.share, source)
+        gather_chains(p, self.share, source)
         right = self.scale * source[p.left]
         value[p.left] = self.scale * (self.factors.solve(right) if self.factors else right)
-        unfold_chains(p.order, p.neighbour, self.share, self.total, source, value)
+        unfold_chains(p, self.share, self.total, source, value)
         return value
 
 
@@ -246,7 +229,7 @@ def factorise_core(plan: Chains, admittance: Numbers, ground: Numbers) -> Core:
     weight = np.zeros(len(admittance) + 2, admittance.dtype)
     weight[: len(admittance)] = admittance
     ground = ground.copy()
-    share, total = fold_chains(plan.order, plan.neighbour, plan.link, plan.onto, weight, ground)
+    share, total = fold_chains(plan, weight, ground)
     return Core(
         plan, share, total, *_rest(plan.left_ends, weight[plan.left_links], ground[plan.left])
     )
@@ -308,8 +291,7 @@ def sum_by_place(where: NDArray[Any], values: Numbers, count: int) -> Numbers:
 # follow.
 
 
-@dataclass(frozen=True)
-class Chains:
+class Chains(NamedTuple):
     """Which nodes go in which order, and onto which links; l links are given.
 
     Attributes
@@ -436,18 +418,12 @@ def _plan(
 
 
 @jit
-def fold_chains(
-    order: IntArray,
-    neighbour: IntArray,
-    link: IntArray,
-    onto: IntArray,
-    weight: Numbers,
-    ground: Numbers,
-) -> tuple[Numbers, Numbers]:
+def fold_chains(plan: Chains, weight: Numbers, ground: Numbers) -> tuple[Numbers, Numbers]:
     """Shares w_i/Σ (k, 2) of each node's neighbours and its Σ (k,).
 
     ``weight`` (l + 2,) of links and ``ground`` (n,) gain what is folded onto them, in place.
     """
+    order, neighbour, link, onto = plan.order, plan.neighbour, plan.link, plan.onto
     share, total = np.empty((len(order), 2), weight.dtype), np.empty(len(order), weight.dtype)
     for k in range(len(order)):
         here = ground[order[k]]
@@ -462,8 +438,9 @@ def fold_chains(
 
 
 @jit
-def gather_chains(order: IntArray, neighbour: IntArray, share: Numbers, source: Numbers) -> None:
+def gather_chains(plan: Chains, share: Numbers, source: Numbers) -> None:
     """Carry sources (n,) of eliminated nodes to their neighbours, in place."""
+    order, neighbour = plan.order, plan.neighbour
     for k in range(len(order)):
         here = source[order[k]]
         source[neighbour[k, 0]] += share[k, 0] * here
@@ -472,14 +449,10 @@ def gather_chains(order: IntArray, neighbour: IntArray, share: Numbers, source: 
 
 @jit
 def unfold_chains(
-    order: IntArray,
-    neighbour: IntArray,
-    share: Numbers,
-    total: Numbers,
-    source: Numbers,
-    value: Numbers,
+    plan: Chains, share: Numbers, total: Numbers, source: Numbers, value: Numbers
 ) -> None:
     """Values (n,) of eliminated nodes from their neighbours', last to first, in place."""
+    order, neighbour = plan.order, plan.neighbour
     for k in range(len(order) - 1, -1, -1):
         here = source[order[k]] / total[k]
         for i in range(2):
@@ -546,38 +519,11 @@ def folding_order(
 
 
 @jit
-def ground_given_pressures(
-    vessels: IntArray, free: IntArray, conductance: Numbers, ground: Numbers
-) -> None:
-    """Conductances of vessels to given pressures become ones to ground, in place."""
-    for k in range(len(vessels)):
-        ground[free[k]] += conductance[vessels[k]]
-
-
-@jit
-def add_driven_sources(
-    vessels: IntArray,
-    free: IntArray,
-    held: IntArray,
-    conductance: Numbers,
-    pressure: Numbers,
-    source: Numbers,
-) -> None:
-    """And what these pressures drive through them become sources, in place."""
-    for k in range(len(vessels)):
-        source[free[k]] += conductance[vessels[k]] * pressure[held[k]]
-
-
-@jit
-def fold(
-    order: IntArray,
-    by: IntArray,
-    onto: IntArray,
-    conductance: Numbers,
-    ground: Numbers,
-    share: Numbers,
-) -> None:
-    """σ of each folded node (k,); ``ground`` (s,) gains the folded conductances, both in place."""
+def fold(s: Structure, conductance: Numbers, ground: Numbers, share: Numbers) -> None:
+    """σ of each folded node (k,); ``ground`` (s,) gains what vessels lead to, both in place."""
+    half, order, by, onto = s.half_fixed, s.order, s.by, s.onto
+    for k in range(len(half.vessel)):
+        ground[half.free[k]] += conductance[half.vessel[k]]
     for k in range(len(order)):
         node, g = order[k], conductance[by[k]]
         share[k] = g / (g + ground[node])
@@ -585,18 +531,20 @@ def fold(
 
 
 @jit
-def gather(order: IntArray, onto: IntArray, share: Numbers, source: Numbers) -> None:
-    """Carry the sources of folded nodes to what they hang on, in place."""
+def gather(
+    s: Structure, conductance: Numbers, share: Numbers, pressure: Numbers, source: Numbers
+) -> None:
+    """Add what given pressures drive; carry sources of folded nodes to what they hang on."""
+    half, order, onto = s.half_fixed, s.order, s.onto
+    for k in range(len(half.vessel)):
+        source[half.free[k]] += conductance[half.vessel[k]] * pressure[half.fixed[k]]
     for k in range(len(order)):
         source[onto[k]] += source[order[k]] * share[k]
 
 
 @jit
 def unfold(
-    order: IntArray,
-    by: IntArray,
-    onto: IntArray,
-    last: IntArray,
+    s: Structure,
     share: Numbers,
     conductance: Numbers,
     ground: Numbers,
@@ -604,44 +552,28 @@ def unfold(
     pressure: Numbers,
     flow: Numbers,
 ) -> None:
-    """Pressure of each folded node and flow of its vessel, from the last folded to the first."""
+    """Pressure of each folded node, from the last folded to the first, and all flows."""
+    order, by, onto, first, last = s.order, s.by, s.onto, s.first, s.last
     for k in range(len(order) - 1, -1, -1):
         node, vessel, beyond = order[k], by[k], pressure[onto[k]]
         g, to_ground, here = conductance[vessel], ground[node], source[node]
         pressure[node] = share[k] * beyond + here / (g + to_ground)
         towards_node = share[k] * (to_ground * beyond - here)
         flow[vessel] = towards_node if last[vessel] == node else -towards_node
-
-
-@jit
-def flows_between_known(
-    vessels: IntArray,
-    first: IntArray,
-    last: IntArray,
-    conductance: Numbers,
-    pressure: Numbers,
-    flow: Numbers,
-) -> None:
-    """Flow of vessels between known pressures, in place."""
-    for k in range(len(vessels)):
-        v = vessels[k]
+    for v in s.unfolded:
         flow[v] = conductance[v] * (pressure[first[v]] - pressure[last[v]])
 
 
 @jit
 def largest_imbalance(
-    first: IntArray,
-    last: IntArray,
-    fixed: NDArray[np.bool_],
-    flow: Numbers,
-    net: Numbers,
-    through: NDArray[np.float64],
+    s: Structure, flow: Numbers, net: Numbers, through: NDArray[np.float64]
 ) -> float:
     """Take flows from what goes into each unknown, in place, and find the most that is left.
 
     ``net`` and ``through`` (s,) come with what else goes in; where the pressure is given nothing
     is left.
     """
+    first, last, fixed = s.first, s.last, s.fixed
     for v in range(len(first)):
         a, b, q = first[v], last[v], flow[v]
         net[a] -= q

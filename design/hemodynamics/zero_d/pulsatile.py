@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -16,6 +16,7 @@ from design.hemodynamics.conditions import (
     PulsatileConditions,
     ResistanceOutlet,
     WindkesselOutlet,
+    outlet_groups,
 )
 from design.hemodynamics.vessel_coefficients import (
     PARABOLIC,
@@ -32,8 +33,7 @@ from design.hemodynamics.waveforms import (
     harmonics_of,
 )
 from design.hemodynamics.zero_d.boundary import (
-    boundary_nodes,
-    check_parts,
+    checked_ends,
     number_unknowns,
     supplied_inlets,
 )
@@ -47,6 +47,7 @@ SAMPLES: Final = 200
 """Times in a cycle at which least and greatest values are looked for."""
 
 _CHUNK: Final = 20_000
+"""Columns sampled at once: 32 MB of them."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,6 @@ def solve_pulsatile(
 
     Parameters
     ----------
-    network : VesselNetwork
-    conditions : PulsatileConditions
     steps : int
         Of a cycle; harmonics that these resolve are kept.
 
@@ -109,7 +108,7 @@ def solve_pulsatile(
     _check_circuit(circuit, steps)
     period = common_period(circuit.waveforms) or 1.0
     harmonic, drives = harmonics_of(circuit.waveforms, period, steps)
-    structure = structure_of(np.column_stack([circuit.first, circuit.last]), circuit.held)
+    structure = structure_of(np.column_stack([circuit.first, circuit.last]), circuit.fixed)
     pressure = np.empty((len(harmonic), len(circuit.stored)), dtype=np.complex128)
     flow_in, flow_out = np.empty((2, len(harmonic), len(circuit.first)), dtype=np.complex128)
     for k, number in enumerate(harmonic):
@@ -127,18 +126,22 @@ def solve_pulsatile(
 def cycle_extremes(
     solution: PulsatileSolution, phasors: ComplexArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest value over a cycle of phasors (k, n), (n,) each."""
-    times = solution.times(SAMPLES)
-    count = phasors.shape[1]
-    low, high = np.empty(count), np.empty(count)
-    for start in range(0, count, _CHUNK):
-        part = slice(start, start + _CHUNK)
-        values = solution.at(phasors[:, part], times)
-        low[part], high[part] = values.min(axis=0), values.max(axis=0)
+    """Return the least and greatest value over a cycle of phasors (k, n), (n,) each."""
+    low, high = reduce_cycle(
+        solution, phasors, lambda values: np.stack([values.min(axis=0), values.max(axis=0)])
+    )
     return low, high
 
 
-# Data class of the electrical-analogue circuit of vessels and outlets, for 0D solvers.
+def reduce_cycle(
+    solution: PulsatileSolution,
+    phasors: ComplexArray,
+    reduce: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
+    """Apply ``reduce`` to samples (t, n) of phasors (k, n), in parts that fit into memory."""
+    times, count = solution.times(SAMPLES), phasors.shape[1]
+    parts = [phasors[:, k : k + _CHUNK] for k in range(0, count, _CHUNK)]
+    return np.concatenate([reduce(solution.at(part, times)) for part in parts], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -154,10 +157,10 @@ class Circuit:
         order in the branch's length.
     stored : (n,) float64, µL/Pa
         Capacitance to ground at each node, beside what branches have.
-    held : (n,) bool
+    fixed : (n,) bool
         Nodes whose pressure is given.
     drive : (n,) int64
-        Which waveform gives the pressure of a held node (Pa), or the flow into another (µL/s);
+        Which waveform gives the pressure of a fixed node (Pa), or the flow into another (µL/s);
         -1 for no flow.
     waveforms : tuple of Waveform
     womersley : (b,) float64, √s, or None
@@ -170,44 +173,45 @@ class Circuit:
     inertance: FloatArray
     capacitance: FloatArray
     stored: FloatArray
-    held: NDArray[np.bool_]
+    fixed: NDArray[np.bool_]
     drive: IntArray
     waveforms: tuple[Waveform, ...]
     womersley: FloatArray | None = None
 
 
-# Build the electrical-analogue circuit of a network under its boundary conditions.
-
-
 @dataclass
-class _Parts:
-    """A circuit as it grows: nodes and branches beyond the network's own."""
+class _Additions:
+    """Nodes and branches of a circuit beyond the network's own, and what drives it."""
 
     nodes: int
-    held: list[IntArray] = field(default_factory=list)
-    driven: list[tuple[IntArray, int]] = field(default_factory=list)
+    driven: list[tuple[IntArray, Waveform, bool]] = field(default_factory=list)
+    """Nodes, what drives them, and whether that is a pressure."""
     stored: list[tuple[IntArray, float]] = field(default_factory=list)
     branches: list[tuple[IntArray, IntArray, float]] = field(default_factory=list)
-    waveforms: list[Waveform] = field(default_factory=list)
 
     def more_nodes(self, count: int) -> IntArray:
         self.nodes += count
         return np.arange(self.nodes - count, self.nodes)
 
-    def push(self, nodes: IntArray, waveform: Waveform, *, hold: bool) -> None:
-        self.waveforms.append(waveform)
-        self.driven.append((nodes, len(self.waveforms) - 1))
-        if hold:
-            self.held.append(nodes)
-
-    def join(self, first: IntArray, last: IntArray, resistance: float) -> None:
-        self.branches.append((first, last, resistance))
+    def attach(self, nodes: IntArray, outlet: Outlet) -> None:
+        if isinstance(outlet, PressureOutlet):
+            self.driven.append((nodes, outlet.waveform, True))
+            return
+        far = self.more_nodes(len(nodes))
+        self.driven.append((far, Constant(outlet.distal_pa), True))
+        if isinstance(outlet, ResistanceOutlet):
+            self.branches.append((nodes, far, outlet.resistance))
+        elif isinstance(outlet, WindkesselOutlet):
+            middle = self.more_nodes(len(nodes))
+            self.stored.append((middle, outlet.compliance))
+            self.branches.append((nodes, middle, outlet.proximal))
+            self.branches.append((middle, far, outlet.distal))
 
 
 def build_circuit(
     network: VesselNetwork, conditions: PulsatileConditions
 ) -> tuple[Circuit, IntArray]:
-    """The circuit, whose first branches are the vessels, and the node in it of each node (m,).
+    """Return the circuit, whose first branches are the vessels, and the node in it of each node.
 
     Raises
     ------
@@ -215,89 +219,44 @@ def build_circuit(
         No inlet, no outlet, an isolated part, an outlet without a condition, a vessel of zero
         length.
     """
-    resistance = vessel_resistance(network, conditions.viscosity_pa_s)
-    inlets, outlets = boundary_nodes(network, conditions)
-    check_parts(network, inlets, outlets)
+    viscosity, density = conditions.viscosity_pa_s, conditions.density
+    resistance = vessel_resistance(network, viscosity)
+    inlets, outlets = checked_ends(network, conditions)
     slot = np.arange(len(network.nodes))
     common, own = supplied_inlets(inlets, conditions.supplies)
     for nodes in (*own, *([common] if conditions.inlet_is == "flow" else [])):
         slot[nodes] = nodes[0]
     (slot,) = number_unknowns(slot)
-    parts = _Parts(int(slot.max()) + 1)
-    parts.push(slot[common], conditions.inlet, hold=conditions.inlet_is == "pressure")
+    more = _Additions(int(slot.max()) + 1)
+    more.driven.append((slot[common], conditions.inlet, conditions.inlet_is == "pressure"))
     for nodes, supply in zip(own, conditions.supplies, strict=True):
-        parts.push(slot[nodes], Constant(supply.flow_ul_s), hold=False)
-    for outlet, nodes in _groups(conditions.outlet, outlets):
-        _attach(parts, slot[nodes], outlet)
-    vessels = slot[network.vessel_nodes]
-    return _circuit(parts, network, conditions, vessels, resistance), slot
-
-
-def _groups(
-    given: Outlet | Mapping[int, Outlet], outlets: IntArray
-) -> list[tuple[Outlet, IntArray]]:
-    """Each condition and its nodes."""
-    if not isinstance(given, Mapping):
-        return [(given, outlets)]
-    bare = np.setdiff1d(outlets, list(given))
-    if len(bare):
-        raise FlowError(
-            f"outlet {int(bare[0])} has no condition ({len(bare)} of {len(outlets)} such); give "
-            "it a pressure, a resistance or a Windkessel"
-        )
-    strangers = sorted(set(given) - set(outlets.tolist()))
-    if strangers:
-        raise FlowError(f"node {strangers[0]} has a condition and isn't one of the outlets")
-    return [(given[int(node)], np.array([node])) for node in outlets]
-
-
-def _attach(parts: _Parts, nodes: IntArray, outlet: Outlet) -> None:
-    if isinstance(outlet, PressureOutlet):
-        parts.push(nodes, outlet.waveform, hold=True)
-        return
-    far = parts.more_nodes(len(nodes))
-    parts.push(far, Constant(outlet.distal_pa), hold=True)
-    if isinstance(outlet, ResistanceOutlet):
-        parts.join(nodes, far, outlet.resistance)
-    elif isinstance(outlet, WindkesselOutlet):
-        middle = parts.more_nodes(len(nodes))
-        parts.stored.append((middle, outlet.compliance))
-        parts.join(nodes, middle, outlet.proximal)
-        parts.join(middle, far, outlet.distal)
-
-
-def _circuit(
-    parts: _Parts,
-    network: VesselNetwork,
-    conditions: PulsatileConditions,
-    vessels: IntArray,
-    resistance: FloatArray,
-) -> Circuit:
-    more = [np.full(len(first), r) for first, _, r in parts.branches]
-    bare = np.zeros(sum(map(len, more)))
-    stored, drive = np.zeros(parts.nodes), np.full(parts.nodes, -1)
-    for nodes, amount in parts.stored:
+        more.driven.append((slot[nodes], Constant(supply.flow_ul_s), False))
+    for outlet, nodes in outlet_groups(conditions.outlet, outlets):
+        more.attach(slot[nodes], outlet)
+    stored, drive = np.zeros(more.nodes), np.full(more.nodes, -1)
+    for nodes, amount in more.stored:
         stored[nodes] += amount
-    for nodes, waveform in parts.driven:
-        drive[nodes] = waveform
-    held = np.zeros(parts.nodes, dtype=bool)
-    held[np.concatenate([*parts.held, np.zeros(0, dtype=np.int64)])] = True
-    inertance = PARABOLIC * plug_inertance(network, conditions.density)
-    alpha = womersley_number(
-        network.mean_radius(), 1.0, conditions.viscosity_pa_s, conditions.density
-    )
-    return Circuit(
-        first=np.concatenate([vessels[:, 0], *(first for first, _, _ in parts.branches)]),
-        last=np.concatenate([vessels[:, 1], *(last for _, last, _ in parts.branches)]),
-        resistance=np.concatenate([resistance, *more]),
-        inertance=np.concatenate([inertance, bare]),
-        capacitance=np.concatenate([conditions.wall.compliance(network), bare]),
+    fixed = np.zeros(more.nodes, dtype=bool)
+    for k, (nodes, _, is_pressure) in enumerate(more.driven):
+        drive[nodes], fixed[nodes] = k, is_pressure
+    added = [np.full(len(first), r) for first, _, r in more.branches]
+    none = np.zeros(sum(map(len, added)))
+    inertance = PARABOLIC * plug_inertance(network, density)
+    alpha = womersley_number(network.mean_radius(), 1.0, viscosity, density)
+    first, last = slot[network.vessel_nodes].T
+    circuit = Circuit(
+        first=np.concatenate([first, *(nodes for nodes, _, _ in more.branches)]),
+        last=np.concatenate([last, *(nodes for _, nodes, _ in more.branches)]),
+        resistance=np.concatenate([resistance, *added]),
+        inertance=np.concatenate([inertance, none]),
+        capacitance=np.concatenate([conditions.wall.compliance(network), none]),
         stored=stored,
-        held=held,
+        fixed=fixed,
         drive=drive,
-        waveforms=tuple(parts.waveforms),
-        womersley=np.concatenate([alpha, bare]) if conditions.profile == "womersley" else None,
+        waveforms=tuple(waveform for _, waveform, _ in more.driven),
+        womersley=np.concatenate([alpha, none]) if conditions.profile == "womersley" else None,
     )
+    return circuit, slot
 
 
 # Solve for a circuit's periodic state by frequency, one linear solve per harmonic.
@@ -322,7 +281,7 @@ def _one_harmonic(
     driven = np.zeros(len(ground), drive.dtype)
     driven[circuit.drive >= 0] = drive[circuit.drive[circuit.drive >= 0]]
     system = structure.factorise(along, ground)
-    pressure, flow = system.balanced(np.where(circuit.held, 0.0, driven), driven)
+    pressure, flow = system.balanced(np.where(circuit.fixed, 0.0, driven), driven)
     return pressure, flow, shunt
 
 
@@ -338,7 +297,7 @@ def _impedance(circuit: Circuit, omega: float) -> ComplexArray:
 def _check_circuit(circuit: Circuit, steps: int) -> None:
     if steps < 3:
         raise FlowError(f"{steps} steps a cycle show no wave; take 3 or more, 100 are usual")
-    if not circuit.held.any():
+    if not circuit.fixed.any():
         raise FlowError(
             "no pressure is given anywhere, so none is determined; give an outlet a pressure, a "
             "resistance or a Windkessel"

@@ -6,7 +6,7 @@ import csv
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,14 +37,12 @@ def flow_summary(
     against what viscosity and losses take, Σ R Q² + Σ Δp Q, relative to the latter.
     ``pressure_drop`` is between the network's extremes, and ``resistance`` that drop over the
     inflow (0 where nothing flows).
-    ``losses_share``, where losses were asked for, is what junctions and stenoses take of power.
+    ``losses_share``, where losses are modelled, is what junctions and stenoses take of power.
     ``poiseuille_holds_share`` counts vessels in which the flow is laminar and developed but for a
     tenth of the length; ``entrance_share_max`` is the greatest such share.
 
     Parameters
     ----------
-    network : VesselNetwork
-    solution : FlowSolution
     conditions : FlowConditions, optional
         Those solved for, where they name inlets or outlets other than the network's own.
     density : float, Pa·s²/mm², optional
@@ -66,6 +64,9 @@ def flow_summary(
     lost = 0.0 if solution.loss is None else float(solution.loss @ solution.flow)
     dissipated += lost
     power = float(solution.pressure[ends] @ inflow[ends])
+    size = np.abs(solution.flow)
+    first, last = (np.bincount(end, size, len(inflow)) for end in network.vessel_nodes.T)
+    through = np.asarray(first + last, dtype=np.float64)
     losses = {} if solution.loss is None else {"losses_share": lost / max(dissipated, 1e-300)}
     return losses | {
         "vessel_count": float(network.vessel_count),
@@ -82,20 +83,16 @@ def flow_summary(
         "entrance_share_max": float(entrance_share(network, number).max()),
         "poiseuille_holds_share": float(poiseuille_holds(network, number).mean()),
         "dissipated_uw": dissipated * UW_PER_PA_UL_S,
-        "mass_imbalance": _mass_imbalance(network, solution.flow, inflow, ends),
+        "mass_imbalance": largest_imbalance(np.abs(inflow), through, ends),
         "energy_imbalance": abs(power - dissipated) / dissipated if dissipated > 0.0 else 0.0,
     }
 
 
-def _mass_imbalance(
-    network: VesselNetwork, flow: FloatArray, inflow: FloatArray, ends: IntArray
-) -> float:
-    through = np.zeros(len(network.nodes))
-    for column in network.vessel_nodes.T:
-        through += np.bincount(column, weights=np.abs(flow), minlength=len(through))
+def largest_imbalance(net: FloatArray, through: FloatArray, ends: IntArray) -> float:
+    """Return the greatest net flow at an inner node over the flow through it; both (m,)."""
     inner = through > 0.0
     inner[ends] = False
-    return float(np.max(np.abs(inflow[inner]) / through[inner], initial=0.0))
+    return float(np.max(net[inner] / through[inner], initial=0.0))
 
 
 # Make the per-vessel table of a steady 0D flow solution; write and read it as CSV.
@@ -189,28 +186,35 @@ def _value(text: str) -> int | float | str:
 
 # Check each vessel for laminar, developed flow (Poiseuille); refuse absurd pressure drops.
 
-LAMINAR_REYNOLDS: Final = 2000.0
-"""Below it pipe flow stays laminar."""
 
-ENTRANCE_SHARE: Final = 0.1
-"""Share of a vessel that the flow may take to develop, for Poiseuille's law to be called right."""
+class FlowLimits(NamedTuple):
+    """Where flow counts as laminar, developed, absurd, or inside a band."""
 
-QUESTIONED_MMHG: Final = 100_000.0
-"""Pressure drops above it, 13 MPa, come from a wrong unit and not from a perfusion."""
+    laminar_reynolds: float = 2000.0
+    """Below it pipe flow stays laminar."""
+    entrance_share: float = 0.1
+    """Share of a vessel that the flow may take to develop, for Poiseuille's law to hold."""
+    absurd_mmhg: float = 100_000.0
+    """Pressure drops above it, 13 MPa, come from a wrong unit and not from a perfusion."""
+    inside_share: float = 0.9
+    """Share of the wall's area inside the band for the whole to be called inside."""
+
+
+LIMITS: Final = FlowLimits()
 
 
 def question_pressure(drop_pa: float) -> None:
-    """Refuse a pressure that nobody perfuses with.
+    """Refuse a pressure that no perfusion has.
 
     Raises
     ------
     FlowError
-        When it is above `QUESTIONED_MMHG`.
+        When it is above `FlowLimits.absurd_mmhg`.
     """
     drop = abs(drop_pa) / PA_PER_MMHG
-    if not drop <= QUESTIONED_MMHG:
+    if not drop <= LIMITS.absurd_mmhg:
         raise FlowError(
-            f"the flow would take {drop:.3g} mmHg, above {QUESTIONED_MMHG:g}: is the network in "
+            f"the flow would take {drop:.3g} mmHg, above {LIMITS.absurd_mmhg:g}: is the network in "
             "another unit, the flow in µL/min, or the viscosity in Pa·s?"
         )
 
@@ -243,14 +247,9 @@ def entrance_share(network: VesselNetwork, reynolds_number: FloatArray) -> Float
 
 def poiseuille_holds(network: VesselNetwork, reynolds_number: FloatArray) -> np.ndarray:
     """Whether flow is laminar, and developed but for a tenth of the vessel, (v,) bool."""
-    short = entrance_share(network, reynolds_number) <= ENTRANCE_SHARE
-    return short & (reynolds_number < LAMINAR_REYNOLDS)
+    short = entrance_share(network, reynolds_number) <= LIMITS.entrance_share
+    return short & (reynolds_number < LIMITS.laminar_reynolds)
 
-
-# Classify each vessel's wall shear as below, inside or above a wanted range.
-
-ENOUGH: Final = 0.9
-"""Share of the wall's area inside the band for the whole to be called inside."""
 
 PLACES: Final = ("below", "inside", "above")
 
@@ -281,8 +280,8 @@ def band_summary(
 ) -> dict[str, float | str]:
     """Shares of vessels, of their length and of their wall's area in, below and above the band.
 
-    ``verdict`` is where `ENOUGH` of the area lies, and ``mixed`` where nowhere does; wall shear is
-    that at each vessel's mean radius.
+    ``verdict`` is where `FlowLimits.inside_share` of the area lies, and ``mixed`` where nowhere
+    does; wall shear is that at each vessel's mean radius.
     """
     where, measured = classify_shear(solution, band), integrals(network)
     amounts = {
@@ -297,5 +296,5 @@ def band_summary(
     for name, amount in amounts.items():
         for place in PLACES:
             summary[f"{name}_{place}"] = float(amount[where == place].sum() / amount.sum())
-    most = [place for place in PLACES if float(summary[f"area_{place}"]) >= ENOUGH]
+    most = [place for place in PLACES if float(summary[f"area_{place}"]) >= LIMITS.inside_share]
     return summary | {"verdict": most[0] if most else "mixed"}

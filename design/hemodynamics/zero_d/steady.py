@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,8 +19,7 @@ from design.hemodynamics.pressure_drops import (
     speed_and_shear,
 )
 from design.hemodynamics.zero_d.boundary import (
-    boundary_nodes,
-    check_parts,
+    checked_ends,
     place_at,
     place_conditions,
 )
@@ -58,12 +56,9 @@ class FlowSolution:
     loss: FloatArray | None = None
 
 
-# Solve steady 0D flow in any graph of vessels for node pressures and vessel flows.
-
-
 @dataclass(frozen=True)
 class FlowStructure:
-    """What of a flow problem doesn't depend on radii, viscosity and the conditions' numbers.
+    """The part of a flow problem that radii, viscosity and the conditions' numbers don't change.
 
     Attributes
     ----------
@@ -93,8 +88,7 @@ def flow_structure(network: VesselNetwork, conditions: FlowConditions) -> FlowSt
     FlowError
         As `solve_flow`.
     """
-    inlets, outlets = boundary_nodes(network, conditions)
-    check_parts(network, inlets, outlets)
+    inlets, outlets = checked_ends(network, conditions)
     boundary = place_at(len(network.nodes), inlets, outlets, conditions)
     nodal = structure_of(boundary.slot[network.vessel_nodes], boundary.fixed)
     kind = _kind(conditions)
@@ -115,15 +109,9 @@ def solve_flow(
 
     Parameters
     ----------
-    network : VesselNetwork
-    conditions : FlowConditions
     structure : FlowStructure, optional
         Of the same vessels and the same kind of conditions (`flow_structure`): radii, lengths,
         viscosity, flows and pressures may differ.
-
-    Returns
-    -------
-    FlowSolution
 
     Raises
     ------
@@ -147,7 +135,8 @@ def solve_flow(
             terms = loss_terms(network, pipes.radius, losses, conditions.density)
         pipes.resistance(1.0)
         drops = drops_of(network, pipes, conditions.whole_fluid, terms)
-        pressure, flow, drop = solve_drops(nodal, drops, boundary.injected, given, boundary.ground)
+        problem = DropProblem(nodal, drops, boundary.injected, given, boundary.ground)
+        pressure, flow, drop = problem.solve()
         loss, viscosity = None if terms is None else drop.loss, drops.viscosity(flow)
         resistance = drop.resistance
     velocity, shear = speed_and_shear(pipes, flow, viscosity)
@@ -206,115 +195,92 @@ def node_inflow(network: VesselNetwork, flow: FloatArray) -> FloatArray:
 # Fixed-point iteration on the resistance f(Q)/Q converges for shear-thinning fluids only linearly,
 # by a factor of 1 - n, and hardly where losses rule; two such steps begin, to leave the start.
 
-SETTLED: Final = 1e-11
-"""Largest pressure left over in a vessel, of the largest in the network."""
 
-_STEPS: Final = 60
-_HALVINGS: Final = 12
-_FIRST: Final = 2
-_START_RATE: Final = 100.0
+class NewtonLimits(NamedTuple):
+    """When Newton's method on the vessels' laws begins, damps and stops."""
 
-
-def solve_drops(
-    structure: Structure,
-    drops: Drops,
-    injected: FloatArray,
-    given: FloatArray,
-    ground: FloatArray | None,
-) -> tuple[FloatArray, FloatArray, Drop]:
-    """Pressures (s,), flows (v,) and what they take, for what is given at unknowns (s,).
-
-    Raises
-    ------
-    FlowError
-        When the iteration doesn't settle, with how far it came.
-    """
-
-    def linear(resistance: FloatArray, source: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return _linear_step(structure, 1.0 / resistance, source, injected, given, ground)
-
-    pressure, flow = _first_flows(drops, linear)
-    for _ in range(_STEPS):
-        drop = drops.at(flow)
-        left = _left_over(structure, pressure, drop.whole(flow))
-        if float(np.abs(left).max()) <= SETTLED * _scale(drop, flow, pressure):
-            return pressure, flow, drop
-        next_pressure, next_flow = linear(drop.slope, drop.whole(flow) - drop.slope * flow)
-        share = _damped(structure, drops, (pressure, next_pressure), (flow, next_flow), drop, left)
-        pressure = pressure + share * (next_pressure - pressure)
-        flow = flow + share * (next_flow - flow)
-    worst = int(np.abs(left).argmax())
-    raise FlowError(
-        f"the flow didn't settle in {_STEPS} steps: {abs(left[worst]):.3g} Pa of "
-        f"{_scale(drop, flow, pressure):.3g} Pa are left over in vessel {worst} at "
-        f"{flow[worst]:.3g} µL/s; check the fluid's numbers, the losses and the network's unit"
-    )
+    settled: float = 1e-11
+    """Largest pressure left over in a vessel, of the largest in the network."""
+    steps: int = 60
+    halvings: int = 12
+    """Of one step."""
+    fixed_point_steps: int = 2
+    start_rate: float = 100.0
+    """Wall shear rate, 1/s, whose resistance the first guess has in every vessel."""
 
 
-def _first_flows(
-    drops: Drops, linear: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
-) -> tuple[FloatArray, FloatArray]:
-    none = np.zeros(len(drops.pipes.radius))
-    pressure, flow = linear(drops.at(_START_RATE * np.pi / 4.0 * drops.pipes.radius**3).resistance,
-                            none)  # fmt: skip
-    for _ in range(_FIRST):
-        drop = drops.at(flow)
-        secant = drop.resistance + np.abs(drop.loss) / np.maximum(np.abs(flow), 1e-300)
-        pressure, flow = linear(secant, none)
-    return pressure, flow
+NEWTON: Final = NewtonLimits()
 
 
-def _linear_step(
-    structure: Structure,
-    conductance: FloatArray,
-    source: FloatArray,
-    injected: FloatArray,
-    given: FloatArray,
-    ground: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:
-    """Q = g (p₀ - p₁ - e) with Σ Q as injected."""
-    driven = conductance * source
-    count = len(injected)
-    entering = injected + np.bincount(structure.first, weights=driven, minlength=count)
-    entering -= np.bincount(structure.last, weights=driven, minlength=count)
-    system = structure.factorise(conductance, ground)
-    pressure, flow = system.balanced(np.where(structure.fixed, 0.0, entering), given)
-    flow -= driven
-    # What the difference leaves over, relative to flows that may be smaller than its terms.
-    excess, _ = system.excess(np.where(structure.fixed, 0.0, injected), pressure, flow)
-    more_pressure, more_flow = system.solve(excess, np.zeros(count))
-    return pressure + more_pressure, flow + more_flow
+@dataclass(frozen=True)
+class DropProblem:
+    """Vessels' laws and what is given at unknowns (s,), as `NodalSystem.solve` takes them."""
 
+    structure: Structure
+    drops: Drops
+    injected: FloatArray
+    given: FloatArray
+    ground: FloatArray | None
 
-def _left_over(structure: Structure, pressure: FloatArray, whole: FloatArray) -> FloatArray:
-    return pressure[structure.first] - pressure[structure.last] - whole
+    def solve(self) -> tuple[FloatArray, FloatArray, Drop]:
+        """Return pressures (s,), flows (v,) and their drops.
 
+        Raises `FlowError` when the iteration doesn't settle, with how far it came.
+        """
+        pressure, flow = self._first_flows()
+        for _ in range(NEWTON.steps):
+            drop = self.drops.at(flow)
+            left = self._left_over(pressure, drop.whole(flow))
+            scale = max(float(np.abs(drop.whole(flow)).max()), float(np.ptp(pressure)), 1e-300)
+            if float(np.abs(left).max()) <= NEWTON.settled * scale:
+                return pressure, flow, drop
+            to_pressure, to_flow = self._linear(drop.slope, drop.whole(flow) - drop.slope * flow)
+            before, share = float((left**2 / drop.slope).sum()), 1.0
+            for _ in range(NEWTON.halvings):
+                next_flow = flow + share * (to_flow - flow)
+                next_pressure = pressure + share * (to_pressure - pressure)
+                after = self._left_over(next_pressure, self.drops.at(next_flow).whole(next_flow))
+                if float((after**2 / drop.slope).sum()) <= (1.0 - 0.1 * share) * before:
+                    break
+                share *= 0.5
+            flow = flow + share * (to_flow - flow)
+            pressure = pressure + share * (to_pressure - pressure)
+        worst = int(np.abs(left).argmax())
+        raise FlowError(
+            f"the flow didn't settle in {NEWTON.steps} steps: {abs(left[worst]):.3g} Pa of "
+            f"{scale:.3g} Pa are left over in vessel {worst} at {flow[worst]:.3g} µL/s; check the "
+            "fluid's numbers, the losses and the network's unit"
+        )
 
-def _scale(drop: Drop, flow: FloatArray, pressure: FloatArray) -> float:
-    return max(float(np.abs(drop.whole(flow)).max()), float(np.ptp(pressure)), 1e-300)
+    def _first_flows(self) -> tuple[FloatArray, FloatArray]:
+        radius = self.drops.pipes.radius
+        none = np.zeros(len(radius))
+        start = NEWTON.start_rate * np.pi / 4.0 * radius**3
+        pressure, flow = self._linear(self.drops.at(start).resistance, none)
+        for _ in range(NEWTON.fixed_point_steps):
+            drop = self.drops.at(flow)
+            secant = drop.resistance + np.abs(drop.loss) / np.maximum(np.abs(flow), 1e-300)
+            pressure, flow = self._linear(secant, none)
+        return pressure, flow
 
+    def _linear(self, resistance: FloatArray, source: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Q = (p₀ - p₁ - e)/R with Σ Q as injected."""
+        structure, count = self.structure, len(self.injected)
+        conductance = 1.0 / resistance
+        driven = conductance * source
+        entering = self.injected + np.bincount(structure.first, weights=driven, minlength=count)
+        entering -= np.bincount(structure.last, weights=driven, minlength=count)
+        system = structure.factorise(conductance, self.ground)
+        pressure, flow = system.balanced(np.where(structure.fixed, 0.0, entering), self.given)
+        flow -= driven
+        # What the difference leaves over, relative to flows that may be smaller than its terms.
+        injected = np.where(structure.fixed, 0.0, self.injected)
+        excess, _ = system.excess(injected, pressure, flow)
+        more_pressure, more_flow = system.solve(excess, np.zeros(count))
+        return pressure + more_pressure, flow + more_flow
 
-def _damped(
-    structure: Structure,
-    drops: Drops,
-    pressures: tuple[FloatArray, FloatArray],
-    flows: tuple[FloatArray, FloatArray],
-    drop: Drop,
-    left: FloatArray,
-) -> float:
-    """Part of the step after which less is left over, by its power."""
-    before, share = float((left**2 / drop.slope).sum()), 1.0
-    for _ in range(_HALVINGS):
-        flow = flows[0] + share * (flows[1] - flows[0])
-        pressure = pressures[0] + share * (pressures[1] - pressures[0])
-        after = _left_over(structure, pressure, drops.at(flow).whole(flow))
-        if float((after**2 / drop.slope).sum()) <= (1.0 - 0.1 * share) * before:
-            break
-        share *= 0.5
-    return share
-
-
-# Compute steady 0D flows and their exact derivatives by vessel radii.
+    def _left_over(self, pressure: FloatArray, whole: FloatArray) -> FloatArray:
+        return pressure[self.structure.first] - pressure[self.structure.last] - whole
 
 
 def flow_and_sensitivity(
@@ -331,7 +297,6 @@ def flow_and_sensitivity(
 
     Parameters
     ----------
-    network : VesselNetwork
     conditions : FlowConditions
         Newtonian, without losses.
     vessels : (k,) int64

@@ -13,7 +13,7 @@ from design.hemodynamics import (
     ThinWall,
     WindkesselOutlet,
 )
-from design.hemodynamics.one_d.march import State
+from design.hemodynamics.one_d.kernels import State
 from design.hemodynamics.waveforms import Constant
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray

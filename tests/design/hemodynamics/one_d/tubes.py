@@ -6,7 +6,8 @@ import numpy as np
 
 from design.hemodynamics import OneDOptions, PulsatileConditions
 from design.hemodynamics.one_d.grid import Grid, Nodes
-from design.hemodynamics.one_d.march import State, advance, make_work
+from design.hemodynamics.one_d.kernels import State, make_work
+from design.hemodynamics.one_d.march import advance
 from design.hemodynamics.one_d.solve import OneDProblem, set_up_problem
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray

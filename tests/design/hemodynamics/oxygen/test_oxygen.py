@@ -25,7 +25,7 @@ from design.hemodynamics.oxygen import (
 )
 from design.hemodynamics.oxygen.solve import OxygenProblem
 from design.hemodynamics.oxygen.transport import (
-    SMOOTHING,
+    COUPLING,
     cut_vessels,
     subgrid,
     sweep,
@@ -131,7 +131,7 @@ def test_the_subgrid_correction_is_the_mean_over_a_blurred_ring() -> None:
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(2, 400_000))
     for ratio in (0.3, 1.0, 3.0):
-        blur = SMOOTHING / ratio
+        blur = COUPLING.smoothing / ratio
         away = np.hypot(1.0 + blur * noise[0], blur * noise[1])
         expected = np.log(np.maximum(1.0, away)).mean()
         assert subgrid(np.array([ratio]), 1.0)[0] == pytest.approx(expected, abs=0.003)
@@ -231,7 +231,7 @@ def test_the_lattice_answers_as_the_smoothing_says() -> None:
         # The even sink that a periodic lattice needs adds r²/(4 area).
         rise = (field * source).sum() - np.mean(ring) + far**2 / (4.0 * size**2)
         radii.append(far * np.exp(-2.0 * np.pi * rise))
-    expected = np.sqrt(2) * SMOOTHING * np.exp(-np.euler_gamma / 2)
+    expected = np.sqrt(2) * COUPLING.smoothing * np.exp(-np.euler_gamma / 2)
     assert np.mean(radii) == pytest.approx(expected, rel=0.02)
     assert np.std(radii) / np.mean(radii) < 0.06
 
