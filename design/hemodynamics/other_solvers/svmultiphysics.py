@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.files import write_text
+from design.geometry.vtk import vtk_document
 from design.hemodynamics.conditions import (
     Outlet,
     PressureOutlet,
@@ -24,7 +25,6 @@ from design.hemodynamics.conditions import (
     ResistanceOutlet,
 )
 from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
-from design.hemodynamics.three_d.solution import vtk_document
 from design.hemodynamics.waveforms import Waveform, cycle_times
 from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.units import CM3_PER_UL, DYN_CM2_PER_PA, DYN_S_CM5_PER_PA_S_UL

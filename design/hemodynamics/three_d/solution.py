@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.files import write_text
+from design.geometry.vtk import vtk_document
 from design.hemodynamics.three_d.engine import port_name
 from design.hemodynamics.three_d.meshing.lumen_mesh import (
     EDGES,
@@ -303,7 +302,6 @@ def energy_of(room: Spaces, plan: PortPlan, unknowns: FloatArray) -> Energy:
 # Write 3D flow in a lumen as VTK XML (`.vtu`) of quadratic tetrahedra, for ParaView.
 
 _QUADRATIC_TETRAHEDRON: Final = 24
-_TYPES: Final = {"f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 
 
 def write_flow_vtu(
@@ -370,40 +368,3 @@ def _document(mesh: LumenMesh, data: Mapping[str, FloatArray]) -> str:
     }
     counts = {"NumberOfPoints": count, "NumberOfCells": cells}
     return vtk_document("UnstructuredGrid", counts, sections)
-
-
-def vtk_document(
-    kind: str,
-    counts: Mapping[str, int],
-    sections: Mapping[str, Mapping[str, NDArray[Any]]],
-    *,
-    bare_scalars: bool = False,
-) -> str:
-    """Return a VTK XML file of one piece; each section's tag with its arrays by name.
-
-    ``bare_scalars`` leaves out the number of components of scalars, of which some readers make
-    columns otherwise.
-    """
-    body = "".join(
-        f"<{tag}>\n{''.join(_array(n, v, bare_scalars) for n, v in arrays.items())}</{tag}>\n"
-        for tag, arrays in sections.items()
-    )
-    many = " ".join(f'{name}="{count}"' for name, count in counts.items())
-    return (
-        '<?xml version="1.0"?>\n'
-        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f"<{kind}>\n<Piece {many}>\n{body}</Piece>\n</{kind}>\n</VTKFile>\n"
-    )
-
-
-def _array(name: str, values: NDArray[Any], bare_scalars: bool) -> str:
-    """One DataArray: its length in bytes as UInt64, then little-endian values, in base64."""
-    raw = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).tobytes()
-    text = base64.b64encode(np.uint64(len(raw)).astype("<u8").tobytes() + raw).decode()
-    components = 1 if values.ndim == 1 else values.shape[1]
-    bare = bare_scalars and values.ndim == 1
-    many = "" if bare else f'NumberOfComponents="{components}" '
-    return (
-        f'<DataArray type="{_TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)} {many}'
-        f'format="binary">{text}</DataArray>\n'
-    )

@@ -1,29 +1,30 @@
-"""Write the MPI flow solver's case folder: mesh, conditions, options, and the solver's code."""
+"""3D flow on several processors by MPI: write a case folder, and read the result from it."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import splu
 
 from design.errors import FlowError
 from design.files import atomic_replacement, write_bytes, write_text
 from design.hemodynamics.conditions import FlowConditions, ResistanceOutlet
 from design.hemodynamics.fluids import require_above_zero
-from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
-from design.hemodynamics.three_d.ports import GivenFlow, steady_plan
+from design.hemodynamics.three_d.engine import engine_mesh, engine_threads
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
+from design.hemodynamics.three_d.newton import spaces
+from design.hemodynamics.three_d.ports import GivenFlow, steady_plan, unit_profile
+from design.hemodynamics.three_d.solution import at_points, field_of
 from design.units import WATER_DENSITY
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import FloatArray
 
-ENGINE: Final = Path(__file__).parent / "engine"
-"""The engine's own package, which needs FEniCSx and nothing of ours."""
+ENGINE: Final = Path(__file__).with_name("rank_engine.py")
+"""The solver, which needs FEniCSx and imports nothing of printctl."""
 RESULTS: Final = ("ranks.json", "velocity.npy", "pressure.npy")
 
 
@@ -52,11 +53,6 @@ class PortPressure:
 PortCondition = PortFlow | PortShare | PortPressure
 
 
-# Compute velocities at a port's mesh nodes for a given flow (developed or parabola).
-
-Profile = Literal["developed", "parabola"]
-
-
 @dataclass(frozen=True)
 class RankConditions:
     """Conditions of a steady case on ranks.
@@ -70,8 +66,6 @@ class RankConditions:
         Flow into the lumen by all ports of each supply.
     density : float, Pa·s²/mm²
     model : {"stokes", "navier_stokes"}
-    profile : {"developed", "parabola"}
-        Of given flows; see `port_velocity`.
     solver : {"auto", "direct", "iterative"}
         MUMPS, or multigrid in a Krylov method; by the number of unknowns.
     tolerance : float
@@ -83,7 +77,6 @@ class RankConditions:
     supplies: tuple[float, ...] = ()
     density: float = WATER_DENSITY
     model: Literal["stokes", "navier_stokes"] = "navier_stokes"
-    profile: Profile = "developed"
     solver: Literal["auto", "direct", "iterative"] = "auto"
     tolerance: float = 1e-9
 
@@ -92,15 +85,16 @@ class RankConditions:
 
 
 def write_case(mesh: LumenMesh, conditions: RankConditions, folder: Path) -> None:
-    """Write a case and the engine beside it: a folder that can be copied to a cluster.
+    """Write a case and its solver: a folder that can be copied to a cluster.
 
     `case.json`, `points.npy`, `tets.npy`, `faces.npy`, `label.npy`, `inflow.npy` (velocities at
-    ports of given flow, mm/s) and `engine/`. What an earlier case left as results is removed.
+    ports of given flow, mm/s) and `engine.py`. Results of an earlier case are removed.
 
     Raises
     ------
     FlowError
-        When conditions don't fit the mesh's ports.
+        When conditions don't fit the mesh's ports, a port of given flow has no face or no node
+        inside its rim, or the extra isn't installed.
     OSError
         When a file can't be written.
     """
@@ -108,16 +102,13 @@ def write_case(mesh: LumenMesh, conditions: RankConditions, folder: Path) -> Non
         raise FlowError(
             f"{len(conditions.ports)} conditions for {len(mesh.ports)} ports; give one each"
         )
-    inflow = np.zeros((len(mesh.points), 3))
-    for port, given in enumerate(conditions.ports):
-        if isinstance(given, PortFlow):
-            inflow += port_velocity(mesh, port, given.flow_ul_s, conditions.profile)
+    driven = {k: x.flow_ul_s for k, x in enumerate(conditions.ports) if isinstance(x, PortFlow)}
     arrays: dict[str, Any] = {
         "points": mesh.points.astype(np.float64),
         "tets": mesh.tets.astype(np.int64),
         "faces": mesh.faces.astype(np.int64),
         "label": mesh.label.astype(np.int32),
-        "inflow": inflow,
+        "inflow": port_velocities(mesh, driven),
     }
     facts = _case_facts(mesh, conditions)
     facts["id"] = _digest(facts, arrays)
@@ -127,9 +118,7 @@ def write_case(mesh: LumenMesh, conditions: RankConditions, folder: Path) -> Non
     for name, values in arrays.items():
         with atomic_replacement(folder / f"{name}.npy") as draft:
             np.save(draft, values)
-    for source in sorted(ENGINE.glob("*.py")):
-        write_bytes(folder / "engine" / source.name, source.read_bytes())
-    shutil.rmtree(folder / "engine" / "__pycache__", ignore_errors=True)
+    write_bytes(folder / "engine.py", ENGINE.read_bytes())
     write_text(folder / "case.json", json.dumps(facts, indent=1) + "\n")
 
 
@@ -149,17 +138,15 @@ def _case_facts(mesh: LumenMesh, conditions: RankConditions) -> dict[str, Any]:
                 "node": mesh.ports[k].node,
                 "outlet": not mesh.ports[k].inlet,
                 "kind": "profile" if isinstance(given, PortFlow) else "open",
-                "pressure_pa": _held(given),
+                # What holds whatever flows.
+                "pressure_pa": given.pressure_pa
+                if isinstance(given, PortPressure) and not given.resistance
+                else 0.0,
             }
             for k, given in enumerate(conditions.ports)
         ],
         "groups": _groups(conditions),
     }
-
-
-def _held(given: PortCondition) -> float:
-    """Pressure that holds whatever flows."""
-    return given.pressure_pa if isinstance(given, PortPressure) and not given.resistance else 0.0
 
 
 def _groups(conditions: RankConditions) -> list[dict[str, Any]]:
@@ -216,9 +203,6 @@ def _check_port(port: int, given: PortCondition, supplies: int) -> None:
         )
 
 
-# Translate a network's steady flow conditions to port conditions of the MPI flow solver.
-
-
 def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any) -> RankConditions:
     """Conditions of every port, by its node: a network's own, at its lumen.
 
@@ -230,8 +214,7 @@ def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any)
     mesh : LumenMesh
     conditions : FlowConditions
     **options
-        Of `RankConditions`: density (the conditions' by default), model, profile, solver,
-        tolerance.
+        Of `RankConditions`: density (the conditions' by default), model, solver, tolerance.
 
     Raises
     ------
@@ -261,100 +244,17 @@ def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any)
     )
 
 
-# Dunavant 1985 (doi 10.1002/nme.1620210612), degree 5 on the triangle; weights sum up to 1/2.
-_A, _B = (6.0 - np.sqrt(15.0)) / 21.0, (6.0 + np.sqrt(15.0)) / 21.0
-_POINTS: Final = np.array([[1 / 3, 1 / 3], *([[a, a], [1 - 2 * a, a], [a, 1 - 2 * a]][k]
-                                             for a in (_A, _B) for k in range(3))])  # fmt: skip
-_WEIGHTS: Final = np.array(
-    [9 / 80, *[(155 - np.sqrt(15.0)) / 2400] * 3, *[(155 + np.sqrt(15.0)) / 2400] * 3]
-)
-
-
-def port_velocity(mesh: LumenMesh, port: int, flow_ul_s: float, profile: Profile) -> FloatArray:
-    """Velocity at a port's nodes that brings ``flow_ul_s`` into the lumen; 0 elsewhere.
-
-    ``developed`` is the steady flow in a straight duct of the port's own shape, -Δw = 1 with
-    w = 0 at its rim, by the port's quadratic triangles; in a circle it is the parabola.
-    ``parabola`` is 1 - (r/R)² about the port's centre. Both are scaled so that the triangles'
-    own integral is the flow.
-
-    Returns
-    -------
-    (n + e, 3) float64, mm/s
-
-    Raises
-    ------
-    FlowError
-        When the port has no faces, or no node off the wall: the mesh is too coarse there.
-    """
-    faces, inner = _inner_nodes(mesh, port)
-    if profile == "developed":
-        shape = _duct(mesh.points, faces, inner)
-    else:
-        shape = np.zeros(len(mesh.points))
-        opening = mesh.ports[port]
-        radius = np.linalg.norm(mesh.points[inner] - opening.centre, axis=1)
-        shape[inner] = np.maximum(1.0 - (radius / opening.radius_mm) ** 2, 0.0)
-    jacobian, values, _ = _at_quadrature(mesh.points, faces)
-    through = float(np.einsum("q,fq,qi,fi->", _WEIGHTS, jacobian, values, shape[faces]))
-    speed = flow_ul_s / through * shape
-    return -speed[:, None] * mesh.ports[port].outward
-
-
-def _inner_nodes(mesh: LumenMesh, port: int) -> tuple[IntArray, IntArray]:
-    faces = mesh.faces[mesh.label == port + 1]
-    if len(faces) == 0:
-        raise FlowError(f"port {port} has no faces (label {port + 1}); mesh the lumen again")
-    inner = np.setdiff1d(faces, mesh.faces[mesh.label == WALL])
-    if len(inner) == 0:
-        raise FlowError(
-            f"port {port} has no node off the wall, so no flow can pass it; mesh it finer"
-        )
-    return faces, inner
-
-
-def _duct(points: FloatArray, faces: IntArray, inner: IntArray) -> FloatArray:
-    """Solution of -Δw = 1, w = 0 but at ``inner``, per node of ``points``."""
-    jacobian, values, gradient = _at_quadrature(points, faces)
-    local = np.einsum("q,fq,fqix,fqjx->fij", _WEIGHTS, jacobian, gradient, gradient)
-    load = np.einsum("q,fq,qi->fi", _WEIGHTS, jacobian, values)
-    slot = np.full(len(points), -1)
-    slot[inner] = np.arange(len(inner))
-    at = slot[faces]
-    row, column = np.repeat(at, 6, axis=1).ravel(), np.tile(at, 6).ravel()
-    both = (row >= 0) & (column >= 0)
-    size = (len(inner), len(inner))
-    matrix = csc_array(coo_array((local.ravel()[both], (row[both], column[both])), shape=size))
-    right = np.zeros(len(inner))
-    np.add.at(right, at[at >= 0], load[at >= 0])
-    velocity = np.zeros(len(points))
-    velocity[inner] = splu(matrix).solve(right)
+def port_velocities(mesh: LumenMesh, flow_ul_s: Mapping[int, float]) -> FloatArray:
+    """Developed velocities, mm/s, at the mesh's nodes (n + e, 3) that bring flows in by ports."""
+    velocity = np.zeros((len(mesh.points), 3))
+    if not flow_ul_s:
+        return velocity
+    with engine_threads() as ng:
+        room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), 2, None)
+        for port, flow in flow_ul_s.items():
+            field = field_of(room, mesh, flow * unit_profile(room, mesh, port))
+            velocity += at_points(mesh, field.velocity, field.order)
     return velocity
-
-
-def _at_quadrature(
-    points: FloatArray, faces: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Area elements (f, q), shape functions (q, 6), their gradients along the face (f, q, 6, 3)."""
-    values, slopes = _shapes(_POINTS)
-    tangent = np.einsum("qia,fix->fqax", slopes, points[faces])
-    metric = np.einsum("fqax,fqbx->fqab", tangent, tangent)
-    gradient = np.einsum("qia,fqab,fqbx->fqix", slopes, np.linalg.inv(metric), tangent)
-    return np.sqrt(np.linalg.det(metric)), values, gradient
-
-
-def _shapes(at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Quadratic shape functions (q, 6) and slopes (q, 6, 2), in the order of a mesh's faces."""
-    s, t = at.T
-    r = 1.0 - s - t
-    values = [r * (2 * r - 1), s * (2 * s - 1), t * (2 * t - 1), 4 * r * s, 4 * s * t, 4 * t * r]
-    zero = np.zeros_like(s)
-    by_s = [1 - 4 * r, 4 * s - 1, zero, 4 * (r - s), 4 * t, -4 * t]
-    by_t = [1 - 4 * r, zero, 4 * t - 1, -4 * s, 4 * s, 4 * (r - t)]
-    return np.stack(values, 1), np.stack([np.stack(by_s, 1), np.stack(by_t, 1)], 2)
-
-
-# Read the result files of the MPI flow solver from a case folder.
 
 
 @dataclass(frozen=True)
