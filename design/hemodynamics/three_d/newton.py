@@ -12,18 +12,54 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.engine import CURVED, WALL_NAME, fits_general, port_name
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 
-_SLACK: Final = 1e-7
-"""Compressibility, times μ, that gives the factor a pivot for every pressure; Krylov steps take
-its effect away again."""
+Array = NDArray[Any]
+Apply = Callable[[Array], Array]
+
+
+class _Limits(NamedTuple):
+    """Limits of Newton's and of Krylov's steps.
+
+    Attributes
+    ----------
+    slack : float
+        Compressibility times μ that gives the factor a pivot for every pressure; Krylov steps take
+        its effect away again.
+    newton_steps : int
+    least_damping : float
+        Shortest part of a Newton step that is tried.
+    forcing : float
+        Residual that a linear solve leaves at least, relative.
+    stale : float
+        Part of the residual that a step must leave at most for its derivative to be kept.
+    krylov_steps : int
+    steady_krylov, pulsatile_krylov : int
+        Krylov steps by the symmetric factor before the whole derivative's is made; in time one
+        serves all steps, so that it is worth its making sooner.
+    basis_growth : int
+        Vectors by which Krylov's basis grows.
+    """
+
+    slack: float = 1e-7
+    newton_steps: int = 25
+    least_damping: float = 1.0 / 32.0
+    forcing: float = 1e-3
+    stale: float = 0.2
+    krylov_steps: int = 150
+    steady_krylov: int = 60
+    pulsatile_krylov: int = 8
+    basis_growth: int = 24
+
+
+_LIMITS: Final = _Limits()
 
 
 @dataclass(frozen=True)
@@ -47,7 +83,7 @@ class Spaces:
     both: Any
     velocity: Any
     order: int
-    free: NDArray[np.bool_]
+    free: BoolArray
     outward: FloatArray
 
     @property
@@ -85,24 +121,22 @@ class Stokes:
         (u, p), (v, q) = both.TnT()
         form = ng.BilinearForm(both, symmetric=True)
         self._add_to(form, u, p, v, q)
-        form += -_SLACK / viscosity * p * q * ng.dx(bonus_intorder=CURVED)
+        form += -_LIMITS.slack / viscosity * p * q * ng.dx(bonus_intorder=CURVED)
         self._form = form.Assemble()
         self._factor = form.mat.Inverse(both.FreeDofs(), inverse="sparsecholesky")
         source, target = form.mat.CreateColVector(), form.mat.CreateColVector()
         self._with_slack = matrix_operator(form.mat, source, target)
-        self._slack = matrix_operator(*_pressure_mass(both, _SLACK / viscosity, ng))
+        self._slack = matrix_operator(*_pressure_mass(both, _LIMITS.slack / viscosity, ng))
         self.solve = matrix_operator(self._factor, source, target)
 
-    def times(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The operator itself, without slack: cheaper to take out than to hold a second matrix."""
+    def times(self, values: Array) -> Array:
+        """Apply the operator without slack, which is cheaper to take out than a second matrix."""
         product, first = self._with_slack(values), self.spaces.velocity.ndof
         product[first:] += self._slack(values[first:])
         return product
 
-    def factor_with(
-        self, convection: Convection, share: float, values: FloatArray
-    ) -> Callable[[FloatArray], FloatArray]:
-        """Inverse of the whole derivative at these unknowns: four times a symmetric factor."""
+    def factor_with(self, convection: Convection, share: float, values: FloatArray) -> Apply:
+        """Invert the whole derivative here, in four times a symmetric factor's memory."""
         ng, both = self.spaces.ng, self.spaces.both
         (u, p), (v, q) = both.TnT()
         form = ng.BilinearForm(both)
@@ -123,13 +157,11 @@ class Stokes:
         form += (-ng.div(v) * p - ng.div(u) * q) * dx
 
 
-def matrix_operator(
-    matrix: Any, source: Any, target: Any
-) -> Callable[[NDArray[Any]], NDArray[Any]]:
-    """The engine's matrix as a function of arrays, by these two of its vectors."""
+def matrix_operator(matrix: Any, source: Any, target: Any) -> Apply:
+    """Return an NGSolve matrix as a function of arrays, by these two of its vectors."""
     read, write = source.FV().NumPy(), target.FV().NumPy()
 
-    def applied(values: NDArray[Any]) -> NDArray[Any]:
+    def applied(values: Array) -> Array:
         read[:] = values
         matrix.Mult(source, target)
         return write.copy()
@@ -138,7 +170,6 @@ def matrix_operator(
 
 
 def _pressure_mass(both: Any, factor: float, ng: Any) -> tuple[Any, Any, Any]:
-    """∫ p q times a factor, as the engine's matrix, and two vectors for it."""
     p, q = both.components[1].TnT()
     form = ng.BilinearForm(both.components[1], symmetric=True)
     form += factor * p * q * ng.dx(bonus_intorder=CURVED)
@@ -147,7 +178,7 @@ def _pressure_mass(both: Any, factor: float, ng: Any) -> tuple[Any, Any, Any]:
 
 
 class Convection:
-    """Inertia of flow that turns and narrows, ϱ ∫ (u·∇)u·v.
+    """Inertia, ϱ ∫ (u·∇)u·v.
 
     At outlets -½ ϱ ∫ min(u·n, 0) u·v is added, so that backflow feeds no energy in (Bazilevs et
     al. 2009, doi 10.1016/j.cma.2009.04.015, with β = 1): nothing where flow leaves.
@@ -185,34 +216,25 @@ class Convection:
         vector[: self.spaces.velocity.ndof] = self._out.FV().NumPy()
         return vector
 
-    def derivative(self, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    def derivative(self, values: FloatArray) -> Apply:
         """Its derivative there, as a function of changes."""
         self._in.FV().NumPy()[:] = values[: self.spaces.velocity.ndof]
         self._form.AssembleLinearization(self._in)
-        return self._padded(matrix_operator(self._form.mat, self._in.CreateVector(), self._out))
-
-    def _padded(
-        self, inner: Callable[[NDArray[Any]], NDArray[Any]]
-    ) -> Callable[[FloatArray], FloatArray]:
-        count = self.spaces.velocity.ndof
-
-        def applied(change: FloatArray) -> FloatArray:
-            padded = np.zeros_like(change)
-            padded[:count] = inner(change[:count])
-            return padded
-
-        return applied
+        inner = matrix_operator(self._form.mat, self._in.CreateVector(), self._out)
+        return on_velocity(inner, self.spaces.velocity.ndof)
 
 
-# Solve the steady 3D Navier–Stokes equations by damped Newton steps from Stokes flow.
+def on_velocity(inner: Apply, count: int) -> Apply:
+    """Return a function of velocities as one of all unknowns, 0 for pressures."""
 
-_STEPS: Final = 25
-_LEAST_DAMPING: Final = 1.0 / 32.0
-_FORCING: Final = 1e-3
-_PATIENCE: Final = 60
-_PATIENCE_IN_TIME: Final = 8
-"""A factor that serves all time steps is worth its making much sooner."""
-_FALLS: Final = 0.2
+    def applied(values: Array) -> Array:
+        whole = np.zeros_like(values)
+        whole[:count] = inner(values[:count])
+        return whole
+
+    return applied
+
+
 _LOADS: Final = ((1.0,), (0.25, 0.5, 0.75, 1.0), tuple(np.linspace(0.1, 1.0, 10)))
 """Shares of convection gone through, tried in turn."""
 
@@ -225,8 +247,6 @@ _LOADS: Final = ((1.0,), (0.25, 0.5, 0.75, 1.0), tuple(np.linspace(0.1, 1.0, 10)
 # Krylov steps (GMRES) on the whole, preconditioned by a factor of A's symmetric part, or of A at an
 # earlier state, bordered exactly: one solve a column, once.
 
-Array = NDArray[Any]
-
 
 @dataclass(frozen=True)
 class BorderBlocks:
@@ -238,8 +258,8 @@ class BorderBlocks:
     schur: Array
 
     @staticmethod
-    def around(solve: Apply, columns: Array, slope: Array, free: NDArray[np.bool_]) -> BorderBlocks:
-        """Prepare for a factor."""
+    def around(solve: Apply, columns: Array, slope: Array, free: BoolArray) -> BorderBlocks:
+        """Solve for the columns by a factor."""
         columns = columns * free[:, None]
         answered = np.stack([solve(c) for c in columns.T], axis=1) if columns.size else columns
         return BorderBlocks(columns, slope, answered, np.diag(slope) + columns.T @ answered)
@@ -360,11 +380,11 @@ def newton(
     """
     residual, guide = problem.residual(whole, share), guide or Guide(problem)
     norms, before = [float(np.linalg.norm(residual))], guide.krylov
-    for _ in range(_STEPS):
+    for _ in range(_LIMITS.newton_steps):
         if norms[-1] <= limit:
             return NewtonSolution(whole, np.array(norms) / scale, guide.krylov - before)
         # No more digits of the linear system than the next residual can use.
-        rtol = max(0.5 * limit / norms[-1], 1e-12 if share == 0.0 else _FORCING)
+        rtol = max(0.5 * limit / norms[-1], 1e-12 if share == 0.0 else _LIMITS.forcing)
         was_old = guide.old
         change = guide.change(whole, residual, share, rtol)
         try:
@@ -373,9 +393,11 @@ def newton(
             if not was_old:
                 raise
         norms.append(float(np.linalg.norm(residual)))
-        if norms[-1] > _FALLS * norms[-2]:
+        if norms[-1] > _LIMITS.stale * norms[-2]:
             guide.forget()
-    raise FlowError(f"{_STEPS} of Newton's steps leave {norms[-1] / scale:.2g} of the residual")
+    raise FlowError(
+        f"{_LIMITS.newton_steps} of Newton's steps leave {norms[-1] / scale:.2g} of the residual"
+    )
 
 
 class Guide:
@@ -390,7 +412,7 @@ class Guide:
     def __init__(self, problem: FlowProblem, *, lazy: bool = False) -> None:
         self.problem, self.border, self.lazy, self.krylov = problem, problem.border, lazy, 0
         self.solve = problem.stokes.solve
-        self.patience = _PATIENCE_IN_TIME if lazy else _PATIENCE
+        self.symmetric_steps = _LIMITS.pulsatile_krylov if lazy else _LIMITS.steady_krylov
         self._times: Apply | None = None
 
     @property
@@ -408,19 +430,19 @@ class Guide:
         """Newton's step."""
         problem, x = self.problem, whole[: self.problem.spaces.count]
         if problem.convection is None or share == 0.0:
-            return self._solved(problem.stokes.times, residual, rtol, STEPS)
+            return self._solved(problem.stokes.times, residual, rtol)
         if not self.old:
             self._times = self._derivative(problem.convection, x, share)
         times = self._times or problem.stokes.times
         try:
-            return self._solved(times, residual, rtol, self.patience)
+            return self._solved(times, residual, rtol, self.symmetric_steps)
         except FlowError:
             if not fits_general(problem.spaces.count):
-                return self._solved(times, residual, rtol, STEPS)
+                return self._solved(times, residual, rtol)
             self.solve = problem.stokes.factor_with(problem.convection, share, x)
             columns, slope = problem.border.columns, problem.border.slope
             self.border = BorderBlocks.around(self.solve, columns, slope, problem.spaces.free)
-            return self._solved(times, residual, rtol, STEPS)
+            return self._solved(times, residual, rtol)
 
     def _derivative(self, convection: Convection, x: FloatArray, share: float) -> Apply:
         derivative, stokes = convection.derivative(x), self.problem.stokes
@@ -430,7 +452,9 @@ class Guide:
 
         return times
 
-    def _solved(self, times: Apply, residual: FloatArray, rtol: float, limit: int) -> FloatArray:
+    def _solved(
+        self, times: Apply, residual: FloatArray, rtol: float, limit: int = _LIMITS.krylov_steps
+    ) -> FloatArray:
         free = self.problem.spaces.free
         solved, steps = solve_bordered(times, self.solve, self.border, -residual, free, rtol, limit)
         self.krylov += steps
@@ -442,7 +466,7 @@ def _damped(
 ) -> tuple[FloatArray, FloatArray]:
     """The longest of ever shorter steps that lowers the residual."""
     part = 1.0
-    while part >= _LEAST_DAMPING:
+    while part >= _LIMITS.least_damping:
         new = whole + part * change
         residual = problem.residual(new, share)
         if float(np.linalg.norm(residual)) < (1.0 - 0.1 * part) * norm:
@@ -451,20 +475,14 @@ def _damped(
     raise FlowError(f"Newton's step doesn't lower the residual even at {part:.2g} of its length")
 
 
-Apply = Callable[[Array], Array]
-STEPS: Final = 150
-"""Krylov steps at most, unless told."""
-_CHUNK: Final = 24
-
-
 def solve_bordered(
     times: Apply,
     solve: Apply,
     border: BorderBlocks,
     right: Array,
-    free: NDArray[np.bool_],
+    free: BoolArray,
     rtol: float,
-    steps: int = STEPS,
+    steps: int,
 ) -> tuple[Array, int]:
     """The unknowns x and λ, one after the other, and the Krylov steps taken.
 
@@ -497,7 +515,7 @@ def _gmres(
     norm = float(np.linalg.norm(right))
     if norm == 0.0:
         return np.zeros_like(right), 0
-    basis = np.empty((min(steps, _CHUNK) + 1, len(right)), dtype=right.dtype)
+    basis = np.empty((min(steps, _LIMITS.basis_growth) + 1, len(right)), dtype=right.dtype)
     basis[0] = right / norm
     hessenberg = np.zeros((steps + 1, steps), dtype=right.dtype)
     for k in range(steps):
@@ -511,11 +529,12 @@ def _gmres(
         if left <= rtol:
             return precondition(weight @ basis[: k + 1]), k + 1
         if k + 2 > len(basis):
-            basis = np.concatenate([basis, np.empty((_CHUNK, len(right)), dtype=right.dtype)])
+            more = np.empty((_LIMITS.basis_growth, len(right)), dtype=right.dtype)
+            basis = np.concatenate([basis, more])
         basis[k + 1] = new / hessenberg[k + 1, k]
     raise FlowError(
         f"the linear solver is left with {left:.2g} of its residual after {steps} steps "
-        f"({rtol:.1g} asked): convection is too strong for it; lower the flow, or refine the mesh"
+        f"({rtol:.1g} wanted): convection is too strong for it; lower the flow, or refine the mesh"
     )
 
 

@@ -115,16 +115,8 @@ def steady_plan(mesh: LumenMesh, conditions: FlowConditions, density: float) -> 
             "every inlet and outlet has a flow, so no pressure is determined; give "
             "inlet_pressure_pa, or leave one outlet to outlet_pressure_pa"
         )
-    return PortPlan(
-        inflow,
-        flow,
-        tuple(held),
-        tuple(coupled),
-        outlets,
-        False,
-        conditions.viscosity_pa_s,
-        density,
-    )
+    fluid = conditions.viscosity_pa_s, density
+    return PortPlan(inflow, flow, tuple(held), tuple(coupled), outlets, False, *fluid)
 
 
 def pulsatile_plan(mesh: LumenMesh, conditions: PulsatileConditions) -> PortPlan:
@@ -150,16 +142,9 @@ def pulsatile_plan(mesh: LumenMesh, conditions: PulsatileConditions) -> PortPlan
         flow = Constant(0.0)
     else:
         inflow = _supply(inlets, flow, coupled)
-    return PortPlan(
-        inflow,
-        flow,
-        tuple(held),
-        tuple(coupled),
-        outlets,
-        conditions.profile == "womersley",
-        conditions.viscosity_pa_s,
-        conditions.density,
-    )
+    fluid = conditions.viscosity_pa_s, conditions.density
+    womersley = conditions.profile == "womersley"
+    return PortPlan(inflow, flow, tuple(held), tuple(coupled), outlets, womersley, *fluid)
 
 
 def _supply(inlets: tuple[int, ...], flow: Waveform, coupled: list[CoupledPorts]) -> int | None:
@@ -173,15 +158,15 @@ def _supply(inlets: tuple[int, ...], flow: Waveform, coupled: list[CoupledPorts]
 def _ends(
     mesh: LumenMesh, inlets: tuple[int, ...] | None, outlets: tuple[int, ...] | None
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Ports flow comes in by and leaves by: those of the nodes asked for, or as designed."""
-    into = _asked(mesh, inlets, "inlet", True)
-    out = _asked(mesh, outlets, "outlet", False)
+    """Return the inlets and the outlets: at the given nodes, or as designed."""
+    into = _ports_at(mesh, inlets, "inlet", True)
+    out = _ports_at(mesh, outlets, "outlet", False)
     for ports, what in ((into, "inlet"), (out, "outlet")):
         if not ports:
             raise FlowError(f"the lumen's mesh has no {what}; open one, or name its node")
-    both, bare = set(into) & set(out), set(range(len(mesh.ports))) - set(into) - set(out)
-    if both or bare:
-        port = min(both or bare)
+    both, neither = set(into) & set(out), set(range(len(mesh.ports))) - set(into) - set(out)
+    if both or neither:
+        port = min(both or neither)
         raise FlowError(
             f"port {port} (node {mesh.ports[port].node}) is {'both' if both else 'neither'} an "
             f"inlet {'and' if both else 'nor'} an outlet; name each end once"
@@ -189,7 +174,7 @@ def _ends(
     return into, out
 
 
-def _asked(
+def _ports_at(
     mesh: LumenMesh, nodes: tuple[int, ...] | None, what: str, inlet: bool
 ) -> tuple[int, ...]:
     if nodes is None:
@@ -220,15 +205,12 @@ def _outlets(
     return [(k, given[mesh.ports[k].node]) for k in ports]
 
 
-# Solve for the developed velocity profile over a port's actual cross-section.
-#
-# Steady developed flow through a section obeys -Δψ = 1 with 0 at the rim (Poiseuille's parabola in
-# a circle); an oscillation i ω ϱ/μ ψ - Δψ = 1 (Womersley's in a circle). Both are solved for on the
-# port's own faces, so that a scanned lumen's opening needn't be round.
-
-
 def unit_profile(spaces: Spaces, mesh: LumenMesh, port: int, rate: complex = 0.0) -> NDArray[Any]:
-    """Unknowns of a developed flow of 1 µL/s into the lumen by ``port``, (n,), 0 elsewhere.
+    """Solve for a developed flow of 1 µL/s into the lumen by ``port``: unknowns (n,), 0 elsewhere.
+
+    Steady developed flow obeys -Δψ = 1 with 0 at the rim (Poiseuille's parabola in a circle), an
+    oscillation i ω ϱ/μ ψ - Δψ = 1 (Womersley's in a circle). Both are solved on the port's own
+    faces, so that a scanned lumen's opening needn't be round.
 
     Parameters
     ----------
@@ -268,9 +250,6 @@ def unit_profile(spaces: Spaces, mesh: LumenMesh, port: int, rate: complex = 0.0
             -mesh.ports[port].outward[axis] * shape
         )
     return np.asarray(unknowns / -(spaces.outward[port] @ unknowns))
-
-
-# Make inlet velocity profiles over one cycle (Womersley or Poiseuille) for 3D flow.
 
 
 @dataclass(frozen=True)

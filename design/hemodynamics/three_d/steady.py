@@ -44,8 +44,6 @@ from design.hemodynamics.three_d.solution import (
 from design.hemodynamics.waveforms import Waveform, cycle_times
 from kernels.arrays import FloatArray
 
-_MEAN_SAMPLES = 512
-
 
 def solve_steady(
     mesh: LumenMesh,
@@ -85,7 +83,7 @@ def solve_steady(
 def plan_of(
     mesh: LumenMesh, conditions: FlowConditions | PulsatileConditions, options: FlowOptions
 ) -> PortPlan:
-    """What holds at the ports."""
+    """Return the conditions of all ports."""
     if isinstance(conditions, PulsatileConditions):
         return pulsatile_plan(mesh, conditions)
     return steady_plan(mesh, conditions, options.density)
@@ -131,7 +129,7 @@ def mean(waveform: Waveform) -> float:
     """Of a cycle."""
     if waveform.period_s is None:
         return float(waveform.at(np.zeros(1))[0])
-    return float(waveform.at(cycle_times(waveform.period_s, _MEAN_SAMPLES)).mean())
+    return float(waveform.at(cycle_times(waveform.period_s, 512)).mean())
 
 
 def check_laminar(mesh: LumenMesh, plan: PortPlan, flow: FloatArray, port: int | None) -> None:
@@ -188,9 +186,6 @@ def _solution(
     )
 
 
-# Estimate the discretisation error of 3D flow by solving again with another element order.
-
-
 @dataclass(frozen=True)
 class ErrorEstimate:
     """Differences between order 3 and order 2, which bound the error of order 3.
@@ -218,9 +213,8 @@ def estimate_error(
 ) -> ErrorEstimate:
     """Solve again with the other order, and compare.
 
-    Order 2 takes a third of order 3's unknowns; its own error is much the larger of the two, so
-    that the difference is an error of order 2, and a bound for order 3. Neither sees that the
-    lumen's shape is approximated: for that, compare two meshes.
+    Order 2's error is much the larger of the two, so that the difference estimates it, and bounds
+    order 3's. The error of the lumen's shape isn't in it: for that, compare two meshes.
 
     Raises
     ------

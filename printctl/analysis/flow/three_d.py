@@ -115,8 +115,8 @@ def options_of(part: ThreeDPart, density: float) -> FlowOptions:
 
 
 def stepping_of(part: ThreeDPart) -> Stepping:
-    """A recipe's steps and cycles; no fields are kept."""
-    return Stepping(steps=part.steps, cycles=part.most_cycles, frames=0)
+    """A recipe's steps and cycles."""
+    return Stepping(steps=part.steps, cycles=part.most_cycles)
 
 
 def write_resolved(folder: Path, resolved: FlowInMesh) -> tuple[str, str]:
