@@ -11,7 +11,7 @@ with the wall's and a profile's velocities given; κ is 0, or ϱ over a time.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -34,6 +34,9 @@ class _Limits(NamedTuple):
         Compressibility times μ that gives the factor a pivot for every pressure; Krylov steps take
         its effect away again.
     newton_steps : int
+    loads : int
+        Shares of convection by which it is raised where the whole at once doesn't converge: in
+        bends from a Reynolds number of some 500 on.
     least_damping : float
         Shortest part of a Newton step that is tried.
     forcing : float
@@ -50,6 +53,7 @@ class _Limits(NamedTuple):
 
     slack: float = 1e-7
     newton_steps: int = 25
+    loads: int = 10
     least_damping: float = 1.0 / 32.0
     forcing: float = 1e-3
     stale: float = 0.2
@@ -235,22 +239,16 @@ def on_velocity(inner: Apply, count: int) -> Apply:
     return applied
 
 
-_LOADS: Final = ((1.0,), (0.25, 0.5, 0.75, 1.0), tuple(np.linspace(0.1, 1.0, 10)))
-"""Shares of convection gone through, tried in turn."""
-
-
-# Solve finite-element linear systems together with a few unknown port pressures, by GMRES.
-#
-# A x + B λ = r,    Bᵀ x - D λ = s
-#
-# where B's columns are the flows out of ports and D what an outlet lets through for its pressure.
-# Krylov steps (GMRES) on the whole, preconditioned by a factor of A's symmetric part, or of A at an
-# earlier state, bordered exactly: one solve a column, once.
-
-
 @dataclass(frozen=True)
 class BorderBlocks:
-    """B (n, m), D (m,), and the factor's answer to B's columns."""
+    """Unknown port pressures λ beside the finite-element unknowns x.
+
+    A x + B λ = r,    Bᵀ x - D λ = s
+
+    B's columns (n, m) are the flows out of ports, D (m,) what an outlet lets through for its
+    pressure. Solved by GMRES on the whole, preconditioned by a factor of A's symmetric part, or of
+    A at an earlier state, bordered exactly: ``answered`` is its solution for B's columns.
+    """
 
     columns: Array
     slope: Array
@@ -267,7 +265,7 @@ class BorderBlocks:
 
 @dataclass(frozen=True)
 class FlowProblem:
-    """A steady system: what is given, and what unknown pressures hang on.
+    """A steady system and its given values.
 
     Attributes
     ----------
@@ -292,7 +290,7 @@ class FlowProblem:
     given: FloatArray
 
     def residual(self, whole: FloatArray, share: float) -> FloatArray:
-        """What is left of the equations at x and λ."""
+        """Return the equations' residual at x and λ."""
         x, multiplier = np.split(whole, [self.spaces.count])
         force = self.stokes.times(x) + self.border.columns @ multiplier - self.load
         if self.convection is not None and share > 0.0:
@@ -303,7 +301,7 @@ class FlowProblem:
 
 @dataclass(frozen=True)
 class NewtonSolution:
-    """A solution and the way to it.
+    """A solution, and the steps taken.
 
     Attributes
     ----------
@@ -320,7 +318,7 @@ class NewtonSolution:
 
 
 def solve_newton(problem: FlowProblem, tolerance: float, reynolds: float) -> NewtonSolution:
-    """Solve Stokes flow, then Navier–Stokes from it.
+    """Solve Stokes flow, then Navier–Stokes from it: at once, or by ever more convection.
 
     Raises
     ------
@@ -334,33 +332,20 @@ def solve_newton(problem: FlowProblem, tolerance: float, reynolds: float) -> New
     first = newton(problem, whole, 0.0, tolerance * scale, scale)
     if problem.convection is None:
         return first
-    for loads in _LOADS:
+    for shares in (1, _LIMITS.loads):
+        steps, solution = first.krylov, first
         try:
-            return _led(problem, first, loads, tolerance * scale, scale)
+            for share in np.arange(1, shares + 1) / shares:
+                solution = newton(problem, solution.unknowns, share, tolerance * scale, scale)
+                steps += solution.krylov
+            return replace(solution, krylov=steps)
         except FlowError as error:
             why = error
+    where = "" if np.isnan(reynolds) else f" at Reynolds number {reynolds:.0f}"
     raise FlowError(
-        f"no steady flow found{_at(reynolds)}: {why}; lower the flow, refine "
+        f"no steady flow found{where}: {why}; lower the flow, refine "
         "the mesh, or solve the pulsatile problem, since the flow may not be steady"
     )
-
-
-def _at(reynolds: float) -> str:
-    return "" if np.isnan(reynolds) else f" at Reynolds number {reynolds:.0f}"
-
-
-def _led(
-    problem: FlowProblem,
-    solution: NewtonSolution,
-    loads: tuple[float, ...],
-    limit: float,
-    scale: float,
-) -> NewtonSolution:
-    steps = solution.krylov
-    for share in loads:
-        solution = newton(problem, solution.unknowns, share, limit, scale)
-        steps += solution.krylov
-    return NewtonSolution(solution.unknowns, solution.residual, steps)
 
 
 def newton(
@@ -371,7 +356,7 @@ def newton(
     scale: float,
     guide: Guide | None = None,
 ) -> NewtonSolution:
-    """Newton's steps from ``whole`` with a share of convection, until the residual is ``limit``.
+    """Take Newton's steps with a share of convection until the residual is ``limit``.
 
     Raises
     ------
@@ -401,12 +386,12 @@ def newton(
 
 
 class Guide:
-    """What linear steps go by: a derivative, and a factor that preconditions it.
+    """The derivative of Newton's steps, and a factor that preconditions it.
 
-    The symmetric factor takes some 12 Krylov steps a Newton step at Reynolds numbers near 10, 30
-    near 50 and above 100 from there on; then one of the whole derivative is made, which costs four
-    times the memory, and kept until it is too old. A lazy guide keeps its derivative, too, from
-    time step to time step, while the residual falls by it.
+    By the symmetric factor a Newton step takes some 12 Krylov steps at Reynolds numbers near 10, 30
+    near 50 and above 100 from there on; then a factor of the whole derivative is made, which costs
+    four times the memory, and kept until it is too old. A lazy guide also keeps its derivative
+    from time step to time step, while the residual falls by it.
     """
 
     def __init__(self, problem: FlowProblem, *, lazy: bool = False) -> None:
@@ -421,13 +406,13 @@ class Guide:
         return self.lazy and self._times is not None
 
     def forget(self) -> None:
-        """Make a new derivative for the next step."""
+        """Discard the derivative; the next step makes a new one."""
         self._times = None
 
     def change(
         self, whole: FloatArray, residual: FloatArray, share: float, rtol: float
     ) -> FloatArray:
-        """Newton's step."""
+        """Solve for Newton's step."""
         problem, x = self.problem, whole[: self.problem.spaces.count]
         if problem.convection is None or share == 0.0:
             return self._solved(problem.stokes.times, residual, rtol)
@@ -464,7 +449,7 @@ class Guide:
 def _damped(
     problem: FlowProblem, whole: FloatArray, change: FloatArray, share: float, norm: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The longest of ever shorter steps that lowers the residual."""
+    """Halve the step until the residual falls enough."""
     part = 1.0
     while part >= _LIMITS.least_damping:
         new = whole + part * change
@@ -484,7 +469,7 @@ def solve_bordered(
     rtol: float,
     steps: int,
 ) -> tuple[Array, int]:
-    """The unknowns x and λ, one after the other, and the Krylov steps taken.
+    """Solve for x and λ, one after the other; return them and the number of Krylov steps.
 
     Raises
     ------
@@ -539,7 +524,7 @@ def _gmres(
 
 
 def _least(square: Array, norm: float) -> tuple[Array, float]:
-    """Weights of the basis that leave the least of the residual, and what part they leave."""
+    """Return the basis' weights of least residual, and the part of it that they leave."""
     target = np.zeros(len(square), dtype=square.dtype)
     target[0] = norm
     weight = np.linalg.lstsq(square, target, rcond=None)[0]
