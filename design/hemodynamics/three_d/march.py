@@ -206,8 +206,10 @@ def _cycles(
         changes.append(_change(stepper, begin))
         if changes[-1] <= clock.tolerance:
             times = cycle_times(period, clock.steps)
-            at_ports, at_sections = (record.flow, record.pressure), record.through
-            return ThreeDWaves(times, *at_ports, *at_sections, np.array(changes))
+            flow, pressure = record.through
+            return ThreeDWaves(
+                times, record.flow, record.pressure, flow, pressure, np.array(changes)
+            )
         ends.append(stepper.laws.stored())
         stepper.laws.shift(_extrapolated(begins, ends, clock.tolerance) - ends[-1])
     raise FlowError(
