@@ -26,41 +26,18 @@ Apply = Callable[[Array], Array]
 
 
 class _Limits(NamedTuple):
-    """Limits of Newton's and of Krylov's steps.
+    """Limits of Newton's and of Krylov's steps."""
 
-    Attributes
-    ----------
-    slack : float
-        Compressibility times μ that gives the factor a pivot for every pressure; Krylov steps take
-        its effect away again.
-    newton_steps : int
-    loads : int
-        Shares by which convection is raised where the whole at once doesn't converge: in bends of
-        eight elements from a Reynolds number of some 500 on. Ten found nothing that four don't.
-    least_damping : float
-        Shortest part of a Newton step that is tried.
-    forcing : float
-        Residual that a linear solve leaves at least, relative.
-    stale : float
-        Part of the residual that a step must leave at most for its derivative to be kept.
-    krylov_steps : int
-    steady_krylov, pulsatile_krylov : int
-        Krylov steps by the symmetric factor before the whole derivative's is made; in time one
-        serves all steps, so that it is worth its making sooner.
-    basis_growth : int
-        Vectors by which Krylov's basis grows.
-    """
-
-    slack: float = 1e-7
+    slack: float = 1e-7  # compressibility times μ, for pivots; Krylov steps undo its effect
     newton_steps: int = 25
-    loads: int = 4
-    least_damping: float = 1.0 / 32.0
-    forcing: float = 1e-3
-    stale: float = 0.2
+    loads: int = 4  # of convection where the whole at once fails; ten found nothing more
+    least_damping: float = 1.0 / 32.0  # shortest part of a Newton step
+    forcing: float = 1e-3  # least relative residual that a linear solve leaves
+    stale: float = 0.2  # part of the residual above which a new derivative is made
     krylov_steps: int = 150
-    steady_krylov: int = 60
-    pulsatile_krylov: int = 8
-    basis_growth: int = 24
+    steady_krylov: int = 60  # by the symmetric factor, before the whole derivative's is made
+    pulsatile_krylov: int = 8  # the same in time, where one factor serves all steps
+    basis_growth: int = 24  # vectors added to Krylov's basis at a time
 
 
 _LIMITS: Final = _Limits()

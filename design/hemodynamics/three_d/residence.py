@@ -126,27 +126,13 @@ def _result(
 
 
 class _Tracing(NamedTuple):
-    """Limits of streamlines.
+    """Limits of streamlines."""
 
-    Attributes
-    ----------
-    neighbours : int
-        Elements tried for a place, by their centres.
-    outside : float
-        Barycentric coordinate below which a place is outside: curved walls bulge.
-    still : float
-        Of the greatest speed: a line ends there.
-    lines : int
-        By default.
-    steps : int
-        Each way.
-    """
-
-    neighbours: int = 24
-    outside: float = -0.1
-    still: float = 1e-6
-    lines: int = 200
-    steps: int = 1500
+    neighbours: int = 24  # elements tried for a place, by their centres
+    outside: float = -0.1  # least barycentric coordinate inside: curved walls bulge
+    still: float = 1e-6  # of the greatest speed: a line ends there
+    lines: int = 200  # by default
+    steps: int = 1500  # each way
 
 
 _TRACING: Final = _Tracing()

@@ -30,24 +30,15 @@ from kernels.arrays import FloatArray, IntArray
 
 
 class _Sizes(NamedTuple):
-    """Sizes of a lumen's elements.
+    """Sizes of a lumen's elements."""
 
-    Attributes
-    ----------
-    on_axis : float
-        Longest edge on a vessel's axis over that on its wall. On the planar network elements that
-        fold when curved fall from 2,560 of 13,365 to 9 of 8,989.
-    coarsest : float
-        Edge ratio from which on the inside isn't made coarser: elements with all corners on the
-        wall fold, and straightening them takes 1 to 4 % of a fork's volume and adds 3 to 13 % to
-        its resistance (edge ratios 0.8 to 1); so, it is 0.1 % and 0.6 %.
-    inside : float
-        Longest edge inside, over the longest on the surface.
-    """
-
+    # Longest edge on an axis over that on the wall. On the planar network elements that fold when
+    # curved fall from 2,560 of 13,365 to 9 of 8,989.
     on_axis: float = 0.6
+    # Edge ratio from which on the inside isn't coarser. Without it straightening takes 1 to 4 % of
+    # a fork's volume and adds 3 to 13 % to its resistance (edge ratios 0.8 to 1); so 0.1 and 0.6 %.
     coarsest: float = 0.7
-    inside: float = 2.0
+    inside: float = 2.0  # longest edge inside over the longest on the surface
 
 
 _SIZES: Final = _Sizes()
@@ -257,26 +248,13 @@ def _oriented(points: FloatArray, tets: IntArray) -> IntArray:
 
 
 class _Cut(NamedTuple):
-    """Cylinder that cuts a free end flat; lengths in the port's radii.
+    """Cylinder that cuts a free end flat; lengths in the port's radii."""
 
-    Attributes
-    ----------
-    reach : float
-        Radius of the cylinder; beyond it may be another vessel.
-    depth : float
-        Length of lumen that is taken away.
-    flat : float
-        Distance from the port's plane that counts as in it.
-    sides : int
-    area : float
-        Least area of the cut over the network's; its inverse is the greatest.
-    """
-
-    reach: float = 2.5
-    depth: float = 2.0
-    flat: float = 1e-6
+    reach: float = 2.5  # its radius; beyond may be another vessel
+    depth: float = 2.0  # its length
+    flat: float = 1e-6  # distance from the port's plane that counts as in it
     sides: int = 64
-    area: float = 0.1
+    area: float = 0.1  # least area of the cut over the network's; its inverse is the greatest
 
 
 _CUT: Final = _Cut()

@@ -23,24 +23,14 @@ from kernels.arrays import FloatArray, IntArray
 
 
 class _Tolerances(NamedTuple):
-    """Tolerances of a wall's triangles, in the lumen's radii where nothing else is said.
+    """Tolerances of a wall's triangles, in the lumen's radii."""
 
-    Attributes
-    ----------
-    facet : float
-        Of the thinnest radius: greatest distance of the first surface from round.
-    flat_end : float
-        By which an end is drawn out, so that it is cut flat.
-    off_wall : float
-        Greatest distance of a vertex from the wall; where all is well it is 1e-5.
-    port : float
-        Least area of a port over its circle's; straight edges leave 0.83 of it (edge ratio 1).
-    """
-
-    facet: float = 0.03
-    flat_end: float = 1e-5
-    off_wall: float = 0.01
-    port: float = 0.6
+    facet: float = 0.03  # of the thinnest radius: greatest distance of the first surface from round
+    flat_end: float = 1e-5  # by which an end is drawn out, so that it is cut flat
+    off_wall: float = (
+        0.01  # greatest distance of a vertex from the wall; it is 1e-5 where all is well
+    )
+    port: float = 0.6  # least area of a port over its circle's; straight edges leave 0.83
 
 
 _TOLERANCES: Final = _Tolerances()
@@ -147,33 +137,16 @@ def _check_ports(surface: LabelledSurface, ports: tuple[MeshPort, ...]) -> None:
 
 
 class _Rounding(NamedTuple):
-    """Constants of a rounded surface.
+    """Constants of a rounded surface."""
 
-    Attributes
-    ----------
-    share : float
-        Of the way from a facet to its corners' tangent planes. Exactly half makes any quadratic
-        height out of its values and slopes at the corners (after Boubekeur & Alexa 2008, who take
-        3/4 for looks).
-    rim_steps : int
-        Of projecting a rim's points onto the wall and onto their port in turn.
-    spacing : float, radii
-        Between places on an axis.
-    neighbours : int
-        Places on axes tried for a point of the wall.
-    crease : float
-        Least cosine between a facet's normal and a corner's; beyond it the corner lies on an edge
-        of the lumen's own, which isn't rounded.
-    needle : float
-        Twice a facet's area over its longest edge's square, below which its normal is rounding.
-    """
-
+    # Of the way from a facet to its corners' tangent planes: half makes any quadratic height out of
+    # its values and slopes (after Boubekeur & Alexa 2008, who take 3/4 for looks).
     share: float = 0.5
-    rim_steps: int = 8
-    spacing: float = 0.5
-    neighbours: int = 16
-    crease: float = 0.85
-    needle: float = 1e-4
+    rim_steps: int = 8  # of projecting a rim onto wall and port in turn
+    spacing: float = 0.5  # radii between places on an axis
+    neighbours: int = 16  # places on axes tried for a point of the wall
+    crease: float = 0.85  # cosine between a facet's and a corner's normal that isn't rounded
+    needle: float = 1e-4  # twice a facet's area over its longest edge's square: no normal
 
 
 _ROUNDING: Final = _Rounding()

@@ -17,44 +17,20 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 
 
 class _Field(NamedTuple):
-    """Constants of the wall's signed distance.
+    """Constants of the wall's signed distance."""
 
-    Attributes
-    ----------
-    beyond : float
-        Radii by which the field goes on beyond a free end, so that it is a tube's there.
-    kink : float
-        Cosine of the turn from which on a polyline has a fillet, as a node has; not where its
-        pieces are shorter than a radius, as those of a rough centreline are.
-    seam : float
-        Reach of a junction's fillet over the distance of its seam's end; with ``fade`` the fillet
-        is whole to 4/3 of that.
-    fade : float
-        A fillet is whole up to 1 - 1/fade of its reach.
-    sharpness : int
-        Power of distance by which a junction's fillet loses its weight beside another's.
-    pieces : int
-        The nearest ones, which a fillet is made of: a finely drawn curve has many.
-    probe : float
-        Of the fillet's radius: step of the differences.
-    steps : int
-        Newton's, onto the wall.
-    flattest : float
-        Square of the least slope by which a step is taken; between walls the field is flat.
-    settled : float, mm
-        Distance from the wall that ends the steps.
-    """
-
-    beyond: float = 3.0
+    beyond: float = 3.0  # radii by which a free end goes on, so that the field is a tube's there
+    # A polyline that turns by more has a fillet, unless its pieces are shorter than a radius, as
+    # those of a rough centreline are.
     kink: float = float(np.cos(np.radians(15.0)))
-    seam: float = 2.0
-    fade: float = 3.0
-    sharpness: int = 8
-    pieces: int = 64
-    probe: float = 1e-4
-    steps: int = 12
-    flattest: float = 0.25
-    settled: float = 1e-9
+    seam: float = 2.0  # reach of a fillet over the distance of its seam's end
+    fade: float = 3.0  # a fillet is whole up to 1 - 1/fade of its reach: 4/3 of its seam
+    sharpness: int = 8  # power of distance by which fillets are blended
+    pieces: int = 64  # nearest ones that make a fillet; a finely drawn curve has many
+    probe: float = 1e-4  # of the fillet's radius: step of differences
+    steps: int = 12  # Newton's, onto the wall
+    flattest: float = 0.25  # least squared slope of a step; between walls the field is flat
+    settled: float = 1e-9  # mm from the wall
 
 
 FIELD: Final = _Field()

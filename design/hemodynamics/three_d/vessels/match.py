@@ -25,28 +25,13 @@ from kernels.arrays import FloatArray, IntArray
 
 
 class _Limits(NamedTuple):
-    """Limits of the rounds.
+    """Limits of the rounds."""
 
-    Attributes
-    ----------
-    patience : int
-        Rounds without a better one, after which it ends.
-    gain : float
-        Part of the best deviation below which a round counts as better.
-    at_bound : float
-        Logarithm of a radius: nearer than that to a bound it stands there.
-    same : float
-        Change of a scale below which the next round would be the same; the search begins as far
-        inside its bounds.
-    stiffness : float
-        Weight of a radius' change beside that of flows, so that none changes without need.
-    """
-
-    patience: int = 2
-    gain: float = 0.9
-    at_bound: float = 1e-4
-    same: float = 1e-9
-    stiffness: float = 1e-3
+    patience: int = 2  # rounds without a better one
+    gain: float = 0.9  # part of the best deviation below which a round is better
+    at_bound: float = 1e-4  # of a radius: nearer to a bound it stands there
+    same: float = 1e-9  # change of a scale that changes nothing
+    stiffness: float = 1e-3  # weight of radii beside flows, so that none changes without need
 
 
 _LIMITS: Final = _Limits()

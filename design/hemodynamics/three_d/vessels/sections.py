@@ -37,27 +37,14 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 
 
 class _Slabs(NamedTuple):
-    """Sizes of sections' slabs, in radii of the vessel.
+    """Sizes of sections' slabs; lengths in radii of the vessel."""
 
-    Attributes
-    ----------
-    half_width : float
-        h.
-    reach : float
-        How far from its centre a section's elements are looked for.
-    spacing : float
-        Between the places tried along a vessel, at most 24 of them.
-    gauss_points : int
-        Along an edge; the slab's weight is no polynomial over an element.
-    area_error : float
-        Of the area within the wall, by which a clear section's may differ: far above the elements'
-        own errors (1 %), below what another vessel adds (17 % and more in 31 loops).
-    """
-
-    half_width: float = 0.75
-    reach: float = 3.0
-    spacing: float = 0.4
-    gauss_points: int = 8
+    half_width: float = 0.75  # h
+    reach: float = 3.0  # of elements' centres from the section's
+    spacing: float = 0.4  # of the places tried along a vessel, at most 24
+    gauss_points: int = 8  # along an edge; the slab's weight is no polynomial over an element
+    # Of the area within the wall, in a clear section: elements err by 1 %, another vessel adds 17 %
+    # and more (31 loops).
     area_error: float = 0.1
 
 
@@ -316,25 +303,15 @@ def _unbranched(network: VesselNetwork) -> IntArray:
 
 
 class _Balance(NamedTuple):
-    """Limits of the mass balance.
+    """Limits of the mass balance."""
 
-    Attributes
-    ----------
-    junction : float
-        Share of a vessel's length up to which an end counts as short of the middle's clear part.
-    correction : float
-        Of its own flow, by which mass may correct a section; one that is farther off is left out.
-    still : float
-        Of the largest flow through a port: sections of less flow err by a part of this.
-    rank, rounding : float
-        Relative: singular values that are 0, and values that are equal.
-    """
-
-    junction: float = 0.39
-    correction: float = 0.02
-    still: float = 1e-3
-    rank: float = 1e-9
-    rounding: float = 1e-6
+    junction: float = (
+        0.39  # greatest share of a vessel's length that a junction takes of a clear one
+    )
+    correction: float = 0.02  # of its own flow; a section that is farther off is left out
+    still: float = 1e-3  # of the largest port's flow: sections of less err by a part of this
+    rank: float = 1e-9  # relative singular value that is 0
+    rounding: float = 1e-6  # relative difference of values that are equal
 
 
 _BALANCE: Final = _Balance()
