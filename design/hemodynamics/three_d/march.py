@@ -134,7 +134,7 @@ def check_cycles(widest_mm: float, conditions: PulsatileConditions, clock: Stepp
 
 
 class _Stepper:
-    """What holds for all steps, and the last states."""
+    """Operators of all time steps, and the last states."""
 
     def __init__(
         self,
@@ -164,7 +164,7 @@ class _Stepper:
                          float(np.linalg.norm(self.problem.residual(still, 0.0))))  # fmt: skip
 
     def advance(self, time_s: float) -> None:
-        """Go to this time."""
+        """Step to this time."""
         room, count = self.room, self.room.count
         load = self.mass(2.0 * self.now[:count] - 0.5 * self.before[:count])
         for port, waveform in self.plan.held:

@@ -45,36 +45,24 @@ _LIMITS: Final = _Limits()
 
 @dataclass(frozen=True)
 class Spaces:
-    """Finite-element spaces of velocity and pressure on one mesh.
+    """Finite-element spaces of velocity and pressure on one mesh."""
 
-    Attributes
-    ----------
-    ng, mesh : module, engine's mesh
-    both, velocity : engine's spaces
-        Velocity and pressure; velocity alone, the first of its unknowns.
-    order : int
-    free : (n,) bool
-        Unknowns that aren't given.
-    outward : (p, n) float64
-        Flow out of each port, µL/s, is its row times the unknowns.
-    """
-
-    ng: Any
+    ng: Any  # NGSolve's module
     mesh: Any
-    both: Any
-    velocity: Any
+    both: Any  # velocity and pressure
+    velocity: Any  # alone: the first of the unknowns
     order: int
-    free: BoolArray
-    outward: FloatArray
+    free: BoolArray  # (n,), unknowns that aren't given
+    outward: FloatArray  # (p, n): times the unknowns, the flow out of each port, µL/s
 
     @property
     def count(self) -> int:
-        """Number of unknowns, given ones included."""
+        """Return the number of unknowns, given ones included."""
         return len(self.free)
 
 
 def spaces(ng: Any, mesh: Any, ports: int, order: int, inflow: int | None) -> Spaces:
-    """Spaces of this order; port ``inflow`` has its velocity given, as the wall has."""
+    """Make spaces of this order; port ``inflow`` has its velocity given, as the wall has."""
     given = WALL_NAME if inflow is None else f"{WALL_NAME}|{port_name(inflow)}"
     velocity = ng.VectorH1(mesh, order=order, dirichlet=given)
     both = velocity * ng.H1(mesh, order=order - 1)
@@ -242,29 +230,15 @@ class BorderBlocks:
 
 @dataclass(frozen=True)
 class FlowProblem:
-    """A steady system and its given values.
-
-    Attributes
-    ----------
-    spaces : Spaces
-    stokes : Stokes
-    convection : Convection or None
-    border : BorderBlocks
-    start : (n,) float64
-        Given velocities, 0 elsewhere.
-    load : (n,) float64
-        Force of the given pressures.
-    given : (m,) float64
-        Right side of the border's rows.
-    """
+    """A steady system and its given values."""
 
     spaces: Spaces
     stokes: Stokes
     convection: Convection | None
     border: BorderBlocks
-    start: FloatArray
-    load: FloatArray
-    given: FloatArray
+    start: FloatArray  # (n,), given velocities, 0 elsewhere
+    load: FloatArray  # (n,), force of the given pressures
+    given: FloatArray  # (m,), right side of the border's rows
 
     def residual(self, whole: FloatArray, share: float) -> FloatArray:
         """Return the equations' residual at x and λ."""
@@ -278,20 +252,11 @@ class FlowProblem:
 
 @dataclass(frozen=True)
 class NewtonSolution:
-    """A solution, and the steps taken.
+    """A solution, and the steps taken."""
 
-    Attributes
-    ----------
-    unknowns : (n + m,) float64
-    residual : (k,) float64
-        After each of Newton's steps, of that of no flow.
-    krylov : int
-        Linear steps, all together.
-    """
-
-    unknowns: FloatArray
-    residual: FloatArray
-    krylov: int
+    unknowns: FloatArray  # (n + m,)
+    residual: FloatArray  # (k,), after each of Newton's steps, over that of no flow
+    krylov: int  # linear steps in all
 
 
 def solve_newton(problem: FlowProblem, tolerance: float, reynolds: float) -> NewtonSolution:

@@ -204,13 +204,23 @@ def wall_shear(field: Field, viscosity_pa_s: float) -> WallShear:
 
 
 def elements_behind(mesh: LumenMesh, faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the element of each of these faces (f,), and its corners on the face (f, 3)."""
+    """Return the element of each of these faces (f,), and its corners on the face (f, 3).
+
+    Raises
+    ------
+    FlowError
+        A face that bounds no element.
+    """
     sides = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
     count = mesh.corner_count
     side_key = _key(mesh.tets[:, sides].reshape(-1, 3), count)
     order = np.argsort(side_key, kind="stable")
-    half_faces = order[np.searchsorted(side_key[order], _key(mesh.faces[faces, :3], count))]
-    tet = half_faces // 4
+    key = _key(mesh.faces[faces, :3], count)
+    sides_of = order[np.searchsorted(side_key[order], key).clip(max=len(order) - 1)]
+    if (side_key[sides_of] != key).any():
+        face = int(faces[np.argmax(side_key[sides_of] != key)])
+        raise FlowError(f"face {face} bounds no tetrahedron; mesh again")
+    tet = sides_of // 4
     same = mesh.tets[tet, :4][:, None, :] == mesh.faces[faces, :3][:, :, None]
     return tet, same.argmax(axis=2)
 

@@ -39,26 +39,13 @@ _MAX_CELLS: Final = 4_000_000
 
 
 class Cells(NamedTuple):
-    """Boxes by the cells that they reach into.
+    """Boxes by the cells of a grid that they reach into."""
 
-    Attributes
-    ----------
-    low : (3,) float64, mm
-        Corner of the grid.
-    size : float, mm
-        Of a cell.
-    shape : (3,) int64
-    first : (cells + 1,) int64
-        Where each cell's boxes begin in ``item``.
-    item : (k,) int64
-        Numbers of boxes.
-    """
-
-    low: FloatArray
-    size: float
-    shape: IntArray
-    first: IntArray
-    item: IntArray
+    low: FloatArray  # (3,), mm, corner of the grid
+    size: float  # mm, of a cell
+    shape: IntArray  # (3,)
+    first: IntArray  # (cells + 1,), where each cell's boxes begin in ``item``
+    item: IntArray  # (k,), numbers of boxes
 
 
 @dataclass(frozen=True)
@@ -150,18 +137,13 @@ def lumen_wall(network: VesselNetwork, fillet_ratio: float, ratio: float) -> Lum
     ports = free_ends(network)
     slope = (r1 - r0) / length
     # Free ends go on.
-    ends = [
-        wall_rows(
-            port.centre[None],
-            port.outward[None],
-            np.array([FIELD.beyond * port.radius_mm]),
-            np.array([port.radius_mm]),
-            np.zeros(1),
-        )
-        for port in ports
-    ]
-    rows = np.concatenate(
-        [wall_rows(start, axis, length, r0, slope), np.reshape(ends, (-1, COLUMNS))]
+    wide = np.array([port.radius_mm for port in ports])
+    rows = wall_rows(
+        np.concatenate([start, *(port.centre[None] for port in ports)]),
+        np.concatenate([axis, *(port.outward[None] for port in ports)]),
+        np.concatenate([length, FIELD.beyond * wide]),
+        np.concatenate([r0, wide]),
+        np.concatenate([slope, np.zeros(len(ports))]),
     )
     joints = _joints(network, fillet_ratio)
     reach = 3.0 * (joints[:, 4].max() if len(joints) else 0.0)
