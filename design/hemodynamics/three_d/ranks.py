@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -13,14 +12,14 @@ import numpy as np
 
 from design.errors import FlowError
 from design.files import atomic_replacement, write_bytes, write_text
-from design.hemodynamics.conditions import FlowConditions, ResistanceOutlet
+from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.fluids import require_above_zero
 from design.hemodynamics.three_d.engine import engine_mesh, engine_threads
 from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import spaces
-from design.hemodynamics.three_d.ports import GivenFlow, steady_plan, unit_profile
+from design.hemodynamics.three_d.ports import PortPlan, steady_plan, unit_profile
 from design.hemodynamics.three_d.solution import at_points, field_of
-from design.units import WATER_DENSITY
+from design.hemodynamics.three_d.steady import mean, mean_laws
 from kernels.arrays import FloatArray
 
 ENGINE: Final = Path(__file__).with_name("rank_engine.py")
@@ -29,88 +28,57 @@ RESULTS: Final = ("ranks.json", "velocity.npy", "pressure.npy")
 
 
 @dataclass(frozen=True)
-class PortFlow:
-    """A velocity profile of a flow into the lumen, µL/s (below 0: out of it)."""
-
-    flow_ul_s: float
-
-
-@dataclass(frozen=True)
-class PortShare:
-    """One of the ports that share a supply's flow, and one pressure: which supply."""
-
-    supply: int
-
-
-@dataclass(frozen=True)
-class PortPressure:
-    """A pressure, Pa, and a resistance in front of it, Pa·s/µL (0: none)."""
-
-    pressure_pa: float = 0.0
-    resistance: float = 0.0
-
-
-PortCondition = PortFlow | PortShare | PortPressure
-
-
-@dataclass(frozen=True)
-class RankConditions:
-    """Conditions of a steady case on ranks.
+class RankOptions:
+    """Options of the solver on ranks.
 
     Attributes
     ----------
-    ports : tuple of PortCondition
-        One for each of the mesh's ports, in their order.
-    viscosity_pa_s : float, Pa·s
-    supplies : tuple of float, µL/s
-        Flow into the lumen by all ports of each supply.
-    density : float, Pa·s²/mm²
     model : {"stokes", "navier_stokes"}
     solver : {"auto", "direct", "iterative"}
         MUMPS, or multigrid in a Krylov method; by the number of unknowns.
     tolerance : float
-        Of the residual, by that of the lift.
+        Residual left, over that of the given velocities.
     """
 
-    ports: tuple[PortCondition, ...]
-    viscosity_pa_s: float
-    supplies: tuple[float, ...] = ()
-    density: float = WATER_DENSITY
     model: Literal["stokes", "navier_stokes"] = "navier_stokes"
     solver: Literal["auto", "direct", "iterative"] = "auto"
     tolerance: float = 1e-9
 
     def __post_init__(self) -> None:
-        _check(self)
+        require_above_zero("tolerance", self.tolerance, "")
 
 
-def write_case(mesh: LumenMesh, conditions: RankConditions, folder: Path) -> None:
-    """Write a case and its solver: a folder that can be copied to a cluster.
+def write_case(
+    mesh: LumenMesh,
+    conditions: FlowConditions,
+    folder: Path,
+    options: RankOptions | None = None,
+) -> None:
+    """Write a steady case and its solver: a folder that can be copied to a cluster.
 
     `case.json`, `points.npy`, `tets.npy`, `faces.npy`, `label.npy`, `inflow.npy` (velocities at
-    ports of given flow, mm/s) and `engine.py`. Results of an earlier case are removed.
+    the port of given flow, mm/s) and `engine.py`. Results of an earlier case are removed.
+
+    A given flow has a profile where there is one inlet; several share a pressure. An outlet of
+    given flow has a pressure of its own.
 
     Raises
     ------
     FlowError
-        When conditions don't fit the mesh's ports, a port of given flow has no face or no node
-        inside its rim, or the extra isn't installed.
+        As `steady_plan`; an inlet without a face or a node inside its rim; the extra isn't
+        installed.
     OSError
         When a file can't be written.
     """
-    if len(conditions.ports) != len(mesh.ports):
-        raise FlowError(
-            f"{len(conditions.ports)} conditions for {len(mesh.ports)} ports; give one each"
-        )
-    driven = {k: x.flow_ul_s for k, x in enumerate(conditions.ports) if isinstance(x, PortFlow)}
+    plan = steady_plan(mesh, conditions, conditions.density)
     arrays: dict[str, Any] = {
         "points": mesh.points.astype(np.float64),
         "tets": mesh.tets.astype(np.int64),
         "faces": mesh.faces.astype(np.int64),
         "label": mesh.label.astype(np.int32),
-        "inflow": port_velocities(mesh, driven),
+        "inflow": _inflow(mesh, plan),
     }
-    facts = _case_facts(mesh, conditions)
+    facts = _case_facts(mesh, plan, options or RankOptions())
     facts["id"] = _digest(facts, arrays)
     folder.mkdir(parents=True, exist_ok=True)
     for left in RESULTS:
@@ -122,139 +90,61 @@ def write_case(mesh: LumenMesh, conditions: RankConditions, folder: Path) -> Non
     write_text(folder / "case.json", json.dumps(facts, indent=1) + "\n")
 
 
-def _case_facts(mesh: LumenMesh, conditions: RankConditions) -> dict[str, Any]:
+def _case_facts(mesh: LumenMesh, plan: PortPlan, options: RankOptions) -> dict[str, Any]:
+    """Return ports, and groups of ports of one unknown pressure p with Q - D p = s outward."""
+    pressure = {port: mean(waveform) for port, waveform in plan.held}
+    slope, given = mean_laws(plan.coupled)
+    # Resistances in the ports' order, the inlets' common supply, outlets of given flow.
+    order = sorted(
+        range(len(plan.coupled)),
+        key=lambda k: (slope[k] == 0.0, len(plan.coupled[k].ports) == 1, plan.coupled[k].ports),
+    )
     return {
         "units": "mm, s, Pa, µL",
         "nodes": len(mesh.points),
         "corners": mesh.corner_count,
-        "model": conditions.model,
-        "viscosity_pa_s": conditions.viscosity_pa_s,
-        "density": conditions.density,
-        "solver": conditions.solver,
-        "tolerance": conditions.tolerance,
+        "model": options.model,
+        "viscosity_pa_s": plan.viscosity_pa_s,
+        "density": plan.density,
+        "solver": options.solver,
+        "tolerance": options.tolerance,
         "ports": [
             {
                 "label": k + 1,
-                "node": mesh.ports[k].node,
-                "outlet": not mesh.ports[k].inlet,
-                "kind": "profile" if isinstance(given, PortFlow) else "open",
-                # What holds whatever flows.
-                "pressure_pa": given.pressure_pa
-                if isinstance(given, PortPressure) and not given.resistance
-                else 0.0,
+                "node": port.node,
+                "outlet": k in plan.outlets,
+                "kind": "profile" if k == plan.inflow else "open",
+                "pressure_pa": pressure.get(k, 0.0),
             }
-            for k, given in enumerate(conditions.ports)
+            for k, port in enumerate(mesh.ports)
         ],
-        "groups": _groups(conditions),
+        "groups": [
+            {
+                "ports": list(plan.coupled[k].ports),
+                "slope": float(slope[k]),
+                "given": float(given[k]),
+            }
+            for k in order
+        ],
     }
 
 
-def _groups(conditions: RankConditions) -> list[dict[str, Any]]:
-    """Ports of one unknown pressure p, and the law Q - D p = s of their flow Q outward."""
-    groups = [
-        {"ports": [k], "slope": 1.0 / x.resistance, "given": -x.pressure_pa / x.resistance}
-        for k, x in enumerate(conditions.ports)
-        if isinstance(x, PortPressure) and x.resistance
-    ]
-    for supply, flow in enumerate(conditions.supplies):
-        ports = [k for k, x in enumerate(conditions.ports) if x == PortShare(supply)]
-        groups.append({"ports": ports, "slope": 0.0, "given": -flow})
-    return groups
+def _inflow(mesh: LumenMesh, plan: PortPlan) -> FloatArray:
+    """Return the developed profile's velocities at the mesh's nodes (n + e, 3), mm/s."""
+    if plan.inflow is None:
+        return np.zeros((len(mesh.points), 3))
+    with engine_threads() as ng:
+        room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), 2, plan.inflow)
+        field = field_of(room, mesh, mean(plan.flow) * unit_profile(room, mesh, plan.inflow))
+        return at_points(mesh, field.velocity, field.order)
 
 
 def _digest(facts: dict[str, Any], arrays: dict[str, Any]) -> str:
-    """Names a case by its content, so that a result can't be taken for another's."""
+    """Name a case by its content, so that a result can't be taken for another's."""
     digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode())
     for name in sorted(arrays):
         digest.update(np.ascontiguousarray(arrays[name]).tobytes())
     return digest.hexdigest()[:16]
-
-
-def _check(conditions: RankConditions) -> None:
-    for name, value, unit in (
-        ("viscosity_pa_s", conditions.viscosity_pa_s, "Pa·s"),
-        ("density", conditions.density, "Pa·s²/mm²"),
-        ("tolerance", conditions.tolerance, ""),
-    ):
-        require_above_zero(name, value, unit)
-    for port, given in enumerate(conditions.ports):
-        _check_port(port, given, len(conditions.supplies))
-    for supply, flow in enumerate(conditions.supplies):
-        if not np.isfinite(flow) or PortShare(supply) not in conditions.ports:
-            raise FlowError(
-                f"supply {supply} of {flow} µL/s: give a number, and a port that has it"
-            )
-    if not any(isinstance(given, PortPressure) for given in conditions.ports):
-        raise FlowError(
-            "every port has a flow, so no pressure is determined; give one port a pressure"
-        )
-
-
-def _check_port(port: int, given: PortCondition, supplies: int) -> None:
-    values = vars(given)
-    for name, value in values.items():
-        if not np.isfinite(value):
-            raise FlowError(f"port {port}: {name} is {value}; give a number")
-    if isinstance(given, PortShare) and not 0 <= given.supply < supplies:
-        raise FlowError(f"port {port} is of supply {given.supply}, and there are {supplies}")
-    if values.get("resistance", 0.0) < 0.0:
-        raise FlowError(
-            f"port {port}: resistance is {values['resistance']:g} Pa·s/µL; give 0 or more"
-        )
-
-
-def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any) -> RankConditions:
-    """Conditions of every port, by its node: a network's own, at its lumen.
-
-    A given flow has a profile where there is one inlet; several hang on one supply and share its
-    pressure. An outlet of given flow has a pressure of its own.
-
-    Parameters
-    ----------
-    mesh : LumenMesh
-    conditions : FlowConditions
-    **options
-        Of `RankConditions`: density (the conditions' by default), model, solver, tolerance.
-
-    Raises
-    ------
-    FlowError
-        As `steady_plan`.
-    """
-    plan = steady_plan(mesh, conditions, conditions.density)
-    at_rest = np.zeros(1)
-    ports: dict[int, PortCondition] = {
-        k: PortPressure(float(waveform.at(at_rest)[0])) for k, waveform in plan.held
-    }
-    if plan.inflow is not None:
-        ports[plan.inflow] = PortFlow(float(plan.flow.at(at_rest)[0]))
-    supplies: list[float] = []
-    # The inlets' common supply first, then outlets in the ports' order.
-    for group in sorted(plan.coupled, key=lambda each: (len(each.ports) == 1, each.ports)):
-        if isinstance(group.law, GivenFlow):
-            ports |= dict.fromkeys(group.ports, PortShare(len(supplies)))
-            supplies.append(-group.law.factor * float(group.law.waveform.at(at_rest)[0]))
-        elif isinstance(group.law, ResistanceOutlet):
-            ports[group.ports[0]] = PortPressure(group.law.distal_pa, group.law.resistance)
-    return RankConditions(
-        tuple(ports[k] for k in range(len(mesh.ports))),
-        conditions.viscosity_pa_s,
-        tuple(supplies),
-        **{"density": conditions.density, **options},
-    )
-
-
-def port_velocities(mesh: LumenMesh, flow_ul_s: Mapping[int, float]) -> FloatArray:
-    """Developed velocities, mm/s, at the mesh's nodes (n + e, 3) that bring flows in by ports."""
-    velocity = np.zeros((len(mesh.points), 3))
-    if not flow_ul_s:
-        return velocity
-    with engine_threads() as ng:
-        room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), 2, None)
-        for port, flow in flow_ul_s.items():
-            field = field_of(room, mesh, flow * unit_profile(room, mesh, port))
-            velocity += at_points(mesh, field.velocity, field.order)
-    return velocity
 
 
 @dataclass(frozen=True)
@@ -284,7 +174,7 @@ class RankResult:
 
 
 def read_result(folder: Path) -> RankResult:
-    """Read what a run left in a case's folder.
+    """Read the result from a case's folder.
 
     Raises
     ------

@@ -262,21 +262,11 @@ _CUT: Final = _Cut()
 
 @dataclass(frozen=True)
 class CutSurface:
-    """A lumen that is flat at its ports.
+    """A lumen that is flat at its ports."""
 
-    Attributes
-    ----------
-    surface : LabelledSurface
-        Closed; labels are those of `LumenMesh`.
-    ports : tuple of MeshPort
-        With the middle and the size of what was cut.
-    wall : Surface
-        The wall before the cut, which has no needles along the rims, and goes on beyond them.
-    """
-
-    surface: LabelledSurface
-    ports: tuple[MeshPort, ...]
-    wall: Surface
+    surface: LabelledSurface  # closed; labels are those of `LumenMesh`
+    ports: tuple[MeshPort, ...]  # with the middle and the size of the cut faces
+    wall: Surface  # before the cut: without needles along the rims, and beyond them
 
 
 class _Body(NamedTuple):

@@ -154,32 +154,15 @@ _ROUNDING: Final = _Rounding()
 
 @dataclass(frozen=True)
 class FacetWall:
-    """Triangles between ports, rounded by their corners' normals; a `Shape` to remesh by.
+    """Triangles between ports, rounded by their corners' normals; a `Shape` to remesh by."""
 
-    Attributes
-    ----------
-    wall : Surface
-        Without the ports.
-    normals : (f, 3, 3) float64
-        Unit, outward, at each face's corners.
-    tree : TriangleTree
-        Of the faces.
-    axis : cKDTree
-        Places on the vessels' axes.
-    radius : (k,) float64, mm
-        Of the lumen there.
-    ports : tuple of MeshPort
-    ratio : float
-        Wanted edge length over the lumen's radius.
-    """
-
-    wall: Surface
-    normals: FloatArray
-    tree: TriangleTree
-    axis: cKDTree
-    radius: FloatArray
+    wall: Surface  # without the ports
+    normals: FloatArray  # (f, 3, 3), unit, outward, at each face's corners
+    tree: TriangleTree  # of the faces
+    axis: cKDTree  # places on the vessels' axes
+    radius: FloatArray  # (k,), mm, of the lumen there
     ports: tuple[MeshPort, ...]
-    ratio: float
+    ratio: float  # wanted edge length over the lumen's radius
 
     def size(self, points: FloatArray) -> FloatArray:
         """Return the wanted edge length at each point, mm: a share of its vessel's radius."""

@@ -55,26 +55,13 @@ class LumenWall:
     Pieces are cones with a ball at either end (`wall_distance`), united and closed by a rolling
     ball (`rounded_distance`) whose radius is the junction's own: the lumen that `lumen_solid`
     makes, as a function.
-
-    Attributes
-    ----------
-    rows : (n, 10) float64
-        Of `wall_rows`, free ends drawn out by some radii.
-    joints : (m, 6) float64, mm
-        Place, ball's radius, fillet's radius and how far it reaches, of each node where vessels
-        meet and each kink of a polyline.
-    cells : Cells
-        Pieces near a place.
-    ports : tuple of MeshPort
-    ratio : float
-        Wanted edge length over the lumen's radius.
     """
 
-    rows: FloatArray
-    joints: FloatArray
-    cells: Cells
+    rows: FloatArray  # (n, 10), of `wall_rows`, free ends drawn out
+    joints: FloatArray  # (m, 6), mm: place, radii of vessel and fillet, reach; of nodes and kinks
+    cells: Cells  # pieces near a place
     ports: tuple[MeshPort, ...]
-    ratio: float
+    ratio: float  # wanted edge length over the lumen's radius
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance at ``points`` (n, 3), mm; right in sign and zero."""
