@@ -33,11 +33,6 @@ class FlowOptions:
         Navier–Stokes, or Stokes flow, without inertia of turning and of narrowing.
     density : float, Pa·s²/mm²
         Of steady flow; pulsatile conditions have their own.
-    tolerance : float
-        Residual left, of that of no flow.
-    threads : int
-        Results are the same to the last digit only for the same number; on two cores that others
-        use too, a second makes it slower (3.3 s for 1.1).
     memory_gb : float, optional
         Limit; without it, what the machine has free.
     """
@@ -45,15 +40,11 @@ class FlowOptions:
     order: int = 3
     convection: bool = True
     density: float = WATER_DENSITY
-    tolerance: float = 1e-8
-    threads: int = 1
     memory_gb: float | None = None
 
     def __post_init__(self) -> None:
         if self.order not in (2, 3):
             raise FlowError(f"elements of order {self.order}; take 2 or 3")
-        if not 1e-12 <= self.tolerance <= 1e-3:
-            raise FlowError(f"tolerance {self.tolerance:g} isn't between 1e-12 and 1e-3")
 
 
 # Estimate the memory of a 3D flow solution; refuse one too large for the computer.
@@ -137,10 +128,14 @@ def load_engine() -> Any:
 
 
 @contextmanager
-def engine_threads(threads: int = 1) -> Iterator[Any]:
-    """Yield NGSolve, set to so many threads."""
+def running_engine() -> Iterator[Any]:
+    """Yield NGSolve on one thread.
+
+    Results are the same to the last digit only for the same number of threads; on two cores that
+    others use too, a second makes it slower (3.3 s for 1.1).
+    """
     ngsolve = load_engine()
-    ngsolve.SetNumThreads(threads)
+    ngsolve.SetNumThreads(1)
     ngsolve.ngsglobals.msg_level = 0
     with ngsolve.TaskManager():
         yield ngsolve

@@ -20,7 +20,7 @@ from design.hemodynamics.three_d.engine import (
     FlowOptions,
     check_memory,
     engine_mesh,
-    engine_threads,
+    running_engine,
 )
 from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import (
@@ -96,10 +96,10 @@ def march_flow(
         raise FlowError("nothing changes in time: all waveforms are constant; solve_steady does it")
     check_laminar(mesh, plan, plan.flow.at(cycle_times(period, clock.steps)), plan.inflow)
     check_cycles(max(port.radius_mm for port in mesh.ports), conditions, clock)
-    with engine_threads(how.threads) as ng:
+    with running_engine() as ng:
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
         first = steady_problem(room, mesh, plan, how)
-        begun = solve_newton(first, how.tolerance, float("nan")).unknowns
+        begun = solve_newton(first).unknowns
         inflow = inflow_of(room, mesh, plan, period, clock.steps)
         del first
         stepper = _Stepper(room, plan, how, inflow, period / clock.steps, begun)

@@ -29,6 +29,7 @@ class _Limits(NamedTuple):
     """Limits of Newton's and of Krylov's steps."""
 
     slack: float = 1e-7  # compressibility times μ, for pivots; Krylov steps undo its effect
+    tolerance: float = 1e-8  # residual of steady flow over that of no flow
     newton_steps: int = 25
     loads: int = 4  # of convection where the whole at once fails; ten found nothing more
     least_damping: float = 1.0 / 32.0  # shortest part of a Newton step
@@ -259,7 +260,7 @@ class NewtonSolution:
     krylov: int  # linear steps in all
 
 
-def solve_newton(problem: FlowProblem, tolerance: float, reynolds: float) -> NewtonSolution:
+def solve_newton(problem: FlowProblem, reynolds: float = float("nan")) -> NewtonSolution:
     """Solve Stokes flow, then Navier–Stokes from it: at once, or by ever more convection.
 
     Raises
@@ -271,14 +272,15 @@ def solve_newton(problem: FlowProblem, tolerance: float, reynolds: float) -> New
     scale = float(np.linalg.norm(problem.residual(whole, 0.0)))
     if scale == 0.0:
         return NewtonSolution(whole, np.zeros(1), 0)
-    first = newton(problem, whole, 0.0, tolerance * scale, scale)
+    limit = _LIMITS.tolerance * scale
+    first = newton(problem, whole, 0.0, limit, scale)
     if problem.convection is None:
         return first
     for shares in (1, _LIMITS.loads):
         steps, solution = first.krylov, first
         try:
             for share in np.arange(1, shares + 1) / shares:
-                solution = newton(problem, solution.unknowns, share, tolerance * scale, scale)
+                solution = newton(problem, solution.unknowns, share, limit, scale)
                 steps += solution.krylov
             return replace(solution, krylov=steps)
         except FlowError as error:

@@ -14,7 +14,7 @@ from design.errors import FlowError
 from design.files import atomic_replacement, write_bytes, write_text
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.fluids import require_above_zero
-from design.hemodynamics.three_d.engine import engine_mesh, engine_threads
+from design.hemodynamics.three_d.engine import engine_mesh, running_engine
 from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import spaces
 from design.hemodynamics.three_d.ports import PortPlan, steady_plan, unit_profile
@@ -133,7 +133,7 @@ def _inflow(mesh: LumenMesh, plan: PortPlan) -> FloatArray:
     """Return the developed profile's velocities at the mesh's nodes (n + e, 3), mm/s."""
     if plan.inflow is None:
         return np.zeros((len(mesh.points), 3))
-    with engine_threads() as ng:
+    with running_engine() as ng:
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), 2, plan.inflow)
         field = field_of(room, mesh, mean(plan.flow) * unit_profile(room, mesh, plan.inflow))
         return at_points(mesh, field.velocity, field.order)

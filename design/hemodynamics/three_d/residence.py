@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.engine import FlowOptions, engine_mesh, engine_threads, port_name
+from design.hemodynamics.three_d.engine import engine_mesh, port_name, running_engine
 from design.hemodynamics.three_d.meshing.lumen_mesh import shapes
 from design.hemodynamics.three_d.newton import Spaces, spaces
 from design.hemodynamics.three_d.solution import Field, ThreeDSolution, sample_function, state_of
@@ -54,9 +54,7 @@ class ResidenceTime:
     volume_ul: float
 
 
-def residence_time(
-    solution: ThreeDSolution, diffusivity_mm2_s: float = GLUCOSE, options: FlowOptions | None = None
-) -> ResidenceTime:
+def residence_time(solution: ThreeDSolution, diffusivity_mm2_s: float = GLUCOSE) -> ResidenceTime:
     """Solve for the age of the fluid in a steady solution.
 
     Raises
@@ -64,7 +62,6 @@ def residence_time(
     FlowError
         No flow, a diffusivity that isn't above 0, the extra not installed.
     """
-    how = FlowOptions() if options is None else options
     if not (np.isfinite(diffusivity_mm2_s) and diffusivity_mm2_s > 0.0):
         raise FlowError(
             f"diffusivity {diffusivity_mm2_s:g} mm²/s isn't above 0; glucose has {GLUCOSE:g}"
@@ -72,7 +69,7 @@ def residence_time(
     if not np.any(solution.port_flow):
         raise FlowError("nothing flows, so that fluid stays for ever; give a flow")
     field = solution.field
-    with engine_threads(how.threads) as ng:
+    with running_engine() as ng:
         inner = engine_mesh(ng, field.mesh)
         room = spaces(ng, inner, len(field.mesh.ports), field.order, None)
         velocity = state_of(room, solution.coefficients).components[0]

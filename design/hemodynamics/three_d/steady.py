@@ -13,7 +13,7 @@ from design.hemodynamics.three_d.engine import (
     FlowOptions,
     check_memory,
     engine_mesh,
-    engine_threads,
+    running_engine,
 )
 from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import (
@@ -73,10 +73,10 @@ def solve_steady(
     plan = plan_of(mesh, conditions, how)
     check_memory(mesh, how)
     check_laminar(mesh, plan, np.array([mean(plan.flow)]), plan.inflow)
-    with engine_threads(how.threads) as ng:
+    with running_engine() as ng:
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
         problem = steady_problem(room, mesh, plan, how)
-        solution = solve_newton(problem, how.tolerance, _reynolds_scale(mesh, plan))
+        solution = solve_newton(problem, _reynolds_scale(mesh, plan))
         return _solution(room, mesh, plan, solution)
 
 

@@ -81,7 +81,7 @@ def resolve(
     tell(0.3, f"{len(mesh.tets):,} elements")
     options = options_of(part, conditions.density)
     solution = solve_steady(mesh, conditions, options)
-    ages = residence_time(solution, options=options)
+    ages = residence_time(solution)
     flow = vessel_flows(network, solution)
     summary: dict[str, Any] = {
         "elements": len(mesh.tets),

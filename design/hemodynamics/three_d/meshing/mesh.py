@@ -38,6 +38,7 @@ class _Sizes(NamedTuple):
     # Edge ratio from which on the inside isn't coarser. Without it straightening takes 1 to 4 % of
     # a fork's volume and adds 3 to 13 % to its resistance (edge ratios 0.8 to 1); so 0.1 and 0.6 %.
     coarsest: float = 0.7
+    growth: float = 0.3  # of edges away from the wall: Netgen's grading, 0 to 1
     inside: float = 2.0  # longest edge inside over the longest on the surface
 
 
@@ -54,16 +55,13 @@ class MeshOptions:
         Length of an edge on the wall over the lumen's radius.
     fillet_ratio : float
         Radius of the fillet at a junction over that of its thinnest vessel.
-    growth : float
-        How fast edges may grow away from the wall, 0 to 1.
     """
 
     edge_ratio: float = 0.7
     fillet_ratio: float = 0.5
-    growth: float = 0.3
 
     def __post_init__(self) -> None:
-        _check_ranges(self, edge_ratio=(0.1, 1.0), fillet_ratio=(0.05, 2.0), growth=(0.05, 1.0))
+        _check_ranges(self, edge_ratio=(0.1, 1.0), fillet_ratio=(0.05, 2.0))
 
 
 def _check_ranges(options: object, **limits: tuple[float, float]) -> None:
@@ -98,7 +96,7 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
     check_surface(surface, wall, options.fillet_ratio)
     spacing = _SIZES.on_axis * min(options.edge_ratio, _SIZES.coarsest)
     inside, size, _ = axis_places(network, spacing)
-    points, tets = fill(surface, inside, size, options.growth)
+    points, tets = fill(surface, inside, size)
     return curve_edges(surface, points, tets, wall, wall.ports)
 
 
@@ -113,18 +111,15 @@ class SurfaceOptions:
     ----------
     edge_ratio : float
         Length of an edge on the wall over the lumen's radius in the network.
-    growth : float
-        How fast edges may grow away from the wall, 0 to 1.
     smooth_passes : int
         Of `denoised`; 0 for a surface that is meant as it is.
     """
 
     edge_ratio: float = 0.5
-    growth: float = 0.3
     smooth_passes: int = 0
 
     def __post_init__(self) -> None:
-        _check_ranges(self, edge_ratio=(0.1, 1.2), growth=(0.05, 1.0), smooth_passes=(0, 1000))
+        _check_ranges(self, edge_ratio=(0.1, 1.2), smooth_passes=(0, 1000))
 
 
 def surface_mesh(
@@ -164,7 +159,7 @@ def surface_mesh(
     surface = remesh(cut.surface, wall)
     refuse_crossings(surface, "take noise off (more smooth_passes), or give a smaller edge_ratio")
     inside, size, _ = axis_places(network, _SIZES.on_axis * options.edge_ratio)
-    filled, tets = fill(surface, inside, size, options.growth)
+    filled, tets = fill(surface, inside, size)
     return curve_edges(surface, filled, tets, wall, cut.ports)
 
 
@@ -172,7 +167,7 @@ def surface_mesh(
 
 
 def fill(
-    surface: LabelledSurface, inside: FloatArray, size: FloatArray, growth: float
+    surface: LabelledSurface, inside: FloatArray, size: FloatArray
 ) -> tuple[FloatArray, IntArray]:
     """Points (n, 3), those of the surface first, and positively oriented tetrahedra (t, 4).
 
@@ -183,8 +178,6 @@ def fill(
         Places where edges aren't to be longer than ``size`` (k,), mm. On the vessels' axes they
         give every wall triangle an inner corner of its own: a tetrahedron with all corners on
         the wall is flat, and folds when its edges are bent.
-    growth : float
-        Netgen's grading: how fast edges may grow, 0 to 1.
 
     Raises
     ------
@@ -193,13 +186,13 @@ def fill(
     """
     meshing = _netgen()
     mesh = _bounded(meshing, surface)
-    mesh.CalcLocalH(growth, 1)
+    mesh.CalcLocalH(_SIZES.growth, 1)
     for (x, y, z), h in zip(inside.tolist(), size.tolist(), strict=True):
         mesh.RestrictLocalH(meshing.Pnt(x, y, z), h)
     edges = surface.vertices[surface.faces] - surface.vertices[surface.faces[:, [1, 2, 0]]]
     longest = _SIZES.inside * float(np.linalg.norm(edges, axis=2).max())
     try:
-        mesh.GenerateVolumeMesh(maxh=longest, grading=growth)
+        mesh.GenerateVolumeMesh(maxh=longest, grading=_SIZES.growth)
     except Exception as exc:  # Netgen raises its own kind, with no more than a line.
         raise FlowError(f"Netgen found no tetrahedra between the walls: {exc}") from exc
     points = np.array(mesh.Coordinates())  # A view of memory that goes with the mesh.
