@@ -121,7 +121,7 @@ def _surface(vertices: FloatArray, faces: FaceArray, tree: TriangleTree) -> Mend
 
 
 class MendedSurface(NamedTuple):
-    """A surface while it is mended.
+    """Surface under repair.
 
     Attributes
     ----------

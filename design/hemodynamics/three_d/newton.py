@@ -346,7 +346,7 @@ class Guide:
 
     @property
     def old(self) -> bool:
-        """Whether the derivative is of an earlier state."""
+        """Return whether the derivative is of an earlier state."""
         return self.lazy and self._times is not None
 
     def forget(self) -> None:

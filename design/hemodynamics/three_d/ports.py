@@ -39,7 +39,7 @@ Law = GivenFlow | ResistanceOutlet | WindkesselOutlet
 
 @dataclass(frozen=True)
 class CoupledPorts:
-    """Ports of one unknown pressure, and what relates it to their flow."""
+    """Ports of one unknown pressure, and the law between it and their flow."""
 
     ports: tuple[int, ...]
     law: Law

@@ -143,7 +143,7 @@ def problem_of(folder: Path, case: dict[str, Any]) -> RanksProblem:
 
 
 def _forms(case: dict[str, Any], space: Any, solution: Any, faces: Any) -> tuple[Any, Any, Any]:
-    """What the weak form leaves, its derivative, and the pressure's mass by viscosity."""
+    """Compile the weak form, its derivative, and the pressure's mass by viscosity."""
     volume = ufl.dx(metadata=DEGREE)
     u, p = ufl.split(solution)
     v, q = ufl.TestFunctions(space)
@@ -166,7 +166,7 @@ def _forms(case: dict[str, Any], space: Any, solution: Any, faces: Any) -> tuple
 
 
 def summed(form: Any) -> Any:
-    """A vector, its shares added up where ranks meet."""
+    """Assemble a vector, and add the shares of ranks where they meet."""
     vector = assembly.assemble_vector(form)
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     return vector
@@ -179,7 +179,7 @@ def flows(problem: RanksProblem, loads: list[Any]) -> Any:
 
 
 def residual(problem: RanksProblem) -> tuple[Any, Any]:
-    """What the weak form leaves, 0 where a velocity is given; and what the groups' laws leave."""
+    """Return the residuals of the weak form (0 for given velocities) and of the groups' laws."""
     left = summed(problem.residual)
     for port, load in zip(problem.case["ports"], problem.loads, strict=True):
         left.axpy(port["pressure_pa"], load)
@@ -215,7 +215,7 @@ def elements() -> tuple[Any, Any]:
 
 
 def rows(dofmap: Any) -> Any:
-    """A dofmap as an array, a row a cell (it is an adjacency list before 0.7)."""
+    """Return a dofmap as an array, a row a cell (an adjacency list before 0.7)."""
     if hasattr(dofmap, "array"):
         count = len(dofmap.offsets) - 1
         return np.asarray(dofmap.array).reshape(count, -1)
@@ -223,14 +223,14 @@ def rows(dofmap: Any) -> Any:
 
 
 def share(folder: Path, name: str) -> Any:
-    """Rows of an array that this rank reads."""
+    """Read this rank's rows of an array."""
     stored = np.load(folder / name, mmap_mode="r")
     ends = np.linspace(0, len(stored), WORLD.size + 1).astype(np.int64)
     return np.array(stored[ends[WORLD.rank] : ends[WORLD.rank + 1]])
 
 
 def distributed(folder: Path) -> Any:
-    """The case's mesh, divided by PETSc's partitioner."""
+    """Read the case's mesh, and divide it by PETSc's partitioner."""
     cells = np.ascontiguousarray(share(folder, "tets.npy")[:, TO_BASIX])
     words = inspect.signature(meshes.create_mesh).parameters
     domain = {"domain" if "domain" in words else "e": ufl.Mesh(elements()[0])}
@@ -238,7 +238,7 @@ def distributed(folder: Path) -> Any:
 
 
 def tagged(domain: Any, folder: Path, node: Any) -> Any:
-    """Labels of the boundary's facets, found by the corners that they have in the file."""
+    """Label the boundary's facets by their corners in the file."""
     faces, label = np.load(folder / "faces.npy")[:, :3], np.load(folder / "label.npy")
     topology = domain.topology
     topology.create_connectivity(2, 3)
@@ -260,7 +260,7 @@ def tagged(domain: Any, folder: Path, node: Any) -> Any:
 
 
 def node_of(space: Any, domain: Any, node: Any) -> Any:
-    """The file's node at each point of a Lagrange space on this rank.
+    """Return the file's node at each point of a Lagrange space on this rank.
 
     A space of the geometry's own degree numbers a cell's points as the geometry does, one of
     corners alone takes the first four.
@@ -278,7 +278,7 @@ def say(text: str) -> None:
 
 
 def peak_mb() -> float:
-    """Most memory that this rank has held, MB."""
+    """Return the most memory that this rank has held, MB."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
         return float(next(x for x in lines if x.startswith("VmHWM:")).split()[1]) * 1024 / 1e6
@@ -367,7 +367,7 @@ def newton(problem: RanksProblem, kind: str, tolerance: float) -> list[dict[str,
 
 
 def _share(left: Any, laws: Any, first: tuple[float, float]) -> float:
-    """The residual by the first; forces and flows have no unit in common, so the larger."""
+    """Return the residual over the first, the larger of forces and of flows."""
     parts = left.norm(), float(np.abs(laws).max(initial=0.0))
     return max(part / (whole or 1.0) for part, whole in zip(parts, first, strict=True))
 
@@ -467,7 +467,7 @@ def _precondition(solver: Any, problem: RanksProblem, tolerance: float) -> None:
 
 
 def _indices(problem: RanksProblem, unknown: Any) -> Any:
-    """A field's unknowns of this rank, numbered over all ranks."""
+    """Return a field's unknowns of this rank, numbered over all ranks."""
     dofmap = problem.space.dofmap
     start = dofmap.index_map.local_range[0] * dofmap.index_map_bs
     own = np.sort(unknown[unknown < problem.owned]) + start
@@ -475,7 +475,7 @@ def _indices(problem: RanksProblem, unknown: Any) -> Any:
 
 
 def port_rows(problem: RanksProblem) -> list[dict[str, Any]]:
-    """Flow out of each port and mean pressure over it."""
+    """Return each port's flow outward and mean pressure."""
     pressure = ufl.split(problem.solution)[1]
     one = fem.Constant(problem.space.mesh, PETSc.ScalarType(1.0))
     rows = []

@@ -161,7 +161,7 @@ def trace_streamlines(
 
 
 def _half_lines(search: _Elements, seeds: FloatArray, sign: float) -> FloatArray:
-    """Points and speed, (steps, n, 4), NaN beyond a line's end."""
+    """Return points and speed, (steps, n, 4), NaN beyond a line's end."""
     count, place = len(seeds), seeds.copy()
     going, steps = np.arange(count), list[FloatArray]()
     for _ in range(_TRACING.steps):
@@ -195,7 +195,7 @@ class _Elements:
         self.fastest = float(np.linalg.norm(field.velocity, axis=2).max())
 
     def velocity(self, points: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Velocity (n, 3) at points, their elements' size (n,), and whether they lie in one."""
+        """Return velocity (n, 3) at points, size of their elements (n,), and if they lie in one."""
         near = self._tree.query(points, k=min(_TRACING.neighbours, len(self._size)))[1]
         near = near.reshape(len(points), -1)
         at = np.einsum("nkx,nkxa->nka", points[:, None] - self._first[near], self._inverse[near])

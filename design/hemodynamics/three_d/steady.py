@@ -92,7 +92,7 @@ def plan_of(
 def steady_problem(
     room: Spaces, mesh: LumenMesh, plan: PortPlan, options: FlowOptions
 ) -> FlowProblem:
-    """The system of the mean conditions."""
+    """Set up the system of the mean conditions."""
     stokes = Stokes(room, plan.viscosity_pa_s)
     start = np.zeros(room.count)
     if plan.inflow is not None:
@@ -107,7 +107,7 @@ def steady_problem(
 
 
 def columns_of(room: Spaces, plan: PortPlan) -> FloatArray:
-    """Flow out of each coupled group, (n, m)."""
+    """Return the rows (n, m) of the flow out of each coupled group."""
     rows = [room.outward[list(c.ports)].sum(axis=0) for c in plan.coupled]
     return np.array(rows).reshape(-1, room.count).T
 
@@ -126,7 +126,7 @@ def mean_laws(coupled: tuple[CoupledPorts, ...]) -> tuple[FloatArray, FloatArray
 
 
 def mean(waveform: Waveform) -> float:
-    """Of a cycle."""
+    """Return a cycle's mean."""
     if waveform.period_s is None:
         return float(waveform.at(np.zeros(1))[0])
     return float(waveform.at(cycle_times(waveform.period_s, 512)).mean())

@@ -112,7 +112,7 @@ def _sewn(
     shapes: list[tuple[EndShape, EndShape]],
     overlaps: NDArray[np.int64],
 ) -> tuple[Sewing, list[int]]:
-    """As `sew_parts`, and the runs around groups that couldn't be parted from the rest."""
+    """Sew all parts; also return the runs around groups that couldn't be parted from the rest."""
     keep_clear_of_balls(layout)
     sewing = Sewing()
     torn: list[int] = []
@@ -161,7 +161,7 @@ def _lone(layout: Layout, joint: int, sewing: Sewing) -> bool:
 
 
 def _fits(faces: FaceArray, ring_of: NDArray[np.int64], count: int) -> bool:
-    """Whether the rim of ``faces`` is the rings (their vertices come first), and nothing else."""
+    """Return whether the rim of ``faces`` is the rings, whose vertices come first."""
     rim = np.flatnonzero(pair_half_edges(faces) < 0)
     if len(rim) != count:
         return False
@@ -174,7 +174,7 @@ def _fits(faces: FaceArray, ring_of: NDArray[np.int64], count: int) -> bool:
 
 
 def _crowds(layout: Layout, overlaps: NDArray[np.int64]) -> list[tuple[list[int], list[int]]]:
-    """Junctions and swallowed runs that hang together."""
+    """Return the groups of connected junctions and swallowed runs."""
     joints = len(layout.ends)
     swallowed = [run for run, is_in in enumerate(layout.swallowed) if is_in]
     joined = layout.joint_of()
@@ -265,7 +265,7 @@ Shape = tuple[EndShape, EndShape]
 
 
 def add_plain_tubes(layout: Layout, shapes: list[Shape], sewing: Sewing) -> None:
-    """Tubes of all runs that have room for one, open where they are joined.
+    """Add the tubes of all runs that have room for one, open where they are joined.
 
     They are the first piece of ``sewing``; a closed end's unused apex is dropped later.
     """
@@ -293,7 +293,7 @@ def add_plain_tubes(layout: Layout, shapes: list[Shape], sewing: Sewing) -> None
 
 
 def _alike(layout: Layout, shapes: list[Shape]) -> list[list[int]]:
-    """Runs that have a tube: straight ones with the same facets and ends together."""
+    """Group the runs that have a tube: straight ones by facets and ends, others alone."""
     joined = layout.joint_of()
     groups: dict[tuple[object, ...], list[int]] = defaultdict(list)
     for index, run in enumerate(layout.runs):
@@ -307,7 +307,7 @@ def _alike(layout: Layout, shapes: list[Shape]) -> list[list[int]]:
 def opened_tube(
     triangles: FaceArray, count: int, facets: int, opened: list[bool]
 ) -> tuple[FaceArray, dict[int, NDArray[np.int64]]]:
-    """A tube's faces without the fans at its open ends, and the rings there by end."""
+    """Return a tube's faces without the fans at its open ends, and the rings there by end."""
     sides = len(triangles) - 2 * facets
     last = (count - 2) // facets - 1
     ring = {0: np.arange(facets), 1: last * facets + np.arange(facets)}
@@ -370,15 +370,15 @@ class Sewing:
         self.count += int(fresh.sum())
 
     def place(self, ring: NDArray[np.int64]) -> FloatArray:
-        """Positions of a ring of the tubes, which were added first and as one array."""
+        """Return the places of a ring of the tubes, which were added first as one array."""
         return self.vertices[0][ring]
 
     def tube(self, run: int) -> FaceArray:
-        """Faces (m, 3) of a run's plain tube."""
+        """Return the faces (m, 3) of a run's plain tube."""
         return self.faces[0][self.tubes[run]]
 
     def surface(self) -> tuple[FloatArray, FaceArray]:
-        """All vertices (n, 3), mm, and faces (m, 3) so far."""
+        """Return all vertices (n, 3), mm, and faces (m, 3) so far."""
         return np.concatenate(self.vertices), np.concatenate(self.faces)
 
 
@@ -389,7 +389,7 @@ def with_other_tubes(
     sewing: Sewing,
     others: Mapping[int, Chain],
 ) -> Solid | None:
-    """A solid with the tubes of some runs swapped, round at free ends; None where one can't be.
+    """Swap the tubes of some runs for others with round free ends; None where one can't be.
 
     Parameters
     ----------
@@ -450,7 +450,7 @@ def _take_out(
 
 
 def _turned(a: int, b: int, c: int) -> tuple[int, int, int]:
-    """A face's corners in their order, the least first."""
+    """Return a face's corners in their order, the least first."""
     least = min(a, b, c)
     return (a, b, c) if a == least else (b, c, a) if b == least else (c, a, b)
 
@@ -458,7 +458,7 @@ def _turned(a: int, b: int, c: int) -> tuple[int, int, int]:
 def _tube(
     layout: Layout, index: int, run: Chain
 ) -> tuple[FloatArray, IntArray, dict[int, NDArray[np.int64]]]:
-    """Vertices, faces and joined rings of a run's tube with other free ends, which are round."""
+    """Return vertices, faces and joined rings of a run's tube with other, round free ends."""
     joined = layout.joint_of()
     facets, part = layout.facets[index], trimmed(layout, index, run)
     opened = [(index, end) in joined for end in (0, 1)]
@@ -470,7 +470,7 @@ def _tube(
 def _swapped(
     solid: Solid, gone: NDArray[np.bool_], vertices: FloatArray, added: IntArray
 ) -> Solid | None:
-    """The solid without the faces ``gone``, with those ``added``; None where that isn't closed."""
+    """Replace the faces ``gone`` by those ``added``; None where that isn't closed."""
     faces = np.concatenate([solid.faces[~gone], added])
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces] = True
@@ -483,11 +483,11 @@ def _swapped(
 
 
 class LostRingError(SolidError):
-    """A ring at which a group should open isn't on its surface; caught where groups are made."""
+    """A ring at which a group should open isn't on its surface."""
 
 
 def ball(centre: FloatArray, radius: float, facets_of: Facets, finer: float = 1.0) -> Manifold:
-    """A ball that fills the outer corner between tubes of ``radius``; ``finer`` than by default."""
+    """Make a ball that fills the outer corner between tubes, ``finer`` than by default."""
     tolerance_mm = facets_of.at(radius) / finer
     sides = facets_of.count(radius) if finer == 1.0 else facet_count(radius, tolerance_mm)
     inscribed = inscribed_factor(sides) * LIMITS.clear_of_tubes
@@ -496,7 +496,7 @@ def ball(centre: FloatArray, radius: float, facets_of: Facets, finer: float = 1.
 
 
 def connecting_tube(centre: FloatArray, near: float, ring: FloatArray, reach: float) -> Manifold:
-    """A tube from a junction's ``centre``, as wide as ``near``, to the first ring of a plain one.
+    """Make a tube from a junction's ``centre``, as wide as ``near``, to a plain tube's first ring.
 
     Parameters
     ----------
@@ -535,7 +535,7 @@ def unite_parts(
     crumb_mm: float,
     simpler_mm: float = 0.0,
 ) -> tuple[FloatArray, FaceArray, list[NDArray[np.int64]]]:
-    """Union of ``parts``, opened at ``rings`` that are faces of it.
+    """Unite ``parts``, and open the union at ``rings`` that are faces of it.
 
     Parameters
     ----------
@@ -597,7 +597,7 @@ def crowd_rounding(
     shapes: list[tuple[EndShape, EndShape]],
     tolerance_mm: float,
 ) -> Rounding:
-    """Walls and fixed ends of a group of ``joints`` and absorbed ``runs``."""
+    """Collect walls and fixed ends of a group of ``joints`` and absorbed ``runs``."""
     pieces: list[tuple[FloatArray, FloatArray, float, float, float]] = []
     ends: list[FloatArray] = []
     for run in runs:
@@ -619,8 +619,8 @@ def crowd_rounding(
     columns = [np.array(column) for column in zip(*pieces, strict=True)]
     lengths, radii, slopes = columns[2:]
     thinnest = np.minimum(radii, radii + slopes * lengths)
-    asked = layout.fillet_mm
-    rho = layout.fillet_ratio * thinnest if asked is None else np.full(len(radii), asked)
+    fillet = layout.fillet_mm
+    rho = layout.fillet_ratio * thinnest if fillet is None else np.full(len(radii), fillet)
     rows = wall_rows(columns[0], columns[1], lengths, radii, slopes)
     return Rounding(rows, rho, np.reshape(np.array(ends), (-1, 7)), tolerance_mm)
 
@@ -628,7 +628,7 @@ def crowd_rounding(
 def _pieces(
     layout: Layout, run: int
 ) -> Iterator[tuple[FloatArray, FloatArray, float, float, float]]:
-    """Start, axis, length, radius and slope of each piece of a swallowed run."""
+    """Yield start, axis, length, radius and slope of each piece of a swallowed run."""
     chain, wide = layout.runs[run], area_factor(layout.facets[run])
     step = np.diff(chain.points, axis=0)
     for k, length in enumerate(np.linalg.norm(step, axis=1).tolist()):
@@ -637,7 +637,7 @@ def _pieces(
 
 
 def overlapping_runs(layout: Layout) -> IntArray:
-    """Pairs of runs (k, 2) whose walls overlap away from a common junction.
+    """Find pairs of runs (k, 2) whose walls overlap away from a common junction.
 
     A run paired with itself winds into itself.
     """
@@ -654,7 +654,7 @@ def overlapping_runs(layout: Layout) -> IntArray:
 
 
 def _wall_pieces(layout: Layout) -> tuple[Any, Any, Any, Any, Any, Any]:
-    """Start, end, radius, end nodes, run and place along it (of the middle) of all pieces."""
+    """Return start, end, radius, end nodes, run and place along it of all pieces."""
     joint_of = layout.joint_of()
     starts, ends, radii, nodes, run_of, along = [], [], [], [], [], []
     free = len(layout.ends)

@@ -37,7 +37,7 @@ _ROOM: Final = _Room()
 
 @dataclass
 class Layout:
-    """Runs, the junctions between them, and how each is to be made.
+    """Runs, the junctions between them, and how each is made.
 
     Attributes
     ----------

@@ -149,7 +149,7 @@ def _boxes(what: Rounding) -> FloatArray:
 
 @dataclass
 class RoundedSurface:
-    """A surface while it is rounded.
+    """Surface under rounding.
 
     Attributes
     ----------

@@ -47,7 +47,7 @@ _SIZES: Final = _Sizes()
 
 @dataclass(frozen=True)
 class MeshOptions:
-    """How fine a lumen is meshed, and how its junctions are rounded.
+    """Options of meshing a network's lumens.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
 
 @dataclass(frozen=True)
 class SurfaceOptions:
-    """How fine a lumen's surface is meshed, and whether its noise is taken off.
+    """Options of meshing a lumen given as a surface.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ def surface_mesh(
 def fill(
     surface: LabelledSurface, inside: FloatArray, size: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """Points (n, 3), those of the surface first, and positively oriented tetrahedra (t, 4).
+    """Fill a surface: points (n, 3), its own first, and positively oriented tetrahedra (t, 4).
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def _netgen() -> Any:
 
 
 def _bounded(meshing: Any, surface: LabelledSurface) -> Any:
-    """A Netgen mesh that holds the surface alone."""
+    """Make a Netgen mesh of the surface alone."""
     mesh = meshing.Mesh(dim=3)
     mesh.AddPoints(np.ascontiguousarray(surface.vertices))
     for label in range(int(surface.label.max()) + 1):
@@ -350,7 +350,7 @@ def _beyond(points: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]) ->
 
 
 def _tool(port: MeshPort) -> Manifold:
-    """A cylinder beyond a port."""
+    """Make a cylinder beyond a port."""
     size = port.radius_mm
     turn = np.column_stack([*vectors_across(port.outward), port.outward, port.centre])
     return Manifold.cylinder(
@@ -359,7 +359,7 @@ def _tool(port: MeshPort) -> Manifold:
 
 
 def manifold_arrays(part: Manifold) -> tuple[FloatArray, IntArray]:
-    """Vertices (n, 3), mm, and faces (f, 3)."""
+    """Return vertices (n, 3), mm, and faces (f, 3)."""
     mesh = part.to_mesh64()
     points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
     return points, np.array(mesh.tri_verts, dtype=np.int64)

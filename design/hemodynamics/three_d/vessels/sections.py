@@ -397,7 +397,7 @@ def conserve_mass(
         worst = float(suspect.max(initial=0.0))
         if worst <= _BALANCE.correction:
             break
-        # Several that are as suspect can't be told apart.
+        # Sections that are as suspect go together.
         known[np.flatnonzero(known)[suspect > (1.0 - _BALANCE.rounding) * worst]] = False
     flow = np.full_like(amid, np.nan)
     flow[known] = amid[known] + step * error[:, None]
