@@ -25,7 +25,7 @@ from design.hemodynamics.three_d.engine import (
 from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import (
     Apply,
-    BorderBlocks,
+    BorderedSolver,
     Convection,
     FlowProblem,
     Guide,
@@ -148,9 +148,7 @@ class _Stepper:
         self.room, self.plan, self.inflow, self.step_s = room, plan, inflow, step_s
         stokes = Stokes(room, plan.viscosity_pa_s, 1.5 * plan.density / step_s)
         self.laws = OutletLaws(plan.coupled, step_s, begun[room.count :])
-        border = BorderBlocks.around(
-            stokes.solve, columns_of(room, plan), self.laws.slope, room.free
-        )
+        border = BorderedSolver(stokes.solve, columns_of(room, plan), self.laws.slope, room.free)
         convection = Convection(room, plan.density, plan.outlets) if how.convection else None
         nothing = np.zeros(room.count)
         self.problem = FlowProblem(

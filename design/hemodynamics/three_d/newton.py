@@ -205,9 +205,8 @@ def on_velocity(inner: Apply, count: int) -> Apply:
     return applied
 
 
-@dataclass(frozen=True)
-class BorderBlocks:
-    """Unknown port pressures λ beside the finite-element unknowns x.
+class BorderedSolver:
+    """Linear systems of the finite-element unknowns x and the unknown port pressures λ.
 
     A x + B λ = r,    Bᵀ x - D λ = s
 
@@ -216,17 +215,43 @@ class BorderBlocks:
     A at an earlier state, bordered exactly: ``answered`` is its solution for B's columns.
     """
 
-    columns: Array
-    slope: Array
-    answered: Array
-    schur: Array
+    def __init__(self, factor: Apply, columns: Array, slope: Array, free: BoolArray) -> None:
+        self.factor, self.slope, self.free = factor, slope, free
+        self.columns = columns = columns * free[:, None]
+        self.answered = (
+            np.stack([factor(c) for c in columns.T], axis=1) if columns.size else columns
+        )
+        self.schur = np.diag(slope) + columns.T @ self.answered
 
-    @staticmethod
-    def around(solve: Apply, columns: Array, slope: Array, free: BoolArray) -> BorderBlocks:
-        """Solve for the columns by a factor."""
-        columns = columns * free[:, None]
-        answered = np.stack([solve(c) for c in columns.T], axis=1) if columns.size else columns
-        return BorderBlocks(columns, slope, answered, np.diag(slope) + columns.T @ answered)
+    def with_factor(self, factor: Apply) -> BorderedSolver:
+        """Return the same with another factor."""
+        return BorderedSolver(factor, self.columns, self.slope, self.free)
+
+    def precondition(self, whole: Array) -> Array:
+        """Solve with the factor in the place of A."""
+        count = len(self.free)
+        x = self.factor(whole[:count])
+        if not len(self.slope):
+            return x
+        multiplier = np.linalg.solve(self.schur, self.columns.T @ x - whole[count:])
+        return np.concatenate([x - self.answered @ multiplier, multiplier])
+
+    def solve(self, times: Apply, right: Array, rtol: float, steps: int) -> tuple[Array, int]:
+        """Solve for x and λ, where ``times`` is A; also return the number of Krylov steps.
+
+        Raises
+        ------
+        FlowError
+            When they don't converge.
+        """
+        count = len(self.free)
+
+        def operator(whole: Array) -> Array:
+            x, multiplier = whole[:count], whole[count:]
+            first = self.free * (times(x) + self.columns @ multiplier)
+            return np.concatenate([first, self.columns.T @ x - self.slope * multiplier])
+
+        return _gmres(operator, self.precondition, right, rtol, steps)
 
 
 @dataclass(frozen=True)
@@ -236,7 +261,7 @@ class FlowProblem:
     spaces: Spaces
     stokes: Stokes
     convection: Convection | None
-    border: BorderBlocks
+    border: BorderedSolver
     start: FloatArray  # (n,), given velocities, 0 elsewhere
     load: FloatArray  # (n,), force of the given pressures
     given: FloatArray  # (m,), right side of the border's rows
@@ -340,7 +365,6 @@ class Guide:
 
     def __init__(self, problem: FlowProblem, *, lazy: bool = False) -> None:
         self.problem, self.border, self.lazy, self.krylov = problem, problem.border, lazy, 0
-        self.solve = problem.stokes.solve
         self.symmetric_steps = _LIMITS.pulsatile_krylov if lazy else _LIMITS.steady_krylov
         self._times: Apply | None = None
 
@@ -368,9 +392,8 @@ class Guide:
         except FlowError:
             if not fits_general(problem.spaces.count):
                 return self._solved(times, residual, rtol)
-            self.solve = problem.stokes.factor_with(problem.convection, share, x)
-            columns, slope = problem.border.columns, problem.border.slope
-            self.border = BorderBlocks.around(self.solve, columns, slope, problem.spaces.free)
+            factor = problem.stokes.factor_with(problem.convection, share, x)
+            self.border = problem.border.with_factor(factor)
             return self._solved(times, residual, rtol)
 
     def _derivative(self, convection: Convection, x: FloatArray, share: float) -> Apply:
@@ -384,8 +407,7 @@ class Guide:
     def _solved(
         self, times: Apply, residual: FloatArray, rtol: float, limit: int = _LIMITS.krylov_steps
     ) -> FloatArray:
-        free = self.problem.spaces.free
-        solved, steps = solve_bordered(times, self.solve, self.border, -residual, free, rtol, limit)
+        solved, steps = self.border.solve(times, -residual, rtol, limit)
         self.krylov += steps
         return solved
 
@@ -402,39 +424,6 @@ def _damped(
             return new, residual
         part *= 0.5
     raise FlowError(f"Newton's step doesn't lower the residual even at {part:.2g} of its length")
-
-
-def solve_bordered(
-    times: Apply,
-    solve: Apply,
-    border: BorderBlocks,
-    right: Array,
-    free: BoolArray,
-    rtol: float,
-    steps: int,
-) -> tuple[Array, int]:
-    """Solve for x and λ, one after the other; return them and the number of Krylov steps.
-
-    Raises
-    ------
-    FlowError
-        When they don't converge.
-    """
-    count = len(free)
-
-    def operator(whole: Array) -> Array:
-        x, multiplier = whole[:count], whole[count:]
-        first = free * (times(x) + border.columns @ multiplier)
-        return np.concatenate([first, border.columns.T @ x - border.slope * multiplier])
-
-    def precondition(whole: Array) -> Array:
-        x = solve(whole[:count])
-        if not len(border.slope):
-            return x
-        multiplier = np.linalg.solve(border.schur, border.columns.T @ x - whole[count:])
-        return np.concatenate([x - border.answered @ multiplier, multiplier])
-
-    return _gmres(operator, precondition, right, rtol, steps)
 
 
 def _gmres(

@@ -17,7 +17,7 @@ from design.hemodynamics.three_d.engine import (
 )
 from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import (
-    BorderBlocks,
+    BorderedSolver,
     Convection,
     FlowProblem,
     NewtonSolution,
@@ -101,7 +101,7 @@ def steady_problem(
     for port, waveform in plan.held:
         load -= mean(waveform) * room.outward[port]
     slope, given = mean_laws(plan.coupled)
-    border = BorderBlocks.around(stokes.solve, columns_of(room, plan), slope, room.free)
+    border = BorderedSolver(stokes.solve, columns_of(room, plan), slope, room.free)
     convection = Convection(room, plan.density, plan.outlets) if options.convection else None
     return FlowProblem(room, stokes, convection, border, start, load, given)
 
