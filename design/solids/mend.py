@@ -121,38 +121,19 @@ def _surface(vertices: FloatArray, faces: FaceArray, tree: TriangleTree) -> Mend
 
 
 class MendedSurface(NamedTuple):
-    """Surface under repair.
+    """Surface under repair."""
 
-    Attributes
-    ----------
-    points : (v, 3) float64, mm
-    faces, twin, out
-        See `halfedges`.
-    dead : (m,) bool
-        Faces that were drawn in.
-    changed : (m,) bool
-        Faces that were moved.
-    tree : TriangleTree
-        Its boxes grow with what is changed; its triangles are those of before.
-    above, leaf : (t,) and (m,) int64
-        Parent of each box, -1 at the top; box of each face.
-    patch : (k,) int64
-        Faces that a change would concern.
-    within : (m,) bool
-        Whether each face is one of these.
-    """
-
-    points: FloatArray
-    faces: FaceArray
+    points: FloatArray  # (v, 3), mm
+    faces: FaceArray  # with `twin` and `out` as in `design.solids.remesh`
     twin: NDArray[np.int64]
     out: NDArray[np.int64]
-    dead: NDArray[np.bool_]
-    changed: NDArray[np.bool_]
-    tree: TriangleTree
-    above: NDArray[np.int64]
-    leaf: NDArray[np.int64]
-    patch: NDArray[np.int64]
-    within: NDArray[np.bool_]
+    dead: NDArray[np.bool_]  # (m,), faces that were drawn in
+    changed: NDArray[np.bool_]  # (m,), faces that were moved
+    tree: TriangleTree  # its boxes grow with changes; its triangles are those of before
+    above: NDArray[np.int64]  # (t,), parent of each box, -1 at the top
+    leaf: NDArray[np.int64]  # (m,), box of each face
+    patch: NDArray[np.int64]  # (k,), faces that a change concerns
+    within: NDArray[np.bool_]  # (m,), whether each face is one of these
 
 
 def _parents(right: NDArray[np.int32]) -> NDArray[np.int64]:

@@ -333,23 +333,14 @@ def trimmed(layout: Layout, index: int, run: Chain) -> Chain:
 
 @dataclass
 class Sewing:
-    """Closed surface under assembly.
-
-    Attributes
-    ----------
-    vertices, faces : list of arrays
-    count : int
-        Vertices so far.
-    rings : dict of (run, end) to (n,) int64
-        Vertices of the open end of each plain tube.
-    tubes : dict of run to slice
-        Faces of each plain tube, among all.
-    """
+    """Closed surface under assembly."""
 
     vertices: list[FloatArray] = field(default_factory=list)
     faces: list[FaceArray] = field(default_factory=list)
-    count: int = 0
+    count: int = 0  # of vertices
+    # Vertices (n,) of the open end of each plain tube.
     rings: dict[End, NDArray[np.int64]] = field(default_factory=dict)
+    # Faces of each plain tube, among all.
     tubes: dict[int, slice] = field(default_factory=dict)
 
     def add(self, vertices: FloatArray, faces: FaceArray) -> int:

@@ -37,47 +37,24 @@ _ROOM: Final = _Room()
 
 @dataclass
 class Layout:
-    """Runs, the junctions between them, and how each is made.
-
-    Attributes
-    ----------
-    runs : list of Chain
-    facets : list of int
-        Sides of each run's polygon.
-    ball : (j,) float64, mm
-        Radius of the widest vessel at each junction.
-    ends : list of list of (run, end)
-        That meet in each junction.
-    walls : list of (n, 10) float64
-        Rows of `wall_rows` for each junction, infinite.
-    fillet : list of float, mm
-    fillet_ratio : float
-    fillet_mm : float, mm, or None
-        As requested; the length counts where it is given.
-    facets_of : Facets
-        Distance of facets from their arcs.
-    reach : dict of (run, end) to float, mm
-        Where the plain tube begins, from the junction at that end.
-    swallowed : list of bool
-        Runs without room for a plain tube, which are wholly in a group.
-    forced : set of int
-        Junctions that failed alone and make a group of their own.
-    sharp : set of int
-        Junctions whose groups failed to be rounded and stay sharp.
-    """
+    """Runs, the junctions between them, and how each is made."""
 
     runs: list[Chain]
-    facets: list[int]
-    ball: FloatArray
-    ends: list[list[End]]
-    walls: list[FloatArray]
-    fillet: list[float]
+    facets: list[int]  # sides of each run's polygon
+    ball: FloatArray  # (j,), mm, radius of the widest vessel at each junction
+    ends: list[list[End]]  # that meet in each junction
+    walls: list[FloatArray]  # rows of `wall_rows` (n, 10) for each junction, infinite
+    fillet: list[float]  # mm, at each junction
     fillet_ratio: float = 0.0
-    fillet_mm: float | None = None
-    facets_of: Facets = field(default_factory=Facets)
+    fillet_mm: float | None = None  # counts where it is given
+    facets_of: Facets = field(default_factory=Facets)  # tolerance of facets
+    # Where the plain tube begins, from the junction at that end, mm.
     reach: dict[End, float] = field(default_factory=dict)
+    # Runs without room for a plain tube, which are wholly in a group.
     swallowed: list[bool] = field(default_factory=list)
+    # Junctions that failed alone and make a group of their own.
     forced: set[int] = field(default_factory=set)
+    # Junctions whose groups failed to be rounded.
     sharp: set[int] = field(default_factory=set)
 
     def joint_of(self) -> dict[End, int]:

@@ -55,24 +55,12 @@ LIMITS: Final = _Limits()
 
 @dataclass(frozen=True)
 class Rounding:
-    """Walls, fillet radii and ends of a surface that is to be rounded.
+    """Walls, fillet radii and ends of a surface that is to be rounded."""
 
-    Attributes
-    ----------
-    walls : (w, 10) float64
-        Rows of `wall_rows`, of finite length.
-    rho : (w,) float64, mm
-        Radius wanted at each wall's seams; at a seam the least counts.
-    ends : (e, 7) float64, mm
-        Discs that keep their place: centre, axis, radius.
-    tolerance_mm : float, mm
-        Greatest distance between triangles and the surface.
-    """
-
-    walls: FloatArray
-    rho: FloatArray
-    ends: FloatArray
-    tolerance_mm: float
+    walls: FloatArray  # (w, 10), rows of `wall_rows`, of finite length
+    rho: FloatArray  # (w,), mm, radius wanted at each wall's seams; at a seam the least counts
+    ends: FloatArray  # (e, 7), mm, discs that keep their place: centre, axis, radius
+    tolerance_mm: float  # greatest distance between triangles and the surface
 
 
 def round_seams(
@@ -149,21 +137,12 @@ def _boxes(what: Rounding) -> FloatArray:
 
 @dataclass
 class RoundedSurface:
-    """Surface under rounding.
+    """Surface under rounding."""
 
-    Attributes
-    ----------
-    base, moved : (n, 3) float64, mm
-        Points on the sharp surface, and where they go.
-    failed, fixed : (n,) bool
-        Points for which no ball's place was found; that stay.
-    faces : (m, 3) int64
-    """
-
-    base: FloatArray
-    moved: FloatArray
-    failed: NDArray[np.bool_]
-    fixed: NDArray[np.bool_]
+    base: FloatArray  # (n, 3), mm, points on the sharp surface
+    moved: FloatArray  # (n, 3), mm, where they go
+    failed: NDArray[np.bool_]  # (n,), no ball's place was found
+    fixed: NDArray[np.bool_]  # (n,), points that stay
     faces: FaceArray
 
     @classmethod

@@ -315,30 +315,16 @@ class Junction(NamedTuple):
 
 
 class Net(NamedTuple):
-    """Directions from the middle, and triangles between them.
+    """Directions from the middle, and triangles between them."""
 
-    Attributes
-    ----------
-    d : (most, 3) float64
-        Unit directions.
-    away : (most,) float64, mm
-        Distance of the surface.
-    owner : (most,) int64
-        Vessel, `SEAM` or `CAP`.
-    tri, beside : (2 * most, 3) int64
-        Corners of each triangle and its neighbours.
-    stack : (4 * most,) int64
-        Room for `insert`.
-    settled : (2 * most, 4) int64
-        Corners of each triangle, and their owners as one number, when it last needed no direction.
-    """
-
-    d: FloatArray
-    away: FloatArray
-    owner: IntArray
-    tri: IntArray
-    beside: IntArray
-    stack: IntArray
+    d: FloatArray  # (most, 3), unit directions
+    away: FloatArray  # (most,), mm, distance of the surface
+    owner: IntArray  # (most,), vessel, `SEAM` or `CAP`
+    tri: IntArray  # (2 most, 3), corners of each triangle
+    beside: IntArray  # (2 most, 3), its neighbours
+    stack: IntArray  # (4 most,), work space of `insert`
+    # (2 most, 4): corners of each triangle, and their owners as one number, when it last needed no
+    # direction.
     settled: IntArray
 
 
