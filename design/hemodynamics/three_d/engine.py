@@ -152,12 +152,6 @@ def port_name(port: int) -> str:
 def engine_mesh(ng: Any, mesh: LumenMesh) -> Any:
     """Convert a mesh to NGSolve's: straight tetrahedra, a deformation, named wall and ports.
 
-    Parameters
-    ----------
-    ng : module
-        From `load_engine`.
-    mesh : LumenMesh
-
     Raises
     ------
     FlowError

@@ -195,15 +195,7 @@ def unit_profile(spaces: Spaces, mesh: LumenMesh, port: int, rate: complex = 0.0
 
     Steady developed flow obeys -Δψ = 1 with 0 at the rim (Poiseuille's parabola in a circle), an
     oscillation i ω ϱ/μ ψ - Δψ = 1 (Womersley's in a circle). Both are solved on the port's own
-    faces, so that a scanned lumen's opening needn't be round.
-
-    Parameters
-    ----------
-    spaces : Spaces
-    mesh : LumenMesh
-    port : int
-    rate : complex, 1/mm²
-        i ω ϱ/μ; the profile is complex where it isn't 0.
+    faces, so that a scanned lumen's opening needn't be round. ``rate`` is i ω ϱ/μ, 1/mm².
 
     Raises
     ------

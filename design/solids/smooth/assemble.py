@@ -62,14 +62,7 @@ LIMITS: Final = _Limits()
 
 
 def sew_parts(layout: Layout, shapes: list[tuple[EndShape, EndShape]]) -> Sewing:
-    """Make all parts and sew them to one closed surface.
-
-    Parameters
-    ----------
-    layout : Layout
-    shapes : list of pairs
-        How each run ends where it isn't joined.
-    """
+    """Make all parts, whose free ends have ``shapes``, and sew them to one closed surface."""
     overlaps = overlapping_runs(layout)
     absorb_runs(layout, np.unique(overlaps).tolist())
     for _ in range(LIMITS.tries):
@@ -382,15 +375,9 @@ def with_other_tubes(
 ) -> Solid | None:
     """Swap the tubes of some runs for others with round free ends; None where one can't be.
 
-    Parameters
-    ----------
-    solid : Solid
-        Of the sewing, moved by ``middle`` (3,) mm and rounded to float32. Where it is known to be
-        uncrossed, only the new tubes are tried.
-    layout : Layout
-    sewing : Sewing
-    others : mapping of run to Chain
-        The same run with its free ends elsewhere.
+    ``solid`` is that of the sewing, moved by ``middle`` (3,) mm and rounded to float32; ``others``
+    are the same runs with their free ends elsewhere. Where it is known to be uncrossed, only the
+    new tubes are tried.
     """
     gone = np.zeros(len(solid.faces), dtype=np.bool_)
     places, added, count = [solid.vertices], list[IntArray](), len(solid.vertices)
@@ -487,18 +474,7 @@ def ball(centre: FloatArray, radius: float, facets_of: Facets, finer: float = 1.
 
 
 def connecting_tube(centre: FloatArray, near: float, ring: FloatArray, reach: float) -> Manifold:
-    """Make a tube from a junction's ``centre``, as wide as ``near``, to a plain tube's first ring.
-
-    Parameters
-    ----------
-    centre : (3,) float64, mm
-    near : float
-        The tube's radius at ``centre`` over that at the ring.
-    ring : (n, 3) float64, mm
-        Counter-clockwise as seen against the way outwards.
-    reach : float, mm
-        From ``centre`` to the ring's middle.
-    """
+    """Make a tube from a junction's ``centre``, ``near`` times as wide, to a plain tube's ring."""
     middle = ring.mean(axis=0)
     first = centre + near * (ring - middle)
     count = len(ring)
@@ -526,24 +502,14 @@ def unite_parts(
     crumb_mm: float,
     simpler_mm: float = 0.0,
 ) -> tuple[FloatArray, FaceArray, list[NDArray[np.int64]]]:
-    """Unite ``parts``, and open the union at ``rings`` that are faces of it.
+    """Unite ``parts``, and open the union at ``rings`` (k, 3) that are faces of it.
 
-    Parameters
-    ----------
-    parts : sequence of Manifold
-    rings : sequence of (k, 3) float64, mm
-    crumb_mm : float, mm
-        Closed surfaces as small as a cube of this side are dropped: where facets of several
-        vessels nearly coincide, slits stay between them.
-    simpler_mm : float, mm
-        Slivers thinner than this are taken away; 0 leaves them.
+    Closed surfaces as small as a cube of ``crumb_mm``, slits between facets that nearly coincide,
+    are dropped, and slivers thinner than ``simpler_mm`` taken away.
 
     Returns
     -------
-    vertices : (n, 3) float64, mm
-    faces : (m, 3) int64
-    where : list of (k,) int64
-        The vertices of each ring.
+    vertices (n, 3), faces (m, 3), and the vertices (k,) of each ring
 
     Raises
     ------

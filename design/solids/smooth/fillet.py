@@ -206,18 +206,9 @@ def _exit(walls: FloatArray, dx: float, dy: float, dz: float) -> float:
 def shoot(walls: FloatArray, rho: float, directions: FloatArray, away: FloatArray) -> None:
     """Find where each ray from the common first point leaves the rounded vessels.
 
-    The vessels all hold that point and are convex, so every ray leaves their union once; their
-    closing keeps that (its Minkowski sum with the ball is star-shaped about the whole ball).
-
-    Parameters
-    ----------
-    walls : (n, 10) float64
-        All with the same first point, infinite.
-    rho : float, mm
-    directions : (m, 3) float64
-        Unit vectors.
-    away : (m,) float64, mm
-        Filled.
+    The vessels ``walls`` (n, 10), infinite, all hold that point and are convex, so every ray leaves
+    their union once; their closing keeps that (its Minkowski sum with the ball is star-shaped about
+    the whole ball). Distances along unit ``directions`` (m, 3) go into ``away`` (m,), mm.
     """
     px, py, pz = walls[0, 0], walls[0, 1], walls[0, 2]
     for m in range(len(directions)):

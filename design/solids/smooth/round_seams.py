@@ -376,16 +376,9 @@ def _move_one(
 
 
 def part_faces(faces: IntArray, edges: Edges, parted: NDArray[np.bool_], first: int) -> IntArray:
-    """Halve the ``parted`` (e,) edges of a triangle mesh, without leaving gaps.
+    """Halve the ``parted`` (e,) edges of faces (m, 3), without leaving gaps.
 
-    Parameters
-    ----------
-    faces : (m, 3) int64
-    edges : Edges
-        Of ``faces``.
-    parted : (e,) bool
-    first : int
-        Number of the first new vertex; they come in the order of the parted edges.
+    New vertices are numbered from ``first`` in the order of the parted edges.
     """
     number = np.full(len(edges.ends), -1)
     number[parted] = first + np.arange(int(parted.sum()))

@@ -41,17 +41,8 @@ def curve_edges(
 
     A parabola through three places of an arc lies inside it in between. The middle is moved out
     until the edge's mean distance from the shape vanishes: without that, a lumen of eight edges
-    around loses 0.2 % of its conductance.
-
-    Parameters
-    ----------
-    surface : LabelledSurface
-        The boundary of the tetrahedra.
-    points : (n, 3) float64, mm
-        Those of the surface first.
-    tets : (t, 4) int64
-    shape : Shape
-    ports : tuple of MeshPort
+    around loses 0.2 % of its conductance. ``points`` (n, 3) begin with those of the tetrahedra's
+    boundary ``surface``.
     """
     pairs = np.sort(tets[:, EDGES].reshape(-1, 2), axis=1)
     count = len(points)

@@ -171,13 +171,9 @@ def fill(
 ) -> tuple[FloatArray, IntArray]:
     """Fill a surface: points (n, 3), its own first, and positively oriented tetrahedra (t, 4).
 
-    Parameters
-    ----------
-    surface : LabelledSurface
-    inside : (k, 3) float64, mm
-        Places where edges aren't to be longer than ``size`` (k,), mm. On the vessels' axes they
-        give every wall triangle an inner corner of its own: a tetrahedron with all corners on
-        the wall is flat, and folds when its edges are bent.
+    At places ``inside`` (k, 3) edges aren't longer than ``size`` (k,), mm. On the vessels' axes
+    these give every wall triangle an inner corner of its own: a tetrahedron with all corners on
+    the wall is flat, and folds when its edges are bent.
 
     Raises
     ------

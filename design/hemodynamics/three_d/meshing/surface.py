@@ -201,17 +201,9 @@ class FacetWall:
 def facet_wall(
     wall: Surface, network: VesselNetwork, ports: tuple[MeshPort, ...], ratio: float
 ) -> FacetWall:
-    """Make the shape of a wall's triangles.
+    """Make the shape of a wall's triangles, without those of ports.
 
-    Parameters
-    ----------
-    wall : Surface
-        Without the faces of ports, whose edges would be rounded off.
-    network : VesselNetwork
-        Its radii are the lumen's.
-    ports : tuple of MeshPort
-    ratio : float
-        Wanted edge length over the lumen's radius.
+    The network's radii are the lumen's; ``ratio`` is the wanted edge length over them.
     """
     tree = build_triangle_tree(wall.vertices, wall.faces.astype(np.int32))
     axis, radius, _ = axis_places(network, _ROUNDING.spacing)

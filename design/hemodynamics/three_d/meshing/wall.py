@@ -100,13 +100,8 @@ def drop_into_ports(points: FloatArray, port: IntArray, ports: tuple[MeshPort, .
 def lumen_wall(network: VesselNetwork, fillet_ratio: float, ratio: float) -> LumenWall:
     """Make the field of a network's lumens.
 
-    Parameters
-    ----------
-    network : VesselNetwork
-    fillet_ratio : float
-        Radius of the rolling ball at a junction over that of its thinnest vessel.
-    ratio : float
-        Wanted edge length over the lumen's radius.
+    ``fillet_ratio`` is the rolling ball's radius at a junction over that of its thinnest vessel,
+    ``ratio`` the wanted edge length over the lumen's radius.
 
     Raises
     ------
