@@ -131,12 +131,16 @@ def _case_facts(mesh: LumenMesh, plan: PortPlan, options: RankOptions) -> dict[s
 
 def _inflow(mesh: LumenMesh, plan: PortPlan) -> FloatArray:
     """Return the developed profile's velocities at the mesh's nodes (n + e, 3), mm/s."""
+    velocity = np.zeros((len(mesh.points), 3))
     if plan.inflow is None:
-        return np.zeros((len(mesh.points), 3))
+        return velocity
     with running_engine() as ng:
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), 2, plan.inflow)
         field = field_of(room, mesh, mean(plan.flow) * unit_profile(room, mesh, plan.inflow))
-        return at_points(mesh, field.velocity, field.order)
+    # NGSolve's hierarchical functions of the port's corners go on into the edges behind it.
+    node = np.unique(mesh.faces[mesh.label == plan.inflow + 1])
+    velocity[node] = at_points(mesh, field.velocity, field.order)[node]
+    return velocity
 
 
 def _digest(facts: dict[str, Any], arrays: dict[str, Any]) -> str:
