@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from design.errors import NetworkError
 from design.files import write_text
+from design.geometry.vtk import VTK_TYPES, polydata_counts, vtk_document
 from design.network import VesselKind, VesselNetwork
 from design.network_files.csv_format import Pieces, chain_pieces, fuse_vessels, join_equal_points
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
-
-_VTK_TYPE = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "u1": "UInt8"}
 
 
 def write_network_vtp(
@@ -61,42 +60,19 @@ def write_network_vtp(
             raise NetworkError(
                 f"{name}: {len(values)} values for {network.vessel_count} vessels; give one each"
             )
+        if values.dtype.str[1:] not in VTK_TYPES:
+            raise NetworkError(
+                f"{name}: type {values.dtype} isn't one of VTK's; give float64 or int64"
+            )
     points = len(network.points)
-    sections = (
-        ("PointData", [_array("radius_mm", network.radius)]),
-        ("CellData", [_array(name, values) for name, values in cells.items()]),
-        ("Points", [_array("Points", network.points)]),
-        (
-            "Lines",
-            [
-                _array("connectivity", np.arange(points)),
-                _array("offsets", network.offset[1:]),
-            ],
-        ),
-    )
-    body = "".join(f"<{tag}>\n{''.join(arrays)}</{tag}>\n" for tag, arrays in sections)
-    write_text(
-        path,
-        '<?xml version="1.0"?>\n'
-        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f'<PolyData>\n<Piece NumberOfPoints="{points}" NumberOfVerts="0" '
-        f'NumberOfLines="{network.vessel_count}" NumberOfStrips="0" NumberOfPolys="0">\n'
-        f"{body}</Piece>\n</PolyData>\n</VTKFile>\n",
-    )
-
-
-def _array(name: str, values: NDArray[np.generic]) -> str:
-    """One DataArray: its length in bytes as UInt64, then little-endian values, in base64."""
-    code = values.dtype.str[1:]
-    if code not in _VTK_TYPE:
-        raise NetworkError(f"{name}: type {values.dtype} isn't one of VTK's; give float64 or int64")
-    data = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).tobytes()
-    text = base64.b64encode(np.uint64(len(data)).astype("<u8").tobytes() + data).decode()
-    components = 1 if values.ndim == 1 else values.shape[1]
-    return (
-        f'<DataArray type="{_VTK_TYPE[code]}" Name={quoteattr(name)} '
-        f'NumberOfComponents="{components}" format="binary">{text}</DataArray>\n'
-    )
+    sections: dict[str, dict[str, NDArray[np.generic]]] = {
+        "PointData": {"radius_mm": network.radius},
+        "CellData": cells,
+        "Points": {"Points": network.points},
+        "Lines": {"connectivity": np.arange(points), "offsets": network.offset[1:]},
+    }
+    counts = polydata_counts(points, lines=network.vessel_count)
+    write_text(path, vtk_document("PolyData", counts, sections))
 
 
 # Read a network from VTK XML PolyData (`.vtp`): polylines with a radius at each point.

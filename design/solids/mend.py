@@ -9,7 +9,7 @@ crossings, as long as the surface moves by no more than a given length. Vertices
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,14 +36,14 @@ from kernels import jit
 from kernels.arrays import FloatArray
 
 FaceArray = NDArray[np.int64]
-_SHARES = (1 / 256, 1 / 64, 1 / 16, 1 / 4, 1 / 4, 1 / 4, 1.0, 1.0, 1.0)
+_SHARES: Final = (1 / 256, 1 / 64, 1 / 16, 1 / 4, 1 / 4, 1 / 4, 1.0, 1.0, 1.0)
 """Of the length by which a change may move the surface, round by round."""
-_STEPS = 4
-"""Lengths by which a vertex is moved: 2, 8, 32, 128 steps of float32."""
-_APART = 4.0
+_FLOAT32_MOVES: Final = (2.0, 8.0, 32.0, 128.0)
+"""Steps of float32 by which a vertex is moved."""
+_FAN_GAP: Final = 4.0
 """Steps of float32 by which two fans of faces that touch in one vertex are drawn apart."""
-_MOST = 1024
-"""Faces around a vertex; one with more stays."""
+_MAX_FACES: Final = 1024
+"""Around a vertex; one with more stays."""
 
 
 def mend_surface(
@@ -69,7 +69,7 @@ def mend_surface(
     """
     fan = corner_fans(faces)
     step = float(np.spacing(np.float32(np.abs(vertices).max())))
-    apart, together = _fans_apart(vertices, faces, fan, _APART * step)
+    apart, together = _fans_apart(vertices, faces, fan, _FAN_GAP * step)
     if together:
         vertices, faces = apart, fan
     tree = build_triangle_tree(np.ascontiguousarray(vertices), faces.astype(np.int32))
@@ -91,7 +91,7 @@ def mend_surface(
 def _fans_apart(
     vertices: FloatArray, faces: FaceArray, fan: FaceArray, step_mm: float
 ) -> tuple[FloatArray, bool]:
-    """Places of fans, those that touch in one vertex drawn into the solid; and whether any do."""
+    """Draw fans that touch in one vertex into the solid; return places, and if there are any."""
     place = np.zeros(int(fan.max()) + 1, np.int64)
     place[fan] = faces
     points = vertices[place]
@@ -115,44 +115,25 @@ def _surface(vertices: FloatArray, faces: FaceArray, tree: TriangleTree) -> Mend
         tree=tree,
         above=_parents(tree.right),
         leaf=_leaves(tree.first, tree.size, tree.right, tree.face),
-        patch=np.empty(_MOST, np.int64),
+        patch=np.empty(_MAX_FACES, np.int64),
         within=np.zeros(len(faces), np.bool_),
     )
 
 
 class MendedSurface(NamedTuple):
-    """A surface while it is mended.
+    """Surface under repair."""
 
-    Attributes
-    ----------
-    points : (v, 3) float64, mm
-    faces, twin, out
-        See `halfedges`.
-    dead : (m,) bool
-        Faces that were drawn in.
-    changed : (m,) bool
-        Faces that were moved.
-    tree : TriangleTree
-        Its boxes grow with what is changed; its triangles are those of before.
-    above, leaf : (t,) and (m,) int64
-        Parent of each box, -1 at the top; box of each face.
-    patch : (k,) int64
-        Faces that a change would concern.
-    within : (m,) bool
-        Whether each face is one of these.
-    """
-
-    points: FloatArray
-    faces: FaceArray
+    points: FloatArray  # (v, 3), mm
+    faces: FaceArray  # with `twin` and `out` as in `design.solids.remesh`
     twin: NDArray[np.int64]
     out: NDArray[np.int64]
-    dead: NDArray[np.bool_]
-    changed: NDArray[np.bool_]
-    tree: TriangleTree
-    above: NDArray[np.int64]
-    leaf: NDArray[np.int64]
-    patch: NDArray[np.int64]
-    within: NDArray[np.bool_]
+    dead: NDArray[np.bool_]  # (m,), faces that were drawn in
+    changed: NDArray[np.bool_]  # (m,), faces that were moved
+    tree: TriangleTree  # its boxes grow with changes; its triangles are those of before
+    above: NDArray[np.int64]  # (t,), parent of each box, -1 at the top
+    leaf: NDArray[np.int64]  # (m,), box of each face
+    patch: NDArray[np.int64]  # (k,), faces that a change concerns
+    within: NDArray[np.bool_]  # (m,), whether each face is one of these
 
 
 def _parents(right: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -200,7 +181,7 @@ def _mend(s: Any, hot: Any, reach: float, step: float) -> None:
             continue
         which = 0
         for k in range(3):
-            for way in range(2 * _STEPS):
+            for way in range(2 * len(_FLOAT32_MOVES)):
                 a = s.faces[f, k]
                 gain = move(s, a, way, reach, step, False)
                 if gain > best:
@@ -211,19 +192,16 @@ def _mend(s: Any, hot: Any, reach: float, step: float) -> None:
 
 @jit
 def _crossing(s: Any, faces: Any) -> Any:
-    """Which of ``faces`` cross others."""
+    """Return those of ``faces`` that cross others."""
     kept = np.zeros(len(faces), np.bool_)
     for n in range(len(faces)):
         kept[n] = hits(s, faces[n], 0) > 0
     return faces[kept]
 
 
-# Flip or collapse an edge, or move a vertex, to remove self-intersections (compiled).
-
-
 @jit
 def turn(s: Any, h: int, reach: float, do: bool) -> int:
-    """By how many crossings fewer there are when an edge is turned; 0 where it mustn't be."""
+    """Return by how much turning an edge reduces crossings; 0 where it mustn't be turned."""
     faces, t = s.faces, s.twin[h]
     here, there = h // 3, t // 3
     a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
@@ -247,7 +225,7 @@ def turn(s: Any, h: int, reach: float, do: bool) -> int:
 
 @jit
 def draw_in(s: Any, h: int, reach: float, do: bool) -> int:
-    """The same for a half-edge whose origin is drawn into its tip."""
+    """Return the same for drawing a half-edge's origin into its tip."""
     faces, dead = s.faces, s.dead
     one, two = h // 3, s.twin[h] // 3
     a, b = origin(faces, h), tip(faces, h)
@@ -287,9 +265,9 @@ def _rename(s: Any, count: int, a: int, b: int) -> None:
 
 @jit
 def move(s: Any, a: int, way: int, reach: float, step: float, do: bool) -> int:
-    """The same for a vertex moved along its normal: outwards for even ``way``, inwards for odd."""
+    """Return the same for moving a vertex along its normal: out for even ``way``, in for odd."""
     points, count = s.points, _around(s, a)
-    length = 2.0 * 4.0 ** (way // 2) * step
+    length = _FLOAT32_MOVES[way // 2] * step
     if count == 0 or length > reach:
         return 0
     nx = ny = nz = 0.0
@@ -316,7 +294,7 @@ def move(s: Any, a: int, way: int, reach: float, step: float, do: bool) -> int:
 
 @jit
 def _around(s: Any, a: int) -> int:
-    """Write the faces around a vertex into the patch; 0 where they are too many."""
+    """List the faces around a vertex in the patch; return how many, 0 if too many."""
     count, g = 0, s.out[a]
     while True:
         if count == len(s.patch):
@@ -330,7 +308,7 @@ def _around(s: Any, a: int) -> int:
 
 @jit
 def _thickness(points: Any, a: int, b: int, c: int, d: int) -> float:
-    """Least height of a tetrahedron: six times its volume over twice its largest face."""
+    """Return a tetrahedron's least height: six times its volume over twice its largest face."""
     x, y, z = normal(points, a, b, c)
     volume = abs(
         x * (points[d, 0] - points[a, 0])
@@ -346,7 +324,7 @@ def _thickness(points: Any, a: int, b: int, c: int, d: int) -> float:
 
 @jit
 def _may_turn(points: Any, a: int, b: int, p: int, q: int, reach: float) -> bool:
-    """Whether the face apq may become bpq: near it, and not turned over unless it is a sliver."""
+    """Return whether face apq may become bpq: near it, and not turned over unless a sliver."""
     if _thickness(points, a, b, p, q) > reach:
         return False
     x, y, z = normal(points, a, p, q)
@@ -361,12 +339,9 @@ def _may_turn(points: Any, a: int, b: int, p: int, q: int, reach: float) -> bool
     return sqrt(area) <= reach * longest
 
 
-# Count the faces that a mesh patch under repair intersects, its own included (compiled).
-
-
 @jit
 def grow(s: Any, count: int) -> None:
-    """Let the tree's boxes hold the faces of the patch again."""
+    """Enlarge the tree's boxes so that they hold the faces of the patch."""
     for n in range(count):
         f = s.patch[n]
         if s.dead[f]:
@@ -384,7 +359,7 @@ def grow(s: Any, count: int) -> None:
 
 @jit
 def patch_hits(s: Any, count: int) -> int:
-    """How many faces those of the patch meet, one another included."""
+    """Count the faces that those of the patch meet, one another included."""
     for n in range(count):
         s.within[s.patch[n]] = True
     total = 0
@@ -398,9 +373,9 @@ def patch_hits(s: Any, count: int) -> int:
 
 @jit
 def hits(s: Any, face: int, count: int) -> int:
-    """How many faces one meets, those included that rounding hides.
+    """Count the faces that one meets, those included that rounding hides.
 
-    The first ``count`` of the patch may be out of their boxes, and are tried each.
+    The first ``count`` of the patch may be out of their boxes; each is tried.
     """
     tree = s.tree
     one, two = np.empty((3, 3)), np.empty((3, 3))
@@ -427,7 +402,7 @@ def hits(s: Any, face: int, count: int) -> int:
 
 @jit
 def _met(s: Any, other: int, one: Any, mine: Any, low: Any, high: Any, two: Any, its: Any) -> int:
-    """1 where a face meets ``other``, else 0."""
+    """Return 1 if a face meets ``other``, else 0."""
     if s.dead[other]:
         return 0
     for k in range(3):

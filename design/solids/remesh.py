@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -19,13 +19,27 @@ from kernels.arrays import FloatArray, IntArray
 
 # Remesh a closed surface with even triangles of a locally prescribed size.
 
-_SPLITS = 30
-"""Passes of splitting at most in one round."""
+
+class _Limits(NamedTuple):
+    """Limits of remeshing."""
+
+    rounds: int = 10  # of splitting, drawing in, turning and relaxing
+    splits: int = 30  # passes of splitting in one round
+    growth: float = 0.4  # of the wanted length, per mm along the surface
+    long: float = 4.0 / 3.0  # of the wanted length: longer edges are split
+    short: float = 4.0 / 5.0  # of the wanted length: shorter edges are drawn in
+    turn: float = 0.5  # least cosine of the angle by which a triangle may turn
+    poor: float = 0.05  # quality below which a triangle may only get better
+    gain: float = 1e-3  # of the worse of two triangles, for their edge to be turned
+    relaxation: float = 0.7  # of the way to the neighbours' middle
+
+
+_LIMITS: Final = _Limits()
 
 
 @dataclass(frozen=True)
 class LabelledSurface(Surface):
-    """A closed triangle surface whose faces are told apart.
+    """A closed triangle surface with labelled faces.
 
     Attributes
     ----------
@@ -33,7 +47,7 @@ class LabelledSurface(Surface):
     faces : (f, 3) int64
         Outward by the right hand.
     label : (f,) int64
-        Faces of one label make a smooth patch; patches meet in rims, which remeshing keeps.
+        Faces of one label are a smooth patch; patches meet in rims, which remeshing keeps.
     """
 
     faces: IntArray
@@ -41,14 +55,14 @@ class LabelledSurface(Surface):
 
 
 class Shape(Protocol):
-    """What a surface is to follow."""
+    """Shape that a remeshed surface follows."""
 
     def size(self, points: FloatArray) -> FloatArray:
-        """Wanted edge length at each point, (n,), mm."""
+        """Return the wanted edge length at each point, (n,), mm."""
         ...
 
     def onto(self, points: FloatArray, patch: IntArray) -> FloatArray:
-        """Points (n, 3) moved onto the shape.
+        """Move points (n, 3) onto the shape.
 
         ``patch`` (n,) is the label of the patch that a point lies in; -1 - label on a rim, with
         the larger of the labels that meet there.
@@ -56,20 +70,14 @@ class Shape(Protocol):
         ...
 
 
-def remesh(
-    surface: LabelledSurface, shape: Shape, rounds: int = 10, growth: float = 0.4
-) -> LabelledSurface:
-    """Remake a surface of nearly equilateral triangles that follow ``shape``.
+def remesh(surface: LabelledSurface, shape: Shape) -> LabelledSurface:
+    """Remesh a surface with nearly equilateral triangles that follow ``shape``.
 
     Parameters
     ----------
     surface : LabelledSurface
-        Near enough to the shape for `Shape.onto` to find its way, and joined up like it.
+        Near enough to the shape for `Shape.onto`, and of its topology.
     shape : Shape
-    rounds : int
-        Of splitting, drawing in, turning and relaxing.
-    growth : float
-        Of the wanted edge length, per mm along the surface at most.
 
     Returns
     -------
@@ -81,14 +89,14 @@ def remesh(
     SolidError
         When the surface isn't closed, or a wanted length isn't above 0.
     """
-    for _ in range(rounds):
-        surface = _turned(_drawn_in(_split(surface, shape, growth), shape, growth))
+    for _ in range(_LIMITS.rounds):
+        surface = _turned(_drawn_in(_split(surface, shape), shape))
         surface = _relaxed(surface, shape)
     return surface
 
 
 def patches(surface: LabelledSurface) -> IntArray:
-    """The patch of each vertex, as `Shape.onto` takes it, (n,)."""
+    """Return the patch of each vertex, as `Shape.onto` takes it, (n,)."""
     low = np.full(len(surface.vertices), np.iinfo(np.int64).max)
     high = np.full(len(surface.vertices), -1)
     for corner in surface.faces.T:
@@ -97,7 +105,7 @@ def patches(surface: LabelledSurface) -> IntArray:
     return np.where(low == high, low, -1 - high)
 
 
-def _wanted(surface: LabelledSurface, shape: Shape, growth: float) -> FloatArray:
+def _wanted(surface: LabelledSurface, shape: Shape) -> FloatArray:
     wanted = np.ascontiguousarray(shape.size(surface.vertices), dtype=np.float64)
     if not (np.isfinite(wanted).all() and (wanted > 0.0).all()):
         bad = int(np.flatnonzero(~(np.isfinite(wanted) & (wanted > 0.0)))[0])
@@ -106,14 +114,14 @@ def _wanted(surface: LabelledSurface, shape: Shape, growth: float) -> FloatArray
             f"the wanted edge length at {x:.4g}, {y:.4g}, {z:.4g} mm is {wanted[bad]:g} mm; the "
             "surface must lie near its shape, and lengths be above 0"
         )
-    level(surface.vertices, surface.faces, wanted, growth)
+    level(surface.vertices, surface.faces, wanted, _LIMITS.growth)
     return wanted
 
 
-def _split(surface: LabelledSurface, shape: Shape, growth: float) -> LabelledSurface:
-    for _ in range(_SPLITS):
+def _split(surface: LabelledSurface, shape: Shape) -> LabelledSurface:
+    for _ in range(_LIMITS.splits):
         n, f = len(surface.vertices), len(surface.faces)
-        wanted = _wanted(surface, shape, growth)
+        wanted = _wanted(surface, shape)
         # For each edge once; halves that are still too long come in the next pass.
         points, room = np.zeros((n + 3 * f // 2, 3)), f + 3 * f
         faces, label = np.zeros((room, 3), np.int64), np.zeros(room, np.int64)
@@ -127,12 +135,12 @@ def _split(surface: LabelledSurface, shape: Shape, growth: float) -> LabelledSur
     return surface
 
 
-def _drawn_in(surface: LabelledSurface, shape: Shape, growth: float) -> LabelledSurface:
+def _drawn_in(surface: LabelledSurface, shape: Shape) -> LabelledSurface:
     faces, count = surface.faces.copy(), len(surface.vertices)
     twin, out = twins_of(faces), leaving(faces, count)
     rim, dead = np.zeros(count, np.int64), np.zeros(len(faces), np.int64)
     rims(faces, twin, surface.label, rim)
-    wanted = _wanted(surface, shape, growth)
+    wanted = _wanted(surface, shape)
     draw_in_short(surface.vertices, wanted, faces, surface.label, twin, out, rim, dead)
     return _packed(surface.vertices, faces[dead == 0], surface.label[dead == 0])
 
@@ -166,17 +174,6 @@ def _relaxed(surface: LabelledSurface, shape: Shape) -> LabelledSurface:
 # The scheme of Botsch & Kobbelt 2004 ("A remeshing approach to multiresolution modeling"), with a
 # wanted length at every vertex, and with rims between labels that stay.
 
-LONG = 4.0 / 3.0
-"""Of the wanted length: a longer edge is split."""
-SHORT = 4.0 / 5.0
-"""Of the wanted length: a shorter edge is drawn in."""
-_TURN = 0.5
-"""Least cosine of the angle by which a triangle may turn."""
-_POOR = 0.05
-"""Quality below which a triangle may only get better."""
-_GAIN = 1e-3
-"""By which the worse of two triangles must gain for their edge to be turned."""
-
 
 @jit
 def _length(points: FloatArray, a: int, b: int) -> float:
@@ -190,7 +187,7 @@ def _length(points: FloatArray, a: int, b: int) -> float:
 
 @jit
 def normal(points: FloatArray, a: int, b: int, c: int) -> tuple[float, float, float]:
-    """Outward, twice the triangle's area long."""
+    """Return the outward normal, twice the triangle's area long."""
     ux, vx = points[b, 0] - points[a, 0], points[c, 0] - points[a, 0]
     uy, vy = points[b, 1] - points[a, 1], points[c, 1] - points[a, 1]
     uz, vz = points[b, 2] - points[a, 2], points[c, 2] - points[a, 2]
@@ -199,7 +196,7 @@ def normal(points: FloatArray, a: int, b: int, c: int) -> tuple[float, float, fl
 
 @jit
 def quality(points: FloatArray, a: int, b: int, c: int) -> float:
-    """Area over what an equilateral triangle with the same squared edges has: 1 at best."""
+    """Return the area over that of an equilateral triangle of the same squared edges: 1 at best."""
     x, y, z = normal(points, a, b, c)
     edges = _length(points, a, b) ** 2 + _length(points, b, c) ** 2 + _length(points, c, a) ** 2
     return 2.0 * sqrt(3.0) * sqrt(x * x + y * y + z * z) / max(edges, 1e-300)
@@ -224,7 +221,7 @@ def split_long(
     vertices: int,
     triangles: int,
 ) -> tuple[int, int]:
-    """Split edges that are too long while the arrays have room. New counts."""
+    """Split edges that are too long while the arrays have room; return the new counts."""
     for h in range(3 * triangles):
         if vertices == len(points) or triangles + 2 > len(faces):
             break
@@ -232,7 +229,7 @@ def split_long(
             continue
         a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, twin[h])
         length = _length(points, a, b)
-        if length <= LONG * 0.5 * (wanted[a] + wanted[b]):
+        if length <= _LIMITS.long * 0.5 * (wanted[a] + wanted[b]):
             continue
         # The longest of its triangles alone (Rivara): others leave needles.
         others = max(_length(points, b, c), _length(points, c, a))
@@ -253,7 +250,7 @@ def split_long(
 def _keeps_form(
     points: FloatArray, wanted: FloatArray, faces: IntArray, twin: IntArray, out: IntArray, h: int
 ) -> bool:
-    """Whether drawing in a half-edge turns no triangle far, nor makes an edge too long."""
+    """Return whether drawing in a half-edge turns no triangle far, nor makes an edge too long."""
     a, b = origin(faces, h), tip(faces, h)
     g = out[a]
     while True:
@@ -262,11 +259,11 @@ def _keeps_form(
             x, y, z = normal(points, a, p, q)
             u, v, w = normal(points, b, p, q)
             size = sqrt((x * x + y * y + z * z) * (u * u + v * v + w * w))
-            if x * u + y * v + z * w < _TURN * size or size == 0.0:
+            if x * u + y * v + z * w < _LIMITS.turn * size or size == 0.0:
                 return False
-            if quality(points, b, p, q) < min(_POOR, quality(points, a, p, q)):
+            if quality(points, b, p, q) < min(_LIMITS.poor, quality(points, a, p, q)):
                 return False
-            if _length(points, b, p) > LONG * 0.5 * (wanted[b] + wanted[p]):
+            if _length(points, b, p) > _LIMITS.long * 0.5 * (wanted[b] + wanted[p]):
                 return False
         g = twin[previous_half_edge(g)]
         if g == out[a]:
@@ -275,7 +272,7 @@ def _keeps_form(
 
 @jit
 def stays_closed(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> bool:
-    """The link condition: the ends of an edge share just the two corners across from it."""
+    """Check the link condition: an edge's ends share just the two corners across from it."""
     a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, twin[h])
     if c == d or valence(twin, out, c) <= 3 or valence(twin, out, d) <= 3:
         return False
@@ -300,13 +297,13 @@ def draw_in_short(
     rim: IntArray,
     dead: IntArray,
 ) -> int:
-    """Draw in edges that are too short, rims along themselves alone. How many."""
+    """Draw in edges that are too short, rims along themselves alone; return how many."""
     count = 0
     for h in range(3 * len(faces)):
         if dead[h // 3]:
             continue
         a, b = origin(faces, h), tip(faces, h)
-        if _length(points, a, b) >= SHORT * 0.5 * (wanted[a] + wanted[b]):
+        if _length(points, a, b) >= _LIMITS.short * 0.5 * (wanted[a] + wanted[b]):
             continue
         between = label[h // 3] != label[twin[h] // 3]
         if rim[a] > 0 and not (between and rim[a] == 2 and rim[b] == 2):
@@ -325,7 +322,7 @@ def draw_in_short(
 def turn(
     points: FloatArray, faces: IntArray, label: IntArray, twin: IntArray, out: IntArray
 ) -> int:
-    """Turn edges where the worse of the two triangles gets better. How many."""
+    """Turn edges where the worse of the two triangles gets better; return how many."""
     count = 0
     for h in range(3 * len(faces)):
         t = twin[h]
@@ -334,7 +331,7 @@ def turn(
         a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
         now = min(quality(points, a, b, c), quality(points, b, a, d))
         then = min(quality(points, a, d, c), quality(points, b, c, d))
-        if then < now + _GAIN or valence(twin, out, a) <= 3 or valence(twin, out, b) <= 3:
+        if then < now + _LIMITS.gain or valence(twin, out, a) <= 3 or valence(twin, out, b) <= 3:
             continue
         x, y, z = normal(points, a, d, c)
         u, v, w = normal(points, b, c, d)
@@ -384,7 +381,7 @@ def relax(
         if rim[a] == 0:
             away = (dx * nx + dy * ny + dz * nz) / max(nx * nx + ny * ny + nz * nz, 1e-300)
             dx, dy, dz = dx - away * nx, dy - away * ny, dz - away * nz
-        share = 0.7 if rim[a] in (0, 2) else 0.0
+        share = _LIMITS.relaxation if rim[a] in (0, 2) else 0.0
         moved[a, 0] = points[a, 0] + share * dx
         moved[a, 1] = points[a, 1] + share * dy
         moved[a, 2] = points[a, 2] + share * dz
@@ -411,7 +408,7 @@ def level(points: FloatArray, faces: IntArray, wanted: FloatArray, growth: float
 
 
 def twins_of(faces: IntArray) -> IntArray:
-    """The half-edge opposite each, (3 f,).
+    """Return the half-edge opposite each, (3 f,).
 
     Raises
     ------
@@ -428,7 +425,7 @@ def twins_of(faces: IntArray) -> IntArray:
 
 
 def leaving(faces: IntArray, count: int) -> IntArray:
-    """A half-edge that leaves each of ``count`` vertices; -1 where none does."""
+    """Return a half-edge that leaves each of ``count`` vertices; -1 where none does."""
     half_edge = np.full(count, -1, dtype=np.int64)
     half_edge[faces.ravel()] = np.arange(faces.size)
     return half_edge
@@ -436,37 +433,37 @@ def leaving(faces: IntArray, count: int) -> IntArray:
 
 @jit
 def next_half_edge(h: int) -> int:
-    """The half-edge that follows in the same triangle."""
+    """Return the half-edge that follows in the same triangle."""
     return h - 2 if h % 3 == 2 else h + 1
 
 
 @jit
 def previous_half_edge(h: int) -> int:
-    """The half-edge that comes before in the same triangle."""
+    """Return the half-edge that comes before in the same triangle."""
     return h + 2 if h % 3 == 0 else h - 1
 
 
 @jit
 def origin(faces: IntArray, h: int) -> int:
-    """Where a half-edge begins."""
+    """Return the vertex where a half-edge begins."""
     return int(faces[h // 3, h % 3])
 
 
 @jit
 def tip(faces: IntArray, h: int) -> int:
-    """Where a half-edge ends."""
+    """Return the vertex where a half-edge ends."""
     return int(faces[h // 3, (h + 1) % 3])
 
 
 @jit
 def apex(faces: IntArray, h: int) -> int:
-    """The corner across from a half-edge in its triangle."""
+    """Return the corner across from a half-edge in its triangle."""
     return int(faces[h // 3, (h + 2) % 3])
 
 
 @jit
 def are_joined(faces: IntArray, twin: IntArray, out: IntArray, a: int, b: int) -> bool:
-    """Whether an edge runs between two vertices."""
+    """Return whether an edge runs between two vertices."""
     h = out[a]
     while True:
         if tip(faces, h) == b:
@@ -478,7 +475,7 @@ def are_joined(faces: IntArray, twin: IntArray, out: IntArray, a: int, b: int) -
 
 @jit
 def valence(twin: IntArray, out: IntArray, a: int) -> int:
-    """Number of edges at a vertex."""
+    """Return the number of edges at a vertex."""
     count, h = 0, out[a]
     while True:
         count += 1
@@ -535,7 +532,7 @@ def flip(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> None:
 
 @jit
 def collapse(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> None:
-    """Draw a half-edge's origin into its tip; its two triangles are left over, to be dropped."""
+    """Draw a half-edge's origin into its tip; the caller drops its two triangles."""
     t = twin[h]
     a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
     bc, ca, ad, db = (

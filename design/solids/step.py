@@ -19,7 +19,7 @@ from design.errors import SolidError
 from design.files import atomic_replacement
 from design.network import VesselNetwork
 from design.solids.lumen import lumen_solid
-from design.solids.smooth.assemble import CLEAR_OF_TUBES
+from design.solids.smooth.assemble import LIMITS
 from design.solids.tube import Chain, Facets, split_runs
 from kernels.arrays import FloatArray, IntArray
 
@@ -170,7 +170,7 @@ def step_pieces(network: VesselNetwork) -> list[Piece]:
                 before = float(run.radius[k - 1])
                 pieces.append(Piece(run.points[k - 1], point, before, radius))
             if inner or key not in filled:
-                ball = CLEAR_OF_TUBES * (radius if inner else widest[key])
+                ball = LIMITS.clear_of_tubes * (radius if inner else widest[key])
                 pieces.append(Piece(point, point, ball, ball))
                 filled.add(key)
     return pieces

@@ -5,20 +5,19 @@ Goes in: a registration. Comes out: files.
 
 from __future__ import annotations
 
-import base64
 import csv
 import gzip
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_bytes, write_text
 from design.geometry.polyline import arc_lengths, places_along
+from design.geometry.vtk import polydata_counts, vtk_document
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
 from registration.measuring.judging import list_findings
@@ -147,7 +146,6 @@ def _defect(defect: Mapping[str, Any]) -> dict[str, Any]:
 # Write the scanned surface with its deviation, and the measured axes, as VTP for ParaView.
 
 Numbers = NDArray[np.generic]
-_VTK_TYPE = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "u1": "UInt8"}
 
 
 def write_surface_vtp(path: Path, report: RegistrationReport) -> None:
@@ -220,30 +218,13 @@ def _write(
 ) -> None:
     kind, connectivity, offsets = cells
     count = {"Polys": 0, "Lines": 0, kind: len(offsets)}
-    data = "".join(_array(name, each) for name, each in values.items())
-    write_text(
-        path,
-        '<?xml version="1.0"?>\n'
-        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f'<PolyData>\n<Piece NumberOfPoints="{len(points)}" NumberOfVerts="0" '
-        f'NumberOfLines="{count["Lines"]}" NumberOfStrips="0" NumberOfPolys="{count["Polys"]}">\n'
-        f"<PointData>\n{data}</PointData>\n"
-        f"<Points>\n{_array('Points', points)}</Points>\n"
-        f"<{kind}>\n{_array('connectivity', connectivity)}{_array('offsets', offsets)}</{kind}>\n"
-        "</Piece>\n</PolyData>\n</VTKFile>\n",
-    )
-
-
-def _array(name: str, values: Numbers) -> str:
-    """One DataArray: its length in bytes as UInt64, then little-endian values, in base64."""
-    kind = _VTK_TYPE[values.dtype.str[1:]]
-    raw = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).tobytes()
-    text = base64.b64encode(np.uint64(len(raw)).astype("<u8").tobytes() + raw).decode()
-    components = 1 if values.ndim == 1 else values.shape[1]
-    return (
-        f'<DataArray type="{kind}" Name={quoteattr(name)} '
-        f'NumberOfComponents="{components}" format="binary">{text}</DataArray>\n'
-    )
+    counts = polydata_counts(len(points), lines=count["Lines"], polygons=count["Polys"])
+    sections: dict[str, Mapping[str, Numbers]] = {
+        "PointData": values,
+        "Points": {"Points": points},
+        kind: {"connectivity": connectivity, "offsets": offsets},
+    }
+    write_text(path, vtk_document("PolyData", counts, sections))
 
 
 # Write a registered scan as NRRD in the part's frame, for 3D Slicer.

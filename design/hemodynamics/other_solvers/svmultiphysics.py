@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.files import write_text
+from design.geometry.vtk import vtk_document
 from design.hemodynamics.conditions import (
     Outlet,
     PressureOutlet,
@@ -25,7 +26,7 @@ from design.hemodynamics.conditions import (
 )
 from design.hemodynamics.other_solvers.network_case import CGS, outlet_values
 from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
-from design.hemodynamics.three_d.solution import vtk_document
+from design.hemodynamics.three_d.solution import elements_behind
 from design.hemodynamics.waveforms import Waveform, cycle_times
 from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.units import CM3_PER_UL, DYN_CM2_PER_PA
@@ -276,7 +277,7 @@ def write_mesh_complete(folder: Path, mesh: LumenMesh) -> None:
     tets, faces = mesh.tets[:, :4], mesh.faces[:, :3]
     _check(mesh, tets)
     points = mesh.points[: mesh.corner_count] * CGS.cm_per_mm
-    behind = _element_behind(tets, faces)
+    behind, _ = elements_behind(mesh, np.arange(len(faces)))
     whole = np.arange(len(faces))
     _write_volume(folder / "mesh-complete.mesh.vtu", points, tets)
     surfaces = {"mesh-complete.exterior": whole, "walls_combined": whole[mesh.label == WALL]}
@@ -301,19 +302,6 @@ def _check(mesh: LumenMesh, tets: IntArray) -> None:
             f"tetrahedron {worst} at {p[worst].mean(0).round(3).tolist()} mm is inside out "
             f"without its curved edges (volume {volume[worst] / 6:.3g} mm³); mesh finer there"
         )
-
-
-def _element_behind(tets: IntArray, faces: IntArray) -> IntArray:
-    """The tetrahedron that each face bounds."""
-    sides = np.sort(tets[:, [[0, 1, 2], [0, 1, 3], [1, 2, 3], [0, 2, 3]]], axis=2).reshape(-1, 3)
-    both = np.concatenate([sides, np.sort(faces, axis=1)])
-    _, which = np.unique(both, axis=0, return_inverse=True)
-    owner = np.full(int(which.max()) + 1, -1)
-    owner[which[: len(sides)]] = np.repeat(np.arange(len(tets)), 4)
-    elements = owner[which[len(sides) :]]
-    if (elements < 0).any():
-        raise FlowError(f"face {int(np.argmin(elements))} bounds no tetrahedron; mesh again")
-    return elements
 
 
 def _write_volume(path: Path, points: NDArray[Any], tets: IntArray) -> None:

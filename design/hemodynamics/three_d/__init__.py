@@ -21,7 +21,6 @@ from design.hemodynamics.three_d.solution import (
 from design.hemodynamics.three_d.steady import ErrorEstimate, estimate_error, solve_steady
 from design.hemodynamics.three_d.vessels.sections import (
     Section,
-    place_of,
     probe_steady,
     sections_at,
 )
@@ -43,7 +42,6 @@ __all__ = [
     "estimate_error",
     "least_jacobian",
     "march_flow",
-    "place_of",
     "probe_steady",
     "residence_time",
     "sections_at",

@@ -17,9 +17,6 @@ from design.hemodynamics.three_d.meshing.lumen_mesh import EDGES, LumenMesh
 from design.units import WATER_DENSITY
 from kernels.arrays import FloatArray
 
-THREADS: Final = 1
-"""How many it works on unless told. Results are the same to the last digit only for the same
-number; on two cores that others use too, a second makes it slower (measured: 3.3 s for 1.1)."""
 LAMINAR: Final = 2000.0
 """Reynolds number by the diameter above which steady flow in a lumen may not be laminar."""
 
@@ -36,37 +33,29 @@ class FlowOptions:
         Navier–Stokes, or Stokes flow, without inertia of turning and of narrowing.
     density : float, Pa·s²/mm²
         Of steady flow; pulsatile conditions have their own.
-    tolerance : float
-        Residual left, of that of no flow.
-    threads : int
     memory_gb : float, optional
-        Refused above it; without it, above what the machine has free.
+        Limit; without it, what the machine has free.
     """
 
     order: int = 3
     convection: bool = True
     density: float = WATER_DENSITY
-    tolerance: float = 1e-8
-    threads: int = THREADS
     memory_gb: float | None = None
 
     def __post_init__(self) -> None:
         if self.order not in (2, 3):
             raise FlowError(f"elements of order {self.order}; take 2 or 3")
-        if not 1e-12 <= self.tolerance <= 1e-3:
-            raise FlowError(f"tolerance {self.tolerance:g} isn't between 1e-12 and 1e-3")
 
 
 # Estimate the memory of a 3D flow solution; refuse one too large for the computer.
 
-_BYTES = {2: 5500.0, 3: 7000.0}
-"""By unknown: a third more than was measured on pipes and on networks of 170,000 unknowns."""
-_GENERAL_BYTES = 15000.0
-_BASE = 200e6
+_BYTES: Final = {2: 5500.0, 3: 7000.0, "general": 15000.0}
+"""By unknown, by order; of a factor that isn't symmetric: a third more than was measured on pipes
+and on networks of 170,000 unknowns."""
 
 
 def unknowns(mesh: LumenMesh, order: int) -> int:
-    """Number of velocity and pressure unknowns."""
+    """Return the number of velocity and pressure unknowns."""
     corners, edges, tets = mesh.corner_count, len(mesh.points) - mesh.corner_count, len(mesh.tets)
     triangles = (4 * tets + len(mesh.faces)) // 2
     if order == 2:
@@ -74,18 +63,13 @@ def unknowns(mesh: LumenMesh, order: int) -> int:
     return 3 * (corners + 2 * edges + triangles) + corners + edges
 
 
-def needed_bytes(mesh: LumenMesh, order: int) -> float:
-    """Most that a solution takes."""
-    return _BASE + _BYTES[order] * unknowns(mesh, order)
-
-
 def free_bytes() -> float | None:
-    """What the machine has left; None where it doesn't say."""
+    """Return the machine's free memory, or all of it where that is unknown, or None."""
     lines = Path("/proc/meminfo")
     if lines.exists():
-        held = [x for x in lines.read_text().splitlines() if x.startswith("MemAvailable:")]
-        if held:
-            return float(held[0].split()[1]) * 1024.0
+        found = [x for x in lines.read_text().splitlines() if x.startswith("MemAvailable:")]
+        if found:
+            return float(found[0].split()[1]) * 1024.0
     try:
         return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, ValueError, OSError):
@@ -93,20 +77,14 @@ def free_bytes() -> float | None:
 
 
 def fits_general(count: int) -> bool:
-    """Whether the machine has room for a factor of a matrix that isn't symmetric."""
+    """Return whether a factor of a matrix that isn't symmetric fits into the free memory."""
     free = free_bytes()
-    return free is None or _GENERAL_BYTES * count < free
+    return free is None or _BYTES["general"] * count < free
 
 
-def check_memory(mesh: LumenMesh, options: FlowOptions, share: float = 1.0) -> None:
-    """Refuse what won't fit; ``share`` is 2 where numbers are complex.
-
-    Raises
-    ------
-    FlowError
-        With the numbers.
-    """
-    needed = share * needed_bytes(mesh, options.order)
+def check_memory(mesh: LumenMesh, options: FlowOptions) -> None:
+    """Raise `FlowError` if a solution takes more memory than is free or allowed."""
+    needed = 200e6 + _BYTES[options.order] * unknowns(mesh, options.order)
     limit = free_bytes() if options.memory_gb is None else options.memory_gb * 1e9
     if limit is not None and needed > limit:
         whose = "free here" if options.memory_gb is None else "allowed (memory_gb)"
@@ -118,17 +96,14 @@ def check_memory(mesh: LumenMesh, options: FlowOptions, share: float = 1.0) -> N
         )
 
 
-# Import the finite-element library NGSolve on demand, with a given number of threads.
-
 CURVED: Final = 4
-"""Degrees by which integrals are taken finer than the engine does by itself: it doesn't count the
-deformation that curves the elements. Without, pressures are off by 2e-4 (against FEniCSx, which
-does; with it they agree to 1.5e-8)."""
+"""Degrees added to NGSolve's integration order, which leaves out the deformation that curves the
+elements. Without it pressures are off by 2e-4 of FEniCSx's; with it they agree to 1.5e-8."""
 _BLAS: Final = "OPENBLAS_NUM_THREADS"
 
 
 def load_engine() -> Any:
-    """The module ngsolve.
+    """Import ngsolve.
 
     Raises
     ------
@@ -137,7 +112,7 @@ def load_engine() -> Any:
     """
     # Its BLAS reads this once, as it is loaded. Threads of its own for blocks of some 50 rows
     # make a factorisation eight times slower (measured).
-    asked = os.environ.get(_BLAS)
+    before = os.environ.get(_BLAS)
     os.environ.setdefault(_BLAS, "1")
     try:
         import ngsolve
@@ -147,39 +122,35 @@ def load_engine() -> Any:
             "pip install 'printctl[flow3d]', or stay with 0D and 1D"
         ) from exc
     finally:
-        if asked is None:
+        if before is None:
             os.environ.pop(_BLAS, None)
     return ngsolve
 
 
 @contextmanager
-def engine_threads(threads: int = THREADS) -> Iterator[Any]:
-    """The engine, with so many threads."""
+def running_engine() -> Iterator[Any]:
+    """Yield NGSolve on one thread.
+
+    Results are the same to the last digit only for the same number of threads; on two cores that
+    others use too, a second makes it slower (3.3 s for 1.1).
+    """
     ngsolve = load_engine()
-    ngsolve.SetNumThreads(threads)
+    ngsolve.SetNumThreads(1)
     ngsolve.ngsglobals.msg_level = 0
     with ngsolve.TaskManager():
         yield ngsolve
 
 
-# Convert a lumen mesh to an NGSolve mesh: straight tetrahedra with a curving deformation.
-
 WALL_NAME: Final = "wall"
 
 
 def port_name(port: int) -> str:
-    """Name of a port's faces in the engine."""
+    """Return the name of a port's faces in NGSolve's mesh."""
     return f"port{port}"
 
 
 def engine_mesh(ng: Any, mesh: LumenMesh) -> Any:
-    """The engine's mesh of curved elements, its wall and ports named.
-
-    Parameters
-    ----------
-    ng : module
-        From `load_engine`.
-    mesh : LumenMesh
+    """Convert a mesh to NGSolve's: straight tetrahedra, a deformation, named wall and ports.
 
     Raises
     ------
@@ -211,8 +182,7 @@ def _check(mesh: LumenMesh) -> None:
 
 
 def _straight(mesh: LumenMesh) -> Any:
-    # Loaded by the engine already; ours to import only where it is.
-    from netgen import meshing
+    from netgen import meshing  # comes with NGSolve
 
     straight = meshing.Mesh(dim=3)
     straight.AddPoints(np.ascontiguousarray(mesh.points[: mesh.corner_count]))
@@ -230,12 +200,12 @@ def _straight(mesh: LumenMesh) -> Any:
 
 
 def _bent(mesh: LumenMesh) -> FloatArray:
-    """How far each element's edge nodes are off the straight middles, (t, 6, 3), mm."""
+    """Return how far each element's edge nodes are off the straight middles, (t, 6, 3), mm."""
     return np.asarray(mesh.points[mesh.tets[:, 4:]] - mesh.points[mesh.tets[:, EDGES]].mean(axis=2))
 
 
 def _deformation(ng: Any, curved: Any, mesh: LumenMesh) -> Any:
-    """Quadratic displacement; the engine's bubble of an edge is -1/8 at its middle."""
+    """Return the quadratic displacement; NGSolve's bubble of an edge is -1/8 at its middle."""
     ends = np.array([[v.nr for v in edge.vertices] for edge in curved.edges])
     key = _pair_key(ends, mesh.corner_count)
     order = np.argsort(key)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -20,11 +20,12 @@ from design.hemodynamics.three_d.engine import (
     FlowOptions,
     check_memory,
     engine_mesh,
-    engine_threads,
+    running_engine,
 )
 from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import (
-    BorderBlocks,
+    Apply,
+    BorderedSolver,
     Convection,
     FlowProblem,
     Guide,
@@ -32,6 +33,7 @@ from design.hemodynamics.three_d.newton import (
     Stokes,
     matrix_operator,
     newton,
+    on_velocity,
     solve_newton,
     spaces,
 )
@@ -43,20 +45,20 @@ from design.hemodynamics.three_d.ports import (
     inflow_of,
     pulsatile_plan,
 )
-from design.hemodynamics.three_d.solution import Field, ThreeDWaves, field_of, port_pressures
+from design.hemodynamics.three_d.solution import ThreeDWaves, field_of, port_pressures
 from design.hemodynamics.three_d.steady import check_laminar, columns_of, steady_problem
 from design.hemodynamics.three_d.vessels.sections import Section
 from design.hemodynamics.waveforms import common_period, cycle_times
 from kernels.arrays import FloatArray
 
 _TOLERANCE: Final = 1e-5
-"""Residual left of a time step, of that of no flow."""
-_RANK: Final = 1e-6
-"""Of the largest change between cycles' changes: less is the steps' own tolerance."""
+"""Residual that a time step leaves, over that of no flow; changes of cycles below a tenth of it
+are its rounding."""
 _ZERO_J2: Final = 5.135622
+"""First zero of the Bessel function J₂."""
 _START: Final = 0.01
-"""Share of a flow's swing that a start leaves of velocity at least: for periods of 1 to 20 ms in a
-pipe of 0.5 mm it makes 19 to 3 cycles, where 30 to 6 were needed."""
+"""Least share of a flow's swing that a start leaves in the velocity: for periods of 1 to 20 ms in a
+pipe of 0.5 mm it gives 19 to 3 cycles, where 30 to 6 were needed."""
 
 
 def march_flow(
@@ -68,8 +70,7 @@ def march_flow(
 ) -> ThreeDWaves:
     """Step pulsatile flow from the steady one at mean flow until a cycle ends as it began.
 
-    The wall is rigid. Windkessels begin with their periodic pressure, the steady flow's division
-    taken for the cycle's.
+    The wall is rigid. Windkessels begin with the periodic pressure of the steady flow's division.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def march_flow(
     ------
     FlowError
         As `solve_steady`, waveforms of different periods, and where no periodic state is reached
-        in so many cycles: said before the solve where viscosity alone makes it sure.
+        in so many cycles (before the solve where viscosity alone rules it out).
     """
     how, clock = options or FlowOptions(), stepping or Stepping()
     plan = pulsatile_plan(mesh, conditions)
@@ -95,10 +96,10 @@ def march_flow(
         raise FlowError("nothing changes in time: all waveforms are constant; solve_steady does it")
     check_laminar(mesh, plan, plan.flow.at(cycle_times(period, clock.steps)), plan.inflow)
     check_cycles(max(port.radius_mm for port in mesh.ports), conditions, clock)
-    with engine_threads(how.threads) as ng:
+    with running_engine() as ng:
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
         first = steady_problem(room, mesh, plan, how)
-        begun = solve_newton(first, how.tolerance, float("nan")).unknowns
+        begun = solve_newton(first).unknowns
         inflow = inflow_of(room, mesh, plan, period, clock.steps)
         del first
         stepper = _Stepper(room, plan, how, inflow, period / clock.steps, begun)
@@ -108,7 +109,7 @@ def march_flow(
 
 
 def check_cycles(widest_mm: float, conditions: PulsatileConditions, clock: Stepping) -> None:
-    """Refuse before the solve a given flow whose start viscosity can't take out in so few cycles.
+    """Refuse a given flow whose start viscosity can't damp out in so few cycles.
 
     What steady flow in a pipe of radius r leaves decays with exp(-ν z² t/r²), z the first zero of
     J₂ (Womersley 1955's equation without a flow); ``widest_mm`` is the widest radius known.
@@ -133,7 +134,7 @@ def check_cycles(widest_mm: float, conditions: PulsatileConditions, clock: Stepp
 
 
 class _Stepper:
-    """What holds for all steps, and the last states."""
+    """Operators of all time steps, and the last states."""
 
     def __init__(
         self,
@@ -147,9 +148,7 @@ class _Stepper:
         self.room, self.plan, self.inflow, self.step_s = room, plan, inflow, step_s
         stokes = Stokes(room, plan.viscosity_pa_s, 1.5 * plan.density / step_s)
         self.laws = OutletLaws(plan.coupled, step_s, begun[room.count :])
-        border = BorderBlocks.around(
-            stokes.solve, columns_of(room, plan), self.laws.slope, room.free
-        )
+        border = BorderedSolver(stokes.solve, columns_of(room, plan), self.laws.slope, room.free)
         convection = Convection(room, plan.density, plan.outlets) if how.convection else None
         nothing = np.zeros(room.count)
         self.problem = FlowProblem(
@@ -163,7 +162,7 @@ class _Stepper:
                          float(np.linalg.norm(self.problem.residual(still, 0.0))))  # fmt: skip
 
     def advance(self, time_s: float) -> None:
-        """Go to this time."""
+        """Step to this time."""
         room, count = self.room, self.room.count
         load = self.mass(2.0 * self.now[:count] - 0.5 * self.before[:count])
         for port, waveform in self.plan.held:
@@ -178,21 +177,15 @@ class _Stepper:
         self.laws.keep(problem.border.columns.T @ self.now[:count])
 
 
-def _mass(room: Spaces, factor: float) -> Any:
-    """Factor ∫ u·v as a function of unknowns."""
+def _mass(room: Spaces, factor: float) -> Apply:
+    """Return factor ∫ u·v as a function of the unknowns."""
     u, v = room.velocity.TnT()
     form = room.ng.BilinearForm(room.velocity, symmetric=True)
     form += factor * u * v * room.ng.dx(bonus_intorder=CURVED)
     form.Assemble()
     state, answer = form.mat.CreateColVector(), form.mat.CreateColVector()
-    inner, count = matrix_operator(form.mat, state, answer), room.velocity.ndof
-
-    def applied(values: FloatArray) -> FloatArray:
-        solved = np.zeros_like(values)
-        solved[:count] = inner(values[:count])
-        return solved
-
-    applied.form = form  # type: ignore[attr-defined]  # holds the matrix as long as it is used
+    applied = on_velocity(matrix_operator(form.mat, state, answer), room.velocity.ndof)
+    applied.form = form  # type: ignore[attr-defined]  # keeps the matrix alive
     return applied
 
 
@@ -203,25 +196,29 @@ def _cycles(
     begins, ends = list[FloatArray](), list[FloatArray]()
     for _ in range(clock.cycles):
         begins.append(stepper.laws.stored())
-        record = Record(stepper.room, mesh, clock, sections)
+        record = _Record(stepper.room, mesh, clock, sections)
         begin = stepper.now
         for k in range(clock.steps):
             stepper.advance((k + 1) * stepper.step_s)
             record.keep((k + 1) % clock.steps, stepper.now[: stepper.room.count])
         changes.append(_change(stepper, begin))
         if changes[-1] <= clock.tolerance:
-            return record.waves(cycle_times(period, clock.steps), np.array(changes))
+            times = cycle_times(period, clock.steps)
+            flow, pressure = record.through
+            return ThreeDWaves(
+                times, record.flow, record.pressure, flow, pressure, np.array(changes)
+            )
         ends.append(stepper.laws.stored())
         stepper.laws.shift(_extrapolated(begins, ends, clock.tolerance) - ends[-1])
     raise FlowError(
         f"no periodic state after {len(changes)} cycles: the last still changed by "
-        f"{changes[-1]:.2g} of the largest value ({clock.tolerance:.1g} asked); allow more cycles "
+        f"{changes[-1]:.2g} of the largest value ({clock.tolerance:.1g} wanted); allow more cycles "
         "(three_d.most_cycles)"
     )
 
 
 def _drive(plan: PortPlan, period_s: float, steps: int) -> FloatArray:
-    """Flow that is driven through the lumen over a cycle, of its mean, (steps,); 1 if unknown."""
+    """Return the given flow over a cycle, over its mean, (steps,); 1 where none is given."""
     flow = plan.flow
     for group in plan.coupled:
         if isinstance(group.law, GivenFlow) and group.law.factor < 0.0:
@@ -231,17 +228,17 @@ def _drive(plan: PortPlan, period_s: float, steps: int) -> FloatArray:
 
 
 def _extrapolated(begins: list[FloatArray], ends: list[FloatArray], tolerance: float) -> FloatArray:
-    """Windkessel pressures (m,) to go on with, Pa: where the last cycles' changes lead to.
+    """Extrapolate the cycles' changes to Windkessel pressures (m,), Pa, that repeat.
 
     A secant step for all Windkessels at once (Anderson 1965, doi 10.1145/321296.321305). Without
-    it a start that is off decays by exp(-T/RC) in a cycle.
+    it an error at the start decays by exp(-T/RC) in a cycle.
     """
     count = int(np.count_nonzero(np.any(ends, axis=0))) + 1
     end = np.array(ends[-count:])
     change = end - np.array(begins[-count:])
     if np.abs(change[-1]).max(initial=0.0) <= tolerance * np.abs(end).max(initial=0.0):
         return ends[-1]
-    weight = np.linalg.lstsq((change[:-1] - change[-1]).T, change[-1], rcond=_RANK)[0]
+    weight = np.linalg.lstsq((change[:-1] - change[-1]).T, change[-1], rcond=0.1 * _TOLERANCE)[0]
     return np.asarray(end[-1] - weight @ (end[:-1] - end[-1]))
 
 
@@ -258,9 +255,6 @@ def _change(stepper: _Stepper, begin: FloatArray) -> float:
     return change
 
 
-# Record one cycle of pulsatile 3D flow (ports, sections, fields); time-stepping options.
-
-
 @dataclass(frozen=True)
 class Stepping:
     """Time stepping options of pulsatile 3D flow.
@@ -272,26 +266,23 @@ class Stepping:
     cycles : int
         At most.
     tolerance : float
-        Change from a cycle's begin to its end, of the largest value, of a periodic state.
-    frames : int
-        Fields kept of the last cycle, evenly apart; flows and pressures are kept at every step.
+        Largest change from a cycle's begin to its end, over the largest value, of a periodic state.
     """
 
     steps: int = 50
     cycles: int = 20
     tolerance: float = 1e-4
-    frames: int = 4
 
     def __post_init__(self) -> None:
-        if self.steps < 8 or self.cycles < 1 or not 0 <= self.frames <= self.steps:
+        if self.steps < 8 or self.cycles < 1:
             raise FlowError(
-                f"{self.steps} steps in each of {self.cycles} cycles, {self.frames} kept; take 8 "
-                "steps, 1 cycle or more, and no more frames than steps"
+                f"{self.steps} steps in each of {self.cycles} cycles; take 8 steps and 1 cycle, "
+                "or more"
             )
 
 
-class Record:
-    """One cycle of what a user asks for."""
+class _Record:
+    """Flow and pressure at ports and sections over one cycle."""
 
     def __init__(
         self, room: Spaces, mesh: LumenMesh, clock: Stepping, sections: Sequence[Section]
@@ -300,41 +291,26 @@ class Record:
         ports, steps = len(mesh.ports), clock.steps
         self.flow, self.pressure = np.empty((ports, steps)), np.empty((ports, steps))
         self.through = np.empty((2, len(sections), steps))
-        self.kept = (np.arange(clock.frames) * steps) // max(clock.frames, 1)
-        self.frames: dict[int, Field] = {}
 
     def keep(self, k: int, unknowns: FloatArray) -> None:
         """Take unknowns (n,) as those of step k."""
         room = self.room
         self.flow[:, k] = room.outward @ unknowns
         self.pressure[:, k] = port_pressures(room, unknowns)
-        if k not in self.kept and not self.sections:
+        if not self.sections:
             return
         field = field_of(room, self.mesh, unknowns)
         for s, section in enumerate(self.sections):
             self.through[:, s, k] = section.flow(field), section.mean_pressure(field)
-        if k in self.kept:
-            self.frames[k] = field
-
-    def waves(self, times: FloatArray, change: FloatArray) -> ThreeDWaves:
-        """As it stands."""
-        fields = tuple(self.frames[int(k)] for k in self.kept)
-        flow, pressure = self.through
-        return ThreeDWaves(
-            times, self.flow, self.pressure, flow, pressure, self.kept, fields, change
-        )
-
-
-# Outlet models (resistance, Windkessel) as flow-pressure laws for each 3D time step.
-#
-# A Windkessel's inner pressure obeys C ṗ_c = Q - (p_c - p_d)/R_d, and p = R_p Q + p_c. With second-
-# order backward differences it is a resistance in each step, p = Z Q + h, which is solved with the
-# flow at once: stable whatever the step (Esmaily Moghadam, Vignon-Clementel, Figliola & Marsden
-# 2013, doi 10.1016/j.jcp.2012.07.035).
 
 
 class OutletLaws:
-    """Laws of all coupled groups, Q - D p = s, and what Windkessels hold.
+    """Laws of all coupled groups, Q - D p = s, and the Windkessels' inner pressures.
+
+    A Windkessel's inner pressure obeys C ṗ_c = Q - (p_c - p_d)/R_d, and p = R_p Q + p_c. By
+    second-order backward differences it is a resistance in each step, p = Z Q + h, which is solved
+    with the flow: stable whatever the step (Esmaily Moghadam, Vignon-Clementel, Figliola & Marsden
+    2013, doi 10.1016/j.jcp.2012.07.035).
 
     Attributes
     ----------
@@ -356,7 +332,7 @@ class OutletLaws:
         self._before = self._now
 
     def given(self, time_s: float) -> FloatArray:
-        """S (m,) at the time stepped to, µL/s."""
+        """Return s (m,) at the time stepped to, µL/s."""
         sources = np.zeros(len(self._laws))
         for k, law in enumerate(self._laws):
             if isinstance(law, GivenFlow):
@@ -376,9 +352,9 @@ class OutletLaws:
         self._before, self._now = self._now, new
 
     def start_periodic(self, flow: FloatArray) -> None:
-        """Begin with the Windkessels' periodic pressures at these flows of a cycle (m, steps).
+        """Begin with the Windkessels' periodic pressures at a cycle's flows (m, steps).
 
-        By the same backward differences as the steps', each harmonic for itself.
+        Each harmonic by the steps' own backward differences.
         """
         steps = flow.shape[1]
         turn = np.exp(-2j * np.pi * np.arange(steps // 2 + 1) / steps)
@@ -391,7 +367,7 @@ class OutletLaws:
                 self._now[k], self._before[k] = pressure[0], pressure[-1]
 
     def stored(self) -> FloatArray:
-        """Pressure in the Windkessels (m,), Pa; 0 for other laws."""
+        """Return the pressure in the Windkessels (m,), Pa; 0 for other laws."""
         return self._now.copy()
 
     def shift(self, pressure: FloatArray) -> None:

@@ -11,53 +11,59 @@ with the wall's and a profile's velocities given; κ is 0, or ϱ over a time.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.engine import CURVED, WALL_NAME, fits_general, port_name
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 
-_SLACK: Final = 1e-7
-"""Compressibility, times μ, that gives the factor a pivot for every pressure; Krylov steps take
-its effect away again."""
+Array = NDArray[Any]
+Apply = Callable[[Array], Array]
+
+
+class _Limits(NamedTuple):
+    """Limits of Newton's and of Krylov's steps."""
+
+    slack: float = 1e-7  # compressibility times μ, for pivots; Krylov steps undo its effect
+    tolerance: float = 1e-8  # residual of steady flow over that of no flow
+    newton_steps: int = 25
+    loads: int = 4  # of convection where the whole at once fails; ten found nothing more
+    least_damping: float = 1.0 / 32.0  # shortest part of a Newton step
+    forcing: float = 1e-3  # least relative residual that a linear solve leaves
+    stale: float = 0.2  # part of the residual above which a new derivative is made
+    krylov_steps: int = 150
+    steady_krylov: int = 60  # by the symmetric factor, before the whole derivative's is made
+    pulsatile_krylov: int = 8  # the same in time, where one factor serves all steps
+    basis_growth: int = 24  # vectors added to Krylov's basis at a time
+
+
+_LIMITS: Final = _Limits()
 
 
 @dataclass(frozen=True)
 class Spaces:
-    """Finite-element spaces of velocity and pressure on one mesh.
+    """Finite-element spaces of velocity and pressure on one mesh."""
 
-    Attributes
-    ----------
-    ng, mesh : module, engine's mesh
-    both, velocity : engine's spaces
-        Velocity and pressure; velocity alone, the first of its unknowns.
-    order : int
-    free : (n,) bool
-        Unknowns that aren't given.
-    outward : (p, n) float64
-        Flow out of each port, µL/s, is its row times the unknowns.
-    """
-
-    ng: Any
+    ng: Any  # NGSolve's module
     mesh: Any
-    both: Any
-    velocity: Any
+    both: Any  # velocity and pressure
+    velocity: Any  # alone: the first of the unknowns
     order: int
-    free: NDArray[np.bool_]
-    outward: FloatArray
+    free: BoolArray  # (n,), unknowns that aren't given
+    outward: FloatArray  # (p, n): times the unknowns, the flow out of each port, µL/s
 
     @property
     def count(self) -> int:
-        """Number of unknowns, given ones included."""
+        """Return the number of unknowns, given ones included."""
         return len(self.free)
 
 
 def spaces(ng: Any, mesh: Any, ports: int, order: int, inflow: int | None) -> Spaces:
-    """Spaces of this order; port ``inflow`` has its velocity given, as the wall has."""
+    """Make spaces of this order; port ``inflow`` has its velocity given, as the wall has."""
     given = WALL_NAME if inflow is None else f"{WALL_NAME}|{port_name(inflow)}"
     velocity = ng.VectorH1(mesh, order=order, dirichlet=given)
     both = velocity * ng.H1(mesh, order=order - 1)
@@ -85,24 +91,22 @@ class Stokes:
         (u, p), (v, q) = both.TnT()
         form = ng.BilinearForm(both, symmetric=True)
         self._add_to(form, u, p, v, q)
-        form += -_SLACK / viscosity * p * q * ng.dx(bonus_intorder=CURVED)
+        form += -_LIMITS.slack / viscosity * p * q * ng.dx(bonus_intorder=CURVED)
         self._form = form.Assemble()
         self._factor = form.mat.Inverse(both.FreeDofs(), inverse="sparsecholesky")
         source, target = form.mat.CreateColVector(), form.mat.CreateColVector()
         self._with_slack = matrix_operator(form.mat, source, target)
-        self._slack = matrix_operator(*_pressure_mass(both, _SLACK / viscosity, ng))
+        self._slack = matrix_operator(*_pressure_mass(both, _LIMITS.slack / viscosity, ng))
         self.solve = matrix_operator(self._factor, source, target)
 
-    def times(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The operator itself, without slack: cheaper to take out than to hold a second matrix."""
+    def times(self, values: Array) -> Array:
+        """Apply the operator without slack, which is cheaper to take out than a second matrix."""
         product, first = self._with_slack(values), self.spaces.velocity.ndof
         product[first:] += self._slack(values[first:])
         return product
 
-    def factor_with(
-        self, convection: Convection, share: float, values: FloatArray
-    ) -> Callable[[FloatArray], FloatArray]:
-        """Inverse of the whole derivative at these unknowns: four times a symmetric factor."""
+    def factor_with(self, convection: Convection, share: float, values: FloatArray) -> Apply:
+        """Invert the whole derivative here, in four times a symmetric factor's memory."""
         ng, both = self.spaces.ng, self.spaces.both
         (u, p), (v, q) = both.TnT()
         form = ng.BilinearForm(both)
@@ -123,13 +127,11 @@ class Stokes:
         form += (-ng.div(v) * p - ng.div(u) * q) * dx
 
 
-def matrix_operator(
-    matrix: Any, source: Any, target: Any
-) -> Callable[[NDArray[Any]], NDArray[Any]]:
-    """The engine's matrix as a function of arrays, by these two of its vectors."""
+def matrix_operator(matrix: Any, source: Any, target: Any) -> Apply:
+    """Return an NGSolve matrix as a function of arrays, by these two of its vectors."""
     read, write = source.FV().NumPy(), target.FV().NumPy()
 
-    def applied(values: NDArray[Any]) -> NDArray[Any]:
+    def applied(values: Array) -> Array:
         read[:] = values
         matrix.Mult(source, target)
         return write.copy()
@@ -138,7 +140,6 @@ def matrix_operator(
 
 
 def _pressure_mass(both: Any, factor: float, ng: Any) -> tuple[Any, Any, Any]:
-    """∫ p q times a factor, as the engine's matrix, and two vectors for it."""
     p, q = both.components[1].TnT()
     form = ng.BilinearForm(both.components[1], symmetric=True)
     form += factor * p * q * ng.dx(bonus_intorder=CURVED)
@@ -147,7 +148,7 @@ def _pressure_mass(both: Any, factor: float, ng: Any) -> tuple[Any, Any, Any]:
 
 
 class Convection:
-    """Inertia of flow that turns and narrows, ϱ ∫ (u·∇)u·v.
+    """Inertia, ϱ ∫ (u·∇)u·v.
 
     At outlets -½ ϱ ∫ min(u·n, 0) u·v is added, so that backflow feeds no energy in (Bazilevs et
     al. 2009, doi 10.1016/j.cma.2009.04.015, with β = 1): nothing where flow leaves.
@@ -185,94 +186,88 @@ class Convection:
         vector[: self.spaces.velocity.ndof] = self._out.FV().NumPy()
         return vector
 
-    def derivative(self, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    def derivative(self, values: FloatArray) -> Apply:
         """Its derivative there, as a function of changes."""
         self._in.FV().NumPy()[:] = values[: self.spaces.velocity.ndof]
         self._form.AssembleLinearization(self._in)
-        return self._padded(matrix_operator(self._form.mat, self._in.CreateVector(), self._out))
-
-    def _padded(
-        self, inner: Callable[[NDArray[Any]], NDArray[Any]]
-    ) -> Callable[[FloatArray], FloatArray]:
-        count = self.spaces.velocity.ndof
-
-        def applied(change: FloatArray) -> FloatArray:
-            padded = np.zeros_like(change)
-            padded[:count] = inner(change[:count])
-            return padded
-
-        return applied
+        inner = matrix_operator(self._form.mat, self._in.CreateVector(), self._out)
+        return on_velocity(inner, self.spaces.velocity.ndof)
 
 
-# Solve the steady 3D Navier–Stokes equations by damped Newton steps from Stokes flow.
+def on_velocity(inner: Apply, count: int) -> Apply:
+    """Return a function of velocities as one of all unknowns, 0 for pressures."""
 
-_STEPS: Final = 25
-_LEAST_DAMPING: Final = 1.0 / 32.0
-_FORCING: Final = 1e-3
-_PATIENCE: Final = 60
-_PATIENCE_IN_TIME: Final = 8
-"""A factor that serves all time steps is worth its making much sooner."""
-_FALLS: Final = 0.2
-_LOADS: Final = ((1.0,), (0.25, 0.5, 0.75, 1.0), tuple(np.linspace(0.1, 1.0, 10)))
-"""Shares of convection gone through, tried in turn."""
+    def applied(values: Array) -> Array:
+        whole = np.zeros_like(values)
+        whole[:count] = inner(values[:count])
+        return whole
+
+    return applied
 
 
-# Solve finite-element linear systems together with a few unknown port pressures, by GMRES.
-#
-# A x + B λ = r,    Bᵀ x - D λ = s
-#
-# where B's columns are the flows out of ports and D what an outlet lets through for its pressure.
-# Krylov steps (GMRES) on the whole, preconditioned by a factor of A's symmetric part, or of A at an
-# earlier state, bordered exactly: one solve a column, once.
+class BorderedSolver:
+    """Linear systems of the finite-element unknowns x and the unknown port pressures λ.
 
-Array = NDArray[Any]
+    A x + B λ = r,    Bᵀ x - D λ = s
 
+    B's columns (n, m) are the flows out of ports, D (m,) what an outlet lets through for its
+    pressure. Solved by GMRES on the whole, preconditioned by a factor of A's symmetric part, or of
+    A at an earlier state, bordered exactly: ``answered`` is its solution for B's columns.
+    """
 
-@dataclass(frozen=True)
-class BorderBlocks:
-    """B (n, m), D (m,), and the factor's answer to B's columns."""
+    def __init__(self, factor: Apply, columns: Array, slope: Array, free: BoolArray) -> None:
+        self.factor, self.slope, self.free = factor, slope, free
+        self.columns = columns = columns * free[:, None]
+        self.answered = (
+            np.stack([factor(c) for c in columns.T], axis=1) if columns.size else columns
+        )
+        self.schur = np.diag(slope) + columns.T @ self.answered
 
-    columns: Array
-    slope: Array
-    answered: Array
-    schur: Array
+    def with_factor(self, factor: Apply) -> BorderedSolver:
+        """Return the same with another factor."""
+        return BorderedSolver(factor, self.columns, self.slope, self.free)
 
-    @staticmethod
-    def around(solve: Apply, columns: Array, slope: Array, free: NDArray[np.bool_]) -> BorderBlocks:
-        """Prepare for a factor."""
-        columns = columns * free[:, None]
-        answered = np.stack([solve(c) for c in columns.T], axis=1) if columns.size else columns
-        return BorderBlocks(columns, slope, answered, np.diag(slope) + columns.T @ answered)
+    def precondition(self, whole: Array) -> Array:
+        """Solve with the factor in the place of A."""
+        count = len(self.free)
+        x = self.factor(whole[:count])
+        if not len(self.slope):
+            return x
+        multiplier = np.linalg.solve(self.schur, self.columns.T @ x - whole[count:])
+        return np.concatenate([x - self.answered @ multiplier, multiplier])
+
+    def solve(self, times: Apply, right: Array, rtol: float, steps: int) -> tuple[Array, int]:
+        """Solve for x and λ, where ``times`` is A; also return the number of Krylov steps.
+
+        Raises
+        ------
+        FlowError
+            When they don't converge.
+        """
+        count = len(self.free)
+
+        def operator(whole: Array) -> Array:
+            x, multiplier = whole[:count], whole[count:]
+            first = self.free * (times(x) + self.columns @ multiplier)
+            return np.concatenate([first, self.columns.T @ x - self.slope * multiplier])
+
+        return _gmres(operator, self.precondition, right, rtol, steps)
 
 
 @dataclass(frozen=True)
 class FlowProblem:
-    """A steady system: what is given, and what unknown pressures hang on.
-
-    Attributes
-    ----------
-    spaces : Spaces
-    stokes : Stokes
-    convection : Convection or None
-    border : BorderBlocks
-    start : (n,) float64
-        Given velocities, 0 elsewhere.
-    load : (n,) float64
-        Force of the given pressures.
-    given : (m,) float64
-        Right side of the border's rows.
-    """
+    """A steady system and its given values."""
 
     spaces: Spaces
     stokes: Stokes
     convection: Convection | None
-    border: BorderBlocks
-    start: FloatArray
-    load: FloatArray
-    given: FloatArray
+    border: BorderedSolver
+    start: FloatArray  # (n,), given velocities, 0 elsewhere
+    load: FloatArray  # (n,), force of the given pressures
+    given: FloatArray  # (m,), right side of the border's rows
 
     def residual(self, whole: FloatArray, share: float) -> FloatArray:
-        """What is left of the equations at x and λ."""
+        """Return the equations' residual at x and λ."""
         x, multiplier = np.split(whole, [self.spaces.count])
         force = self.stokes.times(x) + self.border.columns @ multiplier - self.load
         if self.convection is not None and share > 0.0:
@@ -283,24 +278,15 @@ class FlowProblem:
 
 @dataclass(frozen=True)
 class NewtonSolution:
-    """A solution and the way to it.
+    """A solution, and the steps taken."""
 
-    Attributes
-    ----------
-    unknowns : (n + m,) float64
-    residual : (k,) float64
-        After each of Newton's steps, of that of no flow.
-    krylov : int
-        Linear steps, all together.
-    """
-
-    unknowns: FloatArray
-    residual: FloatArray
-    krylov: int
+    unknowns: FloatArray  # (n + m,)
+    residual: FloatArray  # (k,), after each of Newton's steps, over that of no flow
+    krylov: int  # linear steps in all
 
 
-def solve_newton(problem: FlowProblem, tolerance: float, reynolds: float) -> NewtonSolution:
-    """Solve Stokes flow, then Navier–Stokes from it.
+def solve_newton(problem: FlowProblem, reynolds: float = float("nan")) -> NewtonSolution:
+    """Solve Stokes flow, then Navier–Stokes from it: at once, or by ever more convection.
 
     Raises
     ------
@@ -311,36 +297,24 @@ def solve_newton(problem: FlowProblem, tolerance: float, reynolds: float) -> New
     scale = float(np.linalg.norm(problem.residual(whole, 0.0)))
     if scale == 0.0:
         return NewtonSolution(whole, np.zeros(1), 0)
-    first = newton(problem, whole, 0.0, tolerance * scale, scale)
+    limit = _LIMITS.tolerance * scale
+    first = newton(problem, whole, 0.0, limit, scale)
     if problem.convection is None:
         return first
-    for loads in _LOADS:
+    for shares in (1, _LIMITS.loads):
+        steps, solution = first.krylov, first
         try:
-            return _led(problem, first, loads, tolerance * scale, scale)
+            for share in np.arange(1, shares + 1) / shares:
+                solution = newton(problem, solution.unknowns, share, limit, scale)
+                steps += solution.krylov
+            return replace(solution, krylov=steps)
         except FlowError as error:
             why = error
+    where = "" if np.isnan(reynolds) else f" at Reynolds number {reynolds:.0f}"
     raise FlowError(
-        f"no steady flow found{_at(reynolds)}: {why}; lower the flow, refine "
+        f"no steady flow found{where}: {why}; lower the flow, refine "
         "the mesh, or solve the pulsatile problem, since the flow may not be steady"
     )
-
-
-def _at(reynolds: float) -> str:
-    return "" if np.isnan(reynolds) else f" at Reynolds number {reynolds:.0f}"
-
-
-def _led(
-    problem: FlowProblem,
-    solution: NewtonSolution,
-    loads: tuple[float, ...],
-    limit: float,
-    scale: float,
-) -> NewtonSolution:
-    steps = solution.krylov
-    for share in loads:
-        solution = newton(problem, solution.unknowns, share, limit, scale)
-        steps += solution.krylov
-    return NewtonSolution(solution.unknowns, solution.residual, steps)
 
 
 def newton(
@@ -351,7 +325,7 @@ def newton(
     scale: float,
     guide: Guide | None = None,
 ) -> NewtonSolution:
-    """Newton's steps from ``whole`` with a share of convection, until the residual is ``limit``.
+    """Take Newton's steps with a share of convection until the residual is ``limit``.
 
     Raises
     ------
@@ -360,11 +334,11 @@ def newton(
     """
     residual, guide = problem.residual(whole, share), guide or Guide(problem)
     norms, before = [float(np.linalg.norm(residual))], guide.krylov
-    for _ in range(_STEPS):
+    for _ in range(_LIMITS.newton_steps):
         if norms[-1] <= limit:
             return NewtonSolution(whole, np.array(norms) / scale, guide.krylov - before)
         # No more digits of the linear system than the next residual can use.
-        rtol = max(0.5 * limit / norms[-1], 1e-12 if share == 0.0 else _FORCING)
+        rtol = max(0.5 * limit / norms[-1], 1e-12 if share == 0.0 else _LIMITS.forcing)
         was_old = guide.old
         change = guide.change(whole, residual, share, rtol)
         try:
@@ -373,54 +347,54 @@ def newton(
             if not was_old:
                 raise
         norms.append(float(np.linalg.norm(residual)))
-        if norms[-1] > _FALLS * norms[-2]:
+        if norms[-1] > _LIMITS.stale * norms[-2]:
             guide.forget()
-    raise FlowError(f"{_STEPS} of Newton's steps leave {norms[-1] / scale:.2g} of the residual")
+    raise FlowError(
+        f"{_LIMITS.newton_steps} of Newton's steps leave {norms[-1] / scale:.2g} of the residual"
+    )
 
 
 class Guide:
-    """What linear steps go by: a derivative, and a factor that preconditions it.
+    """The derivative of Newton's steps, and a factor that preconditions it.
 
-    The symmetric factor takes some 12 Krylov steps a Newton step at Reynolds numbers near 10, 30
-    near 50 and above 100 from there on; then one of the whole derivative is made, which costs four
-    times the memory, and kept until it is too old. A lazy guide keeps its derivative, too, from
-    time step to time step, while the residual falls by it.
+    By the symmetric factor a Newton step takes some 12 Krylov steps at Reynolds numbers near 10, 30
+    near 50 and above 100 from there on; then a factor of the whole derivative is made, which costs
+    four times the memory, and kept until it is too old. A lazy guide also keeps its derivative
+    from time step to time step, while the residual falls by it.
     """
 
     def __init__(self, problem: FlowProblem, *, lazy: bool = False) -> None:
         self.problem, self.border, self.lazy, self.krylov = problem, problem.border, lazy, 0
-        self.solve = problem.stokes.solve
-        self.patience = _PATIENCE_IN_TIME if lazy else _PATIENCE
+        self.symmetric_steps = _LIMITS.pulsatile_krylov if lazy else _LIMITS.steady_krylov
         self._times: Apply | None = None
 
     @property
     def old(self) -> bool:
-        """Whether the derivative is of an earlier state."""
+        """Return whether the derivative is of an earlier state."""
         return self.lazy and self._times is not None
 
     def forget(self) -> None:
-        """Make a new derivative for the next step."""
+        """Discard the derivative; the next step makes a new one."""
         self._times = None
 
     def change(
         self, whole: FloatArray, residual: FloatArray, share: float, rtol: float
     ) -> FloatArray:
-        """Newton's step."""
+        """Solve for Newton's step."""
         problem, x = self.problem, whole[: self.problem.spaces.count]
         if problem.convection is None or share == 0.0:
-            return self._solved(problem.stokes.times, residual, rtol, STEPS)
+            return self._solved(problem.stokes.times, residual, rtol)
         if not self.old:
             self._times = self._derivative(problem.convection, x, share)
         times = self._times or problem.stokes.times
         try:
-            return self._solved(times, residual, rtol, self.patience)
+            return self._solved(times, residual, rtol, self.symmetric_steps)
         except FlowError:
             if not fits_general(problem.spaces.count):
-                return self._solved(times, residual, rtol, STEPS)
-            self.solve = problem.stokes.factor_with(problem.convection, share, x)
-            columns, slope = problem.border.columns, problem.border.slope
-            self.border = BorderBlocks.around(self.solve, columns, slope, problem.spaces.free)
-            return self._solved(times, residual, rtol, STEPS)
+                return self._solved(times, residual, rtol)
+            factor = problem.stokes.factor_with(problem.convection, share, x)
+            self.border = problem.border.with_factor(factor)
+            return self._solved(times, residual, rtol)
 
     def _derivative(self, convection: Convection, x: FloatArray, share: float) -> Apply:
         derivative, stokes = convection.derivative(x), self.problem.stokes
@@ -430,9 +404,10 @@ class Guide:
 
         return times
 
-    def _solved(self, times: Apply, residual: FloatArray, rtol: float, limit: int) -> FloatArray:
-        free = self.problem.spaces.free
-        solved, steps = solve_bordered(times, self.solve, self.border, -residual, free, rtol, limit)
+    def _solved(
+        self, times: Apply, residual: FloatArray, rtol: float, limit: int = _LIMITS.krylov_steps
+    ) -> FloatArray:
+        solved, steps = self.border.solve(times, -residual, rtol, limit)
         self.krylov += steps
         return solved
 
@@ -440,54 +415,15 @@ class Guide:
 def _damped(
     problem: FlowProblem, whole: FloatArray, change: FloatArray, share: float, norm: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The longest of ever shorter steps that lowers the residual."""
+    """Halve the step until the residual falls enough."""
     part = 1.0
-    while part >= _LEAST_DAMPING:
+    while part >= _LIMITS.least_damping:
         new = whole + part * change
         residual = problem.residual(new, share)
         if float(np.linalg.norm(residual)) < (1.0 - 0.1 * part) * norm:
             return new, residual
         part *= 0.5
     raise FlowError(f"Newton's step doesn't lower the residual even at {part:.2g} of its length")
-
-
-Apply = Callable[[Array], Array]
-STEPS: Final = 150
-"""Krylov steps at most, unless told."""
-_CHUNK: Final = 24
-
-
-def solve_bordered(
-    times: Apply,
-    solve: Apply,
-    border: BorderBlocks,
-    right: Array,
-    free: NDArray[np.bool_],
-    rtol: float,
-    steps: int = STEPS,
-) -> tuple[Array, int]:
-    """The unknowns x and λ, one after the other, and the Krylov steps taken.
-
-    Raises
-    ------
-    FlowError
-        When they don't converge.
-    """
-    count = len(free)
-
-    def operator(whole: Array) -> Array:
-        x, multiplier = whole[:count], whole[count:]
-        first = free * (times(x) + border.columns @ multiplier)
-        return np.concatenate([first, border.columns.T @ x - border.slope * multiplier])
-
-    def precondition(whole: Array) -> Array:
-        x = solve(whole[:count])
-        if not len(border.slope):
-            return x
-        multiplier = np.linalg.solve(border.schur, border.columns.T @ x - whole[count:])
-        return np.concatenate([x - border.answered @ multiplier, multiplier])
-
-    return _gmres(operator, precondition, right, rtol, steps)
 
 
 def _gmres(
@@ -497,7 +433,7 @@ def _gmres(
     norm = float(np.linalg.norm(right))
     if norm == 0.0:
         return np.zeros_like(right), 0
-    basis = np.empty((min(steps, _CHUNK) + 1, len(right)), dtype=right.dtype)
+    basis = np.empty((min(steps, _LIMITS.basis_growth) + 1, len(right)), dtype=right.dtype)
     basis[0] = right / norm
     hessenberg = np.zeros((steps + 1, steps), dtype=right.dtype)
     for k in range(steps):
@@ -511,16 +447,17 @@ def _gmres(
         if left <= rtol:
             return precondition(weight @ basis[: k + 1]), k + 1
         if k + 2 > len(basis):
-            basis = np.concatenate([basis, np.empty((_CHUNK, len(right)), dtype=right.dtype)])
+            more = np.empty((_LIMITS.basis_growth, len(right)), dtype=right.dtype)
+            basis = np.concatenate([basis, more])
         basis[k + 1] = new / hessenberg[k + 1, k]
     raise FlowError(
         f"the linear solver is left with {left:.2g} of its residual after {steps} steps "
-        f"({rtol:.1g} asked): convection is too strong for it; lower the flow, or refine the mesh"
+        f"({rtol:.1g} wanted): convection is too strong for it; lower the flow, or refine the mesh"
     )
 
 
 def _least(square: Array, norm: float) -> tuple[Array, float]:
-    """Weights of the basis that leave the least of the residual, and what part they leave."""
+    """Return the basis' weights of least residual, and the part of it that they leave."""
     target = np.zeros(len(square), dtype=square.dtype)
     target[0] = norm
     weight = np.linalg.lstsq(square, target, rcond=None)[0]

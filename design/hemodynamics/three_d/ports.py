@@ -39,7 +39,7 @@ Law = GivenFlow | ResistanceOutlet | WindkesselOutlet
 
 @dataclass(frozen=True)
 class CoupledPorts:
-    """Ports of one unknown pressure, and what relates it to their flow."""
+    """Ports of one unknown pressure, and the law between it and their flow."""
 
     ports: tuple[int, ...]
     law: Law
@@ -47,41 +47,25 @@ class CoupledPorts:
 
 @dataclass(frozen=True)
 class PortPlan:
-    """Conditions of all ports.
+    """Conditions of all ports."""
 
-    Attributes
-    ----------
-    inflow : int or None
-        Port with a velocity profile.
-    flow : Waveform
-        Into it, µL/s.
-    held : tuple of (port, Waveform)
-        Pressures, Pa.
-    coupled : tuple of CoupledPorts
-    outlets : tuple of int
-        Ports that flow is meant to leave by.
-    womersley : bool
-        Profile of each harmonic its own; else Poiseuille's.
-    viscosity_pa_s, density : float, Pa·s, Pa·s²/mm²
-    """
-
-    inflow: int | None
-    flow: Waveform
-    held: tuple[tuple[int, Waveform], ...]
+    inflow: int | None  # port with a velocity profile
+    flow: Waveform  # into it, µL/s
+    held: tuple[tuple[int, Waveform], ...]  # ports of given pressure, Pa
     coupled: tuple[CoupledPorts, ...]
-    outlets: tuple[int, ...]
-    womersley: bool
+    outlets: tuple[int, ...]  # as designed or given, whichever way flow goes
+    womersley: bool  # a profile for each harmonic; else Poiseuille's
     viscosity_pa_s: float
-    density: float
+    density: float  # Pa·s²/mm²
 
     def waveforms(self) -> tuple[Waveform, ...]:
-        """All that drive it."""
+        """Return all waveforms."""
         laws = [c.law.waveform for c in self.coupled if isinstance(c.law, GivenFlow)]
         return (self.flow, *(w for _, w in self.held), *laws)
 
 
 def steady_plan(mesh: LumenMesh, conditions: FlowConditions, density: float) -> PortPlan:
-    """Ports under steady conditions.
+    """Assign steady conditions to the ports.
 
     Raises
     ------
@@ -89,46 +73,28 @@ def steady_plan(mesh: LumenMesh, conditions: FlowConditions, density: float) -> 
         No inlet, no outlet, an unknown node, pressure nowhere given.
     """
     refuse_supplies(conditions.supplies, "3D flow")
-    inlets, outlets = _ends(mesh, conditions.inlets, conditions.outlets)
-    node_port = {mesh.ports[k].node: k for k in outlets}
+    ends = _ends(mesh, conditions.inlets, conditions.outlets)
+    node_port = {mesh.ports[k].node: k for k in ends[1]}
     _check_nodes(conditions.outlet_flow_ul_s, node_port, "outlet_flow_ul_s")
-    given = {node_port[n]: q for n, q in conditions.outlet_flow_ul_s.items()}
-    coupled = [CoupledPorts((k,), GivenFlow(Constant(q))) for k, q in given.items()]
     _check_nodes(conditions.behind, node_port, "behind")
-    held: list[tuple[int, Waveform]] = []
-    for k in outlets:
+    outlet: dict[int, Law | PressureOutlet] = {
+        node_port[n]: GivenFlow(Constant(q)) for n, q in conditions.outlet_flow_ul_s.items()
+    }
+    for k in ends[1]:
         load = conditions.behind.get(mesh.ports[k].node)
         if load is not None and load.resistance > 0.0:
-            coupled.append(CoupledPorts((k,), ResistanceOutlet(load.resistance, load.pressure_pa)))
-        elif k not in given:
+            outlet[k] = ResistanceOutlet(load.resistance, load.pressure_pa)
+        elif k not in outlet:
             pressure = conditions.outlet_pressure_pa if load is None else load.pressure_pa
-            held.append((k, Constant(pressure)))
-    inflow = None
-    if conditions.inlet_pressure_pa is not None:
-        held += [(k, Constant(conditions.inlet_pressure_pa)) for k in inlets]
-        flow = Constant(0.0)
-    else:
-        flow = Constant(conditions.inlet_flow_ul_s or 0.0)
-        inflow = _supply(inlets, flow, coupled)
-    if not held and all(isinstance(c.law, GivenFlow) for c in coupled):
-        raise FlowError(
-            "every inlet and outlet has a flow, so no pressure is determined; give "
-            "inlet_pressure_pa, or leave one outlet to outlet_pressure_pa"
-        )
-    return PortPlan(
-        inflow,
-        flow,
-        tuple(held),
-        tuple(coupled),
-        outlets,
-        False,
-        conditions.viscosity_pa_s,
-        density,
-    )
+            outlet[k] = PressureOutlet(Constant(pressure))
+    driven = conditions.inlet_pressure_pa
+    inlet = Constant(driven if driven is not None else conditions.inlet_flow_ul_s or 0.0)
+    fluid = conditions.viscosity_pa_s, density
+    return _plan(ends, outlet, inlet, driven is not None, False, fluid)
 
 
 def pulsatile_plan(mesh: LumenMesh, conditions: PulsatileConditions) -> PortPlan:
-    """Ports under pulsatile conditions; the wall is taken as rigid.
+    """Assign pulsatile conditions to the ports; the wall is taken as rigid.
 
     Raises
     ------
@@ -136,52 +102,56 @@ def pulsatile_plan(mesh: LumenMesh, conditions: PulsatileConditions) -> PortPlan
         No inlet, no outlet, an unknown node, an outlet without a condition.
     """
     refuse_supplies(conditions.supplies, "3D flow")
-    inlets, outlets = _ends(mesh, conditions.inlets, conditions.outlets)
-    held: list[tuple[int, Waveform]] = []
-    coupled: list[CoupledPorts] = []
-    for port, outlet in _outlets(mesh, outlets, conditions.outlet):
-        if isinstance(outlet, PressureOutlet):
-            held.append((port, outlet.waveform))
-        else:
-            coupled.append(CoupledPorts((port,), outlet))
-    inflow, flow = None, conditions.inlet
-    if conditions.inlet_is == "pressure":
-        held += [(k, conditions.inlet) for k in inlets]
+    ends = _ends(mesh, conditions.inlets, conditions.outlets)
+    outlet = _outlets(mesh, ends[1], conditions.outlet)
+    by_pressure = conditions.inlet_is == "pressure"
+    fluid = conditions.viscosity_pa_s, conditions.density
+    womersley = conditions.profile == "womersley"
+    return _plan(ends, outlet, conditions.inlet, by_pressure, womersley, fluid)
+
+
+def _plan(
+    ends: tuple[tuple[int, ...], tuple[int, ...]],
+    outlet: Mapping[int, Law | PressureOutlet],
+    inlet: Waveform,
+    by_pressure: bool,
+    womersley: bool,
+    fluid: tuple[float, float],
+) -> PortPlan:
+    """Make the plan; one inlet of given flow has a profile, several share a pressure."""
+    inlets, outlets = ends
+    held = [(k, x.waveform) for k, x in outlet.items() if isinstance(x, PressureOutlet)]
+    coupled = [
+        CoupledPorts((k,), x) for k, x in outlet.items() if not isinstance(x, PressureOutlet)
+    ]
+    inflow, flow = None, inlet
+    if by_pressure:
+        held += [(k, inlet) for k in inlets]
         flow = Constant(0.0)
+    elif len(inlets) == 1:
+        inflow = inlets[0]
     else:
-        inflow = _supply(inlets, flow, coupled)
-    return PortPlan(
-        inflow,
-        flow,
-        tuple(held),
-        tuple(coupled),
-        outlets,
-        conditions.profile == "womersley",
-        conditions.viscosity_pa_s,
-        conditions.density,
-    )
-
-
-def _supply(inlets: tuple[int, ...], flow: Waveform, coupled: list[CoupledPorts]) -> int | None:
-    """One inlet has a profile; several hang on one supply and share its pressure."""
-    if len(inlets) == 1:
-        return inlets[0]
-    coupled.append(CoupledPorts(inlets, GivenFlow(flow, -1.0)))
-    return None
+        coupled.append(CoupledPorts(inlets, GivenFlow(inlet, -1.0)))
+    if not held and all(isinstance(c.law, GivenFlow) for c in coupled):
+        raise FlowError(
+            "every inlet and outlet has a flow, so no pressure is determined; give "
+            "inlet_pressure_pa, or leave one outlet to outlet_pressure_pa"
+        )
+    return PortPlan(inflow, flow, tuple(held), tuple(coupled), outlets, womersley, *fluid)
 
 
 def _ends(
     mesh: LumenMesh, inlets: tuple[int, ...] | None, outlets: tuple[int, ...] | None
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Ports flow comes in by and leaves by: those of the nodes asked for, or as designed."""
-    into = _asked(mesh, inlets, "inlet", True)
-    out = _asked(mesh, outlets, "outlet", False)
+    """Return the inlets and the outlets: at the given nodes, or as designed."""
+    into = _ports_at(mesh, inlets, "inlet", True)
+    out = _ports_at(mesh, outlets, "outlet", False)
     for ports, what in ((into, "inlet"), (out, "outlet")):
         if not ports:
             raise FlowError(f"the lumen's mesh has no {what}; open one, or name its node")
-    both, bare = set(into) & set(out), set(range(len(mesh.ports))) - set(into) - set(out)
-    if both or bare:
-        port = min(both or bare)
+    both, neither = set(into) & set(out), set(range(len(mesh.ports))) - set(into) - set(out)
+    if both or neither:
+        port = min(both or neither)
         raise FlowError(
             f"port {port} (node {mesh.ports[port].node}) is {'both' if both else 'neither'} an "
             f"inlet {'and' if both else 'nor'} an outlet; name each end once"
@@ -189,7 +159,7 @@ def _ends(
     return into, out
 
 
-def _asked(
+def _ports_at(
     mesh: LumenMesh, nodes: tuple[int, ...] | None, what: str, inlet: bool
 ) -> tuple[int, ...]:
     if nodes is None:
@@ -207,9 +177,9 @@ def _check_nodes(nodes: object, place: Mapping[int, int], what: str) -> None:
 
 def _outlets(
     mesh: LumenMesh, ports: tuple[int, ...], given: Outlet | Mapping[int, Outlet]
-) -> list[tuple[int, Outlet]]:
+) -> dict[int, Outlet]:
     if not isinstance(given, Mapping):
-        return [(k, given) for k in ports]
+        return dict.fromkeys(ports, given)
     _check_nodes(given, {mesh.ports[k].node: k for k in ports}, "outlet")
     bare = [mesh.ports[k].node for k in ports if mesh.ports[k].node not in given]
     if bare:
@@ -217,26 +187,15 @@ def _outlets(
             f"outlet {bare[0]} has no condition ({len(bare)} of {len(ports)} such); give it a "
             "pressure, a resistance or a Windkessel"
         )
-    return [(k, given[mesh.ports[k].node]) for k in ports]
-
-
-# Solve for the developed velocity profile over a port's actual cross-section.
-#
-# Steady developed flow through a section obeys -Δψ = 1 with 0 at the rim (Poiseuille's parabola in
-# a circle); an oscillation i ω ϱ/μ ψ - Δψ = 1 (Womersley's in a circle). Both are solved for on the
-# port's own faces, so that a scanned lumen's opening needn't be round.
+    return {k: given[mesh.ports[k].node] for k in ports}
 
 
 def unit_profile(spaces: Spaces, mesh: LumenMesh, port: int, rate: complex = 0.0) -> NDArray[Any]:
-    """Unknowns of a developed flow of 1 µL/s into the lumen by ``port``, (n,), 0 elsewhere.
+    """Solve for a developed flow of 1 µL/s into the lumen by ``port``: unknowns (n,), 0 elsewhere.
 
-    Parameters
-    ----------
-    spaces : Spaces
-    mesh : LumenMesh
-    port : int
-    rate : complex, 1/mm²
-        i ω ϱ/μ; the profile is complex where it isn't 0.
+    Steady developed flow obeys -Δψ = 1 with 0 at the rim (Poiseuille's parabola in a circle), an
+    oscillation i ω ϱ/μ ψ - Δψ = 1 (Womersley's in a circle). Both are solved on the port's own
+    faces, so that a scanned lumen's opening needn't be round. ``rate`` is i ω ϱ/μ, 1/mm².
 
     Raises
     ------
@@ -270,30 +229,20 @@ def unit_profile(spaces: Spaces, mesh: LumenMesh, port: int, rate: complex = 0.0
     return np.asarray(unknowns / -(spaces.outward[port] @ unknowns))
 
 
-# Make inlet velocity profiles over one cycle (Womersley or Poiseuille) for 3D flow.
-
-
 @dataclass(frozen=True)
 class Inflow:
-    """Profiles and the harmonics that drive them: u(t) = Re Σ profile_k exp(i ω_k t).
+    """Profiles and the harmonics that drive them: u(t) = Re Σ profile_k exp(i ω_k t)."""
 
-    Attributes
-    ----------
-    omega : (k,) float64, rad/s
-    profile : (k, n) complex128
-        With its harmonic's flow.
-    """
-
-    omega: FloatArray
-    profile: NDArray[np.complex128]
+    omega: FloatArray  # (k,), rad/s
+    profile: NDArray[np.complex128]  # (k, n), with its harmonic's flow
 
     def at(self, time_s: float) -> FloatArray:
-        """Given unknowns, (n,)."""
+        """Return the given unknowns, (n,)."""
         return np.asarray((np.exp(1j * self.omega * time_s) @ self.profile).real)
 
 
 def inflow_of(room: Spaces, mesh: LumenMesh, plan: PortPlan, period_s: float, steps: int) -> Inflow:
-    """Womersley's profile for each harmonic of the inlet's flow, or Poiseuille's for all."""
+    """Make Womersley's profile for each harmonic of the inlet's flow, or Poiseuille's for all."""
     if plan.inflow is None:
         return Inflow(np.zeros(1), np.zeros((1, room.count), dtype=np.complex128))
     number, (phasor,) = harmonics_of([plan.flow], period_s, steps)

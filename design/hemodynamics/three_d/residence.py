@@ -13,24 +13,24 @@ doi 10.1016/0045-7825(82)90071-8) is tested with u·∇w, and adds nothing to th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.engine import FlowOptions, engine_mesh, engine_threads, port_name
+from design.hemodynamics.three_d.engine import engine_mesh, port_name, running_engine
 from design.hemodynamics.three_d.meshing.lumen_mesh import shapes
 from design.hemodynamics.three_d.newton import Spaces, spaces
-from design.hemodynamics.three_d.solution import Field, ThreeDSolution, sample_function
+from design.hemodynamics.three_d.solution import Field, ThreeDSolution, sample_function, state_of
 from kernels.arrays import FloatArray
 
 GLUCOSE: Final = 6e-4
 """Diffusivity of glucose in water near 25 °C, mm²/s: without any, age at the wall is endless."""
 
 _ORDER: Final = 2
-_VELOCITY: Final = 3
+"""Degree of the age."""
 
 
 @dataclass(frozen=True)
@@ -54,17 +54,14 @@ class ResidenceTime:
     volume_ul: float
 
 
-def residence_time(
-    solution: ThreeDSolution, diffusivity_mm2_s: float = GLUCOSE, options: FlowOptions | None = None
-) -> ResidenceTime:
-    """Age of the fluid in a steady solution.
+def residence_time(solution: ThreeDSolution, diffusivity_mm2_s: float = GLUCOSE) -> ResidenceTime:
+    """Solve for the age of the fluid in a steady solution.
 
     Raises
     ------
     FlowError
         No flow, a diffusivity that isn't above 0, the extra not installed.
     """
-    how = FlowOptions() if options is None else options
     if not (np.isfinite(diffusivity_mm2_s) and diffusivity_mm2_s > 0.0):
         raise FlowError(
             f"diffusivity {diffusivity_mm2_s:g} mm²/s isn't above 0; glucose has {GLUCOSE:g}"
@@ -72,18 +69,12 @@ def residence_time(
     if not np.any(solution.port_flow):
         raise FlowError("nothing flows, so that fluid stays for ever; give a flow")
     field = solution.field
-    with engine_threads(how.threads) as ng:
+    with running_engine() as ng:
         inner = engine_mesh(ng, field.mesh)
         room = spaces(ng, inner, len(field.mesh.ports), field.order, None)
-        velocity = _velocity(room, solution)
+        velocity = state_of(room, solution.coefficients).components[0]
         age = _solve(ng, inner, velocity, diffusivity_mm2_s, len(field.mesh.ports))
         return _result(ng, room, solution, velocity, age)
-
-
-def _velocity(room: Spaces, solution: ThreeDSolution) -> Any:
-    state = room.ng.GridFunction(room.both)
-    state.vec.FV().NumPy()[:] = solution.coefficients
-    return state.components[0]
 
 
 def _solve(ng: Any, mesh: Any, velocity: Any, diffusivity: float, ports: int) -> Any:
@@ -96,8 +87,8 @@ def _solve(ng: Any, mesh: Any, velocity: Any, diffusivity: float, ports: int) ->
     # Half an element's crossing where it is carried, less where diffusion does it faster.
     delay = 1.0 / ng.sqrt((2.0 * speed / size) ** 2 + (12.0 * diffusivity / size**2) ** 2)
     along = velocity * ng.grad(w)
-    # The engine counts the degrees of what is tested, and not the velocity's.
-    inside, ends = ng.dx(bonus_intorder=_VELOCITY), ng.ds(names, bonus_intorder=_VELOCITY)
+    # NGSolve counts the degrees of what is tested, and not the velocity's.
+    inside, ends = ng.dx(bonus_intorder=3), ng.ds(names, bonus_intorder=3)
     form = ng.BilinearForm(space)
     form += (diffusivity * ng.grad(a) - a * velocity) * ng.grad(w) * inside
     form += ng.IfPos(out, out, 0.0) * a * w * ends
@@ -131,24 +122,23 @@ def _result(
     )
 
 
-# Trace streamlines of steady 3D flow through a lumen's elements.
+class _Tracing(NamedTuple):
+    """Limits of streamlines."""
 
-_NEIGHBOURS: Final = 24
-"""Elements looked into for a place, by their centres."""
+    neighbours: int = 24  # elements tried for a place, by their centres
+    outside: float = -0.1  # least barycentric coordinate inside: curved walls bulge
+    still: float = 1e-6  # of the greatest speed: a line ends there
+    lines: int = 200  # by default
+    steps: int = 1500  # each way
 
-_OUTSIDE: Final = -0.1
-"""Barycentric coordinate below which a place is outside: curved walls bulge from straight ones."""
 
-_STILL: Final = 1e-6
-"""Of the greatest speed: a line ends there."""
-
-_LINES, _MAX_STEPS = 200, 1500
+_TRACING: Final = _Tracing()
 
 
 def trace_streamlines(
     field: Field, seeds: FloatArray | None = None
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Trace lines through places both ways, by midpoint steps of an element's size.
+    """Trace streamlines through places both ways, by midpoint steps of an element's size.
 
     Parameters
     ----------
@@ -163,7 +153,7 @@ def trace_streamlines(
     """
     search = _Elements(field)
     if seeds is None:
-        seeds = search.centre[:: max(1, len(search.centre) // _LINES)]
+        seeds = search.centre[:: max(1, len(search.centre) // _TRACING.lines)]
     back, ahead = (_half_lines(search, seeds, sign) for sign in (-1.0, 1.0))
     lines = [np.concatenate([back[:0:-1, k], ahead[:, k]]) for k in range(len(seeds))]
     lines = [line[np.isfinite(line[:, 3])] for line in lines]
@@ -171,13 +161,13 @@ def trace_streamlines(
 
 
 def _half_lines(search: _Elements, seeds: FloatArray, sign: float) -> FloatArray:
-    """Points and speed, (steps, n, 4), NaN beyond a line's end."""
+    """Return points and speed, (steps, n, 4), NaN beyond a line's end."""
     count, place = len(seeds), seeds.copy()
     going, steps = np.arange(count), list[FloatArray]()
-    for _ in range(_MAX_STEPS):
+    for _ in range(_TRACING.steps):
         velocity, size, inside = search.velocity(place[going])
         speed = np.linalg.norm(velocity, axis=1)
-        kept = inside & (speed > _STILL * search.fastest)
+        kept = inside & (speed > _TRACING.still * search.fastest)
         going = going[kept]
         if not len(going):
             break
@@ -205,14 +195,14 @@ class _Elements:
         self.fastest = float(np.linalg.norm(field.velocity, axis=2).max())
 
     def velocity(self, points: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Velocity (n, 3) at points, their elements' size (n,), and whether they lie in one."""
-        near = self._tree.query(points, k=min(_NEIGHBOURS, len(self._size)))[1]
+        """Return velocity (n, 3) at points, size of their elements (n,), and if they lie in one."""
+        near = self._tree.query(points, k=min(_TRACING.neighbours, len(self._size)))[1]
         near = near.reshape(len(points), -1)
         at = np.einsum("nkx,nkxa->nka", points[:, None] - self._first[near], self._inverse[near])
         at = np.concatenate([1.0 - at.sum(axis=2, keepdims=True), at], axis=2)
         row, best = np.arange(len(points)), at.min(axis=2).argmax(axis=1)
         tet, at = near[row, best], at[row, best]
-        inside = at.min(axis=1) > _OUTSIDE
+        inside = at.min(axis=1) > _TRACING.outside
         at = np.clip(at, 0.0, None) / np.clip(at, 0.0, None).sum(axis=1, keepdims=True)
         value = shapes(self._field.order, at)[0]
         velocity = np.einsum("nq,nqx->nx", value, self._field.velocity[tet])

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.files import write_text
+from design.geometry.vtk import vtk_document
 from design.hemodynamics.three_d.engine import port_name
 from design.hemodynamics.three_d.meshing.lumen_mesh import (
     EDGES,
@@ -58,7 +57,7 @@ class WallShear:
     node : (w,) int64
         Of the mesh, on the wall.
     traction : (w, 3) float64, Pa
-        Along the wall, the mean of what the faces that meet at the node say.
+        Along the wall, the mean of the faces that meet at the node.
     """
 
     node: IntArray
@@ -66,13 +65,13 @@ class WallShear:
 
     @property
     def magnitude(self) -> FloatArray:
-        """(w,), Pa."""
+        """Return the size of the traction, (w,), Pa."""
         return np.asarray(np.linalg.norm(self.traction, axis=1), dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class Energy:
-    """Where power comes from and goes to; a Pa·µL/s is a nW.
+    """Power in at the ports and dissipated; a Pa·µL/s is a nW.
 
     Attributes
     ----------
@@ -87,7 +86,7 @@ class Energy:
 
     @property
     def imbalance(self) -> float:
-        """Their difference over the larger."""
+        """Return their difference over the larger."""
         largest = max(abs(self.ends_nw), abs(self.viscous_nw))
         return abs(self.ends_nw - self.viscous_nw) / largest if largest else 0.0
 
@@ -114,7 +113,7 @@ class ThreeDSolution:
     krylov : int
         Linear steps taken.
     coefficients : (unknowns,) float64
-        The engine's own, from which it goes on (residence time).
+        NGSolve's own, which `residence_time` takes.
     """
 
     field: Field
@@ -130,7 +129,7 @@ class ThreeDSolution:
 
     @property
     def mass_imbalance(self) -> float:
-        """What leaves less what comes in, of what comes in."""
+        """Return what leaves less what comes in, over what comes in."""
         into = -float(self.port_flow[self.port_flow < 0.0].sum())
         return abs(float(self.port_flow.sum())) / into if into else 0.0
 
@@ -147,12 +146,9 @@ class ThreeDWaves:
         Out of the lumen.
     port_pressure : (p, t) float64, Pa
     section_flow, section_pressure : (s, t) float64
-        At the sections that were asked for.
-    kept : (f,) int64
-        Which times fields are kept of.
-    fields : tuple of Field
+        At the requested sections.
     change : (c,) float64
-        From each cycle's begin to its end, relative; empty where the state was solved for.
+        From each cycle's begin to its end, relative.
     """
 
     time_s: FloatArray
@@ -160,23 +156,18 @@ class ThreeDWaves:
     port_pressure: FloatArray
     section_flow: FloatArray
     section_pressure: FloatArray
-    kept: IntArray
-    fields: tuple[Field, ...]
     change: FloatArray
 
 
-# Nodal samples, wall shear, mean port pressures and power balance of a 3D flow solution.
-
-
 def state_of(spaces: Spaces, unknowns: FloatArray) -> Any:
-    """The engine's function of these unknowns."""
+    """Return NGSolve's function of these unknowns."""
     state = spaces.ng.GridFunction(spaces.both)
     state.vec.FV().NumPy()[:] = unknowns
     return state
 
 
 def field_of(spaces: Spaces, mesh: LumenMesh, unknowns: FloatArray) -> Field:
-    """Velocity and pressure at the nodes of every element."""
+    """Sample velocity and pressure at the nodes of every element."""
     velocity, pressure = state_of(spaces, unknowns).components
     return Field(
         mesh,
@@ -187,7 +178,7 @@ def field_of(spaces: Spaces, mesh: LumenMesh, unknowns: FloatArray) -> Field:
 
 
 def sample_function(spaces: Spaces, mesh: LumenMesh, function: Any, degree: int) -> FloatArray:
-    """Values (t, n, c) at the nodes of this degree, in the mesh's own order of corners."""
+    """Sample a function (t, n, c) at the nodes of this degree, in the mesh's order of corners."""
     ng, at = spaces.ng, nodes(degree)
     # The engine's coordinates belong to its corners 0, 1 and 2; corner 3 is the rest.
     rule = ng.IntegrationRule([tuple(p[:3]) for p in at], [0.0] * len(at))
@@ -195,16 +186,8 @@ def sample_function(spaces: Spaces, mesh: LumenMesh, function: Any, degree: int)
     return np.asarray(function(points)).reshape(len(mesh.tets), len(at), -1)
 
 
-# Compute wall shear at the wall's mesh nodes from the gradient of a 3D velocity field.
-#
-# Of what was tried on a pipe (docs/flow.md), the direct gradient of cubic velocities is within 0.1
-# % where projections and consistent forces aren't, or cost a solve.
-
-_FACE_EDGES = ((0, 1), (1, 2), (2, 0))
-
-
 def wall_shear(field: Field, viscosity_pa_s: float) -> WallShear:
-    """τ = -μ ∂u/∂n along the wall, n outward: the way the fluid pulls the wall."""
+    """Compute τ = -μ ∂u/∂n along the wall, n outward: the way the fluid pulls the wall."""
     mesh = field.mesh
     faces = np.flatnonzero(mesh.label == WALL)
     tet, corner = elements_behind(mesh, faces)
@@ -221,13 +204,23 @@ def wall_shear(field: Field, viscosity_pa_s: float) -> WallShear:
 
 
 def elements_behind(mesh: LumenMesh, faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Element of each of these faces (f,), and which of its corners are the face's (f, 3)."""
+    """Return the element of each of these faces (f,), and its corners on the face (f, 3).
+
+    Raises
+    ------
+    FlowError
+        A face that bounds no element.
+    """
     sides = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
     count = mesh.corner_count
     side_key = _key(mesh.tets[:, sides].reshape(-1, 3), count)
     order = np.argsort(side_key, kind="stable")
-    half_faces = order[np.searchsorted(side_key[order], _key(mesh.faces[faces, :3], count))]
-    tet = half_faces // 4
+    key = _key(mesh.faces[faces, :3], count)
+    sides_of = order[np.searchsorted(side_key[order], key).clip(max=len(order) - 1)]
+    if (side_key[sides_of] != key).any():
+        face = int(faces[np.argmax(side_key[sides_of] != key)])
+        raise FlowError(f"face {face} bounds no tetrahedron; mesh again")
+    tet = sides_of // 4
     same = mesh.tets[tet, :4][:, None, :] == mesh.faces[faces, :3][:, :, None]
     return tet, same.argmax(axis=2)
 
@@ -242,8 +235,7 @@ def _face_nodes(corners: IntArray) -> FloatArray:
     at = np.zeros((6, 4))
     for k in range(3):
         at[k, corners[k]] = 1.0
-    for k, (i, j) in enumerate(_FACE_EDGES):
-        at[3 + k, corners[[i, j]]] = 0.5
+        at[3 + k, corners[[k, (k + 1) % 3]]] = 0.5
     return at
 
 
@@ -262,11 +254,8 @@ def _averaged(faces: IntArray, traction: FloatArray) -> WallShear:
     return WallShear(node, np.stack(total, axis=1) / count[:, None])
 
 
-# Compute mean port pressures and the power balance of a 3D flow solution.
-
-
 def port_pressures(room: Spaces, unknowns: FloatArray) -> FloatArray:
-    """Mean pressure over each port, (p,), Pa."""
+    """Return the mean pressure over each port, (p,), Pa."""
     _, pressure = state_of(room, unknowns).components
     return np.array(
         [
@@ -278,16 +267,16 @@ def port_pressures(room: Spaces, unknowns: FloatArray) -> FloatArray:
 
 
 def integrate_over_port(room: Spaces, port: int, function: Any) -> float:
-    """Integral over a port."""
+    """Integrate a function over a port."""
     region = room.mesh.Boundaries(port_name(port))
     return float(room.ng.Integrate(function, room.mesh, definedon=region, order=3 * room.order))
 
 
 def energy_of(room: Spaces, plan: PortPlan, unknowns: FloatArray) -> Energy:
-    """Power at the ends against what viscosity takes.
+    """Compute the power that comes in at the ends and what viscosity dissipates.
 
-    From u times the momentum equation, ∫ μ ∇u:∇u = -Σ ∫ (p + ½ ϱ u·u) u·n + Σ ∫ μ ∂u/∂n·u. For
-    Stokes flow the kinetic part isn't in it, and is as much in as out in a pipe.
+    From u times the momentum equation, ∫ μ ∇u:∇u = -Σ ∫ (p + ½ ϱ u·u) u·n + Σ ∫ μ ∂u/∂n·u.
+    Stokes flow has no kinetic part; in a pipe as much of it comes in as leaves.
     """
     ng = room.ng
     velocity, pressure = state_of(room, unknowns).components
@@ -300,10 +289,8 @@ def energy_of(room: Spaces, plan: PortPlan, unknowns: FloatArray) -> Energy:
     return Energy(float(ends), plan.viscosity_pa_s * float(taken))
 
 
-# Write 3D flow in a lumen as VTK XML (`.vtu`) of quadratic tetrahedra, for ParaView.
-
 _QUADRATIC_TETRAHEDRON: Final = 24
-_TYPES: Final = {"f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
+"""VTK's number of the cell."""
 
 
 def write_flow_vtu(
@@ -312,9 +299,9 @@ def write_flow_vtu(
     wall_shear: WallShear | None = None,
     more: Mapping[str, FloatArray] | None = None,
 ) -> None:
-    """Write velocity, pressure, wall shear (0 inside) and more at the mesh's nodes.
+    """Write velocity, pressure, wall shear (0 inside) and more at the mesh's nodes, as VTU.
 
-    Cubic velocities are told at the corners and edges' middles, where they are exact.
+    Cubic velocities are given at the corners and edges' middles alone.
 
     Parameters
     ----------
@@ -341,24 +328,12 @@ def write_flow_vtu(
         traction = np.zeros((len(mesh.points), 3))
         traction[wall_shear.node] = wall_shear.traction
         data |= {"wall_shear_pa": traction}
-    write_text(path, _document(mesh, data))
-
-
-def at_points(mesh: LumenMesh, values: FloatArray, degree: int) -> FloatArray:
-    """Values (t, n, c) at elements' nodes of a degree told at the mesh's own points, (p, c)."""
-    own = np.concatenate([np.eye(4), np.eye(4)[EDGES].mean(axis=1)])
-    by_node = shapes(degree, own)[0]
-    at_elements = np.einsum("pn,tnc->tpc", by_node, values)
-    at_nodes = np.zeros((len(mesh.points), values.shape[2]))
-    at_nodes[mesh.tets] = at_elements
-    return at_nodes
-
-
-def _document(mesh: LumenMesh, data: Mapping[str, FloatArray]) -> str:
-    count, cells = len(mesh.points), len(mesh.tets)
     for name, values in data.items():
-        if len(values) != count:
-            raise FlowError(f"{name}: {len(values)} values for {count} nodes; give one each")
+        if len(values) != len(mesh.points):
+            raise FlowError(
+                f"{name}: {len(values)} values for {len(mesh.points)} nodes; give one each"
+            )
+    cells = len(mesh.tets)
     sections: dict[str, Mapping[str, NDArray[Any]]] = {
         "PointData": data,
         "Points": {"Points": mesh.points},
@@ -368,42 +343,15 @@ def _document(mesh: LumenMesh, data: Mapping[str, FloatArray]) -> str:
             "types": np.full(cells, _QUADRATIC_TETRAHEDRON, dtype=np.uint8),
         },
     }
-    counts = {"NumberOfPoints": count, "NumberOfCells": cells}
-    return vtk_document("UnstructuredGrid", counts, sections)
+    counts = {"NumberOfPoints": len(mesh.points), "NumberOfCells": cells}
+    write_text(path, vtk_document("UnstructuredGrid", counts, sections))
 
 
-def vtk_document(
-    kind: str,
-    counts: Mapping[str, int],
-    sections: Mapping[str, Mapping[str, NDArray[Any]]],
-    *,
-    bare_scalars: bool = False,
-) -> str:
-    """Return a VTK XML file of one piece; each section's tag with its arrays by name.
-
-    ``bare_scalars`` leaves out the number of components of scalars, of which some readers make
-    columns otherwise.
-    """
-    body = "".join(
-        f"<{tag}>\n{''.join(_array(n, v, bare_scalars) for n, v in arrays.items())}</{tag}>\n"
-        for tag, arrays in sections.items()
-    )
-    many = " ".join(f'{name}="{count}"' for name, count in counts.items())
-    return (
-        '<?xml version="1.0"?>\n'
-        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f"<{kind}>\n<Piece {many}>\n{body}</Piece>\n</{kind}>\n</VTKFile>\n"
-    )
-
-
-def _array(name: str, values: NDArray[Any], bare_scalars: bool) -> str:
-    """One DataArray: its length in bytes as UInt64, then little-endian values, in base64."""
-    raw = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).tobytes()
-    text = base64.b64encode(np.uint64(len(raw)).astype("<u8").tobytes() + raw).decode()
-    components = 1 if values.ndim == 1 else values.shape[1]
-    bare = bare_scalars and values.ndim == 1
-    many = "" if bare else f'NumberOfComponents="{components}" '
-    return (
-        f'<DataArray type="{_TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)} {many}'
-        f'format="binary">{text}</DataArray>\n'
-    )
+def at_points(mesh: LumenMesh, values: FloatArray, degree: int) -> FloatArray:
+    """Evaluate values (t, n, c) at elements' nodes of a degree at the mesh's own points, (p, c)."""
+    own = np.concatenate([np.eye(4), np.eye(4)[EDGES].mean(axis=1)])
+    by_node = shapes(degree, own)[0]
+    at_elements = np.einsum("pn,tnc->tpc", by_node, values)
+    at_nodes = np.zeros((len(mesh.points), values.shape[2]))
+    at_nodes[mesh.tets] = at_elements
+    return at_nodes

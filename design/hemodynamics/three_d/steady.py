@@ -13,11 +13,11 @@ from design.hemodynamics.three_d.engine import (
     FlowOptions,
     check_memory,
     engine_mesh,
-    engine_threads,
+    running_engine,
 )
 from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.newton import (
-    BorderBlocks,
+    BorderedSolver,
     Convection,
     FlowProblem,
     NewtonSolution,
@@ -43,8 +43,6 @@ from design.hemodynamics.three_d.solution import (
 )
 from design.hemodynamics.waveforms import Waveform, cycle_times
 from kernels.arrays import FloatArray
-
-_MEAN_SAMPLES = 512
 
 
 def solve_steady(
@@ -75,17 +73,17 @@ def solve_steady(
     plan = plan_of(mesh, conditions, how)
     check_memory(mesh, how)
     check_laminar(mesh, plan, np.array([mean(plan.flow)]), plan.inflow)
-    with engine_threads(how.threads) as ng:
+    with running_engine() as ng:
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
         problem = steady_problem(room, mesh, plan, how)
-        solution = solve_newton(problem, how.tolerance, _reynolds_scale(mesh, plan))
+        solution = solve_newton(problem, _reynolds_scale(mesh, plan))
         return _solution(room, mesh, plan, solution)
 
 
 def plan_of(
     mesh: LumenMesh, conditions: FlowConditions | PulsatileConditions, options: FlowOptions
 ) -> PortPlan:
-    """What holds at the ports."""
+    """Return the conditions of all ports."""
     if isinstance(conditions, PulsatileConditions):
         return pulsatile_plan(mesh, conditions)
     return steady_plan(mesh, conditions, options.density)
@@ -94,7 +92,7 @@ def plan_of(
 def steady_problem(
     room: Spaces, mesh: LumenMesh, plan: PortPlan, options: FlowOptions
 ) -> FlowProblem:
-    """The system of the mean conditions."""
+    """Set up the system of the mean conditions."""
     stokes = Stokes(room, plan.viscosity_pa_s)
     start = np.zeros(room.count)
     if plan.inflow is not None:
@@ -103,13 +101,13 @@ def steady_problem(
     for port, waveform in plan.held:
         load -= mean(waveform) * room.outward[port]
     slope, given = mean_laws(plan.coupled)
-    border = BorderBlocks.around(stokes.solve, columns_of(room, plan), slope, room.free)
+    border = BorderedSolver(stokes.solve, columns_of(room, plan), slope, room.free)
     convection = Convection(room, plan.density, plan.outlets) if options.convection else None
     return FlowProblem(room, stokes, convection, border, start, load, given)
 
 
 def columns_of(room: Spaces, plan: PortPlan) -> FloatArray:
-    """Flow out of each coupled group, (n, m)."""
+    """Return the rows (n, m) of the flow out of each coupled group."""
     rows = [room.outward[list(c.ports)].sum(axis=0) for c in plan.coupled]
     return np.array(rows).reshape(-1, room.count).T
 
@@ -128,10 +126,10 @@ def mean_laws(coupled: tuple[CoupledPorts, ...]) -> tuple[FloatArray, FloatArray
 
 
 def mean(waveform: Waveform) -> float:
-    """Of a cycle."""
+    """Return a cycle's mean."""
     if waveform.period_s is None:
         return float(waveform.at(np.zeros(1))[0])
-    return float(waveform.at(cycle_times(waveform.period_s, _MEAN_SAMPLES)).mean())
+    return float(waveform.at(cycle_times(waveform.period_s, 512)).mean())
 
 
 def check_laminar(mesh: LumenMesh, plan: PortPlan, flow: FloatArray, port: int | None) -> None:
@@ -188,9 +186,6 @@ def _solution(
     )
 
 
-# Estimate the discretisation error of 3D flow by solving again with another element order.
-
-
 @dataclass(frozen=True)
 class ErrorEstimate:
     """Differences between order 3 and order 2, which bound the error of order 3.
@@ -218,9 +213,8 @@ def estimate_error(
 ) -> ErrorEstimate:
     """Solve again with the other order, and compare.
 
-    Order 2 takes a third of order 3's unknowns; its own error is much the larger of the two, so
-    that the difference is an error of order 2, and a bound for order 3. Neither sees that the
-    lumen's shape is approximated: for that, compare two meshes.
+    Order 2's error is much the larger of the two, so that the difference estimates it, and bounds
+    order 3's. The error of the lumen's shape isn't in it: for that, compare two meshes.
 
     Raises
     ------

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from manifold3d import Manifold
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from design.errors import SolidError
@@ -35,35 +37,35 @@ from design.solids.tube import (
 from kernels.arrays import FloatArray, IntArray
 
 FaceArray = NDArray[np.int64]
-_MIDDLES = 1.0
-"""Facet tolerances between a junction's surface and its triangles' middles, as tubes have it."""
-_LEAST_EDGE = 0.05
-"""Of the thinnest radius: shorter edges of a junction aren't parted."""
-_MOST_POINTS = 6000
-_TRIES = 3
-"""Of taking more vessels into a group, before all are."""
-_SLIVER = 1e-4
-"""Of the thinnest radius: what facets that nearly coincide leave between them, and what would
-cross once it is moved."""
-_FLAT_MM, _FLAT = 2e-5, 1e-3
-"""Slivers of groups that stay sharp: two steps of float32 at 100 mm, at most this share of the
-thinnest radius."""
-_CRUMB = 0.1
-"""Of the thinnest radius: side of a cube that is no part of a lumen."""
+
+
+class _Limits(NamedTuple):
+    """Limits of sewing; lengths in the thinnest radius."""
+
+    junction_edge: float = 0.05  # shorter edges of a junction aren't parted
+    junction_points: int = 6000
+    tries: int = 3  # of taking more vessels into a group, before all are
+    sliver: float = 1e-4  # between facets that nearly coincide; it would cross itself when moved
+    sharp_sliver: float = 1e-3  # of groups that stay sharp, and
+    sharp_sliver_mm: float = 2e-5  # at most, two steps of float32 at 100 mm
+    crumb: float = 0.1  # side of a cube that is no part of a lumen
+    clear_of_tubes: float = 0.999  # of balls inside the tubes' facets, so that there are no slivers
+    coarser_balls: float = 4.0  # tolerance of balls, which show in a bend's outer corner alone
+    same_place: float = 1e-9  # of a ring's size, within which its vertices are found again
+    same_ring: float = 1e-6  # of a tube's radius, between a ring and one that takes its place
+    beyond_ring: float = 4.0  # of plain tube beyond a group's ring that the ball can touch
+    clearance: float = 0.03  # of the thinner radius, of a polygon's corners over its circle
+    bend: float = 2.5  # both radii: pieces of a run no farther apart along it are one bend
+
+
+LIMITS: Final = _Limits()
 
 
 def sew_parts(layout: Layout, shapes: list[tuple[EndShape, EndShape]]) -> Sewing:
-    """Make all parts and sew them to one closed surface.
-
-    Parameters
-    ----------
-    layout : Layout
-    shapes : list of pairs
-        How each run ends where it isn't joined.
-    """
+    """Make all parts, whose free ends have ``shapes``, and sew them to one closed surface."""
     overlaps = overlapping_runs(layout)
     absorb_runs(layout, np.unique(overlaps).tolist())
-    for _ in range(_TRIES):
+    for _ in range(LIMITS.tries):
         sewing, torn = _sewn(layout, shapes, overlaps)
         if not torn:
             open_at = _open_places(sewing)
@@ -103,7 +105,7 @@ def _sewn(
     shapes: list[tuple[EndShape, EndShape]],
     overlaps: NDArray[np.int64],
 ) -> tuple[Sewing, list[int]]:
-    """As `sew_parts`, and the runs around groups that couldn't be parted from the rest."""
+    """Sew all parts; also return the runs around groups that couldn't be parted from the rest."""
     keep_clear_of_balls(layout)
     sewing = Sewing()
     torn: list[int] = []
@@ -140,9 +142,9 @@ def _lone(layout: Layout, joint: int, sewing: Sewing) -> bool:
         np.array([layout.reach[end] for end in ends]),
         sewing.place(known),
         ring_of,
-        _MIDDLES * layout.facets_of.at(thin),
-        _LEAST_EDGE * thin,
-        _MOST_POINTS,
+        layout.facets_of.at(thin),
+        LIMITS.junction_edge * thin,
+        LIMITS.junction_points,
     )
     if status or not _fits(faces, ring_of, len(known)):
         return False
@@ -152,7 +154,7 @@ def _lone(layout: Layout, joint: int, sewing: Sewing) -> bool:
 
 
 def _fits(faces: FaceArray, ring_of: NDArray[np.int64], count: int) -> bool:
-    """Whether the rim of ``faces`` is the rings (their vertices come first), and nothing else."""
+    """Return whether the rim of ``faces`` is the rings, whose vertices come first."""
     rim = np.flatnonzero(pair_half_edges(faces) < 0)
     if len(rim) != count:
         return False
@@ -165,33 +167,24 @@ def _fits(faces: FaceArray, ring_of: NDArray[np.int64], count: int) -> bool:
 
 
 def _crowds(layout: Layout, overlaps: NDArray[np.int64]) -> list[tuple[list[int], list[int]]]:
-    """Junctions and swallowed runs that hang together."""
+    """Return the groups of connected junctions and swallowed runs."""
     joints = len(layout.ends)
-    parent = list(range(joints + len(layout.runs)))
-
-    def top(item: int) -> int:
-        while parent[item] != item:
-            parent[item] = parent[parent[item]]
-            item = parent[item]
-        return item
-
-    def join(one: int, two: int) -> None:
-        parent[max(top(one), top(two))] = min(top(one), top(two))
-
     swallowed = [run for run, is_in in enumerate(layout.swallowed) if is_in]
     joined = layout.joint_of()
-    for run in swallowed:
-        for end in (0, 1):
-            if (run, end) in joined:
-                join(joints + run, joined[run, end])
-    for one, two in overlaps.tolist():
-        join(joints + one, joints + two)
+    pairs = [
+        (joints + run, joined[run, k]) for run in swallowed for k in (0, 1) if (run, k) in joined
+    ]
+    one, two = np.concatenate([np.reshape(pairs, (-1, 2)).astype(np.int64), joints + overlaps]).T
+    size = joints + len(layout.runs)
+    graph = coo_array((np.ones(len(one), np.int8), (one, two)), shape=(size, size))
+    # Labels follow the least number in each part.
+    group = connected_components(graph, directed=False)[1].tolist()
     members: dict[int, tuple[list[int], list[int]]] = defaultdict(lambda: ([], []))
     for joint in range(joints):
         if layout.crowded(joint):
-            members[top(joint)][0].append(joint)
+            members[group[joint]][0].append(joint)
     for run in swallowed:
-        members[top(joints + run)][1].append(run)
+        members[group[joints + run]][1].append(run)
     return [members[key] for key in sorted(members)]
 
 
@@ -207,7 +200,7 @@ def _crowd(
     wanted = layout.fillet_ratio > 0.0 or bool(layout.fillet_mm)
     rounds = wanted and not layout.sharp.intersection(joints)
     # Facets of a ball that is to be rounded must lie as near to it as a tube's.
-    finer = COARSER_BALLS if rounds else 1.0
+    finer = LIMITS.coarser_balls if rounds else 1.0
     parts: list[Manifold] = []
     winding = set(overlaps[overlaps[:, 0] == overlaps[:, 1], 0].tolist())
     for index in runs:
@@ -226,8 +219,10 @@ def _crowd(
     thin = _thinnest(layout, joints, runs)
     places = [sewing.place(ring) for ring in rings]
     # What rounding to float32 would flatten is better taken away by the union itself.
-    sliver = _SLIVER * thin if rounds else min(_FLAT_MM, _FLAT * thin)
-    vertices, faces, where = unite_parts(parts, places, _CRUMB * thin, sliver)
+    sliver = (
+        LIMITS.sliver * thin if rounds else min(LIMITS.sharp_sliver_mm, LIMITS.sharp_sliver * thin)
+    )
+    vertices, faces, where = unite_parts(parts, places, LIMITS.crumb * thin, sliver)
     known = np.full(len(vertices), -1)
     for ring, index_of in zip(rings, where, strict=True):
         known[index_of] = ring
@@ -259,13 +254,11 @@ def _whole_tube(
     ]
 
 
-# Mesh plain tubes between junctions, with open rings at the ends where junctions are sewn on.
-
 Shape = tuple[EndShape, EndShape]
 
 
 def add_plain_tubes(layout: Layout, shapes: list[Shape], sewing: Sewing) -> None:
-    """Tubes of all runs that have room for one, open where they are joined.
+    """Add the tubes of all runs that have room for one, open where they are joined.
 
     They are the first piece of ``sewing``; a closed end's unused apex is dropped later.
     """
@@ -293,7 +286,7 @@ def add_plain_tubes(layout: Layout, shapes: list[Shape], sewing: Sewing) -> None
 
 
 def _alike(layout: Layout, shapes: list[Shape]) -> list[list[int]]:
-    """Runs that have a tube: straight ones with the same facets and ends together."""
+    """Group the runs that have a tube: straight ones by facets and ends, others alone."""
     joined = layout.joint_of()
     groups: dict[tuple[object, ...], list[int]] = defaultdict(list)
     for index, run in enumerate(layout.runs):
@@ -307,7 +300,7 @@ def _alike(layout: Layout, shapes: list[Shape]) -> list[list[int]]:
 def opened_tube(
     triangles: FaceArray, count: int, facets: int, opened: list[bool]
 ) -> tuple[FaceArray, dict[int, NDArray[np.int64]]]:
-    """A tube's faces without the fans at its open ends, and the rings there by end."""
+    """Return a tube's faces without the fans at its open ends, and the rings there by end."""
     sides = len(triangles) - 2 * facets
     last = (count - 2) // facets - 1
     ring = {0: np.arange(facets), 1: last * facets + np.arange(facets)}
@@ -331,28 +324,16 @@ def trimmed(layout: Layout, index: int, run: Chain) -> Chain:
     return Chain(points, radius, run.node)
 
 
-# Lumen surface under assembly: faces so far, rings that pieces share, faces of each tube.
-
-
 @dataclass
 class Sewing:
-    """Closed surface under assembly.
-
-    Attributes
-    ----------
-    vertices, faces : list of arrays
-    count : int
-        Vertices so far.
-    rings : dict of (run, end) to (n,) int64
-        Vertices of the open end of each plain tube.
-    tubes : dict of run to slice
-        Faces of each plain tube, among all.
-    """
+    """Closed surface under assembly."""
 
     vertices: list[FloatArray] = field(default_factory=list)
     faces: list[FaceArray] = field(default_factory=list)
-    count: int = 0
+    count: int = 0  # of vertices
+    # Vertices (n,) of the open end of each plain tube.
     rings: dict[End, NDArray[np.int64]] = field(default_factory=dict)
+    # Faces of each plain tube, among all.
     tubes: dict[int, slice] = field(default_factory=dict)
 
     def add(self, vertices: FloatArray, faces: FaceArray) -> int:
@@ -373,22 +354,16 @@ class Sewing:
         self.count += int(fresh.sum())
 
     def place(self, ring: NDArray[np.int64]) -> FloatArray:
-        """Positions of a ring of the tubes, which were added first and as one array."""
+        """Return the places of a ring of the tubes, which were added first as one array."""
         return self.vertices[0][ring]
 
     def tube(self, run: int) -> FaceArray:
-        """Faces (m, 3) of a run's plain tube."""
+        """Return the faces (m, 3) of a run's plain tube."""
         return self.faces[0][self.tubes[run]]
 
     def surface(self) -> tuple[FloatArray, FaceArray]:
-        """All vertices (n, 3), mm, and faces (m, 3) so far."""
+        """Return all vertices (n, 3), mm, and faces (m, 3) so far."""
         return np.concatenate(self.vertices), np.concatenate(self.faces)
-
-
-# Swap plain tubes of a finished solid for tubes with other free ends.
-
-_SAME_RING = 1e-6
-"""Of a tube's radius: how far a ring made anew may lie from the one that it takes the place of."""
 
 
 def with_other_tubes(
@@ -398,17 +373,11 @@ def with_other_tubes(
     sewing: Sewing,
     others: Mapping[int, Chain],
 ) -> Solid | None:
-    """A solid with the tubes of some runs swapped, round at free ends; None where one can't be.
+    """Swap the tubes of some runs for others with round free ends; None where one can't be.
 
-    Parameters
-    ----------
-    solid : Solid
-        Of the sewing, moved by ``middle`` (3,) mm and rounded to float32. Where it is known to be
-        uncrossed, only the new tubes are tried.
-    layout : Layout
-    sewing : Sewing
-    others : mapping of run to Chain
-        The same run with its free ends elsewhere.
+    ``solid`` is that of the sewing, moved by ``middle`` (3,) mm and rounded to float32; ``others``
+    are the same runs with their free ends elsewhere. Where it is known to be uncrossed, only the
+    new tubes are tried.
     """
     gone = np.zeros(len(solid.faces), dtype=np.bool_)
     places, added, count = [solid.vertices], list[IntArray](), len(solid.vertices)
@@ -422,7 +391,10 @@ def with_other_tubes(
         number = count + np.arange(len(points))
         for end, ring in rings.items():
             known = sewing.rings[index, end]
-            if np.abs(points[ring] - sewing.place(known)).max() > _SAME_RING * run.radius[-end]:
+            if (
+                np.abs(points[ring] - sewing.place(known)).max()
+                > LIMITS.same_ring * run.radius[-end]
+            ):
                 return None
             number[ring] = [old[vertex] for vertex in known.tolist()]
         places.append((points + middle).astype(np.float32).astype(np.float64))
@@ -456,7 +428,7 @@ def _take_out(
 
 
 def _turned(a: int, b: int, c: int) -> tuple[int, int, int]:
-    """A face's corners in their order, the least first."""
+    """Return a face's corners in their order, the least first."""
     least = min(a, b, c)
     return (a, b, c) if a == least else (b, c, a) if b == least else (c, a, b)
 
@@ -464,7 +436,7 @@ def _turned(a: int, b: int, c: int) -> tuple[int, int, int]:
 def _tube(
     layout: Layout, index: int, run: Chain
 ) -> tuple[FloatArray, IntArray, dict[int, NDArray[np.int64]]]:
-    """Vertices, faces and joined rings of a run's tube with other free ends, which are round."""
+    """Return vertices, faces and joined rings of a run's tube with other, round free ends."""
     joined = layout.joint_of()
     facets, part = layout.facets[index], trimmed(layout, index, run)
     opened = [(index, end) in joined for end in (0, 1)]
@@ -476,7 +448,7 @@ def _tube(
 def _swapped(
     solid: Solid, gone: NDArray[np.bool_], vertices: FloatArray, added: IntArray
 ) -> Solid | None:
-    """The solid without the faces ``gone``, with those ``added``; None where that isn't closed."""
+    """Replace the faces ``gone`` by those ``added``; None where that isn't closed."""
     faces = np.concatenate([solid.faces[~gone], added])
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces] = True
@@ -488,42 +460,21 @@ def _swapped(
     return Solid(vertices, faces.astype(np.int32), uncrossed=uncrossed)
 
 
-# Unite overlapping junctions and crossing vessels exactly by manifold3d.
-
-CLEAR_OF_TUBES = 0.999
-"""Balls stay this factor inside the tubes' facets, so that the union has no slivers."""
-COARSER_BALLS = 4.0
-"""Balls show only in the outer corner of a bend: half the tubes' facets make half the time."""
-_SAME_PLACE = 1e-9
-"""A ring's vertex is found again within this share of the ring's size."""
-
-
 class LostRingError(SolidError):
-    """A ring at which a group should open isn't on its surface; caught where groups are made."""
+    """A ring at which a group should open isn't on its surface."""
 
 
 def ball(centre: FloatArray, radius: float, facets_of: Facets, finer: float = 1.0) -> Manifold:
-    """A ball that fills the outer corner between tubes of ``radius``; ``finer`` than by default."""
+    """Make a ball that fills the outer corner between tubes, ``finer`` than by default."""
     tolerance_mm = facets_of.at(radius) / finer
     sides = facets_of.count(radius) if finer == 1.0 else facet_count(radius, tolerance_mm)
-    inscribed = inscribed_factor(sides) * CLEAR_OF_TUBES
-    facets = facet_count(radius, COARSER_BALLS * tolerance_mm)
+    inscribed = inscribed_factor(sides) * LIMITS.clear_of_tubes
+    facets = facet_count(radius, LIMITS.coarser_balls * tolerance_mm)
     return Manifold.sphere(radius * inscribed, facets).translate(centre.tolist())
 
 
 def connecting_tube(centre: FloatArray, near: float, ring: FloatArray, reach: float) -> Manifold:
-    """A tube from a junction's ``centre``, as wide as ``near``, to the first ring of a plain one.
-
-    Parameters
-    ----------
-    centre : (3,) float64, mm
-    near : float
-        The tube's radius at ``centre`` over that at the ring.
-    ring : (n, 3) float64, mm
-        Counter-clockwise as seen against the way outwards.
-    reach : float, mm
-        From ``centre`` to the ring's middle.
-    """
+    """Make a tube from a junction's ``centre``, ``near`` times as wide, to a plain tube's ring."""
     middle = ring.mean(axis=0)
     first = centre + near * (ring - middle)
     count = len(ring)
@@ -551,24 +502,14 @@ def unite_parts(
     crumb_mm: float,
     simpler_mm: float = 0.0,
 ) -> tuple[FloatArray, FaceArray, list[NDArray[np.int64]]]:
-    """Union of ``parts``, opened at ``rings`` that are faces of it.
+    """Unite ``parts``, and open the union at ``rings`` (k, 3) that are faces of it.
 
-    Parameters
-    ----------
-    parts : sequence of Manifold
-    rings : sequence of (k, 3) float64, mm
-    crumb_mm : float, mm
-        Closed surfaces as small as a cube of this side are dropped: where facets of several
-        vessels nearly coincide, slits stay between them.
-    simpler_mm : float, mm
-        Slivers thinner than this are taken away; 0 leaves them.
+    Closed surfaces as small as a cube of ``crumb_mm``, slits between facets that nearly coincide,
+    are dropped, and slivers thinner than ``simpler_mm`` taken away.
 
     Returns
     -------
-    vertices : (n, 3) float64, mm
-    faces : (m, 3) int64
-    where : list of (k,) int64
-        The vertices of each ring.
+    vertices (n, 3), faces (m, 3), and the vertices (k,) of each ring
 
     Raises
     ------
@@ -587,12 +528,12 @@ def unite_parts(
         middle = ring.mean(axis=0)
         size = float(np.linalg.norm(ring[0] - middle))
         gap, index = tree.query(ring)
-        if gap.max() > _SAME_PLACE * max(size, 1.0) or len(np.unique(index)) < len(ring):
+        if gap.max() > LIMITS.same_place * max(size, 1.0) or len(np.unique(index)) < len(ring):
             raise LostRingError("a vessel's end isn't on the union of a group of junctions")
         own = np.zeros(len(vertices), dtype=bool)
         own[index] = True
         at_middle, centre = tree.query(middle)
-        if at_middle <= _SAME_PLACE * max(size, 1.0):
+        if at_middle <= LIMITS.same_place * max(size, 1.0):
             own[centre] = True
         faces = faces[~own[faces].all(axis=1)]
         where.append(index.astype(np.int64))
@@ -606,12 +547,6 @@ def _without_crumbs(vertices: FloatArray, faces: FaceArray, crumb_mm: float) -> 
     return faces[np.abs(volume[shell]) > crumb_mm**3]
 
 
-# Collect the walls and fixed end rings of a group of overlapping vessels, to be rounded.
-
-_BEYOND_RING = 4.0
-"""Radii of the plain tube beyond a group's ring that the ball can touch."""
-
-
 def crowd_rounding(
     layout: Layout,
     joints: list[int],
@@ -619,7 +554,7 @@ def crowd_rounding(
     shapes: list[tuple[EndShape, EndShape]],
     tolerance_mm: float,
 ) -> Rounding:
-    """Walls and fixed ends of a group of ``joints`` and absorbed ``runs``."""
+    """Collect walls and fixed ends of a group of ``joints`` and absorbed ``runs``."""
     pieces: list[tuple[FloatArray, FloatArray, float, float, float]] = []
     ends: list[FloatArray] = []
     for run in runs:
@@ -634,15 +569,15 @@ def crowd_rounding(
                 continue
             start, axis, length, radius, slope = first_piece(layout.runs[run], end)
             reach, wide = layout.reach[run, end], area_factor(layout.facets[run])
-            goes_on = min(length, reach + _BEYOND_RING * radius)
+            goes_on = min(length, reach + LIMITS.beyond_ring * radius)
             pieces.append((start, axis, goes_on, wide * radius, wide * slope))
             at_ring = 1.05 * (radius + slope * reach)
             ends.append(np.array([*(start + reach * axis), *axis, at_ring]))
     columns = [np.array(column) for column in zip(*pieces, strict=True)]
     lengths, radii, slopes = columns[2:]
     thinnest = np.minimum(radii, radii + slopes * lengths)
-    asked = layout.fillet_mm
-    rho = layout.fillet_ratio * thinnest if asked is None else np.full(len(radii), asked)
+    fillet = layout.fillet_mm
+    rho = layout.fillet_ratio * thinnest if fillet is None else np.full(len(radii), fillet)
     rows = wall_rows(columns[0], columns[1], lengths, radii, slopes)
     return Rounding(rows, rho, np.reshape(np.array(ends), (-1, 7)), tolerance_mm)
 
@@ -650,7 +585,7 @@ def crowd_rounding(
 def _pieces(
     layout: Layout, run: int
 ) -> Iterator[tuple[FloatArray, FloatArray, float, float, float]]:
-    """Start, axis, length, radius and slope of each piece of a swallowed run."""
+    """Yield start, axis, length, radius and slope of each piece of a swallowed run."""
     chain, wide = layout.runs[run], area_factor(layout.facets[run])
     step = np.diff(chain.points, axis=0)
     for k, length in enumerate(np.linalg.norm(step, axis=1).tolist()):
@@ -658,33 +593,25 @@ def _pieces(
         yield chain.points[k], step[k] / length, length, float(radius), float(slope / length)
 
 
-# Find vessel runs whose walls overlap without a common junction.
-
-_CLEARANCE = 0.03
-"""Of the thinner radius: a polygon's corners stand that far over its circle."""
-_BEND = 2.5
-"""Pieces of one run no farther apart along it than this many times both radii are one bend."""
-
-
 def overlapping_runs(layout: Layout) -> IntArray:
-    """Pairs of runs (k, 2) whose walls overlap away from a common junction.
+    """Find pairs of runs (k, 2) whose walls overlap away from a common junction.
 
     A run paired with itself winds into itself.
     """
     starts, ends, radii, nodes, run_of, along = _wall_pieces(layout)
-    pairs, _, _ = close_pairs(starts, ends, radii, nodes, 0.0, _CLEARANCE)
+    pairs, _, _ = close_pairs(starts, ends, radii, nodes, 0.0, LIMITS.clearance)
     if len(pairs) == 0:
         return np.empty((0, 2), dtype=np.int64)
     both = radii[pairs].sum(axis=1)
     one, two = run_of[pairs].T
     length = np.linalg.norm(ends - starts, axis=1)
     near = np.abs(along[pairs[:, 0]] - along[pairs[:, 1]]) - length[pairs].sum(axis=1) / 2
-    bend = (one == two) & (near <= _BEND * both)
+    bend = (one == two) & (near <= LIMITS.bend * both)
     return np.unique(np.stack([one, two], axis=1)[~bend], axis=0)
 
 
 def _wall_pieces(layout: Layout) -> tuple[Any, Any, Any, Any, Any, Any]:
-    """Start, end, radius, end nodes, run and place along it (of the middle) of all pieces."""
+    """Return start, end, radius, end nodes, run and place along it of all pieces."""
     joint_of = layout.joint_of()
     starts, ends, radii, nodes, run_of, along = [], [], [], [], [], []
     free = len(layout.ends)

@@ -14,6 +14,7 @@ of the least-norm solutions of one, two or three of the equations with multiplie
 from __future__ import annotations
 
 from math import inf, sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -23,20 +24,24 @@ from kernels.arrays import FloatArray
 COLUMNS = 10
 """Of a vessel's row: its first point (3), unit axis (3), length, radius there, slope, cosine."""
 
-MOST = 12
-"""Vessels that the ball may touch at once; the nearest ones are kept."""
 
-_STEPS = 6
-_FARTHEST = 2.0
-"""Radii that the ball goes in one step; steps cut short by it are granted on top."""
-_GRANTED = 10
-_SETTLED = 1e-4
+class _Ball(NamedTuple):
+    """Limits of the ball's way to its place; lengths in its radius."""
+
+    touching: int = 12  # vessels at once, the nearest
+    steps: int = 6
+    longest_step: float = 2.0
+    short_steps: int = 10  # more steps, which ``longest_step`` has cut short
+    settled: float = 1e-4
+
+
+_BALL: Final = _Ball()
 
 
 def wall_rows(
     start: FloatArray, axis: FloatArray, length: FloatArray, radius: FloatArray, slope: FloatArray
 ) -> FloatArray:
-    """Rows for the kernels below, (n, 10).
+    """Return vessels' rows for the kernels below, (n, 10).
 
     Parameters
     ----------
@@ -59,10 +64,7 @@ def wall_rows(
 def wall_distance(
     wall: FloatArray, x: float, y: float, z: float
 ) -> tuple[float, float, float, float]:
-    """Signed distance from one vessel, negative inside, and its gradient.
-
-    A cone around the axis with a ball at either end.
-    """
+    """Return the signed distance from a cone with a ball at either end, and its gradient."""
     dx, dy, dz = x - wall[0], y - wall[1], z - wall[2]
     s = dx * wall[3] + dy * wall[4] + dz * wall[5]
     radius = wall[7]
@@ -86,7 +88,7 @@ def wall_distance(
 
 @jit
 def least_step(n: FloatArray, b: FloatArray, count: int) -> tuple[float, float, float]:
-    """Least v with n·v ≥ b for all rows: the longest dual-feasible vertex of 1, 2 or 3 rows."""
+    """Find the least v with n·v ≥ b: the longest dual-feasible vertex of 1, 2 or 3 rows."""
     best, vx, vy, vz = 0.0, 0.0, 0.0, 0.0
     for i in range(count):
         if b[i] > 0.0:
@@ -136,9 +138,9 @@ def least_step(n: FloatArray, b: FloatArray, count: int) -> tuple[float, float, 
 
 @jit
 def rounded_distance(walls: FloatArray, rho: float, x: float, y: float, z: float) -> float:
-    """How far (x, y, z) is outside the vessels closed by a ball of radius ``rho``, mm.
+    """Return how far (x, y, z) is outside the vessels closed by a ball of radius ``rho``, mm.
 
-    Right in sign and zero; in between it is the distance from a surface that bends little.
+    Right in sign and zero; elsewhere near the distance, where the surface bends little.
     """
     count = len(walls)
     least = inf
@@ -147,12 +149,12 @@ def rounded_distance(walls: FloatArray, rho: float, x: float, y: float, z: float
         least = min(least, a)
     if rho <= 0.0 or least >= rho:
         return least
-    n = np.empty((MOST, 3))
-    b = np.empty(MOST)
+    n = np.empty((_BALL.touching, 3))
+    b = np.empty(_BALL.touching)
     cx, cy, cz = x, y, z
     size = 0.0
     whole = 0
-    for _ in range(_STEPS + _GRANTED):
+    for _ in range(_BALL.steps + _BALL.short_steps):
         used = 0
         for i in range(count):
             a, gx, gy, gz = wall_distance(walls[i], cx, cy, cz)
@@ -160,7 +162,7 @@ def rounded_distance(walls: FloatArray, rho: float, x: float, y: float, z: float
                 continue
             need = rho - a - gx * (x - cx) - gy * (y - cy) - gz * (z - cz)
             place = used
-            if used == MOST:
+            if used == _BALL.touching:
                 place = int(np.argmin(b))
                 if b[place] >= need:
                     continue
@@ -168,22 +170,22 @@ def rounded_distance(walls: FloatArray, rho: float, x: float, y: float, z: float
                 used += 1
             n[place, 0], n[place, 1], n[place, 2], b[place] = gx, gy, gz, need
         vx, vy, vz = least_step(n, b, used)
-        # A ball deep inside would be sent far, past the axis of another vessel; one before the ends
-        # of two pieces that face each other, beyond all of them: step by step.
+        # A ball deep inside would pass another vessel's axis, one between the ends of two pieces
+        # that face each other all of them: step by step.
         mx, my, mz = x + vx - cx, y + vy - cy, z + vz - cz
         moved = sqrt(mx * mx + my * my + mz * mz)
-        share = min(1.0, _FARTHEST * rho / moved) if moved > 0.0 else 1.0
+        share = min(1.0, _BALL.longest_step * rho / moved) if moved > 0.0 else 1.0
         cx, cy, cz = cx + share * mx, cy + share * my, cz + share * mz
         size = sqrt((cx - x) ** 2 + (cy - y) ** 2 + (cz - z) ** 2)
         whole += share == 1.0
-        if moved < _SETTLED * rho or whole == _STEPS:
+        if moved < _BALL.settled * rho or whole == _BALL.steps:
             break
     return rho - size
 
 
 @jit
 def leaves(wall: FloatArray, dx: float, dy: float, dz: float) -> float:
-    """Where a ray from the common first point leaves one of the vessels (an infinite one)."""
+    """Return where a ray from the common first point leaves a vessel (an infinite one)."""
     c = dx * wall[3] + dy * wall[4] + dz * wall[5]
     if c <= 0.0:
         return float(wall[7])
@@ -193,7 +195,7 @@ def leaves(wall: FloatArray, dx: float, dy: float, dz: float) -> float:
 
 @jit
 def _exit(walls: FloatArray, dx: float, dy: float, dz: float) -> float:
-    """Where a ray from the common first point leaves the last of the vessels."""
+    """Return where a ray from the common first point leaves the last of the vessels."""
     far = 0.0
     for i in range(len(walls)):
         far = max(far, leaves(walls[i], dx, dy, dz))
@@ -202,20 +204,11 @@ def _exit(walls: FloatArray, dx: float, dy: float, dz: float) -> float:
 
 @jit
 def shoot(walls: FloatArray, rho: float, directions: FloatArray, away: FloatArray) -> None:
-    """Distance at which each ray from the common first point leaves the rounded vessels.
+    """Find where each ray from the common first point leaves the rounded vessels.
 
-    The vessels all hold that point and are convex, so every ray leaves their union once; their
-    closing keeps that (its Minkowski sum with the ball is star-shaped about the whole ball).
-
-    Parameters
-    ----------
-    walls : (n, 10) float64
-        All with the same first point, infinite.
-    rho : float, mm
-    directions : (m, 3) float64
-        Unit vectors.
-    away : (m,) float64, mm
-        Filled.
+    The vessels ``walls`` (n, 10), infinite, all hold that point and are convex, so every ray leaves
+    their union once; their closing keeps that (its Minkowski sum with the ball is star-shaped about
+    the whole ball). Distances along unit ``directions`` (m, 3) go into ``away`` (m,), mm.
     """
     px, py, pz = walls[0, 0], walls[0, 1], walls[0, 2]
     for m in range(len(directions)):

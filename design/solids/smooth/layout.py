@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import cos, inf, pi, sin, sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -17,72 +18,58 @@ from kernels.arrays import FloatArray
 
 End = tuple[int, int]
 """A run, and which of its ends: 0 the first, 1 the last."""
-_TUBE_LEFT = 0.1
-"""Radii of plain tube that must stay between two junctions."""
-_BALL_REACH = 1.05
-"""Radii of a junction's ball from it to a group's ring, which the ball mustn't pass through."""
-_FILLETS = (1.0, 0.5, 0.25, 0.1)
+_FILLETS: Final = (1.0, 0.5, 0.25, 0.1, 0.0)
 """Shares of the wanted fillet that are tried where there is little room."""
+
+
+class _Room(NamedTuple):
+    """Lengths of junctions, in radii of the vessel."""
+
+    tube: float = 0.1  # least plain tube between two junctions
+    ball: float = 1.05  # from a junction's ball to a group's ring, over the ball's radius
+    first_ring: float = 0.5  # least distance of a tube's first ring from the junction
+    beyond_fillet: float = 0.2  # from a fillet's rim to that ring
+    directions: int = 24  # around a vessel, in which its wall is tried
+
+
+_ROOM: Final = _Room()
 
 
 @dataclass
 class Layout:
-    """Runs, the junctions between them, and how each is to be made.
-
-    Attributes
-    ----------
-    runs : list of Chain
-    facets : list of int
-        Sides of each run's polygon.
-    ball : (j,) float64, mm
-        Radius of the widest vessel at each junction.
-    ends : list of list of (run, end)
-        That meet in each junction.
-    walls : list of (n, 10) float64
-        Rows of `wall_rows` for each junction, infinite.
-    fillet : list of float, mm
-    fillet_ratio : float
-    fillet_mm : float, mm, or None
-        What was asked for; the length counts where it is given.
-    facets_of : Facets
-        How near to its arc a facet lies.
-    reach : dict of (run, end) to float, mm
-        Where the plain tube begins, from the junction at that end.
-    swallowed : list of bool
-        Runs without room for a plain tube: whole parts of a group.
-    forced : set of int
-        Junctions that make a group of their own, having failed alone.
-    sharp : set of int
-        Junctions whose groups aren't rounded, having failed to be.
-    """
+    """Runs, the junctions between them, and how each is made."""
 
     runs: list[Chain]
-    facets: list[int]
-    ball: FloatArray
-    ends: list[list[End]]
-    walls: list[FloatArray]
-    fillet: list[float]
+    facets: list[int]  # sides of each run's polygon
+    ball: FloatArray  # (j,), mm, radius of the widest vessel at each junction
+    ends: list[list[End]]  # that meet in each junction
+    walls: list[FloatArray]  # rows of `wall_rows` (n, 10) for each junction, infinite
+    fillet: list[float]  # mm, at each junction
     fillet_ratio: float = 0.0
-    fillet_mm: float | None = None
-    facets_of: Facets = field(default_factory=Facets)
+    fillet_mm: float | None = None  # counts where it is given
+    facets_of: Facets = field(default_factory=Facets)  # tolerance of facets
+    # Where the plain tube begins, from the junction at that end, mm.
     reach: dict[End, float] = field(default_factory=dict)
+    # Runs without room for a plain tube, which are wholly in a group.
     swallowed: list[bool] = field(default_factory=list)
+    # Junctions that failed alone and make a group of their own.
     forced: set[int] = field(default_factory=set)
+    # Junctions whose groups failed to be rounded.
     sharp: set[int] = field(default_factory=set)
 
     def joint_of(self) -> dict[End, int]:
-        """The junction at each joined end."""
+        """Return the junction at each joined end."""
         return {end: joint for joint, ends in enumerate(self.ends) for end in ends}
 
     def crowded(self, joint: int) -> bool:
-        """Whether a junction is to be made in a group."""
+        """Return whether a junction is made in a group."""
         return joint in self.forced or any(self.swallowed[run] for run, _ in self.ends[joint])
 
 
 def lay_out(
     network: VesselNetwork, facets_of: Facets, fillet_ratio: float, fillet_mm: float | None
 ) -> Layout:
-    """Part a network into runs and junctions, and give each its fillet and reach."""
+    """Divide a network into runs and junctions; give each junction its fillet and reach."""
     runs, balls = split_runs(network, facets_of)
     facets = [facets_of.count(float(run.radius.max())) for run in runs]
     meeting: dict[bytes, list[End]] = defaultdict(list)
@@ -107,7 +94,7 @@ def _key(point: FloatArray) -> bytes:
 
 
 def first_piece(run: Chain, end: int) -> tuple[FloatArray, FloatArray, float, float, float]:
-    """Point, unit axis, length, radius and slope of the piece at a run's end, looking inwards."""
+    """Return point, unit axis, length, radius and slope of a run's end piece, inwards."""
     one, two = (0, 1) if end == 0 else (-1, -2)
     step = run.points[two] - run.points[one]
     length = float(np.sqrt(step @ step))
@@ -122,7 +109,7 @@ def _walls(runs: list[Chain], ends: list[End]) -> FloatArray:
 
 
 def _straight(run: Chain, end: int) -> float:
-    """How much of the first piece is straight tube: less what the next bend's mitre eats."""
+    """Return the first piece's length of straight tube, without the next bend's mitre."""
     _, axis, length, _, _ = first_piece(run, end)
     if len(run.points) == 2:
         return length
@@ -148,19 +135,16 @@ def _give_room(layout: Layout) -> None:
 
 
 def _slack(layout: Layout, index: int, least: dict[End, float], end: int) -> float:
-    """Room left at an end when it and the other one take their least, mm; negative if too little.
-
-    Ends that aren't joined take nothing.
-    """
+    """Return the room left at an end when both ends take their least, mm; below 0 if too little."""
     run = layout.runs[index]
     own = least.get((index, end), 0.0)
-    gap = _TUBE_LEFT * float(run.radius.max())
+    gap = _ROOM.tube * float(run.radius.max())
     other = least.get((index, 1 - end), 0.0) if len(run.points) == 2 else 0.0
     return _straight(run, end) - gap - own - other
 
 
 def _settle(layout: Layout, joint: int, least: dict[End, float]) -> None:
-    """The largest fillet of the wanted one's shares for which all plain tubes have room.
+    """Take the largest share of the wanted fillet that leaves all plain tubes room.
 
     What both ends of a run leave over is shared equally.
     """
@@ -175,7 +159,7 @@ def _settle(layout: Layout, joint: int, least: dict[End, float]) -> None:
             for slack in [_slack(layout, end[0], least, end[1])]
         ]
     )
-    for rho in [*(share * wanted for share in _FILLETS), 0.0]:
+    for rho in [share * wanted for share in _FILLETS]:
         distances = reaches(rows, rho, room)
         if all(np.isfinite(x) for x, kept in zip(distances.tolist(), free, strict=True) if kept):
             break
@@ -204,12 +188,12 @@ def keep_clear_of_balls(layout: Layout) -> None:
             if not layout.crowded(joint):
                 continue
             for run, end in layout.ends[joint]:
-                wanted = _BALL_REACH * float(layout.ball[joint])
+                wanted = _ROOM.ball * float(layout.ball[joint])
                 if layout.swallowed[run] or layout.reach[run, end] >= wanted:
                     continue
                 chain = layout.runs[run]
                 other = layout.reach.get((run, 1 - end), 0.0) if len(chain.points) == 2 else 0.0
-                gap = _TUBE_LEFT * float(chain.radius.max())
+                gap = _ROOM.tube * float(chain.radius.max())
                 if wanted + other + gap <= _straight(chain, end):
                     layout.reach[run, end] = wanted
                 else:
@@ -219,19 +203,9 @@ def keep_clear_of_balls(layout: Layout) -> None:
         absorb_runs(layout, tight)
 
 
-# Compute the distance from a junction at which each vessel becomes a plain tube.
-
-_AROUND = 24
-"""Places around a vessel at which its wall is tried."""
-_LEAST = 0.5
-"""Radii between a junction and the first ring of a tube."""
-_BEYOND = 0.2
-"""Radii between a fillet's rim and that ring, in which triangles get from one to the other."""
-
-
 @jit
 def _bound(walls: FloatArray, one: int, rho: float) -> float:
-    """A distance beyond which no other vessel's ball can touch this one's wall (if they part)."""
+    """Return a distance beyond which no other vessel's ball can touch this one's wall."""
     bound = 0.0
     for other in range(len(walls)):
         if other == one:
@@ -249,7 +223,7 @@ def _bound(walls: FloatArray, one: int, rho: float) -> float:
 
 @jit
 def _holds_another(walls: FloatArray, one: int, x: float) -> bool:
-    """Whether at ``x`` another vessel's axis is still within this one's wall."""
+    """Return whether at ``x`` another vessel's axis is still within this one's wall."""
     for other in range(len(walls)):
         c = 0.0
         for k in range(3, 6):
@@ -263,7 +237,7 @@ def _holds_another(walls: FloatArray, one: int, x: float) -> bool:
 
 @jit
 def _clear(walls: FloatArray, one: int, rho: float, x: float, frame: FloatArray) -> bool:
-    """Whether at ``x`` along the axis the ball touches this vessel's wall all around.
+    """Return whether the ball touches this vessel's wall all around at ``x`` along its axis.
 
     A vessel that is still inside will come through the wall farther out.
     """
@@ -272,8 +246,8 @@ def _clear(walls: FloatArray, one: int, rho: float, x: float, frame: FloatArray)
     wall = walls[one]
     radius = wall[7] + wall[8] * x
     margin = 0.02 * radius
-    for k in range(_AROUND):
-        angle = 2.0 * pi * k / _AROUND
+    for k in range(_ROOM.directions):
+        angle = 2.0 * pi * k / _ROOM.directions
         c, s = cos(angle), sin(angle)
         place = np.empty(3)
         for axis in range(3):
@@ -291,12 +265,12 @@ def _clear(walls: FloatArray, one: int, rho: float, x: float, frame: FloatArray)
 
 @jit
 def _clear_from(walls: FloatArray, one: int, rho: float, room: float) -> float:
-    """Least distance along vessel ``one`` from which on no other vessel's fillet touches it.
+    """Find the distance along vessel ``one`` from which on no other vessel's fillet touches it.
 
-    Walked inwards from where it is certain, as a thin vessel may leave a wide one's wall late.
+    Searched inwards, since a thin vessel may leave a wide one's wall late.
     """
     radius = walls[one, 7]
-    least, beyond = _LEAST * radius, _BEYOND * radius
+    least, beyond = _ROOM.first_ring * radius, _ROOM.beyond_fillet * radius
     bound = _bound(walls, one, rho)
     x = min(room - beyond, bound)
     frame = across_axis(walls[one, 3:6])
@@ -314,7 +288,7 @@ def _clear_from(walls: FloatArray, one: int, rho: float, room: float) -> float:
 
 @jit
 def across_axis(axis: FloatArray) -> FloatArray:
-    """Two unit vectors across ``axis``, (2, 3)."""
+    """Return two unit vectors across ``axis``, (2, 3)."""
     helper = np.zeros(3)
     helper[np.argmin(np.abs(axis))] = 1.0
     frame = np.empty((2, 3))
@@ -326,7 +300,7 @@ def across_axis(axis: FloatArray) -> FloatArray:
 
 @jit
 def reaches(walls: FloatArray, rho: float, room: FloatArray) -> FloatArray:
-    """Distance along each vessel of a junction at which it is a plain tube again, (n,), mm.
+    """Find the distance along each vessel at which it is a plain tube again, (n,), mm.
 
     Infinite where it isn't within ``room`` (n,). See `wall_rows` for ``walls``.
     """

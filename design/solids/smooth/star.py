@@ -9,7 +9,7 @@ vessels are; what remains is to put directions where the surface bends.
 from __future__ import annotations
 
 from math import cos, sin, sqrt
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,20 @@ from design.solids.smooth.layout import across_axis
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-_ROUNDS = 12
-"""Of parting triangles; each takes the error down about threefold."""
+
+class _Limits(NamedTuple):
+    """Limits of a junction's triangulation."""
+
+    rounds: int = 12  # of refinement; each takes the error down about threefold
+    cover: int = 24  # directions of the even cover
+    blur: float = 1e-7  # of directions in line; far below a float32 step of a vertex
+    flat: float = 1e-12  # height over a triangle's plane that is 0: a ring lies on one circle
+    on_edge: float = 1e-15  # determinant of directions that is rounding
+    same: float = 3e-4  # points nearer to a corner around them are left out
+    flips: int = 2000  # after one point; a handful is usual, rounding could go on for ever
+
+
+_LIMITS: Final = _Limits()
 
 
 @jit
@@ -33,7 +45,7 @@ def star_mesh(
     least: float,
     most: int,
 ) -> tuple[int, FloatArray, IntArray]:
-    """Triangles of one junction between the first rings of its tubes.
+    """Triangulate one junction between the first rings of its tubes.
 
     Parameters
     ----------
@@ -73,7 +85,7 @@ def star_mesh(
     shoot(walls, rho, net.d[first:count], net.away[first:count])
     count, used = seams_in(junction, net, count, used)
     status = 0
-    for _ in range(_ROUNDS):
+    for _ in range(_LIMITS.rounds):
         if used < 0 or status:
             break
         begin = count
@@ -93,7 +105,7 @@ def star_mesh(
 def _without_caps(
     junction: Junction, net: Net, count: int, used: int
 ) -> tuple[FloatArray, IntArray]:
-    """Places and faces of what isn't left out; the rings' places first, as they were given."""
+    """Return points and faces without those of the axes; the rings' points first, as given."""
     rings = junction.rings
     faces = np.empty((used, 3), dtype=np.int64)
     points = np.empty((count, 3))
@@ -116,12 +128,9 @@ def _without_caps(
     return points[:placed], faces[:kept]
 
 
-# By rays from a junction's centre, find the outermost vessel and the wall clear of fillets.
-
-
 @jit
 def owner(walls: FloatArray, dx: float, dy: float, dz: float) -> int:
-    """Vessel that a ray from the junction's middle leaves last."""
+    """Return the vessel that a ray from the junction's middle leaves last."""
     far, vessel = -1.0, 0
     for i in range(len(walls)):
         t = leaves(walls[i], dx, dy, dz)
@@ -132,7 +141,7 @@ def owner(walls: FloatArray, dx: float, dy: float, dz: float) -> int:
 
 @jit
 def _line_clear(walls: FloatArray, one: int, rho: float, across: FloatArray, x: float) -> bool:
-    """Whether the ball touches a wall line of vessel ``one`` at ``x`` and no other vessel."""
+    """Return whether the ball touches a wall line of vessel ``one`` at ``x`` and no other."""
     wall = walls[one]
     radius = wall[7] + wall[8] * x
     place = np.empty(3)
@@ -149,7 +158,7 @@ def _line_clear(walls: FloatArray, one: int, rho: float, across: FloatArray, x: 
 
 @jit
 def first_clear(walls: FloatArray, one: int, rho: float, across: FloatArray, reach: float) -> float:
-    """Least x from which the wall line in direction ``across`` is free up to ``reach``."""
+    """Find the least x from which the wall line in direction ``across`` is free to ``reach``."""
     low, high = 0.0, reach
     step = 0.25 * min(walls[one, 7], reach)
     while True:
@@ -173,7 +182,7 @@ def first_clear(walls: FloatArray, one: int, rho: float, across: FloatArray, rea
 def at_ring(
     walls: FloatArray, reach: FloatArray, e: FloatArray, d: FloatArray, ring_of: IntArray
 ) -> bool:
-    """Whether a direction goes through the first ring of a tube, or so near that it breaks it.
+    """Return whether a direction goes through a tube's first ring, or so near that it breaks it.
 
     A ring's edge stays an edge of the triangulation while no point lies in the circle around it.
     """
@@ -195,12 +204,6 @@ def at_ring(
         if near < 1.05 * half:
             return True
     return False
-
-
-# Start a junction's triangulation by rays to tube rings, along axes and to seams (compiled).
-
-_SCAFFOLD = 24
-"""Directions of the even cover."""
 
 
 @jit
@@ -228,8 +231,8 @@ def cover_in(junction: Junction, net: Net) -> int:
         net.owner[count] = CAP
         count += 1
     # Fibonacci's spiral, turned off the axes.
-    for k in range(_SCAFFOLD):
-        z = 1.0 - (2.0 * k + 1.0) / _SCAFFOLD
+    for k in range(_LIMITS.cover):
+        z = 1.0 - (2.0 * k + 1.0) / _LIMITS.cover
         angle = 2.399963229728653 * k + 0.3
         across = sqrt(1.0 - z * z)
         d[count, 0], d[count, 1], d[count, 2] = across * cos(angle), across * sin(angle), z
@@ -293,14 +296,10 @@ def _seam_of(junction: Junction, net: Net, r: int, count: int) -> bool:
     return True
 
 
-# Insert ray directions into a vessel junction's triangulation of them (compiled).
-
 SEAM = -1
 """Owner of a point that lies on a seam, or on a fillet."""
 CAP = -2
 """Owner of a vessel's axis, whose triangles are left out: there the tube goes on."""
-_BLUR = 1e-7
-"""Of directions in line; far below what moves a vertex by a float32 step."""
 
 
 class Junction(NamedTuple):
@@ -316,30 +315,16 @@ class Junction(NamedTuple):
 
 
 class Net(NamedTuple):
-    """Directions from the middle, and triangles between them.
+    """Directions from the middle, and triangles between them."""
 
-    Attributes
-    ----------
-    d : (most, 3) float64
-        Unit directions.
-    away : (most,) float64, mm
-        Distance of the surface.
-    owner : (most,) int64
-        Vessel, `SEAM` or `CAP`.
-    tri, beside : (2 * most, 3) int64
-        Corners of each triangle and its neighbours.
-    stack : (4 * most,) int64
-        Room for `insert`.
-    settled : (2 * most, 4) int64
-        Corners of each triangle, and their owners as one number, when it last needed no direction.
-    """
-
-    d: FloatArray
-    away: FloatArray
-    owner: IntArray
-    tri: IntArray
-    beside: IntArray
-    stack: IntArray
+    d: FloatArray  # (most, 3), unit directions
+    away: FloatArray  # (most,), mm, distance of the surface
+    owner: IntArray  # (most,), vessel, `SEAM` or `CAP`
+    tri: IntArray  # (2 most, 3), corners of each triangle
+    beside: IntArray  # (2 most, 3), its neighbours
+    stack: IntArray  # (4 most,), work space of `insert`
+    # (2 most, 4): corners of each triangle, and their owners as one number, when it last needed no
+    # direction.
     settled: IntArray
 
 
@@ -367,11 +352,11 @@ def unit(d: FloatArray) -> None:
 def blur(d: FloatArray, number: int) -> None:
     """Move a direction a little, in place.
 
-    Symmetric junctions have rings in line with one another, of which rounding makes a muddle: for
-    the order of directions (not for their places) they are a little off.
+    Rings of symmetric junctions are in line, where rounding leaves their order open; places of
+    vertices stay.
     """
     for axis in range(3):
-        d[axis] += _BLUR * sin(12.9898 * number + 78.233 * axis + 1.0)
+        d[axis] += _LIMITS.blur * sin(12.9898 * number + 78.233 * axis + 1.0)
     unit(d)
 
 
@@ -392,9 +377,6 @@ def gap(net: Net, p: int, q: int) -> float:
     for axis in range(3):
         square += (net.away[p] * net.d[p, axis] - net.away[q] * net.d[q, axis]) ** 2
     return sqrt(square)
-
-
-# Refine a junction's triangulation by ray directions where triangles leave its wall (compiled).
 
 
 @jit
@@ -430,7 +412,7 @@ def _owners(net: Net, t: int) -> int:
 
 @jit
 def _is_settled(net: Net, t: int) -> bool:
-    """Whether a triangle is as it was when it needed no direction: it needs none now."""
+    """Return whether a triangle is as it was when it last needed no direction."""
     for k in range(3):
         if net.settled[t, k] != net.tri[t, k]:
             return False
@@ -439,7 +421,7 @@ def _is_settled(net: Net, t: int) -> bool:
 
 @jit
 def _settle(net: Net, t: int) -> None:
-    """Note that a triangle needs no direction; owners that were changed meanwhile may ask anew."""
+    """Record that a triangle needs no direction as long as its corners and owners stay."""
     for k in range(3):
         net.settled[t, k] = net.tri[t, k]
     net.settled[t, 3] = _owners(net, t)
@@ -488,7 +470,7 @@ def _parted_edge(junction: Junction, net: Net, p: int, q: int, count: int) -> in
 
 @jit
 def _seam_on(junction: Junction, net: Net, p: int, q: int) -> float:
-    """Share of the way from direction `p` to `q` at which another vessel's wall begins."""
+    """Find the share of the way from direction `p` to `q` at which another wall begins."""
     low, high = 0.0, 1.0
     for _ in range(40):
         half = 0.5 * (low + high)
@@ -506,18 +488,6 @@ def _seam_on(junction: Junction, net: Net, p: int, q: int) -> float:
 # An edge is flipped while a neighbour's far corner stands over the plane of a triangle, which on
 # the sphere is the same as lying in its circumcircle.
 
-_FLAT = 1e-12
-"""Height over a triangle's plane that is no height: points of one ring lie on one circle."""
-
-_ON_EDGE = 1e-15
-"""Determinants of directions below it are rounding."""
-
-_SAME = 3e-4
-"""Points nearer than that to a corner around them are left out."""
-
-_MOST_FLIPS = 2000
-"""After one point; a handful is usual, and rounding could make them go on for ever."""
-
 
 @jit
 def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
@@ -534,16 +504,16 @@ def _above(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> bool:
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     height = nx * (d[0] - a[0]) + ny * (d[1] - a[1]) + nz * (d[2] - a[2])
-    return height > _FLAT * sqrt(nx * nx + ny * ny + nz * nz)
+    return height > _LIMITS.flat * sqrt(nx * nx + ny * ny + nz * nz)
 
 
 @jit
 def start(
     points: FloatArray, count: int, tri: IntArray, beside: IntArray, chosen: IntArray
 ) -> bool:
-    """First four triangles, from the four of the first ``count`` points that best hold the centre.
+    """Make four triangles of the four of the first ``count`` points that best hold the centre.
 
-    ``chosen`` (4,) is filled with them. False where no four hold it well.
+    They are written to ``chosen`` (4,). False where no four hold it well.
     """
     best = 0.0
     for i in range(count):
@@ -587,7 +557,7 @@ def _locate(points: FloatArray, p: int, tri: IntArray, beside: IntArray, last: i
         for turn in range(3):
             k = (turn + step) % 3
             a, b = tri[t, (k + 1) % 3], tri[t, (k + 2) % 3]
-            if _turn(points[a], points[b], points[p]) < -_ON_EDGE:
+            if _turn(points[a], points[b], points[p]) < -_LIMITS.on_edge:
                 t = beside[t, k]
                 moved = True
                 break
@@ -607,7 +577,7 @@ def _replace(beside: IntArray, t: int, old: int, new: int) -> None:
 def insert(
     points: FloatArray, p: int, tri: IntArray, beside: IntArray, used: int, stack: IntArray
 ) -> int:
-    """Put point ``p`` into the triangulation; returns how many triangles there are then.
+    """Insert point ``p``; return how many triangles there are then.
 
     -1 where ``p`` can't be placed (NaN, or points that rounding can't tell from an edge). Arrays
     must have room for two more.
@@ -619,7 +589,7 @@ def insert(
         near = 0.0
         for axis in range(3):
             near += (points[p, axis] - points[tri[t, k], axis]) ** 2
-        if near < _SAME * _SAME:
+        if near < _LIMITS.same * _LIMITS.same:
             return used
     a, b, c = tri[t, 0], tri[t, 1], tri[t, 2]
     na, nb, nc = beside[t, 0], beside[t, 1], beside[t, 2]
@@ -646,12 +616,12 @@ def insert(
         a, b, d = tri[t, 0], tri[t, 1], tri[o, e]
         # A point on an edge makes a triangle without area, which goes whatever lies beyond.
         flips += 1
-        if flips > _MOST_FLIPS:
+        if flips > _LIMITS.flips:
             return -1
         flat = (
-            _turn(points[a], points[b], points[p]) <= _ON_EDGE
-            and _turn(points[a], points[d], points[p]) > _ON_EDGE
-            and _turn(points[d], points[b], points[p]) > _ON_EDGE
+            _turn(points[a], points[b], points[p]) <= _LIMITS.on_edge
+            and _turn(points[a], points[d], points[p]) > _LIMITS.on_edge
+            and _turn(points[d], points[b], points[p]) > _LIMITS.on_edge
         )
         if not flat and not _above(points[a], points[b], points[p], points[d]):
             continue

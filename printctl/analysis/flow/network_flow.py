@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.hemodynamics.three_d import straighten_edges
-from design.hemodynamics.three_d.ranks import rank_conditions, write_case
+from design.hemodynamics.three_d.ranks import RankOptions, write_case
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
 from printctl.analysis.flow.conditions import Driven
@@ -100,8 +100,7 @@ class NetworkFlow:
         mesh = straighten_edges(mesh_of(self.network, self.space, self.fillet_ratio))[0]
         folder = self.out / RANKS
         model: Any = "navier_stokes" if self.space.inertia else "stokes"
-        steady = self.driven.steady(self.network)
-        write_case(mesh, rank_conditions(mesh, steady, model=model), folder)
+        write_case(mesh, self.driven.steady(self.network), folder, RankOptions(model))
         self.output.files.append(folder)
         self.tell(f"3D flow on {ranks} ranks")
         result = run_on_ranks(folder, ranks, python, self.tell)

@@ -81,7 +81,7 @@ def resolve(
     tell(0.3, f"{len(mesh.tets):,} elements")
     options = options_of(part, conditions.density)
     solution = solve_steady(mesh, conditions, options)
-    ages = residence_time(solution, options=options)
+    ages = residence_time(solution)
     flow = vessel_flows(network, solution)
     summary: dict[str, Any] = {
         "elements": len(mesh.tets),
@@ -115,8 +115,8 @@ def options_of(part: ThreeDPart, density: float) -> FlowOptions:
 
 
 def stepping_of(part: ThreeDPart) -> Stepping:
-    """A recipe's steps and cycles; no fields are kept."""
-    return Stepping(steps=part.steps, cycles=part.most_cycles, frames=0)
+    """A recipe's steps and cycles."""
+    return Stepping(steps=part.steps, cycles=part.most_cycles)
 
 
 def write_resolved(folder: Path, resolved: FlowInMesh) -> tuple[str, str]:

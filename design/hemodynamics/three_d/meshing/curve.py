@@ -23,9 +23,9 @@ from design.solids.remesh import LabelledSurface, Shape
 from kernels.arrays import FloatArray, IntArray
 
 _FACE_EDGES: Final = np.array([[0, 1], [1, 2], [2, 0]])
-_ALONG: Final = tuple(zip(*np.polynomial.legendre.leggauss(3), strict=True))
-"""Where an edge's deviation is looked at, and the weights: Gauss's three places. The deviation
-of a parabola from an arc is of fourth degree; two places leave areas 0.03 % too large."""
+_GAUSS: Final = tuple(zip(*np.polynomial.legendre.leggauss(3), strict=True))
+"""Places and weights at which an edge's deviation is measured. The deviation of a parabola from an
+arc is of fourth degree; two places leave areas 0.03 % too large."""
 _LEVELLINGS: Final = 3
 """Rounds after which faces lie on the shape in the mean, to some 1e-5 of a radius."""
 
@@ -40,18 +40,9 @@ def curve_edges(
     """Give every edge its middle node; those on the wall follow ``shape``.
 
     A parabola through three places of an arc lies inside it in between. The middle is moved out
-    by as much again as makes the edge's mean distance from the shape vanish, so that lumens keep
-    their size: without, a lumen of eight edges around loses 0.2 % of its conductance.
-
-    Parameters
-    ----------
-    surface : LabelledSurface
-        The boundary of the tetrahedra.
-    points : (n, 3) float64, mm
-        Those of the surface first.
-    tets : (t, 4) int64
-    shape : Shape
-    ports : tuple of MeshPort
+    until the edge's mean distance from the shape vanishes: without that, a lumen of eight edges
+    around loses 0.2 % of its conductance. ``points`` (n, 3) begin with those of the tetrahedra's
+    boundary ``surface``.
     """
     pairs = np.sort(tets[:, EDGES].reshape(-1, 2), axis=1)
     count = len(points)
@@ -67,18 +58,14 @@ def curve_edges(
     return LumenMesh(every, np.column_stack([tets, node]), count, faces, surface.label, ports)
 
 
-def _keys(surface: LabelledSurface, count: int) -> IntArray:
-    """Number of each face's edges, (f, 3)."""
-    ends = np.sort(surface.faces[:, _FACE_EDGES], axis=2)
-    return np.asarray(ends[..., 0] * count + ends[..., 1], dtype=np.int64)
-
-
 def _faces_edges(surface: LabelledSurface, key: IntArray, count: int) -> IntArray:
-    return np.searchsorted(key, _keys(surface, count))
+    """Return the number of each face's edges, (f, 3)."""
+    ends = np.sort(surface.faces[:, _FACE_EDGES], axis=2)
+    return np.searchsorted(key, ends[..., 0] * count + ends[..., 1])
 
 
 def _on_boundary(surface: LabelledSurface, key: IntArray, count: int) -> tuple[IntArray, IntArray]:
-    """Edges on the wall or a rim, and the patch of each, as `Shape.onto` takes it."""
+    """Return the edges on the wall or a rim, and the patch of each, as `Shape.onto` takes it."""
     number = _faces_edges(surface, key, count).ravel()
     label = np.repeat(surface.label, 3)
     low, high = np.full(len(key), np.iinfo(np.int64).max), np.full(len(key), -1)
@@ -89,30 +76,25 @@ def _on_boundary(surface: LabelledSurface, key: IntArray, count: int) -> tuple[I
 
 
 def _followed(ends: FloatArray, patch: IntArray, shape: Shape) -> FloatArray:
-    """Middles of edges (e, 2, 3) such that their parabolas lie on the shape in the mean."""
+    """Place middles of edges (e, 2, 3) so that their parabolas lie on the shape in the mean."""
     middle = shape.onto(ends.mean(axis=1), patch)
     for _ in range(2):
         gap = np.zeros_like(middle)
-        for place, weight in _ALONG:
-            first, last, bulge = _parabola(0.5 * (1.0 + place))
-            on = first * ends[:, 0] + last * ends[:, 1] + bulge * middle
+        for place, weight in _GAUSS:
+            t = 0.5 * (1.0 + place)
+            first, last = (1.0 - t) * (1.0 - 2.0 * t), t * (2.0 * t - 1.0)
+            on = first * ends[:, 0] + last * ends[:, 1] + 4.0 * t * (1.0 - t) * middle
             gap += 0.5 * weight * (shape.onto(on, patch) - on)
         # The bulge's share of the mean along the edge is 2/3.
         middle = middle + 1.5 * gap
     return middle
 
 
-def _parabola(t: float) -> tuple[float, float, float]:
-    """Weights of the ends and the middle at a share ``t`` of an edge."""
-    return (1.0 - t) * (1.0 - 2.0 * t), t * (2.0 * t - 1.0), 4.0 * t * (1.0 - t)
-
-
 def _level(points: FloatArray, faces: IntArray, free: IntArray, shape: Shape) -> None:
     """Move the ``free`` middles until faces (f, 6), too, lie on the shape in the mean.
 
-    Edges that do leave the faces between them bulging, by 0.02 % of a lumen's volume. A face
-    follows its three middles as a whole (each has a third of its mean): each goes by the mean of
-    what its two faces are off. Rims stay, and with them the ports' areas.
+    Without it faces bulge by 0.02 % of a lumen's volume. A middle moves by the mean of its two
+    faces' distances. Rims stay, and with them the ports' areas.
     """
     at, weight = triangle_rule()
     value = quadratic(np.column_stack([at, np.zeros(len(at))]))[0][:, [0, 1, 2, 4, 5, 6]]
@@ -127,21 +109,21 @@ def _level(points: FloatArray, faces: IntArray, free: IntArray, shape: Shape) ->
 
 
 # Check curved tetrahedra for folding by bounds of the Jacobian; straighten those that fold.
-#
-# A quadratic tetrahedron's Jacobian determinant is a cubic. Written in Bernstein polynomials, it
-# lies between the least and greatest of its 20 coefficients everywhere in the element (Johnen,
-# Remacle & Geuzaine 2013, doi 10.1016/j.jcp.2012.08.051), so that positive coefficients prove it.
 
 LEAST: Final = 0.05
-"""Least Bernstein coefficient, as part of the straight element's determinant, that is let pass."""
+"""Least Bernstein coefficient over the straight element's determinant that isn't straightened."""
 _HALVINGS: Final = 4
+"""Of an edge's bulge, before it is made straight."""
 _CHUNK: Final = 20_000
+"""Elements at a time, to save memory."""
 
 
 def least_jacobian(mesh: LumenMesh) -> FloatArray:
-    """Lower bound of each element's Jacobian over that of the straight one, (t,); 1 if straight.
+    """Bound each element's Jacobian over that of the straight one, (t,), from below; 1 if straight.
 
-    Positive where the element is mapped one to one for certain.
+    Positive where the element is mapped one to one for certain. A quadratic tetrahedron's Jacobian
+    determinant is a cubic, which lies between the least and the greatest of its 20 Bernstein
+    coefficients (Johnen, Remacle & Geuzaine 2013, doi 10.1016/j.jcp.2012.08.051).
 
     Raises
     ------
@@ -158,9 +140,9 @@ def least_jacobian(mesh: LumenMesh) -> FloatArray:
 
 
 def straighten_edges(mesh: LumenMesh, least: float = LEAST) -> tuple[LumenMesh, int]:
-    """The mesh with edges drawn towards straight where elements would fold, and how many did.
+    """Straighten the edges of elements that may fold; return the mesh, and how many there were.
 
-    Edges of a bad element go half the way to straight, and again, and at last the whole.
+    Edges of a bad element go half the way to straight, four times, and then the whole.
 
     Raises
     ------
@@ -182,7 +164,7 @@ def straighten_edges(mesh: LumenMesh, least: float = LEAST) -> tuple[LumenMesh, 
 
 
 def _middles(mesh: LumenMesh) -> FloatArray:
-    """Straight middle of every edge at its node's place; corners as they are."""
+    """Return the points with every edge's node at its straight middle."""
     points = mesh.points.copy()
     points[mesh.tets[:, 4:]] = mesh.points[mesh.tets[:, EDGES]].mean(axis=2)
     return points
@@ -205,7 +187,7 @@ def _check_corners(mesh: LumenMesh, straight: FloatArray) -> None:
 
 
 def _coefficients(nodes: FloatArray) -> FloatArray:
-    """Bernstein coefficients (t, 20) of the determinant of elements (t, 10, 3)."""
+    """Return the determinant's Bernstein coefficients (t, 20) of elements (t, 10, 3)."""
     corner = nodes[:, :4]
     control = np.empty((len(nodes), 4, 4, 3))
     for i in range(4):
@@ -221,7 +203,7 @@ def _coefficients(nodes: FloatArray) -> FloatArray:
 
 
 def _gathered(triple: FloatArray, key: tuple[int, ...]) -> FloatArray:
-    """All products of three linear coefficients that share a Bernstein polynomial."""
+    """Sum the products of three linear coefficients that share a Bernstein polynomial."""
     orders = [ijk for ijk in product(range(4), repeat=3) if tuple(sorted(ijk)) == key]
     total = sum(triple[:, i, j, k] for i, j, k in orders)
     weight = np.prod([factorial(key.count(i)) for i in range(4)]) / factorial(3)

@@ -80,19 +80,19 @@ class LumenMesh:
 
 @cache
 def multi_indices(degree: int) -> IntArray:
-    """All α of four non-negative integers whose sum is ``degree``, (n, 4)."""
+    """Return all α of four non-negative integers whose sum is ``degree``, (n, 4)."""
     return np.array(
         [a for a in product(range(degree, -1, -1), repeat=4) if sum(a) == degree], dtype=np.int64
     )
 
 
 def nodes(degree: int) -> FloatArray:
-    """Barycentric coordinates of the nodes, (n, 4)."""
+    """Return the nodes' barycentric coordinates, (n, 4)."""
     return np.asarray(multi_indices(degree) / degree, dtype=np.float64)
 
 
 def shapes(degree: int, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Values (q, n) and derivatives (q, n, 4) by barycentric coordinates ``at`` (q, 4)."""
+    """Evaluate shape functions (q, n) and derivatives (q, n, 4) at barycentric ``at`` (q, 4)."""
     value, slope = _powers(degree, at)
     index = multi_indices(degree)
     factors = np.stack([value[:, c, index[:, c]] for c in range(4)], axis=-1)
@@ -105,7 +105,7 @@ def shapes(degree: int, at: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _powers(degree: int, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Factor of one corner for each α_c, (q, 4, degree + 1), and its derivative."""
+    """Return the factor of one corner for each α_c, (q, 4, degree + 1), and its derivative."""
     value = np.ones((*at.shape, degree + 1))
     slope = np.zeros_like(value)
     for j in range(degree):
@@ -116,7 +116,7 @@ def _powers(degree: int, at: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def quadratic(at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Values (q, 10) and derivatives (q, 10, 4) of a curved tetrahedron's map at ``at`` (q, 4)."""
+    """Evaluate a curved tetrahedron's map (q, 10) and derivatives (q, 10, 4) at ``at`` (q, 4)."""
     first, second = EDGES.T
     value = np.concatenate([at * (2.0 * at - 1.0), 4.0 * at[:, first] * at[:, second]], axis=1)
     slope = np.zeros((len(at), 10, 4))
@@ -130,7 +130,7 @@ def quadratic(at: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @cache
 def tetrahedron_rule(points: int) -> tuple[FloatArray, FloatArray]:
-    """Barycentric points (n³, 4) and weights (n³,), whose sum is 1/6, exact to degree 2n - 3.
+    """Return barycentric points (n³, 4) and weights (n³,) of sum 1/6, exact to degree 2n - 3.
 
     Gauss's rule on a cube, collapsed (Duffy 1982, doi 10.1137/0719090).
     """
@@ -144,7 +144,7 @@ def tetrahedron_rule(points: int) -> tuple[FloatArray, FloatArray]:
 
 @cache
 def triangle_rule() -> tuple[FloatArray, FloatArray]:
-    """Barycentric points (6, 3) and weights (6,), whose sum is 1, exact to degree 4.
+    """Return barycentric points (6, 3) and weights (6,) of sum 1, exact to degree 4.
 
     Dunavant 1985, doi 10.1002/nme.1620210612; the numbers in closed form.
     """
@@ -159,7 +159,7 @@ def triangle_rule() -> tuple[FloatArray, FloatArray]:
 
 
 def jacobian(node: FloatArray, slope: FloatArray) -> FloatArray:
-    """dx/dξ (t, q, 3, 3) of elements (t, 10, 3); ξ are the coordinates of corners 1, 2 and 3."""
+    """Return dx/dξ (t, q, 3, 3) of elements (t, 10, 3); ξ: coordinates of corners 1, 2 and 3."""
     by_corner = slope[:, :, 1:] - slope[:, :, :1]
     return np.asarray(np.einsum("tnx,qna->tqxa", node, by_corner, optimize=True))
 
@@ -167,7 +167,7 @@ def jacobian(node: FloatArray, slope: FloatArray) -> FloatArray:
 def gradients(
     values: FloatArray, node: FloatArray, degree: int, at: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Gradient (t, q, c, 3) of fields (t, n, c) and the Jacobian (t, q, 3, 3), at ``at`` (q, 4)."""
+    """Return the gradient (t, q, c, 3) of fields (t, n, c) and the Jacobian, at ``at`` (q, 4)."""
     _, by_node = shapes(degree, at)
     map_slope = jacobian(node, quadratic(at)[1])
     by_corner = by_node[:, :, 1:] - by_node[:, :, :1]

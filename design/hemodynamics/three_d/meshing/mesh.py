@@ -9,7 +9,6 @@ import numpy as np
 from manifold3d import Manifold
 
 from design.errors import FlowError
-from design.geometry.crossings import find_crossings
 from design.geometry.polyline import vectors_across
 from design.geometry.surface import Surface
 from design.hemodynamics.three_d.meshing.curve import curve_edges
@@ -18,6 +17,9 @@ from design.hemodynamics.three_d.meshing.surface import (
     axis_places,
     check_surface,
     facet_wall,
+    place_text,
+    port_labels,
+    refuse_crossings,
     wall_surface,
 )
 from design.hemodynamics.three_d.meshing.wall import free_ends, lumen_wall
@@ -26,18 +28,26 @@ from design.solids.manifolds import denoised, subtract, to_manifold
 from design.solids.remesh import LabelledSurface, remesh
 from kernels.arrays import FloatArray, IntArray
 
-INSIDE: Final = 0.6
-"""Longest edge on a vessel's axis over that on its wall. Measured on the planar network: flat
-elements that fold when curved fall from 2,560 of 13,365 to 9 of 8,989, with fewer elements."""
-_COARSEST: Final = 0.7
-"""Edge ratio from which on the inside isn't made coarser: elements with all corners on the wall
-fold, and straightening them takes 1 to 4 % of a fork's volume and adds 3 to 13 % to its resistance
-(edge ratios 0.8 to 1); so, it is 0.1 % and 0.6 %."""
+
+class _Sizes(NamedTuple):
+    """Sizes of a lumen's elements."""
+
+    # Longest edge on an axis over that on the wall. On the planar network elements that fold when
+    # curved fall from 2,560 of 13,365 to 9 of 8,989.
+    on_axis: float = 0.6
+    # Edge ratio from which on the inside isn't coarser. Without it straightening takes 1 to 4 % of
+    # a fork's volume and adds 3 to 13 % to its resistance (edge ratios 0.8 to 1); so 0.1 and 0.6 %.
+    coarsest: float = 0.7
+    growth: float = 0.3  # of edges away from the wall: Netgen's grading, 0 to 1
+    inside: float = 2.0  # longest edge inside over the longest on the surface
+
+
+_SIZES: Final = _Sizes()
 
 
 @dataclass(frozen=True)
 class MeshOptions:
-    """How fine a lumen is meshed, and how its junctions are rounded.
+    """Options of meshing a network's lumens.
 
     Attributes
     ----------
@@ -45,16 +55,13 @@ class MeshOptions:
         Length of an edge on the wall over the lumen's radius.
     fillet_ratio : float
         Radius of the fillet at a junction over that of its thinnest vessel.
-    growth : float
-        How fast edges may grow away from the wall, 0 to 1.
     """
 
     edge_ratio: float = 0.7
     fillet_ratio: float = 0.5
-    growth: float = 0.3
 
     def __post_init__(self) -> None:
-        _check_ranges(self, edge_ratio=(0.1, 1.0), fillet_ratio=(0.05, 2.0), growth=(0.05, 1.0))
+        _check_ranges(self, edge_ratio=(0.1, 1.0), fillet_ratio=(0.05, 2.0))
 
 
 def _check_ranges(options: object, **limits: tuple[float, float]) -> None:
@@ -87,9 +94,9 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
     wall = lumen_wall(network, options.fillet_ratio, options.edge_ratio)
     surface = wall_surface(network, wall, options.fillet_ratio)
     check_surface(surface, wall, options.fillet_ratio)
-    spacing = INSIDE * min(options.edge_ratio, _COARSEST)
+    spacing = _SIZES.on_axis * min(options.edge_ratio, _SIZES.coarsest)
     inside, size, _ = axis_places(network, spacing)
-    points, tets = fill(surface, inside, size, options.growth)
+    points, tets = fill(surface, inside, size)
     return curve_edges(surface, points, tets, wall, wall.ports)
 
 
@@ -98,24 +105,21 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
 
 @dataclass(frozen=True)
 class SurfaceOptions:
-    """How fine a lumen's surface is meshed, and whether its noise is taken off.
+    """Options of meshing a lumen given as a surface.
 
     Attributes
     ----------
     edge_ratio : float
         Length of an edge on the wall over the lumen's radius in the network.
-    growth : float
-        How fast edges may grow away from the wall, 0 to 1.
     smooth_passes : int
         Of `denoised`; 0 for a surface that is meant as it is.
     """
 
     edge_ratio: float = 0.5
-    growth: float = 0.3
     smooth_passes: int = 0
 
     def __post_init__(self) -> None:
-        _check_ranges(self, edge_ratio=(0.1, 1.2), growth=(0.05, 1.0), smooth_passes=(0, 1000))
+        _check_ranges(self, edge_ratio=(0.1, 1.2), smooth_passes=(0, 1000))
 
 
 def surface_mesh(
@@ -134,7 +138,7 @@ def surface_mesh(
         Outward by the right hand. The surface is cut square to the vessels at the free ends, and
         so has to reach them; it may go on beyond.
     network : VesselNetwork
-        Where it ends, and about how wide it is where.
+        Its free ends, and about its radii.
     options : SurfaceOptions, optional
 
     Raises
@@ -153,45 +157,23 @@ def surface_mesh(
     cut = cut_ends(points, np.asarray(faces, dtype=np.int64), ends)
     wall = facet_wall(cut.wall, network, cut.ports, options.edge_ratio)
     surface = remesh(cut.surface, wall)
-    _check(surface, network)
-    inside, size, _ = axis_places(network, INSIDE * options.edge_ratio)
-    filled, tets = fill(surface, inside, size, options.growth)
+    refuse_crossings(surface, "take noise off (more smooth_passes), or give a smaller edge_ratio")
+    inside, size, _ = axis_places(network, _SIZES.on_axis * options.edge_ratio)
+    filled, tets = fill(surface, inside, size)
     return curve_edges(surface, filled, tets, wall, cut.ports)
-
-
-def _check(surface: LabelledSurface, network: VesselNetwork) -> None:
-    """Refuse what would bring Netgen down, and with it the process: triangles through others."""
-    crossing = find_crossings(surface.vertices, surface.faces).pairs
-    if len(crossing):
-        place = surface.vertices[surface.faces[crossing[0, 0]]].mean(axis=0)
-        near = int(np.argmin(np.linalg.norm(network.nodes - place, axis=1)))
-        raise FlowError(
-            f"{len(crossing)} triangles of the lumen's remade surface pass through others, one at "
-            f"({', '.join(f'{x:.4g}' for x in place)}) mm (nearest node: {near}); take noise off "
-            "(more smooth_passes), or give a smaller edge_ratio"
-        )
 
 
 # Fill a closed triangulated surface with tetrahedra, by Netgen.
 
-_COARSE = 2.0
-"""Longest edge inside, over the longest on the surface."""
-
 
 def fill(
-    surface: LabelledSurface, inside: FloatArray, size: FloatArray, growth: float
+    surface: LabelledSurface, inside: FloatArray, size: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """Points (n, 3), those of the surface first, and positively oriented tetrahedra (t, 4).
+    """Fill a surface: points (n, 3), its own first, and positively oriented tetrahedra (t, 4).
 
-    Parameters
-    ----------
-    surface : LabelledSurface
-    inside : (k, 3) float64, mm
-        Places where edges aren't to be longer than ``size`` (k,), mm. On the vessels' axes they
-        give every wall triangle an inner corner of its own: a tetrahedron with all corners on
-        the wall is flat, and folds when its edges are bent.
-    growth : float
-        Netgen's grading: how fast edges may grow, 0 to 1.
+    At places ``inside`` (k, 3) edges aren't longer than ``size`` (k,), mm. On the vessels' axes
+    these give every wall triangle an inner corner of its own: a tetrahedron with all corners on
+    the wall is flat, and folds when its edges are bent.
 
     Raises
     ------
@@ -200,17 +182,17 @@ def fill(
     """
     meshing = _netgen()
     mesh = _bounded(meshing, surface)
-    mesh.CalcLocalH(growth, 1)
+    mesh.CalcLocalH(_SIZES.growth, 1)
     for (x, y, z), h in zip(inside.tolist(), size.tolist(), strict=True):
         mesh.RestrictLocalH(meshing.Pnt(x, y, z), h)
     edges = surface.vertices[surface.faces] - surface.vertices[surface.faces[:, [1, 2, 0]]]
-    longest = _COARSE * float(np.linalg.norm(edges, axis=2).max())
+    longest = _SIZES.inside * float(np.linalg.norm(edges, axis=2).max())
     try:
-        mesh.GenerateVolumeMesh(maxh=longest, grading=growth)
+        mesh.GenerateVolumeMesh(maxh=longest, grading=_SIZES.growth)
     except Exception as exc:  # Netgen raises its own kind, with no more than a line.
         raise FlowError(f"Netgen found no tetrahedra between the walls: {exc}") from exc
     points = np.array(mesh.Coordinates())  # A view of memory that goes with the mesh.
-    tets = _corners(mesh.Elements3D())
+    tets = np.asarray(mesh.Elements3D().NumPy()["nodes"][:, :4], dtype=np.int64) - 1
     if len(tets) == 0:
         raise FlowError("Netgen found no tetrahedra between the walls; try another mesh size")
     if not np.array_equal(points[: len(surface.vertices)], surface.vertices):
@@ -231,7 +213,7 @@ def _netgen() -> Any:
 
 
 def _bounded(meshing: Any, surface: LabelledSurface) -> Any:
-    """A Netgen mesh that holds the surface alone."""
+    """Make a Netgen mesh of the surface alone."""
     mesh = meshing.Mesh(dim=3)
     mesh.AddPoints(np.ascontiguousarray(surface.vertices))
     for label in range(int(surface.label.max()) + 1):
@@ -241,12 +223,6 @@ def _bounded(meshing: Any, surface: LabelledSurface) -> Any:
         if len(mine):
             mesh.AddElements(dim=2, index=number, data=mine.astype(np.int32), base=0)
     return mesh
-
-
-def _corners(elements: Any) -> IntArray:
-    """Numbers of the corners of Netgen's tetrahedra, from 0, (t, 4)."""
-    table = elements.NumPy()
-    return np.asarray(table["nodes"][:, :4], dtype=np.int64) - 1
 
 
 def _oriented(points: FloatArray, tets: IntArray) -> IntArray:
@@ -259,37 +235,31 @@ def _oriented(points: FloatArray, tets: IntArray) -> IntArray:
 
 # Cut a closed lumen surface flat at the network's ends; label its faces as wall or port.
 
-_WIDE: Final = 2.5
-"""Port radii around a free end within which the lumen is cut; beyond may be another vessel."""
-_DEEP: Final = 2.0
-"""Port radii of lumen that are taken away beyond a free end."""
-_FLAT: Final = 1e-6
-"""Port radii off its plane that still count as in it."""
-_SLICES: Final = 64
-_LEAST_AREA: Final = 0.1
+
+class _Cut(NamedTuple):
+    """Cylinder that cuts a free end flat; lengths in the port's radii."""
+
+    reach: float = 2.5  # its radius; beyond may be another vessel
+    depth: float = 2.0  # its length
+    flat: float = 1e-6  # distance from the port's plane that counts as in it
+    sides: int = 64
+    area: float = 0.1  # least area of the cut over the network's; its inverse is the greatest
+
+
+_CUT: Final = _Cut()
 
 
 @dataclass(frozen=True)
 class CutSurface:
-    """A lumen that is flat at its ports.
+    """A lumen that is flat at its ports."""
 
-    Attributes
-    ----------
-    surface : LabelledSurface
-        Closed; labels are those of `LumenMesh`.
-    ports : tuple of MeshPort
-        With the middle and the size of what was cut.
-    wall : Surface
-        The wall before the cut, which has no needles along the rims, and goes on beyond them.
-    """
-
-    surface: LabelledSurface
-    ports: tuple[MeshPort, ...]
-    wall: Surface
+    surface: LabelledSurface  # closed; labels are those of `LumenMesh`
+    ports: tuple[MeshPort, ...]  # with the middle and the size of the cut faces
+    wall: Surface  # before the cut: without needles along the rims, and beyond them
 
 
 class _Body(NamedTuple):
-    """A connected part before the cut, its caps labelled, and what of it the ports lead into."""
+    """A connected part before the cut, its caps labelled, and the pieces of it with ports."""
 
     before: LabelledSurface
     pieces: list[LabelledSurface]
@@ -321,7 +291,7 @@ def cut_ends(vertices: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...])
 
 def _bodies(vertices: FloatArray, faces: IntArray) -> list[Manifold]:
     whole = to_manifold(vertices, faces, "the lumen's surface")
-    # What lies within a body, a speck of wall in the lumen, has a volume below 0.
+    # A speck of wall in the lumen has a volume below 0.
     return [body for body in whole.decompose() if body.volume() > 0.0]
 
 
@@ -330,7 +300,7 @@ def _cut(body: Manifold, ports: tuple[MeshPort, ...]) -> _Body:
     pieces = []
     for part in subtract(body, [_tool(port) for port in ports]).decompose():
         corners, triangles = manifold_arrays(part)
-        label = _labels(corners, triangles, ports)
+        label = port_labels(corners, triangles, ports, _CUT.flat, _CUT.reach)
         if label.any():
             pieces.append(LabelledSurface(corners, triangles, label))
     return _Body(LabelledSurface(points, faces, _beyond(points, faces, ports)), pieces)
@@ -346,13 +316,13 @@ def _joined(parts: list[LabelledSurface]) -> LabelledSurface:
 
 
 def _check_reached(parts: list[LabelledSurface], ports: tuple[MeshPort, ...]) -> None:
-    """Each port is there, and each part has a way in and one out."""
+    """Raise `FlowError` if a port is missing, or a part has no inlet or no outlet."""
     reached = {int(k) - 1 for part in parts for k in np.unique(part.label)}
     for number, port in enumerate(ports):
         if number not in reached:
             raise FlowError(
-                f"the lumen's surface doesn't reach node {port.node} at "
-                f"{_place(port)}; bring it into the network's frame, or draw it out to there"
+                f"the lumen's surface doesn't reach node {port.node} at {place_text(port.centre)}; "
+                "bring it into the network's frame, or draw it out to there"
             )
     for part in parts:
         here = [ports[k - 1] for k in np.unique(part.label[part.label != WALL])]
@@ -369,54 +339,41 @@ def _beyond(points: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]) ->
     label = np.full(len(faces), WALL)
     for k, port in enumerate(ports):
         away = points - port.centre
-        beyond = away @ port.outward > -_FLAT * port.radius_mm
-        near = np.einsum("nd,nd->n", away, away) < ((_WIDE + _DEEP) * port.radius_mm) ** 2
+        beyond = away @ port.outward > -_CUT.flat * port.radius_mm
+        near = np.einsum("nd,nd->n", away, away) < ((_CUT.reach + _CUT.depth) * port.radius_mm) ** 2
         label[(beyond & near)[faces].all(axis=1)] = k + 1
     return label
 
 
-def _place(port: MeshPort) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in port.centre) + ") mm"
-
-
 def _tool(port: MeshPort) -> Manifold:
-    """A cylinder beyond a port."""
+    """Make a cylinder beyond a port."""
     size = port.radius_mm
     turn = np.column_stack([*vectors_across(port.outward), port.outward, port.centre])
-    return Manifold.cylinder(_DEEP * size, _WIDE * size, _WIDE * size, _SLICES).transform(turn)
+    return Manifold.cylinder(
+        _CUT.depth * size, _CUT.reach * size, _CUT.reach * size, _CUT.sides
+    ).transform(turn)
 
 
 def manifold_arrays(part: Manifold) -> tuple[FloatArray, IntArray]:
-    """Vertices (n, 3), mm, and faces (f, 3)."""
+    """Return vertices (n, 3), mm, and faces (f, 3)."""
     mesh = part.to_mesh64()
     points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
     return points, np.array(mesh.tri_verts, dtype=np.int64)
 
 
-def _labels(points: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]) -> IntArray:
-    label = np.full(len(faces), WALL)
-    corner = points[faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    for k, port in enumerate(ports):
-        away = points - port.centre
-        flat = np.abs(away @ port.outward) < _FLAT * port.radius_mm
-        near = np.linalg.norm(away, axis=1) < _WIDE * port.radius_mm
-        label[(flat & near)[faces].all(axis=1) & (normal @ port.outward > 0.0)] = k + 1
-    return label
-
-
 def _measured(surface: LabelledSurface, number: int, port: MeshPort) -> MeshPort:
-    """The port with the middle and the size of its faces."""
+    """Return the port with the middle and the size of its faces."""
     corner = surface.vertices[surface.faces[surface.label == number + 1]]
     twice = np.linalg.norm(
         np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
     )
     area = 0.5 * float(twice.sum())
     meant = np.pi * port.radius_mm**2
-    if not _LEAST_AREA < area / meant < 1.0 / _LEAST_AREA:
+    if not _CUT.area < area / meant < 1.0 / _CUT.area:
         raise FlowError(
-            f"the lumen's surface has {area:.3g} mm² at node {port.node} at {_place(port)}, and "
-            f"the network {meant:.3g}; bring it into the network's frame"
+            f"the lumen's surface has {area:.3g} mm² at node {port.node} at "
+            f"{place_text(port.centre)}, and the network {meant:.3g}; bring it into the network's "
+            "frame"
         )
     centre = (corner.mean(axis=1) * twice[:, None]).sum(axis=0) / twice.sum()
     return replace(port, centre=centre, radius_mm=float(np.sqrt(area / np.pi)))

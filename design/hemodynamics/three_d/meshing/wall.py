@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, sqrt
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -15,36 +15,37 @@ from design.solids.smooth.fillet import COLUMNS, rounded_distance, wall_distance
 from kernels import jit
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
-BEYOND = 3.0
-"""Radii by which the field goes on beyond a free end, so that it is a tube's there."""
-_KINK = np.cos(np.radians(15.0))
-"""Where a polyline turns by more it has a fillet, as at a node; not where its pieces are shorter
-than a radius, as those of a rough centreline are."""
-_ROOM = 2.0
-"""Over the distance of the seam's end: with `FADE` a fillet is whole to 4/3 of it."""
+
+class _Field(NamedTuple):
+    """Constants of the wall's signed distance."""
+
+    beyond: float = 3.0  # radii by which a free end goes on, so that the field is a tube's there
+    # A polyline that turns by more has a fillet, unless its pieces are shorter than a radius, as
+    # those of a rough centreline are.
+    kink: float = float(np.cos(np.radians(15.0)))
+    seam: float = 2.0  # reach of a fillet over the distance of its seam's end
+    fade: float = 3.0  # a fillet is whole up to 1 - 1/fade of its reach: 4/3 of its seam
+    sharpness: int = 8  # power of distance by which fillets are blended
+    pieces: int = 64  # nearest ones that make a fillet; a finely drawn curve has many
+    probe: float = 1e-4  # of the fillet's radius: step of differences
+    steps: int = 12  # Newton's, onto the wall
+    flattest: float = 0.25  # least squared slope of a step; between walls the field is flat
+    settled: float = 1e-9  # mm from the wall
+
+
+FIELD: Final = _Field()
+_MAX_CELLS: Final = 4_000_000
+"""Of the grid that sorts pieces: 32 MB."""
 
 
 class Cells(NamedTuple):
-    """Boxes by the cells that they reach into.
+    """Boxes by the cells of a grid that they reach into."""
 
-    Attributes
-    ----------
-    low : (3,) float64, mm
-        Corner of the grid.
-    size : float, mm
-        Of a cell.
-    shape : (3,) int64
-    first : (cells + 1,) int64
-        Where each cell's boxes begin in ``item``.
-    item : (k,) int64
-        Numbers of boxes.
-    """
-
-    low: FloatArray
-    size: float
-    shape: IntArray
-    first: IntArray
-    item: IntArray
+    low: FloatArray  # (3,), mm, corner of the grid
+    size: float  # mm, of a cell
+    shape: IntArray  # (3,)
+    first: IntArray  # (cells + 1,), where each cell's boxes begin in ``item``
+    item: IntArray  # (k,), numbers of boxes
 
 
 @dataclass(frozen=True)
@@ -54,62 +55,53 @@ class LumenWall:
     Pieces are cones with a ball at either end (`wall_distance`), united and closed by a rolling
     ball (`rounded_distance`) whose radius is the junction's own: the lumen that `lumen_solid`
     makes, as a function.
-
-    Attributes
-    ----------
-    rows : (n, 10) float64
-        Of `wall_rows`, free ends drawn out by `BEYOND` radii.
-    joints : (m, 6) float64, mm
-        Place, ball's radius, fillet's radius and how far it reaches, of each node where vessels
-        meet and each kink of a polyline.
-    cells : Cells
-        Pieces near a place.
-    ports : tuple of MeshPort
-    ratio : float
-        Wanted edge length over the lumen's radius.
     """
 
-    rows: FloatArray
-    joints: FloatArray
-    cells: Cells
+    rows: FloatArray  # (n, 10), of `wall_rows`, free ends drawn out
+    joints: FloatArray  # (m, 6), mm: place, radii of vessel and fillet, reach; of nodes and kinks
+    cells: Cells  # pieces near a place
     ports: tuple[MeshPort, ...]
-    ratio: float
+    ratio: float  # wanted edge length over the lumen's radius
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Signed distance at each of ``points`` (n, 3), mm; right in sign and zero."""
+        """Return the signed distance at ``points`` (n, 3), mm; right in sign and zero."""
         signed = np.empty(len(points))
         distances(self.rows, self.joints, self.cells, np.ascontiguousarray(points), signed)
         return signed
 
     def size(self, points: FloatArray) -> FloatArray:
-        """Wanted edge length at each point, mm: a share of the nearest vessel's radius."""
+        """Return the wanted edge length at each point, mm: a share of the nearest radius."""
         sizes = np.empty(len(points))
         radii(self.rows, self.cells, np.ascontiguousarray(points), sizes)
         return self.ratio * sizes
 
     def onto(self, points: FloatArray, patch: IntArray) -> FloatArray:
-        """Points moved onto the wall, onto their port, or onto the rim between (see `Shape`)."""
+        """Move points onto the wall, onto their port, or onto the rim between (see `Shape`)."""
         moved = np.array(points, dtype=np.float64)
-        port = np.where(patch < 0, -1 - patch, patch) - 1
-        plane = np.zeros((len(points), 3))
-        for k, each in enumerate(self.ports):
-            mine = port == k
-            plane[mine] = each.outward
-            moved[mine] -= np.outer((moved[mine] - each.centre) @ each.outward, each.outward)
+        port = ports_of(patch)
+        drop_into_ports(moved, port, self.ports)
+        plane = np.array([*(each.outward for each in self.ports), np.zeros(3)])[port]
         project(self.rows, self.joints, self.cells, moved, plane, patch <= 0)
         return moved
+
+
+def ports_of(patch: IntArray) -> IntArray:
+    """Return the port of each patch or rim (see `Shape`); -1 for the wall."""
+    return np.where(patch < 0, -1 - patch, patch) - 1
+
+
+def drop_into_ports(points: FloatArray, port: IntArray, ports: tuple[MeshPort, ...]) -> None:
+    """Move points into the plane of their port, in place; -1 for none."""
+    for k, each in enumerate(ports):
+        mine = port == k
+        points[mine] -= np.outer((points[mine] - each.centre) @ each.outward, each.outward)
 
 
 def lumen_wall(network: VesselNetwork, fillet_ratio: float, ratio: float) -> LumenWall:
     """Make the field of a network's lumens.
 
-    Parameters
-    ----------
-    network : VesselNetwork
-    fillet_ratio : float
-        Radius of the rolling ball at a junction over that of its thinnest vessel.
-    ratio : float
-        Wanted edge length over the lumen's radius.
+    ``fillet_ratio`` is the rolling ball's radius at a junction over that of its thinnest vessel,
+    ``ratio`` the wanted edge length over the lumen's radius.
 
     Raises
     ------
@@ -126,9 +118,14 @@ def lumen_wall(network: VesselNetwork, fillet_ratio: float, ratio: float) -> Lum
     axis = (end - start) / length[:, None]
     ports = free_ends(network)
     slope = (r1 - r0) / length
-    ends = [_beyond(network, port) for port in ports]
-    rows = np.concatenate(
-        [wall_rows(start, axis, length, r0, slope), np.reshape(ends, (-1, COLUMNS))]
+    # Free ends go on.
+    wide = np.array([port.radius_mm for port in ports])
+    rows = wall_rows(
+        np.concatenate([start, *(port.centre[None] for port in ports)]),
+        np.concatenate([axis, *(port.outward[None] for port in ports)]),
+        np.concatenate([length, FIELD.beyond * wide]),
+        np.concatenate([r0, wide]),
+        np.concatenate([slope, np.zeros(len(ports))]),
     )
     joints = _joints(network, fillet_ratio)
     reach = 3.0 * (joints[:, 4].max() if len(joints) else 0.0)
@@ -136,7 +133,7 @@ def lumen_wall(network: VesselNetwork, fillet_ratio: float, ratio: float) -> Lum
 
 
 def free_ends(network: VesselNetwork) -> tuple[MeshPort, ...]:
-    """A port at every free end, square to its vessel."""
+    """Make a port at every free end, square to its vessel."""
     inlets = set(network.inlets().tolist())
     ports = []
     for node in np.flatnonzero(network.degree() == 1).tolist():
@@ -150,16 +147,8 @@ def free_ends(network: VesselNetwork) -> tuple[MeshPort, ...]:
     return tuple(ports)
 
 
-def _beyond(network: VesselNetwork, port: MeshPort) -> FloatArray:
-    """The row of a piece that draws a free end out."""
-    length = np.array([BEYOND * port.radius_mm])
-    return wall_rows(
-        port.centre[None], port.outward[None], length, np.array([port.radius_mm]), np.zeros(1)
-    )
-
-
 def _joints(network: VesselNetwork, fillet_ratio: float) -> FloatArray:
-    """Rows of `LumenWall.joints`: nodes where vessels meet, and kinks of polylines."""
+    """Return the rows of `LumenWall.joints`: nodes where vessels meet, kinks of polylines."""
     at, way, radius, place = _branches(network)
     order = np.argsort(at, kind="stable")
     rows = []
@@ -172,7 +161,7 @@ def _joints(network: VesselNetwork, fillet_ratio: float) -> FloatArray:
 
 
 def _branches(network: VesselNetwork) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """What leaves each node or kink: its number, unit direction, radius, place."""
+    """Return node or kink, unit direction, radius and place of each branch that leaves one."""
     start, end, r0, r1, _ = network.pieces()
     way = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
     inner, first = np.arange(len(network.points)), network.offset[:-1]
@@ -187,26 +176,26 @@ def _branches(network: VesselNetwork) -> tuple[IntArray, FloatArray, FloatArray,
     piece = np.searchsorted(begins, within)
     along = np.einsum("ij,ij->i", way[piece], way[piece - 1])
     long = np.linalg.norm(end - start, axis=1) > np.minimum(r0, r1)
-    kink = (along < _KINK) & long[piece] & long[piece - 1]
+    kink = (along < FIELD.kink) & long[piece] & long[piece - 1]
     smooth = np.isin(at, number[within[~kink]])
     radius, place = np.concatenate([r0, r1]), np.concatenate([start, end])
     return at[~smooth], ways[~smooth], radius[~smooth], place[~smooth]
 
 
 def _seam(way: FloatArray, radius: FloatArray, ball: float) -> float:
-    """How far from a node the ball still touches two vessels, mm, with room for it to fade.
+    """Return the reach of a node's fillet, mm.
 
-    Its centre is as far from both axes as it is from their walls, in the plane of the two:
+    The ball's centre is as far from both axes as it is from their walls, in the plane of the two:
     (r + ρ) / sin(θ/2) from the node at an angle θ between them.
     """
     i, j = np.triu_indices(len(way), 1)
     half = np.sqrt(np.clip(0.5 * (1.0 - np.einsum("ij,ij->i", way[i], way[j])), 1e-4, None))
     wide = np.maximum(radius[i], radius[j]) + ball
-    return float(_ROOM * (wide / half).max())
+    return float(FIELD.seam * (wide / half).max())
 
 
 def _cells_of(rows: FloatArray, reach: float) -> Cells:
-    """Pieces sorted by the places within ``reach`` or half a radius of them."""
+    """Sort pieces into cells of places within ``reach`` or half a radius of them."""
     start, step = rows[:, :3], rows[:, 3:6] * rows[:, 6:7]
     wide = np.maximum(rows[:, 7], rows[:, 7] + rows[:, 8] * rows[:, 6])
     margin = (wide + np.maximum(reach, 0.5 * wide))[:, None]
@@ -214,24 +203,9 @@ def _cells_of(rows: FloatArray, reach: float) -> Cells:
     return sort_boxes(low, high, float(2.0 * np.median(margin)))
 
 
-# Compute signed distances from lumen walls, and project points onto them (compiled).
-
-MOST = 64
-"""Pieces, the nearest, that a fillet is made of: those of a finely drawn curve crowd there."""
-SHARPNESS = 8
-"""Power by which a junction's fillet loses its say with distance."""
-FADE = 3.0
-"""A fillet is whole up to 1 - 1/FADE of a junction's reach."""
-FLAT = 0.25
-"""Square of the least slope that is believed."""
-STEPS = 12
-SETTLED = 1e-9
-PROBE = 1e-4
-
-
 @jit
 def _near(cells: Cells, x: float, y: float, z: float) -> tuple[int, int]:
-    """Where the pieces near a place begin and end in the cells' items."""
+    """Return where the pieces near a place begin and end in the cells' items."""
     i = int(np.floor((x - cells.low[0]) / cells.size))
     j = int(np.floor((y - cells.low[1]) / cells.size))
     k = int(np.floor((z - cells.low[2]) / cells.size))
@@ -243,18 +217,17 @@ def _near(cells: Cells, x: float, y: float, z: float) -> tuple[int, int]:
 
 @jit
 def _fillet(joints: FloatArray, x: float, y: float, z: float) -> float:
-    """Radius of the rolling ball: the nearest junction's, blended between two.
+    """Return the rolling ball's radius: the nearest junction's, blended between two.
 
-    It goes to 0 beyond the junctions' seams: a ball can't pass between vessels that run side by
-    side without being joined, and would join them.
+    It goes to 0 beyond the junctions' seams: it would join vessels that run side by side.
     """
     total = weight = reached = 0.0
     for m in range(len(joints)):
         dx, dy, dz = x - joints[m, 0], y - joints[m, 1], z - joints[m, 2]
         away = dx * dx + dy * dy + dz * dz
         near = away / joints[m, 3] ** 2 + 1e-12
-        reached = max(reached, min(1.0, FADE * (1.0 - sqrt(away) / joints[m, 5])))
-        share = near ** (-SHARPNESS / 2)
+        reached = max(reached, min(1.0, FIELD.fade * (1.0 - sqrt(away) / joints[m, 5])))
+        share = near ** (-FIELD.sharpness / 2)
         total += share * joints[m, 4]
         weight += share
     return reached * total / weight if weight > 0.0 and reached > 0.0 else 0.0
@@ -267,12 +240,12 @@ def _sharp(
     at: FloatArray,
     g: FloatArray,
     near: FloatArray,
-    apart: FloatArray,
+    distance: FloatArray,
 ) -> tuple[float, float, int]:
-    """Distance from the nearest piece, from the next one, and how many pieces ``near`` holds.
+    """Return the distances from the nearest two pieces, and how many ``near`` holds.
 
-    The nearest one's gradient goes into ``g`` (3,), the rows of the nearest pieces into ``near``
-    and their distances into ``apart``.
+    The nearest one's gradient goes into ``g`` (3,), rows of near pieces into ``near``, their
+    distances into ``distance``.
     """
     least, second, used = inf, inf, 0
     begin, end = _near(cells, at[0], at[1], at[2])
@@ -285,21 +258,21 @@ def _sharp(
         else:
             second = min(second, a)
         place = used
-        if used == len(apart):
-            place = int(np.argmax(apart))
-            if apart[place] <= a:
+        if used == len(distance):
+            place = int(np.argmax(distance))
+            if distance[place] <= a:
                 continue
         else:
             used += 1
-        near[place], apart[place] = row, a
+        near[place], distance[place] = row, a
     return least, second, used
 
 
 @jit
 def _rounded(near: FloatArray, rho: float, at: FloatArray, g: FloatArray) -> float:
-    """Distance from the rounded pieces, and its gradient by differences."""
+    """Return the distance from the rounded pieces; its gradient, by differences, into ``g``."""
     x, y, z = at[0], at[1], at[2]
-    step = PROBE * rho
+    step = FIELD.probe * rho
     g[0] = rounded_distance(near, rho, x + step, y, z) - rounded_distance(near, rho, x - step, y, z)
     g[1] = rounded_distance(near, rho, x, y + step, z) - rounded_distance(near, rho, x, y - step, z)
     g[2] = rounded_distance(near, rho, x, y, z + step) - rounded_distance(near, rho, x, y, z - step)
@@ -311,9 +284,9 @@ def _rounded(near: FloatArray, rho: float, at: FloatArray, g: FloatArray) -> flo
 def field(
     rows: FloatArray, joints: FloatArray, cells: Cells, at: FloatArray, g: FloatArray
 ) -> float:
-    """Signed distance at a place, mm; its gradient into ``g`` (3,). inf where no piece is near."""
-    near, apart = np.empty((MOST, COLUMNS)), np.empty(MOST)
-    least, second, used = _sharp(rows, cells, at, g, near, apart)
+    """Return the signed distance, mm, inf if no piece is near; its gradient into ``g`` (3,)."""
+    near, distance = np.empty((FIELD.pieces, COLUMNS)), np.empty(FIELD.pieces)
+    least, second, used = _sharp(rows, cells, at, g, near, distance)
     if used < 2:
         return least
     rho = _fillet(joints, at[0], at[1], at[2])
@@ -326,7 +299,7 @@ def field(
 def distances(
     rows: FloatArray, joints: FloatArray, cells: Cells, points: FloatArray, signed: FloatArray
 ) -> None:
-    """`field` at each of ``points`` (n, 3), into ``signed`` (n,)."""
+    """Write `field` at each of ``points`` (n, 3) into ``signed`` (n,)."""
     g = np.empty(3)
     for n in range(len(points)):
         signed[n] = field(rows, joints, cells, points[n], g)
@@ -334,7 +307,7 @@ def distances(
 
 @jit
 def radii(rows: FloatArray, cells: Cells, points: FloatArray, sizes: FloatArray) -> None:
-    """Radius of the vessel whose wall is nearest, or that holds the place deepest."""
+    """Write the radius of the vessel whose wall is nearest, or that holds the place deepest."""
     for n in range(len(points)):
         least, sizes[n] = inf, 0.0
         begin, end = _near(cells, points[n, 0], points[n, 1], points[n, 2])
@@ -358,12 +331,12 @@ def project(
     plane: FloatArray,
     move: BoolArray,
 ) -> None:
-    """Newton's steps along the gradient, within a plane where its normal isn't 0."""
+    """Take Newton's steps along the gradient, within a plane where its normal isn't 0."""
     g = np.empty(3)
     for n in range(len(points)):
         if not move[n]:
             continue
-        for _ in range(STEPS):
+        for _ in range(FIELD.steps):
             value = field(rows, joints, cells, points[n], g)
             if value == inf:
                 break
@@ -372,47 +345,23 @@ def project(
             square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
             if square < 1e-6:
                 break
-            # Between walls the field is flat, and Newton's step would go far.
-            points[n] -= value / max(square, FLAT) * g
-            if abs(value) < SETTLED * sqrt(square):
+            points[n] -= value / max(square, FIELD.flattest) * g
+            if abs(value) < FIELD.settled * sqrt(square):
                 break
-
-
-# Sort bounding boxes into cells of a grid, for quick look-up of boxes near a point.
-
-_MOST_CELLS = 4_000_000
 
 
 def sort_boxes(low: FloatArray, high: FloatArray, size: float) -> Cells:
     """Sort boxes from ``low`` to ``high``, (n, 3) each, into cells of about ``size`` mm."""
     corner, span = low.min(axis=0), np.ptp(np.concatenate([low, high]), axis=0)
-    size = max(size, float(np.cbrt(np.prod(span) / _MOST_CELLS)))
+    size = max(size, float(np.cbrt(np.prod(span) / _MAX_CELLS)))
     shape = np.floor(span / size).astype(np.int64) + 1
-    first = np.zeros(int(np.prod(shape)) + 1, np.int64)
     begin = np.floor((low - corner) / size).astype(np.int64)
     end = np.minimum(np.floor((high - corner) / size).astype(np.int64), shape - 1)
-    _count(begin, end, shape, first)
-    first = np.cumsum(first)
-    item = np.empty(int(first[-1]), np.int64)
-    _fill(begin, end, shape, first[:-1].copy(), item)
-    return Cells(corner, size, shape, first, item)
-
-
-@jit
-def _count(begin: IntArray, end: IntArray, shape: IntArray, first: IntArray) -> None:
-    for n in range(len(begin)):
-        for i in range(begin[n, 0], end[n, 0] + 1):
-            for j in range(begin[n, 1], end[n, 1] + 1):
-                for k in range(begin[n, 2], end[n, 2] + 1):
-                    first[(i * shape[1] + j) * shape[2] + k + 1] += 1
-
-
-@jit
-def _fill(begin: IntArray, end: IntArray, shape: IntArray, at: IntArray, item: IntArray) -> None:
-    for n in range(len(begin)):
-        for i in range(begin[n, 0], end[n, 0] + 1):
-            for j in range(begin[n, 1], end[n, 1] + 1):
-                for k in range(begin[n, 2], end[n, 2] + 1):
-                    cell = (i * shape[1] + j) * shape[2] + k
-                    item[at[cell]] = n
-                    at[cell] += 1
+    side = end - begin + 1
+    box = np.repeat(np.arange(len(low)), side.prod(axis=1))
+    nth = np.arange(len(box)) - np.searchsorted(box, box)
+    across, deep = side[box, 1], side[box, 2]
+    step = np.stack([nth // (across * deep), nth // deep % across, nth % deep], axis=1)
+    cell = np.ravel_multi_index(tuple((begin[box] + step).T), tuple(shape))
+    first = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=int(shape.prod())))])
+    return Cells(corner, size, shape, first, box[np.argsort(cell, kind="stable")])

@@ -1,9 +1,8 @@
 """Derive vessel resistances and radii from a 3D solution, so that 0D gives the same flows.
 
-Along a vessel, clear of the junctions, a lumen resists as Poiseuille says of its own section. At
-the junctions it doesn't: fillets and overlapping lumens widen them, turning and developing flow
-costs pressure. What is lost or won there is told as the vessel's own, at the end where it occurs,
-so that a network of the same graph with other radii has the flows and pressures of 3D.
+Along a vessel, clear of the junctions, a lumen has Poiseuille's resistance. At the junctions
+fillets and overlapping lumens widen it, turning and developing flow costs pressure. That loss or
+gain is counted as the vessel's own, at the end where it occurs.
 """
 
 from __future__ import annotations
@@ -23,15 +22,14 @@ from design.network import VesselNetwork
 from kernels.arrays import BoolArray, FloatArray
 
 _LEAST: Final = 0.01
-"""Of the nominal resistance, and its inverse the most, that is believed."""
-
+"""Least resistance over the nominal one; its inverse is the greatest."""
 _STILL: Final = 1e-4
-"""Of the inlet's flow: below it a vessel's resistance can't be told."""
+"""Of the inlet's flow: below it a vessel's resistance is unknown."""
 
 
 @dataclass(frozen=True)
 class Effective:
-    """A network as 3D flow sees it; arrays are (v,) where not said otherwise.
+    """Resistances and radii of a network that reproduce 3D flow; arrays are (v,) by default.
 
     Attributes
     ----------
@@ -41,7 +39,7 @@ class Effective:
         In 3D; NaN as `vessel_flows`.
     pressure : (m,) float64, Pa
         At nodes in 3D: a port's mean; where vessels meet, nearest to what their clear parts
-        have when drawn on to the node.
+        have when extrapolated to the node.
     resistance : float64, Pa·s/µL
         Fall of pressure from node to node over flow.
     nominal : float64, Pa·s/µL
@@ -50,10 +48,9 @@ class Effective:
         Resistance of the part clear of the junctions over its nominal one.
     loss : (v, 2) float64, Pa
         Lost, from first node to last, at the first end and at the last beyond the nominal.
-    told : bool
-        Whether the resistance can be told. Elsewhere there is hardly any flow, or none that is
-        known, and it is the nominal one; or the pressure doesn't fall (a short piece amid a
-        junction), and it is a hundredth of it.
+    known : bool
+        Whether the resistance is known. Elsewhere it is the nominal one (hardly any flow, or an
+        unknown one), or a hundredth of it (no fall of pressure: a short piece amid a junction).
     """
 
     network: VesselNetwork
@@ -63,12 +60,12 @@ class Effective:
     nominal: FloatArray
     clear: FloatArray
     loss: FloatArray
-    told: BoolArray
+    known: BoolArray
 
 
 @dataclass(frozen=True)
 class Gap:
-    """How far a lumped solution is from 3D.
+    """Differences between a lumped solution and 3D.
 
     Attributes
     ----------
@@ -85,14 +82,14 @@ class Gap:
 def effective_network(
     network: VesselNetwork, conditions: FlowConditions, solution: ThreeDSolution
 ) -> Effective:
-    """Resistances and radii of a network such that 0D gives what was found in 3D.
+    """Derive resistances and radii such that 0D gives the 3D solution's flows.
 
     Parameters
     ----------
     network : VesselNetwork
-        That was meshed.
+        The one that was meshed.
     conditions : FlowConditions
-        That were solved for.
+        Those of the solution.
     solution : ThreeDSolution
 
     Raises
@@ -137,7 +134,7 @@ def effective_network(
 
 
 def flow_error(network: VesselNetwork, conditions: FlowConditions, effective: Effective) -> Gap:
-    """How far 0D of ``network`` (the nominal one, or `Effective.network`) is from 3D.
+    """Compare 0D of ``network`` (the nominal one, or `Effective.network`) with 3D.
 
     Raises
     ------
@@ -153,7 +150,7 @@ def flow_error(network: VesselNetwork, conditions: FlowConditions, effective: Ef
 
 
 def inflow_of(network: VesselNetwork, flow: FloatArray) -> float:
-    """What enters at the free ends, µL/s."""
+    """Return the flow that enters at the free ends, µL/s."""
     net = np.zeros(len(network.nodes))
     np.add.at(net, network.vessel_nodes[:, 0], flow)
     np.subtract.at(net, network.vessel_nodes[:, 1], flow)
@@ -162,18 +159,17 @@ def inflow_of(network: VesselNetwork, flow: FloatArray) -> float:
 
 
 def _before(network: VesselNetwork, probes: Probes, viscosity: float) -> FloatArray:
-    """Nominal resistance from each vessel's first node to its probe, (v,)."""
+    """Return the nominal resistance from each vessel's first node to its probe, (v,)."""
     return measure_pipes(heads_of(network, probes)).resistance(viscosity)
 
 
 def _at_nodes(
     network: VesselNetwork, at_ends: FloatArray, nominal_fall: FloatArray, solution: ThreeDSolution
 ) -> FloatArray:
-    """Pressure of every node, (m,), Pa.
+    """Fit a pressure to every node, (m,), Pa, by least squares.
 
-    Where vessels meet there is no one pressure. The one taken is nearest, by least squares, to
-    what the clear parts of vessels have when drawn on to the node, and lets vessels that are too
-    short for a clear part resist as they nominally do; each in parts of the vessel's own fall.
+    To the clear parts of vessels, extrapolated to the node, and to the nominal fall of vessels too
+    short for a clear part; each over the vessel's own fall. A port has its mean.
     """
     clear, held = is_clear(network), np.full(len(network.nodes), np.nan)
     for port, pressure in zip(

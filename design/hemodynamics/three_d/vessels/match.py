@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -23,21 +23,18 @@ from design.hemodynamics.zero_d.steady import flow_and_sensitivity, solve_flow
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
-# Repeat meshing, 3D flow and radius correction until vessel flows meet their targets.
-#
-# The reduced model gets every vessel's resistance in 3D in each round (`effective_network`), then
-# finds the radii at which it has the wanted flows; with these the lumen is meshed and solved again
-# (space mapping: Bandler et al. 2004, doi 10.1109/TMTT.2003.820904). The reduced model is right
-# along vessels and wrong by a slowly changing part at junctions, so that two or three rounds do.
 
-_PATIENCE: Final = 2
-"""Rounds without a better one, after which it ends."""
-_GAIN: Final = 0.9
-"""Part of the best deviation that a round must come below to count as better."""
-_AT_BOUND: Final = 1e-4
-"""Of a radius: so near a bound it stands there."""
-_SAME: Final = 1e-9
-"""Change of a scale below which the next round would be the same."""
+class _Limits(NamedTuple):
+    """Limits of the rounds."""
+
+    patience: int = 2  # rounds without a better one
+    gain: float = 0.9  # part of the best deviation below which a round is better
+    at_bound: float = 1e-4  # of a radius: nearer to a bound it stands there
+    same: float = 1e-9  # change of a scale that changes nothing
+    stiffness: float = 1e-3  # weight of radii beside flows, so that none changes without need
+
+
+_LIMITS: Final = _Limits()
 Tell = Callable[[float, str], None]
 
 
@@ -50,9 +47,11 @@ def match_split(
 ) -> MatchedNetwork:
     """Change radii until steady flow in 3D has the wanted flows.
 
-    Each vessel's radii are scaled as a whole: tapers stay tapers. Ends when the tolerance is met,
-    after `MatchOptions.rounds`, or when rounds bring nothing more (bounds on radii, or a
-    tolerance finer than the meshes are alike).
+    In each round the reduced model gets every vessel's resistance in 3D (`effective_network`), and
+    finds the radii at which it has the wanted flows; with these the lumen is meshed and solved
+    again (space mapping: Bandler et al. 2004, doi 10.1109/TMTT.2003.820904). Each vessel's radii
+    are scaled as a whole. Ends when the tolerance is met, after `MatchOptions.rounds`, or when
+    rounds bring nothing more (bounds on radii, or a tolerance finer than meshes are alike).
 
     Parameters
     ----------
@@ -62,13 +61,13 @@ def match_split(
         `ideal_target` by default.
     options : MatchOptions, optional
     tell : callable, optional
-        Told a share done and what is being done.
+        Called with the share done and what is being done.
 
     Raises
     ------
     FlowError
-        As `lumen_mesh`, `solve_steady` and `flow_and_sensitivity`; vessels that the network
-        doesn't have, a radius below ``least_radius_mm`` to begin with.
+        As `lumen_mesh`, `solve_steady` and `flow_and_sensitivity`; a radius below
+        ``least_radius_mm`` to begin with.
     SolidError
         As `lumen_mesh`.
     """
@@ -78,7 +77,8 @@ def match_split(
     scale, rounds = np.ones(network.vessel_count), list[tuple[Effective, Round]]()
     while True:
         history = [each for _, each in rounds]
-        tell(len(rounds) / how.rounds, f"round {len(rounds) + 1}, {_so_far(history)}")
+        off = f"off by {100.0 * history[-1].worst:.2f} % of the inlet's flow" if history else ""
+        tell(len(rounds) / how.rounds, f"round {len(rounds) + 1}, {off or 'the design'}")
         effective, round_facts = _round(rescaled(network, scale), conditions, wanted, scale, how)
         rounds.append((effective, round_facts))
         if (
@@ -88,7 +88,7 @@ def match_split(
         ):
             break
         scale = next_scales(network, conditions, wanted, effective, free, scale)
-        if np.abs(scale - round_facts.scale).max() < _SAME:
+        if np.abs(scale - round_facts.scale).max() < _LIMITS.same:
             break
     return _matched(network, wanted, rounds, free, how.tolerance)
 
@@ -115,16 +115,9 @@ def _round(
 
 
 def _stuck(history: list[Round]) -> bool:
-    if len(history) <= _PATIENCE:
-        return False
-    before = min(each.worst for each in history[:-_PATIENCE])
-    return min(each.worst for each in history[-_PATIENCE:]) > _GAIN * before
-
-
-def _so_far(history: list[Round]) -> str:
-    if not history:
-        return "the design"
-    return f"off by {100.0 * history[-1].worst:.2f} % of the inlet's flow"
+    worst = [each.worst for each in history]
+    before, after = worst[: -_LIMITS.patience], worst[-_LIMITS.patience :]
+    return bool(before) and min(after) > _LIMITS.gain * min(before)
 
 
 def _matched(
@@ -137,7 +130,7 @@ def _matched(
     history = tuple(one for _, one in rounds)
     turn = int(np.argmin([each.worst for each in history]))
     logs = np.log(history[turn].scale[free.vessel])
-    stands = (logs < free.low + _AT_BOUND) | (logs > free.high - _AT_BOUND)
+    stands = (logs < free.low + _LIMITS.at_bound) | (logs > free.high - _LIMITS.at_bound)
     return MatchedNetwork(
         rescaled(network, history[turn].scale),
         target,
@@ -147,9 +140,6 @@ def _matched(
         tuple(free.vessel[stands].tolist()),
         rounds[turn][0],
     )
-
-
-# Data classes: options, rounds and result of adjusting vessel radii to wanted 3D flows.
 
 
 @dataclass(frozen=True)
@@ -162,21 +152,17 @@ class MatchOptions:
         Largest deviation of a wanted flow, of the inlet's flow.
     rounds : int
         Of meshing and solving, at most.
-    vary : tuple of int, optional
-        Vessels whose radii change. Without it those that end at outlets, where they decide the
-        split (a tree of several outlets); else all.
     least_radius_mm : float, mm
         No radius that is changed goes below it: the smallest lumen that can be printed.
     most_change : float
         Factor by which a radius may grow or shrink at most.
     mesh : MeshOptions
     flow : FlowOptions
-        Of order 2: its error (1e-4 in flows) is far below any tolerance here.
+        By default of order 2, whose error in flows is 1e-4.
     """
 
     tolerance: float = 0.005
     rounds: int = 6
-    vary: tuple[int, ...] | None = None
     least_radius_mm: float = 0.0
     most_change: float = 2.0
     mesh: MeshOptions = field(default_factory=MeshOptions)
@@ -197,7 +183,7 @@ class MatchOptions:
 
 @dataclass(frozen=True)
 class Round:
-    """What one mesh and its solution said.
+    """Deviations of one mesh's solution.
 
     Attributes
     ----------
@@ -217,9 +203,6 @@ class Round:
     scale: FloatArray
     pressure_drop_pa: float
     elements: int
-
-
-# Set target flows for radius matching: the design's 0D flows, or given outlet flows.
 
 
 @dataclass(frozen=True)
@@ -252,7 +235,7 @@ class MatchedNetwork:
     met : bool
         Whether the tolerance is met.
     bounded : tuple of int
-        Vessels whose radius stands at its least or greatest.
+        Vessels whose radius is at its least or greatest.
     effective : Effective
         Of the best round.
     """
@@ -267,7 +250,7 @@ class MatchedNetwork:
 
 
 def ideal_target(network: VesselNetwork, conditions: FlowConditions) -> Target:
-    """Flows of all vessels as the design is meant: 0D of its own radii.
+    """Return all vessels' flows in 0D, of the design's own radii.
 
     Raises
     ------
@@ -280,7 +263,7 @@ def ideal_target(network: VesselNetwork, conditions: FlowConditions) -> Target:
 def outlet_target(
     network: VesselNetwork, conditions: FlowConditions, flows: Mapping[int, float]
 ) -> Target:
-    """Flows wanted out of outlets, by their nodes, µL/s.
+    """Return the flows wanted out of outlets, given by their nodes, µL/s.
 
     Raises
     ------
@@ -305,14 +288,6 @@ def outlet_target(
     return Target(np.array(vessels, np.int64), np.array(list(flows.values()), np.float64))
 
 
-# Choose the vessels to adjust, and compute their next radii from target flows by 0D.
-
-_KEPT: Final = 1e-3
-"""Weight of a radius' change beside that of flows, so that no radius changes without need."""
-_INSIDE: Final = 1e-9
-"""By which the search begins inside its bounds."""
-
-
 @dataclass(frozen=True)
 class FreeVessels:
     """Vessels whose radii change, and least and greatest logarithm of their scales."""
@@ -322,15 +297,7 @@ class FreeVessels:
     high: FloatArray
 
 
-def _varied(network: VesselNetwork, how: MatchOptions) -> IntArray:
-    if how.vary is not None:
-        chosen = np.unique(np.array(how.vary, dtype=np.int64))
-        strange = chosen[(chosen < 0) | (chosen >= network.vessel_count)]
-        if len(strange) or not len(chosen):
-            raise FlowError(
-                f"vessels to vary: {list(how.vary)}; give some of 0 to {network.vessel_count - 1}"
-            )
-        return chosen
+def _varied(network: VesselNetwork) -> IntArray:
     outlets = network.outlets()
     tree = network.vessel_count == len(network.nodes) - 1 and len(network.inlets()) == 1
     if tree and len(outlets) > 1:
@@ -339,14 +306,16 @@ def _varied(network: VesselNetwork, how: MatchOptions) -> IntArray:
 
 
 def free_radii(network: VesselNetwork, how: MatchOptions) -> FreeVessels:
-    """Vessels that may change, and by how much.
+    """Choose the vessels that may change, and by how much.
+
+    Those that end at outlets where they decide the split (a tree of several outlets); else all.
 
     Raises
     ------
     FlowError
-        Vessels that the network doesn't have, a radius below the least to begin with.
+        A radius below the least to begin with.
     """
-    vary = _varied(network, how)
+    vary = _varied(network)
     thinnest = np.minimum.reduceat(network.radius, network.offset[:-1])[vary]
     below = thinnest < how.least_radius_mm * (1.0 - 1e-9)
     if below.any():
@@ -369,7 +338,7 @@ def next_scales(
     free: FreeVessels,
     scale: FloatArray,
 ) -> FloatArray:
-    """Scales at which the reduced model, resisting as 3D does now, has the wanted flows."""
+    """Find the scales at which the reduced model with 3D's resistances has the wanted flows."""
     vary, low, inflow = free.vessel, free.low, inflow_of(network, effective.flow)
     log_now = np.log(scale)
 
@@ -381,12 +350,12 @@ def next_scales(
         return flow[target.vessel], slope[target.vessel]
 
     def residual(x: FloatArray) -> FloatArray:
-        return np.concatenate([(model(x)[0] - target.flow) / inflow, _KEPT * x])
+        return np.concatenate([(model(x)[0] - target.flow) / inflow, _LIMITS.stiffness * x])
 
     def slope(x: FloatArray) -> FloatArray:
-        return np.concatenate([model(x)[1] / inflow, _KEPT * np.eye(len(x))])
+        return np.concatenate([model(x)[1] / inflow, _LIMITS.stiffness * np.eye(len(x))])
 
-    start = np.clip(log_now[vary], low + _INSIDE, free.high - _INSIDE)
+    start = np.clip(log_now[vary], low + _LIMITS.same, free.high - _LIMITS.same)
     done = least_squares(residual, start, slope, bounds=(low, free.high), xtol=1e-12, ftol=1e-14)
     after = scale.copy()
     after[vary] = np.exp(np.clip(done.x, low, free.high))

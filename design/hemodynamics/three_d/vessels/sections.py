@@ -2,17 +2,16 @@
 
 For any function χ of the distance s along a direction that rises from 0 to 1 over a slab, the flow
 through every section in it is ∫ u·∇χ, whatever the lumen's shape, since the wall is tight: exact
-for a velocity without sources, and of the elements' own order for Taylor–Hood's. It needs no
-point to be found and no rim to be clipped. Here χ' = 35/(32 h) (1 - (s/h)²)³ on (-h, h).
-
-Pressure is fitted as a line in s over the same slab, by the same weights, and read at the section.
+for a velocity without sources, and of the elements' own order for Taylor–Hood's. Here
+χ' = 35/(32 h) (1 - (s/h)²)³ on (-h, h). Pressure is fitted as a line in s over the same slab, by
+the same weights, and read at the section.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,17 +35,20 @@ from design.hemodynamics.three_d.solution import Field, ThreeDSolution
 from design.network import VesselNetwork
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
-_HALF_WIDTH: Final = 0.75
-"""h of a slab, in radii of the vessel."""
-_REACH: Final = 3.0
-"""How far from its centre a section's elements are looked for, in radii."""
-_AREA_OFF: Final = 0.1
-"""Of the area within the wall, by which a clear section's may differ: far above the elements' own
-errors (1 %), below what another vessel adds (17 % and more in 31 loops)."""
-_STEP: Final = 0.4
-"""Radii between the places tried along a vessel, where its length is not more than 24 of them."""
-_RULE: Final = 8
-"""Gauss points along an edge; the slab's weight is no polynomial over an element."""
+
+class _Slabs(NamedTuple):
+    """Sizes of sections' slabs; lengths in radii of the vessel."""
+
+    half_width: float = 0.75  # h
+    reach: float = 3.0  # of elements' centres from the section's
+    spacing: float = 0.4  # of the places tried along a vessel, at most 24
+    gauss_points: int = 8  # along an edge; the slab's weight is no polynomial over an element
+    # Of the area within the wall, in a clear section: elements err by 1 %, another vessel adds 17 %
+    # and more (31 loops).
+    area_error: float = 0.1
+
+
+_SLABS: Final = _Slabs()
 
 
 @dataclass(frozen=True)
@@ -66,9 +68,9 @@ class Section:
     ----------
     tet : (m,) int64
     velocity : (m, n, 3) float64
-        Flow is their product's sum with the velocity at these elements' nodes.
+        Flow is the sum of their products with the velocity at these elements' nodes.
     pressure : (m, n') float64
-        As much for pressure; 0 in other vessels' elements, unless all is junction.
+        The same for pressure; 0 in other vessels' elements, unless all is junction.
     area : float, mm²
         Mean over the slab.
     clear : bool
@@ -82,18 +84,18 @@ class Section:
     clear: bool
 
     def flow(self, field: Field) -> float:
-        """Along the direction, µL/s; NaN where the section isn't clear."""
+        """Return the flow along the direction, µL/s; NaN where the section isn't clear."""
         through = float(np.vdot(self.velocity, field.velocity[self.tet]))
         return through if self.clear else float("nan")
 
     def mean_pressure(self, field: Field) -> float:
-        """Over the section, Pa."""
+        """Return the mean pressure over the section, Pa."""
         return float(np.vdot(self.pressure, field.pressure[self.tet, :, 0]))
 
 
 @dataclass(frozen=True)
 class _Slab:
-    """Connected elements of a slab, which of them are the vessel's own, and where its middle is."""
+    """Connected elements of a slab, whether each is the vessel's own, and the slab's middle."""
 
     place: SectionPlace
     middle: float
@@ -102,7 +104,7 @@ class _Slab:
 
 
 def place_of(network: VesselNetwork, vessel: int, fraction: float) -> SectionPlace:
-    """Section square to a vessel at a part of its length; direction over half a radius."""
+    """Place a section square to a vessel at a part of its length."""
     points, radius = network.polyline(vessel)
     arc = arc_lengths(points)
     at = fraction * arc[-1]
@@ -117,7 +119,6 @@ class VesselSections:
 
     An element belongs to the vessel whose axis is nearest to its centre, in radii; vessels that
     follow each other without a branch count as one.
-
     """
 
     def __init__(self, network: VesselNetwork, mesh: LumenMesh, order: int) -> None:
@@ -130,9 +131,9 @@ class VesselSections:
         self._on_wall[mesh.faces[mesh.label == WALL]] = True
 
     def at(self, vessel: int, fraction: float) -> Section:
-        """Section at a part of a vessel's length.
+        """Return the section at a part of a vessel's length.
 
-        Near the line's port the slab lies inside it, since flow is the same there.
+        Near a port the slab is moved inwards, where the flow is the same.
 
         Raises
         ------
@@ -142,9 +143,9 @@ class VesselSections:
         return self._weights(self._slab(vessel, place_of(self.network, vessel, fraction)))
 
     def clearest(self, vessel: int) -> Section | None:
-        """The clear section nearest to the middle between the junctions; None if none is clear."""
+        """Find the clear section nearest to the middle between junctions; None if none is."""
         radius, length = self.network.mean_radius()[vessel], self.network.lengths()[vessel]
-        count = int(np.clip(np.ceil(length / (_STEP * radius)), 3, 24))
+        count = int(np.clip(np.ceil(length / (_SLABS.spacing * radius)), 3, 24))
         fractions = (np.arange(count) + 0.5) / count
         middle = clear_parts(self.network)[vessel].mean()
         for fraction in fractions[np.argsort(np.abs(fractions - middle), kind="stable")]:
@@ -154,14 +155,16 @@ class VesselSections:
         return None
 
     def _slab(self, vessel: int, place: SectionPlace) -> _Slab:
-        """Elements of the slab that hang together with the one nearest to its centre."""
-        half = _HALF_WIDTH * place.radius
+        """Find the slab's elements that are connected with the one nearest to its centre."""
+        half = _SLABS.half_width * place.radius
         ends = self.network.vessel_nodes[self._line == self._line[vessel]]
         ports = [p for p in self.mesh.ports if p.node < 0 or p.node in ends]
         middle = _inside(ports, place, half)
         centre = place.centre + middle * place.direction
         tet = np.sort(
-            np.array(self._tree.query_ball_point(centre, _REACH * place.radius), dtype=np.int64)
+            np.array(
+                self._tree.query_ball_point(centre, _SLABS.reach * place.radius), dtype=np.int64
+            )
         )
         from_centre = self.mesh.points[self.mesh.tets[tet]] - centre
         along = from_centre @ place.direction
@@ -173,17 +176,18 @@ class VesselSections:
                 f"the lumen's mesh has nothing at {x:.3f}, {y:.3f}, {z:.3f} mm, where a probe is; "
                 "mesh the network that is probed"
             )
-        part = _connected(self.mesh.tets[tet, :4])
+        corner = np.unique(self.mesh.tets[tet, :4], return_inverse=True)[1].ravel()
+        part = _connected(np.repeat(np.arange(len(tet)), 4), corner, len(tet))
         tet = tet[part == part[distance.argmin()]]
         return _Slab(place, middle, tet, self._is_own(vessel, centre, tet, place.radius))
 
     def _is_own(
         self, vessel: int, centre: FloatArray, tet: IntArray, radius: float
     ) -> NDArray[np.bool_]:
-        """Whether the vessel's own axis is the nearest to each element, in radii, (m,)."""
+        """Return whether the vessel's own axis is nearest to each element, in radii, (m,)."""
         start, end, r0, r1, of = self._pieces
         near = _away(centre[None], start, end, r0, r1)[0] * np.maximum(r0, r1) < (
-            _REACH * radius + 2.0 * np.maximum(r0, r1)
+            _SLABS.reach * radius + 2.0 * np.maximum(r0, r1)
         )
         away = _away(self._centre[tet], start[near], end[near], r0[near], r1[near])
         nearest = of[near][away.argmin(axis=1)]
@@ -191,8 +195,8 @@ class VesselSections:
 
     def _weights(self, slab: _Slab) -> Section:
         place, tet = slab.place, slab.tet
-        half = _HALF_WIDTH * place.radius
-        at, weight = tetrahedron_rule(_RULE)
+        half = _SLABS.half_width * place.radius
+        at, weight = tetrahedron_rule(_SLABS.gauss_points)
         value, slope = quadratic(at)
         node = self.mesh.points[self.mesh.tets[tet]]
         along = np.einsum("qn,tnx,x->tq", value, node - place.centre, place.direction)
@@ -211,15 +215,15 @@ class VesselSections:
             (measure @ by_velocity)[..., None] * place.direction,
             (own * line) @ by_pressure,
             area,
-            bool(slab.own.all()) and abs(area / self._within_wall(slab) - 1.0) < _AREA_OFF,
+            bool(slab.own.all()) and abs(area / self._within_wall(slab) - 1.0) < _SLABS.area_error,
         )
 
     def _within_wall(self, slab: _Slab) -> float:
-        """Area of the circle whose radius is the wall's rms distance from its middle, mm²."""
+        """Return the area of a circle of the wall's rms distance from its middle, mm²."""
         node = np.unique(self.mesh.tets[slab.tet])
         beside = self.mesh.points[node[self._on_wall[node]]] - slab.place.centre
         along = beside @ slab.place.direction
-        beside = beside[np.abs(along - slab.middle) < _HALF_WIDTH * slab.place.radius]
+        beside = beside[np.abs(along - slab.middle) < _SLABS.half_width * slab.place.radius]
         across = np.cross(beside, slab.place.direction)
         return float(np.pi * across.var(axis=0).sum()) if len(across) else float("inf")
 
@@ -227,7 +231,7 @@ class VesselSections:
 def sections_at(
     network: VesselNetwork, probes: Probes, mesh: LumenMesh, order: int
 ) -> tuple[Section, ...]:
-    """A section for each probe, for fields of this mesh and order.
+    """Make a section for each probe, for fields of this mesh and order.
 
     Raises
     ------
@@ -243,7 +247,7 @@ def sections_at(
 
 
 def probe_steady(network: VesselNetwork, probes: Probes, field: Field) -> ProbeWaves:
-    """Steady flow (NaN where a section isn't clear) and pressure at probes.
+    """Return steady flow (NaN where a section isn't clear) and pressure at probes.
 
     Raises
     ------
@@ -259,7 +263,7 @@ def probe_steady(network: VesselNetwork, probes: Probes, field: Field) -> ProbeW
 
 
 def _inside(ports: Sequence[MeshPort], place: SectionPlace, half: float) -> float:
-    """Where along the direction the slab's middle lies, so that no port cuts it, mm."""
+    """Return how far along the direction the slab must move so that no port cuts it, mm."""
     for port in ports:
         lean = float(port.outward @ place.direction)
         beside = place.centre - port.centre
@@ -273,7 +277,7 @@ def _inside(ports: Sequence[MeshPort], place: SectionPlace, half: float) -> floa
 def _away(
     points: FloatArray, start: FloatArray, end: FloatArray, r0: FloatArray, r1: FloatArray
 ) -> FloatArray:
-    """Distance of points (n, 3) from pieces (k, 3), in the radius there, (n, k)."""
+    """Return the distance of points (n, 3) from pieces (k, 3) over the radius there, (n, k)."""
     along = end - start
     share = np.einsum("nkx,kx->nk", points[:, None] - start, along)
     share = np.clip(share / np.maximum((along**2).sum(axis=1), 1e-300), 0.0, 1.0)
@@ -282,46 +286,35 @@ def _away(
     return np.asarray(distance / (r0 + share * (r1 - r0)))
 
 
-def _connected(corner: IntArray) -> IntArray:
-    """Label of the part that each element (m, 4) hangs together with, (m,)."""
-    name = np.unique(corner, return_inverse=True)[1].reshape(-1)
-    rows = np.repeat(np.arange(len(corner)), 4)
-    size = len(corner) + int(name.max()) + 1
-    joined = coo_array(
-        (np.ones(len(rows), np.int8), (rows, len(corner) + name)), shape=(size, size)
-    )
-    return np.asarray(connected_components(joined, directed=False)[1][: len(corner)])
-
-
-def _unbranched(network: VesselNetwork) -> IntArray:
-    """Label of the line of vessels without branches that each vessel is in, (v,)."""
-    first, last = network.vessel_nodes.T
-    through = network.degree() == 2
-    count = network.vessel_count
-    vessel = np.tile(np.arange(count), 2)
-    node = np.concatenate([first, last])
-    kept = through[node]
-    size = count + len(through)
-    joined = coo_array(
-        (np.ones(int(kept.sum()), np.int8), (vessel[kept], count + node[kept])), shape=(size, size)
-    )
+def _connected(item: IntArray, node: IntArray, count: int) -> IntArray:
+    """Label the connected parts of ``count`` items, of which ``item[k]`` has ``node[k]``."""
+    size = count + int(node.max(initial=0)) + 1
+    joined = coo_array((np.ones(len(item), np.int8), (item, count + node)), shape=(size, size))
     return np.asarray(connected_components(joined, directed=False)[1][:count])
 
 
-# Compute the flow in each vessel from a 3D solution, with mass conserved at the nodes.
-#
-# Ports are exact, and sections clear of other vessels nearly so. What flows in vessels without a
-# clear section follows from them, where the nodes leave one answer.
+def _unbranched(network: VesselNetwork) -> IntArray:
+    """Label the line of vessels without branches that each vessel is in, (v,)."""
+    vessel, end = np.nonzero(network.degree()[network.vessel_nodes] == 2)
+    return _connected(vessel, network.vessel_nodes[vessel, end], network.vessel_count)
 
-_CLEAR: Final = 0.39
-"""Share of a vessel's length taken by its ends up to which the rest counts as clear."""
-_SECTION_OFF: Final = 0.02
-"""Of its own flow, by which mass may correct a section; one that is farther off is left out."""
-_RANK: Final = 1e-9
-_ALIKE: Final = 1e-6
-"""Relative: rounding of what is exact."""
-_STILL: Final = 1e-3
-"""Of the largest flow through a port: an error of a section that has less is of this."""
+
+# Compute the flow in each vessel from a 3D solution, with mass conserved at the nodes.
+
+
+class _Balance(NamedTuple):
+    """Limits of the mass balance."""
+
+    junction: float = (
+        0.39  # greatest share of a vessel's length that a junction takes of a clear one
+    )
+    correction: float = 0.02  # of its own flow; a section that is farther off is left out
+    still: float = 1e-3  # of the largest port's flow: sections of less err by a part of this
+    rank: float = 1e-9  # relative singular value that is 0
+    rounding: float = 1e-6  # relative difference of values that are equal
+
+
+_BALANCE: Final = _Balance()
 
 
 def clear_sections(
@@ -339,7 +332,7 @@ def clear_sections(
 
 
 def vessel_flows(network: VesselNetwork, solution: ThreeDSolution) -> FloatArray:
-    """Steady flow in every vessel, (v,), µL/s, from its first node to its last.
+    """Return the steady flow in every vessel, (v,), µL/s, from its first node to its last.
 
     NaN as `conserve_mass`.
 
@@ -355,19 +348,19 @@ def vessel_flows(network: VesselNetwork, solution: ThreeDSolution) -> FloatArray
 
 
 def is_clear(network: VesselNetwork) -> BoolArray:
-    """Whether a vessel is longer than the junctions at its ends, (v,)."""
+    """Return whether a vessel is longer than the junctions at its ends, (v,)."""
     parts = clear_parts(network)
-    return np.asarray((parts[:, 0] < _CLEAR) & (parts[:, 1] > 1.0 - _CLEAR))
+    return np.asarray((parts[:, 0] < _BALANCE.junction) & (parts[:, 1] > 1.0 - _BALANCE.junction))
 
 
 def conserve_mass(
     network: VesselNetwork, amid: FloatArray, ports: Sequence[MeshPort], port_flow: FloatArray
 ) -> FloatArray:
-    """Flows (v, t) nearest to those ``amid`` the vessels that the nodes leave nothing of.
+    """Correct the flows ``amid`` the vessels to (v, t) ones that conserve mass at the nodes.
 
-    Least squares, each section weighing by its own flow: errors are parts of it. A section that
-    the others contradict by more than 2 % of its flow is left out. Where no section is, flow
-    follows from the nodes, or is NaN. A wall is rigid in 3D, so this holds at every moment.
+    Least squares, each section weighing by its own flow. A section that the others contradict by
+    more than 2 % of its flow is left out. Where no section is, flow follows from the nodes, or is
+    NaN. The wall is rigid in 3D, so this holds at every moment.
 
     Parameters
     ----------
@@ -387,28 +380,28 @@ def conserve_mass(
         if port.node >= 0:
             leaves[port.node] = flow
     size = np.sqrt((amid**2).mean(axis=1))
-    still = _STILL * float(np.sqrt((leaves**2).mean(axis=1)).max())
+    still = _BALANCE.still * float(np.sqrt((leaves**2).mean(axis=1)).max())
     known = np.isfinite(size)
     while True:
         error = np.maximum(size[known], still)
         without = incidence[:, ~known]
-        back = np.linalg.pinv(without, rcond=_RANK)
+        back = np.linalg.pinv(without, rcond=_BALANCE.rank)
         left = leaves - incidence[:, known] @ amid[known]
         # What no choice of the flows without a section can take up, as corrections of the others.
         matrix = (incidence[:, known] - without @ (back @ incidence[:, known])) * error
-        inverse = np.linalg.pinv(matrix, rcond=_RANK)
+        inverse = np.linalg.pinv(matrix, rcond=_BALANCE.rank)
         step = inverse @ (left - without @ (back @ left))
         # A correction over the share of an error that the nodes can see (Baarda 1968).
-        seen = np.sqrt(np.clip(np.einsum("km,mk->k", inverse, matrix), _RANK, None))
+        seen = np.sqrt(np.clip(np.einsum("km,mk->k", inverse, matrix), _BALANCE.rank, None))
         suspect = np.sqrt((step**2).mean(axis=1)) / seen
         worst = float(suspect.max(initial=0.0))
-        if worst <= _SECTION_OFF:
+        if worst <= _BALANCE.correction:
             break
-        # Several that are as suspect can't be told apart.
-        known[np.flatnonzero(known)[suspect > (1.0 - _ALIKE) * worst]] = False
+        # Sections that are as suspect go together.
+        known[np.flatnonzero(known)[suspect > (1.0 - _BALANCE.rounding) * worst]] = False
     flow = np.full_like(amid, np.nan)
     flow[known] = amid[known] + step * error[:, None]
-    follows = np.einsum("km,mk->k", back, without) > 1.0 - _ALIKE
+    follows = np.einsum("km,mk->k", back, without) > 1.0 - _BALANCE.rounding
     flow[~known] = np.where(
         follows[:, None], back @ (leaves - incidence[:, known] @ flow[known]), np.nan
     )

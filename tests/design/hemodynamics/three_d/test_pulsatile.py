@@ -47,7 +47,6 @@ def test_steps_converge_to_womersley_with_second_order() -> None:
     assert error[1] < 0.015
     assert 1.6 < np.log2(error[0] / error[1]) < 2.4
     assert drop.mean() == pytest.approx(4.0 * RESISTANCE, rel=1e-2)
-    assert len(found.fields) == 4
 
 
 def test_a_slow_pulse_follows_poiseuille_at_every_time() -> None:

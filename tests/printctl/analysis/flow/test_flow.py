@@ -18,11 +18,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from design.hemodynamics import FlowConditions, OutletLoad
 from design.hemodynamics.three_d.ranks import (
-    PortFlow,
-    PortPressure,
-    PortShare,
-    RankConditions,
+    RankOptions,
     RankResult,
     write_case,
 )
@@ -561,7 +559,7 @@ MESH = pipe(2, 5, RADIUS, LENGTH)
 
 @pytest.fixture
 def case_ranks(tmp_path) -> Path:
-    write_case(MESH, RankConditions((PortFlow(FLOW), PortPressure()), VISCOSITY), tmp_path)
+    write_case(MESH, FlowConditions(VISCOSITY, inlet_flow_ul_s=FLOW), tmp_path)
     return tmp_path
 
 
@@ -634,14 +632,17 @@ def test_what_ends_us_ends_the_ranks(case_ranks, stand_in, tmp_path, how):
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def solved(folder: Path, engine: Engine, ranks: int, *ports, mesh=MESH, **options) -> RankResult:
-    write_case(mesh, RankConditions(ports, VISCOSITY, **options), folder)
+def solved(
+    folder: Path, engine: Engine, ranks: int, driven: FlowConditions, mesh=MESH, **options
+) -> RankResult:
+    write_case(mesh, driven, folder, RankOptions(**options))
     return run_on_ranks(folder, ranks, engine.python)
 
 
 def test_poiseuilles_pressure_drop_comes_out(engine, tmp_path):
     told = []
-    write_case(MESH, RankConditions((PortFlow(FLOW), PortPressure(5.0)), VISCOSITY), tmp_path)
+    driven = FlowConditions(VISCOSITY, inlet_flow_ul_s=FLOW, outlet_pressure_pa=5.0)
+    write_case(MESH, driven, tmp_path)
     found = run_on_ranks(tmp_path, 1, engine.python, told.append)
     drop = 8.0 * VISCOSITY * LENGTH * FLOW / (np.pi * RADIUS**4)
     assert found.port_pressure[0] - found.port_pressure[1] == pytest.approx(drop, rel=5e-3)
@@ -663,10 +664,10 @@ def test_poiseuilles_pressure_drop_comes_out(engine, tmp_path):
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one processor")
 def test_two_ranks_find_what_one_does_by_either_solver(engine, tmp_path):
     mesh = bend(2, 3, RADIUS, LENGTH, 1.0)
-    ports = PortFlow(FLOW), PortPressure(1.0, 2.0)
-    one = solved(tmp_path / "one", engine, 1, *ports, mesh=mesh)
+    driven = FlowConditions(VISCOSITY, inlet_flow_ul_s=FLOW, behind={1: OutletLoad(2.0, 1.0)})
+    one = solved(tmp_path / "one", engine, 1, driven, mesh)
     for solver in ("direct", "iterative"):
-        two = solved(tmp_path / solver, engine, 2, *ports, mesh=mesh, solver=solver)
+        two = solved(tmp_path / solver, engine, 2, driven, mesh, solver=solver)
         assert two.report["ranks"] == 2
         assert len(two.report["memory_mb"]) == 2
         assert np.abs(two.pressure - one.pressure).max() < 1e-6 * np.abs(one.pressure).max()
@@ -679,10 +680,13 @@ def test_two_ranks_find_what_one_does_by_either_solver(engine, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_supplys_flow_and_given_pressures_come_out(engine, tmp_path):
-    ports = PortShare(0), PortPressure(3.0)
-    found = solved(tmp_path, engine, 1, *ports, supplies=(FLOW,), model="stokes")
+def test_an_outlets_flow_and_given_pressures_come_out(engine, tmp_path):
+    drawn = FlowConditions(VISCOSITY, inlet_pressure_pa=9.0, outlet_flow_ul_s={1: FLOW})
+    found = solved(tmp_path, engine, 1, drawn, model="stokes")
     assert found.port_flow == pytest.approx([-FLOW, FLOW], rel=1e-9)
-    driven = PortPressure(found.port_pressure[0]), PortPressure(found.port_pressure[1])
-    again = solved(tmp_path, engine, 1, *driven, model="stokes")
+    pressure = found.port_pressure.tolist()
+    driven = FlowConditions(
+        VISCOSITY, inlet_pressure_pa=pressure[0], outlet_pressure_pa=pressure[1]
+    )
+    again = solved(tmp_path, engine, 1, driven, model="stokes")
     assert again.port_flow == pytest.approx(found.port_flow, rel=1e-3)
