@@ -281,7 +281,7 @@ def _pairs_in_cells(
     pairs: Any,
     values: Any,
 ) -> int:
-    """Write close pairs (some more than once); return how many there are, room or not."""
+    """Write close pairs (some more than once); return how many there are, written or not."""
     count = 0
     for c in range(len(first) - 1):
         for x in range(first[c], first[c + 1]):
