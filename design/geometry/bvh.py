@@ -261,7 +261,7 @@ class Workspace(NamedTuple):
         Members of the second child, and their boxes.
     span : (2, 3) float64
         Least and greatest of the node's middles.
-    count : (3, BINS) int64
+    members : (3, BINS) int64
         Members in each bin along each axis.
     box : (3, BINS, 6) float64
         Around them.
@@ -273,7 +273,7 @@ class Workspace(NamedTuple):
     part: IntArray
     part_own: FloatArray
     span: FloatArray
-    count: IntArray
+    members: IntArray
     box: FloatArray
     cost: FloatArray
 
@@ -371,12 +371,12 @@ def _fill_bins(own: FloatArray, work: Workspace) -> None:
             work.span[1, c] = max(work.span[1, c], middle)
     for c in range(3):
         for b in range(BINS):
-            work.count[c, b] = 0
+            work.members[c, b] = 0
             _clear(work.box[c, b])
     for k in range(len(own)):
         for c in range(3):
             b = _bin(work, k, c)
-            work.count[c, b] += 1
+            work.members[c, b] += 1
             _take_in(work.box[c, b], own[k])
 
 
@@ -399,7 +399,7 @@ def _costs(work: Workspace, axis: int) -> None:
         x0, y0, z0, x1, y1, z1 = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
         for k in range(BINS - 1):
             one = BINS - 1 - k if way else k
-            members += work.count[axis, one]
+            members += work.members[axis, one]
             box = work.box[axis, one]
             x0, y0, z0 = min(x0, box[0]), min(y0, box[1]), min(z0, box[2])
             x1, y1, z1 = max(x1, box[3]), max(y1, box[4]), max(z1, box[5])
