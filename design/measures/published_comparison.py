@@ -23,21 +23,11 @@ _COLUMNS = ("diameter_um", "diameter_sd_um", "length_mm", "length_sd_mm", "eleme
 
 
 class JudgedLimits(NamedTuple):
-    """What must be known of a figure that is judged.
+    """What must be known of a figure that is judged."""
 
-    Attributes
-    ----------
-    elements : int
-        Of an order: the mean of fewer is scatter.
-    steps : int
-        Published steps between orders, for their spread.
-    orders : int
-        Of a network that is matched to a table: fewer are no organ's.
-    """
-
-    elements: int = 5
-    steps: int = 4
-    orders: int = 4
+    elements: int = 5  # Of an order: the mean of fewer is scatter
+    steps: int = 4  # Published steps between orders, for their spread
+    orders: int = 4  # Of a network that is matched to a table: fewer are no organ's
 
 
 JUDGED: Final = JudgedLimits()

@@ -22,31 +22,19 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 
 
 class TracingLimits(NamedTuple):
-    """How a hollow is found in a solid's voxels, and paths in the hollow.
+    """How a hollow is found in a solid's voxels, and paths in the hollow."""
 
-    Attributes
-    ----------
-    covered_radii, covered_voxels : float
-        A path covers balls of so many times the distance to the wall, and so much more.
-    min_length : float, radii
-        A shorter hollow is a dimple, a shorter branch the rest of a joint.
-    min_bubble : float, radii
-        A shorter hollow without a way in is a bubble.
-    lines : int
-        Of the 13 through a voxel that meet the solid on both sides, in a hollow. A groove has
-        about 5, a notch 3, space outside a part none.
-    lines_at_mouth : int
-        The same within ``mouth`` radii of where a hollow opens.
-    mouth : float, radii
-    """
-
+    # A path covers balls of so many times the distance to the wall, and so much more.
     covered_radii: float = 1.3
     covered_voxels: float = 2.0
+    # radii: a shorter hollow is a dimple, a shorter branch the rest of a joint.
     min_length: float = 2.0
-    min_bubble: float = 2.6
+    min_bubble: float = 2.6  # radii: a shorter hollow without a way in is a bubble
+    # Of the 13 through a voxel that meet the solid on both sides, in a hollow. A groove has
+    # about 5, a notch 3, space outside a part none.
     lines: int = 11
-    lines_at_mouth: int = 3
-    mouth: float = 2.0
+    lines_at_mouth: int = 3  # The same within ``mouth`` radii of where a hollow opens
+    mouth: float = 2.0  # radii
 
 
 LIMITS: Final = TracingLimits()
@@ -81,6 +69,8 @@ class CentreLine:
 
 def centre_lines(hollow: Hollow) -> list[CentreLine]:
     """Trace a hollow's lumens; nodes are numbered from 0."""
+    # Of the 13 through a voxel that meet the solid on both sides, in a hollow. A groove has
+    # about 5, a notch 3, space outside a part none.
     lines: list[CentreLine] = []
     label, _ = ndimage.label(hollow.inside, ALL_NEIGHBOURS)
     for number, box in enumerate(ndimage.find_objects(label), 1):

@@ -11,28 +11,14 @@ Kind = Literal["plain", "barb", "luer_female", "luer_male"]
 
 
 class LuerCone(NamedTuple):
-    """A Luer fitting's cone, ISO 80369-7, annex B.
+    """A Luer fitting's cone, ISO 80369-7, annex B."""
 
-    Attributes
-    ----------
-    taper : float
-        Loss of diameter per length.
-    opening_mm : float
-        Diameter of a socket's mouth.
-    max_bore : float
-        Of a socket, over its mouth: the rest is its bottom.
-    tip_mm, tip_bore_mm : float
-        Diameter of a male cone's tip, and of its bore at most.
-    length_mm, max_length_mm : float
-        Of either at least, and of a male one at most.
-    """
-
-    taper: float = 0.06
-    opening_mm: float = 4.2925
-    max_bore: float = 0.85
-    tip_mm: float = 3.9575
+    taper: float = 0.06  # Loss of diameter per length
+    opening_mm: float = 4.2925  # Diameter of a socket's mouth
+    max_bore: float = 0.85  # Of a socket, over its mouth: the rest is its bottom
+    tip_mm: float = 3.9575  # Diameter of a male cone's tip, and of its bore at most
     tip_bore_mm: float = 2.9
-    length_mm: float = 7.5
+    length_mm: float = 7.5  # Of either at least, and of a male one at most
     max_length_mm: float = 10.5
 
 
@@ -63,7 +49,7 @@ class Connector:
     kind: Kind
     bore_mm: float
     outer_mm: float = 6.5
-    length_mm: float = 10.0
+    length_mm: float = 10.0  # Of either at least, and of a male one at most
     barb_mm: float = 0.8
     barbs: int = 2
 

@@ -37,68 +37,35 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 
 
 class VoxelLimits(NamedTuple):
-    """Resolution of the voxels in which lumens are searched.
+    """Resolution of the voxels in which lumens are searched."""
 
-    Attributes
-    ----------
-    max_voxels : (int, int)
-        Of the box around the solid, first and where lumens are too thin for that.
-    finest_mm : float
-        Pitch.
-    min_radius : float, voxels
-        Of the thinnest lumen that is resolved.
-    min_part_mm : float
-        A smaller part without lumens was probably exported in another unit.
-    """
-
+    # Of the box around the solid, first and where lumens are too thin for that.
     max_voxels: tuple[int, int] = (4_000_000, 40_000_000)
-    finest_mm: float = 0.02
-    min_radius: float = 3.0
-    min_part_mm: float = 1.0
+    finest_mm: float = 0.02  # Pitch
+    min_radius: float = 3.0  # voxels: of the thinnest lumen that is resolved
+    min_part_mm: float = 1.0  # A smaller part without lumens was probably exported in another unit
 
 
 class SectionLimits(NamedTuple):
-    """How axes are laid along a lumen's sections, and when they are sure; lengths in radii.
+    """How axes are laid along a lumen's sections, and when they are sure; lengths in radii."""
 
-    Attributes
-    ----------
-    rays : int
-        Across a section.
-    rounds : int
-        Of sections across the line through the middles of the last ones.
-    reach : float
-        Of a ray.
-    max_aspect : float
-        Length over width of a round lumen's section.
-    even : float
-        Relative difference of sections next to each other outside of joints and bends, at most.
-    wider : float
-        A section so many times as wide as the median of its vessel belongs to a joint.
-    steepest : float
-        Change of a radius over its way; where it is more, its place isn't sure.
-    max_move : float
-        Of a joint from where its lumens part: farther, its vessels aren't straight.
-    straight_mm : float
-        Greatest distance of a line's points from the axis that is kept.
-    aside : float
-        A lumen's wall may lie by so much beside its vessel's, or two voxels.
-    max_left : float
-        Share of connected lumens' volume that no vessel follows; above, none of their axes is sure.
-    min_left : float
-        Radius of a ball as large as the least piece of lumens that counts as not followed.
-    """
-
-    rays: int = 40
-    rounds: int = 4
-    reach: float = 6.0
-    max_aspect: float = 2.0
+    rays: int = 40  # Across a section
+    rounds: int = 4  # Of sections across the line through the middles of the last ones
+    reach: float = 6.0  # Of a ray
+    max_aspect: float = 2.0  # Length over width of a round lumen's section
+    # Relative difference of sections next to each other outside of joints and bends, at most.
     even: float = 0.015
+    # A section so many times as wide as the median of its vessel belongs to a joint.
     wider: float = 1.3
-    steepest: float = 0.3
+    steepest: float = 0.3  # Change of a radius over its way; where it is more, its place isn't sure
+    # Of a joint from where its lumens part: farther, its vessels aren't straight.
     max_move: float = 8.0
-    straight_mm: float = 0.003
-    aside: float = 0.3
+    straight_mm: float = 0.003  # Greatest distance of a line's points from the axis that is kept
+    aside: float = 0.3  # A lumen's wall may lie by so much beside its vessel's, or two voxels
+    # Share of connected lumens' volume that no vessel follows; above, none of their axes is
+    # sure.
     max_left: float = 0.1
+    # Radius of a ball as large as the least piece of lumens that counts as not followed.
     min_left: float = 0.5
 
 

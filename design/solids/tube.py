@@ -225,23 +225,16 @@ def dome_profile(facets: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 class ChainRules(NamedTuple):
-    """When vessels are swept as one tube, and how its radius and ends meet.
+    """When vessels are swept as one tube, and how its radius and ends meet."""
 
-    Attributes
-    ----------
-    min_width_ratio : float
-        Of two ends that are joined; below it the wider one's ball covers the thinner one's disc.
-    step : float
-        A jump of radius becomes a cone of this share of the radius (or of the piece) in length.
-    min_left : float
-        Share of a piece that its two mitres must leave on the inside of the bend.
-    overlap : float
-        Share of the radius by which a closed ring's last end runs into its first.
-    """
-
+    # Of two ends that are joined; below it the wider one's ball covers the thinner one's
+    # disc.
     min_width_ratio: float = 0.9
+    # A jump of radius becomes a cone of this share of the radius (or of the piece) in length.
     step: float = 0.1
+    # Share of a piece that its two mitres must leave on the inside of the bend.
     min_left: float = 0.1
+    # Share of the radius by which a closed ring's last end runs into its first.
     overlap: float = 0.02
 
 

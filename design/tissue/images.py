@@ -286,33 +286,18 @@ def _ome_size(text: str) -> tuple[Size | None, str | None]:
 
 
 class LabelSmoothing(NamedTuple):
-    """How a label's voxels become a surface.
+    """How a label's voxels become a surface."""
 
-    Attributes
-    ----------
-    blur : float, voxels
-        Standard deviation.
-    pad : int, voxels
-        Around the label: as far as the blur reaches.
-    levels : (float, float)
-        Lowest and highest level tried: beyond, thin walls or gaps decide alone.
-    margin : float
-        Least difference of a voxel's value from the level.
-    simplify : tuple of float, voxels
-        How far simplifying may move the surface: the first that changes the volume little enough.
-    volume_change : float
-        By simplifying, at most.
-    max_voxels : int
-        Of an image: the mask takes 0.5 GB.
-    """
-
-    blur: float = 1.0
-    pad: int = 4
+    blur: float = 1.0  # voxels: standard deviation
+    pad: int = 4  # voxels: around the label: as far as the blur reaches
+    # Lowest and highest level tried: beyond, thin walls or gaps decide alone.
     levels: tuple[float, float] = (0.15, 0.85)
-    margin: float = 0.05
+    margin: float = 0.05  # Least difference of a voxel's value from the level
+    # voxels: how far simplifying may move the surface: the first that changes the volume
+    # little enough.
     simplify: tuple[float, ...] = (0.03, 0.01, 0.003)
-    volume_change: float = 2e-3
-    max_voxels: int = 500_000_000
+    volume_change: float = 2e-3  # By simplifying, at most
+    max_voxels: int = 500_000_000  # Of an image: the mask takes 0.5 GB
 
 
 SMOOTHING = LabelSmoothing()

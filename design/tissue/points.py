@@ -36,42 +36,22 @@ from kernels.arrays import FloatArray
 
 
 class PointFit(NamedTuple):
-    """How a surface is laid through points; lengths in the points' spacing.
-
-    Attributes
-    ----------
-    min_points : int
-    neighbours : int
-        Fitted together: twice a quadratic's coefficients, and some to spare.
-    reach : float
-        Of a local function around its point.
-    same_side : float
-        Least cosine between normals fitted together; others are beyond an edge.
-    steepest : (6,) float
-        Bounds of a height's coefficients: beyond an edge a fit holds nothing, and bends tighter
-        than four spacings aren't resolved.
-    max_nodes : int
-        Of the lattice: 640 MB.
-    cells_per_spacing : float
-    far : float
-        From the nearest point; beyond, the surface is invented.
-    max_invented, noted : float
-        Share of the surface that may be, and from which on it is noted.
-    simplify : float
-        How far simplifying may move the surface.
-    """
+    """How a surface is laid through points; lengths in the points' spacing."""
 
     min_points: int = 100
-    neighbours: int = 14
-    reach: float = 2.0
+    neighbours: int = 14  # Fitted together: twice a quadratic's coefficients, and some to spare
+    reach: float = 2.0  # Of a local function around its point
+    # Least cosine between normals fitted together; others are beyond an edge.
     same_side: float = 0.5
+    # Bounds of a height's coefficients: beyond an edge a fit holds nothing, and bends tighter
+    # than four spacings aren't resolved.
     steepest: tuple[float, ...] = (0.5, 0.5, 0.5, 0.12, 0.12, 0.12)
-    max_nodes: int = 40_000_000
+    max_nodes: int = 40_000_000  # Of the lattice: 640 MB
     cells_per_spacing: float = 1.5
-    far: float = 1.6
-    max_invented: float = 0.05
+    far: float = 1.6  # From the nearest point; beyond, the surface is invented
+    max_invented: float = 0.05  # Share of the surface that may be, and from which on it is noted
     noted: float = 0.002
-    simplify: float = 0.02
+    simplify: float = 0.02  # How far simplifying may move the surface
 
 
 FIT = PointFit()
@@ -91,6 +71,7 @@ class Cloud:
 
     points: FloatArray
     normals: FloatArray
+    # Fitted together: twice a quadratic's coefficients, and some to spare.
     neighbours: NDArray[np.int64]
     spacing: FloatArray
 
@@ -361,7 +342,7 @@ def blend(
     points: Any,
     frame: Any,
     height: Any,
-    reach: Any,
+    reach: Any,  # Of a local function around its point
     origin: Any,
     spacing: float,
     total: Any,
