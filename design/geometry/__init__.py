@@ -1,6 +1,6 @@
 """Distances, nearest points and intersections of points, segments and triangle surfaces.
 
-Names are loaded when first asked for: a process that only names a surface needs no kernels.
+Names are loaded when first used: a process that only names a surface needs no kernels.
 
 Goes in: points, segments and triangles, mm. Comes out: distances, nearest points, intersections.
 Begin with `bvh.py`.

@@ -197,9 +197,9 @@ def nearest_distances(tree: Any, points: Any) -> Any:
 # time than by cuts through the median, and near a scanned surface too.
 
 LEAF = 4
-"""Members of a leaf at most: cheaper to ask than to part further."""
+"""Members of a leaf at most: cheaper to try than to split further."""
 DEPTH = 64
-"""Places that a walk's stack needs, with 2**31 members."""
+"""Of a traversal's stack, enough for 2**31 members."""
 DEEPEST = 32
 """From this depth on nodes are halved, so that no tree is deeper than `DEPTH`."""
 
@@ -218,11 +218,11 @@ def build_hierarchy(own: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
     order : (m,) int64
         Members in the order of the leaves.
     """
-    m, held = len(own), own.copy()
+    m, members = len(own), own.copy()
     order = np.arange(m)
     boxes, nodes = np.empty((2 * m, 6)), np.empty((2 * m, 2), dtype=np.int64)
     stack = np.zeros((2 * DEPTH, 4), dtype=np.int64)
-    room = new_workspace(m)
+    work = new_workspace(m)
     stack[0] = (0, m, 0, -1)
     top, node = 1, 0
     while top > 0:
@@ -230,12 +230,12 @@ def build_hierarchy(own: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
         first, last, depth, parent = stack[top]
         if parent >= 0:
             nodes[parent, 1] = node
-        enclose(held[first:last], boxes[node])
+        enclose(members[first:last], boxes[node])
         if last - first <= LEAF:
             nodes[node] = (-1 - first, last)
         else:
-            part = (held[first:last], order[first:last])
-            middle = first + partition_members(*part, depth < DEEPEST, room)
+            part = (members[first:last], order[first:last])
+            middle = first + partition_members(*part, depth < DEEPEST, work)
             nodes[node, 0] = node + 1
             stack[top] = (middle, last, depth + 1, node)
             stack[top + 1] = (first, middle, depth + 1, -1)
@@ -251,7 +251,7 @@ BINS = 16
 
 
 class Workspace(NamedTuple):
-    """Room in which nodes are split one after another: allocated once, not for each.
+    """Arrays in which nodes are split one after another: allocated once, not for each.
 
     Attributes
     ----------
@@ -261,7 +261,7 @@ class Workspace(NamedTuple):
         Members of the second child, and their boxes.
     span : (2, 3) float64
         Least and greatest of the node's middles.
-    held : (3, BINS) int64
+    members : (3, BINS) int64
         Members in each bin along each axis.
     box : (3, BINS, 6) float64
         Around them.
@@ -273,14 +273,14 @@ class Workspace(NamedTuple):
     part: IntArray
     part_own: FloatArray
     span: FloatArray
-    held: IntArray
+    members: IntArray
     box: FloatArray
     cost: FloatArray
 
 
 @jit
 def new_workspace(members: int) -> Workspace:
-    """Return room for nodes of at most so many members."""
+    """Return a workspace for nodes of at most so many members."""
     return Workspace(
         np.empty((members, 3)),
         np.empty(members, dtype=np.int64),
@@ -317,95 +317,95 @@ def enclose(own: FloatArray, box: FloatArray) -> None:
 
 
 @jit
-def partition_members(own: FloatArray, chosen: IntArray, cheapest: bool, room: Workspace) -> int:
+def partition_members(own: FloatArray, chosen: IntArray, cheapest: bool, work: Workspace) -> int:
     """Put members of the first child before those of the second; return how many it has.
 
     Cut where it is cheapest, else in the middle of the order they are in. ``own`` (k, 6) are the
     boxes of the members ``chosen`` (k,), and move with them: read in a row, they are read fast.
     """
-    axis, last = _cheapest_cut(own, room) if cheapest else (-1, 0)
+    axis, last = _cheapest_cut(own, work) if cheapest else (-1, 0)
     if axis < 0:
         return len(chosen) // 2
     kept, moved = 0, 0
     for k in range(len(chosen)):
-        if _bin(room, k, axis) <= last:
+        if _bin(work, k, axis) <= last:
             chosen[kept] = chosen[k]
             for c in range(6):
                 own[kept, c] = own[k, c]
             kept += 1
         else:
-            room.part[moved] = chosen[k]
+            work.part[moved] = chosen[k]
             for c in range(6):
-                room.part_own[moved, c] = own[k, c]
+                work.part_own[moved, c] = own[k, c]
             moved += 1
     for k in range(moved):
-        chosen[kept + k] = room.part[k]
+        chosen[kept + k] = work.part[k]
         for c in range(6):
-            own[kept + k, c] = room.part_own[k, c]
+            own[kept + k, c] = work.part_own[k, c]
     return kept
 
 
 @jit
-def _cheapest_cut(own: FloatArray, room: Workspace) -> tuple[int, int]:
+def _cheapest_cut(own: FloatArray, work: Workspace) -> tuple[int, int]:
     """Axis and last bin of the first child, of the cheapest cut; axis -1 where none parts."""
-    _fill_bins(own, room)
+    _fill_bins(own, work)
     best, axis, last = np.inf, -1, 0
     for c in range(3):
-        _costs(room, c)
+        _costs(work, c)
         for k in range(BINS - 1):
-            if room.cost[k] < best:
-                best, axis, last = room.cost[k], c, k
+            if work.cost[k] < best:
+                best, axis, last = work.cost[k], c, k
     return axis, last
 
 
 @jit
-def _fill_bins(own: FloatArray, room: Workspace) -> None:
+def _fill_bins(own: FloatArray, work: Workspace) -> None:
     """Count the members in each bin along each axis, and find the boxes around them."""
     for c in range(3):
-        room.span[0, c], room.span[1, c] = np.inf, -np.inf
+        work.span[0, c], work.span[1, c] = np.inf, -np.inf
     for k in range(len(own)):
         for c in range(3):
             middle = own[k, c] + own[k, 3 + c]
-            room.middle[k, c] = middle
-            room.span[0, c] = min(room.span[0, c], middle)
-            room.span[1, c] = max(room.span[1, c], middle)
+            work.middle[k, c] = middle
+            work.span[0, c] = min(work.span[0, c], middle)
+            work.span[1, c] = max(work.span[1, c], middle)
     for c in range(3):
         for b in range(BINS):
-            room.held[c, b] = 0
-            _clear(room.box[c, b])
+            work.members[c, b] = 0
+            _clear(work.box[c, b])
     for k in range(len(own)):
         for c in range(3):
-            b = _bin(room, k, c)
-            room.held[c, b] += 1
-            _take_in(room.box[c, b], own[k])
+            b = _bin(work, k, c)
+            work.members[c, b] += 1
+            _take_in(work.box[c, b], own[k])
 
 
 @jit
-def _bin(room: Workspace, k: int, axis: int) -> int:
+def _bin(work: Workspace, k: int, axis: int) -> int:
     """Number of the bin that the middle of a member lies in; 0 where no middles differ."""
-    low = room.span[0, axis]
-    span = room.span[1, axis] - low
+    low = work.span[0, axis]
+    span = work.span[1, axis] - low
     if span > 0.0:
-        return min(int((room.middle[k, axis] - low) / span * BINS), BINS - 1)
+        return min(int((work.middle[k, axis] - low) / span * BINS), BINS - 1)
     return 0
 
 
 @jit
-def _costs(room: Workspace, axis: int) -> None:
+def _costs(work: Workspace, axis: int) -> None:
     """Cost of a cut above each bin but the last: members of both sides times their faces."""
-    room.cost[:] = 0.0
+    work.cost[:] = 0.0
     for way in range(2):
-        held = 0
+        members = 0
         x0, y0, z0, x1, y1, z1 = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
         for k in range(BINS - 1):
             one = BINS - 1 - k if way else k
-            held += room.held[axis, one]
-            box = room.box[axis, one]
+            members += work.members[axis, one]
+            box = work.box[axis, one]
             x0, y0, z0 = min(x0, box[0]), min(y0, box[1]), min(z0, box[2])
             x1, y1, z1 = max(x1, box[3]), max(y1, box[4]), max(z1, box[5])
             # Half the surface of the box: how often a search comes to it, in proportion.
             x, y, z = x1 - x0, y1 - y0, z1 - z0
-            room.cost[one - way] += held * (x * y + y * z + z * x) if held else np.inf
+            work.cost[one - way] += members * (x * y + y * z + z * x) if members else np.inf
 
 
 # Traverse a triangle bounding-volume tree for the leaves that overlap a box.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import frexp
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import prange
@@ -20,9 +20,9 @@ from design.geometry.bvh import (
     DEPTH,
     TriangleTree,
     boxes_apart,
+    boxes_of,
     build_triangle_tree,
     corners_box,
-    next_leaf,
 )
 from kernels import jit, pjit
 from kernels.arrays import IntArray
@@ -75,29 +75,116 @@ def find_crossings(
     corners = np.ascontiguousarray(faces, dtype=np.int32)
     if tree is None:
         tree = build_triangle_tree(np.ascontiguousarray(vertices, dtype=np.float64), corners)
-    leaves = np.flatnonzero(tree.right < 0)
-    places = tree.triangles.reshape(-1, 3, 3)
-    count = np.zeros(len(leaves), np.int64)
-    _count(tree, places, corners, leaves, count)
-    begin = np.cumsum(count) - count
-    pairs = np.empty((int(count.sum()), 2), np.int64)
-    status = np.empty(len(pairs), np.int8)
-    _list(tree, places, corners, leaves, count, begin, pairs, status)
-    crossed = np.sort(crossing_pairs(vertices, corners, corners, pairs, status), axis=1)
-    return Crossings(crossed[np.lexsort(crossed.T[::-1])])
+    leaf = np.flatnonzero(tree.right < 0)
+    groups = _Groups(
+        leaf,
+        tree.low[leaf],
+        tree.high[leaf],
+        tree.first[leaf],
+        tree.size[leaf],
+        tree.triangles,
+        tree.face,
+    )
+    return Crossings(_sorted(_crossing_pairs(vertices, corners, groups, corners, tree)))
 
 
-def crossing_pairs(
+def find_new_crossings(
+    vertices: NDArray[np.float64], faces: NDArray[np.integer], fresh: NDArray[np.bool_]
+) -> Crossings:
+    """Find all pairs of faces, one of them ``fresh`` at least, that pass through one another.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+    faces : (m, 3)
+        As `find_crossings` takes them.
+    fresh : (m,) bool
+        Few: a tree is made of these alone. Pairs of others aren't tried.
+    """
+    corners = np.ascontiguousarray(faces, dtype=np.int32)
+    new, old = np.flatnonzero(fresh), np.flatnonzero(~fresh)
+    if len(new) == 0:
+        return Crossings(np.empty((0, 2), np.int64))
+    tree = build_triangle_tree(vertices, corners[new])
+    among = new[find_crossings(vertices, corners[new], tree).pairs]
+    one, two = find_meetings(vertices, corners[old], tree, corners[new]).T
+    return Crossings(_sorted(np.concatenate([among, np.stack([old[one], new[two]], axis=1)])))
+
+
+def find_meetings(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
+    tree: TriangleTree,
     others: NDArray[np.int32],
-    pairs: IntArray,
-    status: NDArray[np.int8],
-) -> IntArray:
-    """Those ``pairs`` (k, 2) of one of ``faces`` and one of ``others`` that cross.
+) -> NDArray[np.int64]:
+    """Pairs (k, 2) of one of ``faces`` (m, 3) and one of ``others`` (l, 3) that meet, unsorted.
 
-    Those whose ``status`` (k,) leaves it open are decided in whole numbers.
+    Parameters
+    ----------
+    tree : TriangleTree
+        Of ``others``.
     """
+    count = len(faces)
+    number = np.arange(count, dtype=np.int32)
+    corners = np.ascontiguousarray(vertices[faces])
+    box = boxes_of(corners)
+    groups = _Groups(
+        np.full(count, -1),
+        np.ascontiguousarray(box[:, :3]),
+        np.ascontiguousarray(box[:, 3:]),
+        number,
+        np.ones(count, np.int32),
+        corners.reshape(-1, 9),
+        number,
+    )
+    return _crossing_pairs(vertices, faces, groups, others, tree)
+
+
+class _Groups(NamedTuple):
+    """Runs of triangles that are tried against a tree: its own leaves, or single other faces.
+
+    Attributes
+    ----------
+    leaf : (g,) int64
+        Node of the tree; -1 for others.
+    low, high : (g, 3) float64
+        Box of each run.
+    first, size : (g,) int32
+        Its triangles.
+    triangles : (m, 9) float64
+    face : (m,) int32
+        Number of each triangle in the mesh.
+    """
+
+    leaf: IntArray
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    first: NDArray[np.int32]
+    size: NDArray[np.int32]
+    triangles: NDArray[np.float64]
+    face: NDArray[np.int32]
+
+
+def _crossing_pairs(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    groups: _Groups,
+    others: NDArray[np.int32],
+    tree: TriangleTree,
+) -> IntArray:
+    """Pairs (k, 2) of one of ``faces`` and one of ``others`` that cross.
+
+    Those that rounding leaves open are decided in whole numbers.
+    """
+    count = np.zeros(len(groups.leaf), np.int64)
+    pairs, status = np.empty((0, 2), np.int64), np.empty(0, np.int8)
+    # Counted first, then written.
+    for _ in range(2):
+        begin = np.cumsum(count) - count
+        pairs, status = np.empty((int(count.sum()), 2), np.int64), np.empty(count.sum(), np.int8)
+        _find_pairs(groups, faces, tree, others, count, begin, pairs, status)
+        if not count.any():
+            break
     kept = status == CROSSING
     for index in np.flatnonzero(~kept).tolist():
         one, two = faces[pairs[index, 0]].tolist(), others[pairs[index, 1]].tolist()
@@ -105,42 +192,47 @@ def crossing_pairs(
     return pairs[kept]
 
 
-@pjit
-def _count(tree: Any, places: Any, faces: Any, leaves: Any, count: Any) -> None:
-    """For each leaf of the tree, in how many pairs its triangles may cross later ones."""
-    none, of = np.empty((0, 2), np.int64), np.empty(0, np.int8)
-    for n in prange(len(leaves)):
-        count[n] = _search(tree, places, faces, leaves[n], _NOWHERE, none, of)
+def _sorted(pairs: IntArray) -> IntArray:
+    ordered = np.sort(pairs, axis=1)
+    return np.asarray(ordered[np.lexsort(ordered.T[::-1])])
 
 
 @pjit
-def _list(
-    tree: Any,
-    places: Any,
+def _find_pairs(
+    groups: Any,
     faces: Any,
-    leaves: Any,
+    tree: Any,
+    others: Any,
     count: Any,
     begin: Any,
     pairs: Any,
     status: Any,
 ) -> None:
-    """Write those pairs, by the mesh's own numbers, and how they meet."""
-    for n in prange(len(leaves)):
-        if count[n] > 0:
-            _search(tree, places, faces, leaves[n], begin[n], pairs, status)
+    """Count the pairs of each group that may cross; write them where there is space for pairs."""
+    for g in prange(len(count)):
+        if len(pairs) == 0:
+            count[g] = _search(
+                groups, int(np.int64(g)), faces, tree, others, _NOWHERE, pairs, status
+            )
+        elif count[g] > 0:
+            _search(groups, int(np.int64(g)), faces, tree, others, begin[g], pairs, status)
 
 
 @jit
-def _search(tree: Any, places: Any, faces: Any, leaf: int, at: int, pairs: Any, status: Any) -> int:
-    """Pairs of a leaf's triangles and later ones that may cross; written from ``at`` on if >= 0."""
-    stack = np.empty(DEPTH, np.int32)
+def _search(
+    groups: Any, g: int, faces: Any, tree: Any, others: Any, at: int, pairs: Any, status: Any
+) -> int:
+    """Pairs of a group and the tree, of its own later triangles; written from ``at`` if >= 0."""
+    stack, least, most = np.empty(DEPTH, np.int32), np.empty(3), np.empty(3)
     stack[0] = 0
     top, count = 1, 0
-    low, high = tree.low[leaf], tree.high[leaf]
+    leaf, low, high = groups.leaf[g], groups.low[g], groups.high[g]
+    first, last = groups.first[g], groups.first[g] + groups.size[g]
+    mine, its = groups.triangles.reshape(-1, 3, 3), tree.triangles.reshape(-1, 3, 3)
     while top > 0:
         top -= 1
         node = stack[top]
-        if _boxes_part(tree, node, low, high):
+        if _is_beyond(tree, node, low, high):
             continue
         right = tree.right[node]
         if right >= 0:
@@ -150,60 +242,35 @@ def _search(tree: Any, places: Any, faces: Any, leaf: int, at: int, pairs: Any, 
             if right > leaf:
                 stack[top] = node + 1
                 top += 1
-        elif node >= leaf:
-            count = _leaf_pairs(tree, places, faces, leaf, node, at, count, pairs, status)
+            continue
+        if node < leaf:
+            continue
+        for n in range(first, last):
+            one, corners = mine[n], faces[groups.face[n]]
+            corners_box(one, least, most)
+            begin = n + 1 if node == leaf else tree.first[node]
+            for m in range(begin, tree.first[node] + tree.size[node]):
+                two = its[m]
+                if boxes_apart(two, least, most):
+                    continue
+                other = others[tree.face[m]]
+                if _common_corners(corners, other) == 0 and _parted_across(one, two):
+                    continue
+                met = meeting_kind(one, two, corners, other)
+                if met == APART:
+                    continue
+                if at >= 0:
+                    pairs[at + count, 0], pairs[at + count, 1] = groups.face[n], tree.face[m]
+                    status[at + count] = met
+                count += 1
     return count
 
 
 @jit
-def _boxes_part(tree: Any, node: int, low: Any, high: Any) -> bool:
+def _is_beyond(tree: Any, node: int, low: Any, high: Any) -> bool:
     """Whether a node's box and another don't meet."""
     for axis in range(3):
         if low[axis] > tree.high[node, axis] or high[axis] < tree.low[node, axis]:
-            return True
-    return False
-
-
-@jit
-def _leaf_pairs(
-    tree: Any,
-    places: Any,
-    faces: Any,
-    leaf: int,
-    node: int,
-    at: int,
-    count: int,
-    pairs: Any,
-    status: Any,
-) -> int:
-    """As `_search`, for the triangles of two leaves; ``count`` were found before."""
-    for n in range(tree.first[leaf], tree.first[leaf] + tree.size[leaf]):
-        one, corners = places[n], faces[tree.face[n]]
-        for m in range(max(n + 1, tree.first[node]), tree.first[node] + tree.size[node]):
-            if _own_boxes_part(one, places[m]):
-                continue
-            others = faces[tree.face[m]]
-            if _common_corners(corners, others) == 0 and _parted_across(one, places[m]):
-                continue
-            met = meeting_kind(one, places[m], corners, others)
-            if met == APART:
-                continue
-            if at >= 0:
-                pairs[at + count, 0], pairs[at + count, 1] = tree.face[n], tree.face[m]
-                status[at + count] = met
-            count += 1
-    return count
-
-
-@jit
-def _own_boxes_part(one: Any, two: Any) -> bool:
-    """Whether the boxes of two triangles (3, 3) don't meet."""
-    for axis in range(3):
-        low = min(one[0, axis], min(one[1, axis], one[2, axis]))
-        high = max(one[0, axis], max(one[1, axis], one[2, axis]))
-        if max(two[0, axis], max(two[1, axis], two[2, axis])) < low:
-            return True
-        if min(two[0, axis], min(two[1, axis], two[2, axis])) > high:
             return True
     return False
 
@@ -325,7 +392,7 @@ def meeting_kind(one: Any, two: Any, corners: Any, others: Any) -> int:
 
 @jit
 def _meet_in_space(one: Any, two: Any, own: Any, its: Any, shared: int) -> int:
-    """The same by signs of tetrahedra; ``own`` and ``its`` say which corners both have."""
+    """Tell by signs of tetrahedra; ``own`` and ``its`` say which corners both have."""
     p, q, r = (
         0 if its[0] >= 0 else plane_side(one[0], one[1], one[2], two[0]),
         0 if its[1] >= 0 else plane_side(one[0], one[1], one[2], two[1]),
@@ -402,125 +469,6 @@ def _parted_by_an_edge(one: Any, two: Any, own: Any, its: Any) -> bool:
     return False
 
 
-# Find intersecting triangle pairs that involve newly added triangles of a surface.
-
-_CHUNK = 1024
-"""Triangles asked one after another, in room allocated once."""
-
-
-def find_new_crossings(
-    vertices: NDArray[np.float64], faces: NDArray[np.integer], fresh: NDArray[np.bool_]
-) -> Crossings:
-    """Find all pairs of faces, one of them ``fresh`` at least, that pass through one another.
-
-    Parameters
-    ----------
-    vertices : (n, 3) float64
-    faces : (m, 3)
-        As `find_crossings` takes them.
-    fresh : (m,) bool
-        Few: a tree is made of these alone. Pairs of others aren't tried.
-    """
-    corners = np.ascontiguousarray(faces, dtype=np.int32)
-    new, old = np.flatnonzero(fresh), np.flatnonzero(~fresh)
-    if len(new) == 0:
-        return Crossings(np.empty((0, 2), np.int64))
-    tree = build_triangle_tree(vertices, corners[new])
-    among = new[find_crossings(vertices, corners[new], tree).pairs]
-    one, two = find_meetings(vertices, corners[old], tree, corners[new]).T
-    crossed = np.concatenate([among, np.stack([old[one], new[two]], axis=1)])
-    crossed = np.sort(crossed, axis=1)
-    return Crossings(crossed[np.lexsort(crossed.T[::-1])])
-
-
-def find_meetings(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    tree: TriangleTree,
-    others: NDArray[np.int32],
-) -> NDArray[np.int64]:
-    """Pairs (k, 2) of one of ``faces`` (m, 3) and one of ``others`` (l, 3) that meet, unsorted.
-
-    Parameters
-    ----------
-    tree : TriangleTree
-        Of ``others``.
-    """
-    count = np.zeros(len(faces), np.int64)
-    none, of = np.empty((0, 2), np.int64), np.empty(0, np.int8)
-    chunks = (len(faces) + _CHUNK - 1) // _CHUNK
-    _meet(tree, others, vertices, faces, chunks, count, count, none, of)
-    some = np.flatnonzero(count)
-    begin = np.cumsum(count[some]) - count[some]
-    pairs = np.empty((int(count.sum()), 2), np.int64)
-    status = np.empty(len(pairs), np.int8)
-    met = np.ascontiguousarray(faces[some])
-    chunks = (len(met) + _CHUNK - 1) // _CHUNK
-    _meet(tree, others, vertices, met, chunks, count[some], begin, pairs, status)
-    pairs[:, 0] = some[pairs[:, 0]]
-    return crossing_pairs(vertices, faces, others, pairs, status)
-
-
-@pjit
-def _meet(
-    tree: Any,
-    others: Any,
-    vertices: Any,
-    faces: Any,
-    chunks: int,
-    count: Any,
-    begin: Any,
-    pairs: Any,
-    status: Any,
-) -> None:
-    """Count the others that each face may cross; write them where there is room for pairs."""
-    for chunk in prange(chunks):
-        one, low, high = np.empty((3, 3)), np.empty(3), np.empty(3)
-        stack = np.empty(DEPTH, np.int32)
-        first = int(np.int64(chunk)) * _CHUNK
-        for n in range(first, min(len(faces), first + _CHUNK)):
-            for k in range(3):
-                for axis in range(3):
-                    one[k, axis] = vertices[faces[n, k], axis]
-            corners_box(one, low, high)
-            at = begin[n] if len(pairs) > 0 else -1
-            count[n] = _met_by(tree, others, one, faces[n], low, high, stack, n, at, pairs, status)
-
-
-@jit
-def _met_by(
-    tree: Any,
-    others: Any,
-    one: Any,
-    corners: Any,
-    low: Any,
-    high: Any,
-    stack: Any,
-    n: int,
-    at: int,
-    pairs: Any,
-    status: Any,
-) -> int:
-    """How many others a face (3, 3) may cross; written from ``at`` on where that isn't below 0."""
-    count = 0
-    stack[0] = 0
-    node, top = next_leaf(tree, low, high, stack, int(np.int64(1)))
-    while node >= 0:
-        for m in range(tree.first[node], tree.first[node] + tree.size[node]):
-            two = tree.triangles[m].reshape(3, 3)
-            if boxes_apart(two, low, high):
-                continue
-            met = meeting_kind(one, two, corners, others[tree.face[m]])
-            if met == APART:
-                continue
-            if at >= 0:
-                pairs[at + count, 0], pairs[at + count, 1] = n, tree.face[m]
-                status[at + count] = met
-            count += 1
-        node, top = next_leaf(tree, low, high, stack, top)
-    return count
-
-
 # Decide by exact integer arithmetic if two triangles intersect.
 #
 # For the few pairs that `crossings` can't decide in floating point. Doubles are whole multiples of
@@ -546,8 +494,7 @@ def triangles_meet(
     one, two : (3, 3)
         Places of the corners.
     corners, others : (3,)
-        Their numbers; the same number is the same place. A triangle without area meets whatever
-        is asked of it.
+        Their numbers; the same number is the same place. A triangle without area meets any other.
     """
     points = _whole([*one, *two])
     first, second = points[:3], points[3:]

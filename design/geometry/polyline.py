@@ -25,7 +25,7 @@ def places_along(points: NDArray[Any], arc: FloatArray, at: NDArray[Any]) -> Flo
     arc : (n,) float64
         As `arc_lengths` gives it, or any other measure that grows along the polyline.
     at : (...) float64
-        Lengths asked for.
+        Lengths from the first point.
 
     Returns
     -------

@@ -21,7 +21,7 @@ def pierces(ax: float, ay: float, az: float, bx: float, by: float, bz: float, tr
 
     Signed volumes (Ericson, Real-Time Collision Detection, 5.3.4, of the segment's line and
     both ends). A segment in the triangle's plane doesn't pierce it; it is near an edge or an end
-    of it is in the triangle, which the distances to these tell; so do they for a triangle
+    of it is in the triangle, which the distances to these decide, as for a triangle
     without an area.
     """
     ux, uy, uz = tri[3] - tri[0], tri[4] - tri[1], tri[5] - tri[2]

@@ -54,23 +54,23 @@ _UNREADABLE: Final = (
 
 
 @dataclass(frozen=True)
-class ThreeMF:
-    """Triangles of a 3MF file that are printed.
+class MeshFile:
+    """Triangles of a mesh file; of a 3MF, those that are printed.
 
     Attributes
     ----------
     vertices : (n, 3) float64, in `unit`
     faces : (m, 3) int64
     unit : str
-        As 3MF spells it.
+        As the file spells it; empty where it has none.
     notes : tuple of str
         What was left out or cut out.
     """
 
     vertices: FloatArray
     faces: IntArray
-    unit: str
-    notes: tuple[str, ...]
+    unit: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class _Volume:
     name: str
 
 
-def read_3mf(path: Path) -> ThreeMF:
+def read_3mf(path: Path) -> MeshFile:
     """Read the parts that are printed, each where the build puts it.
 
     Raises
@@ -109,11 +109,11 @@ class _Reader:
         self.roots: dict[str, Any] = {}
         self.lists: list[FloatArray] = []
         self.notes: list[str] = []
-        # Role and name, as slicers say them: of ranges of an object's triangles, of components.
+        # Role and name, as slicers give them: of ranges of an object's triangles, of components.
         self.ranges: dict[str, list[tuple[int, int, str, str]]] = {}
         self.components: dict[tuple[str, str], tuple[str, str]] = {}
 
-    def read(self) -> ThreeMF:
+    def read(self) -> MeshFile:
         start = self._start()
         root = self._root(start)
         for prefix in root.get("requiredextensions", "").split():
@@ -133,7 +133,7 @@ class _Reader:
         before = np.cumsum([0, *(len(one.vertices) for one in volumes)])
         faces = [one.faces + by for one, by in zip(volumes, before[:-1], strict=True)]
         vertices = np.concatenate([one.vertices for one in volumes])
-        return ThreeMF(vertices, np.concatenate(faces), root.get("unit", "millimeter"), notes)
+        return MeshFile(vertices, np.concatenate(faces), root.get("unit", "millimeter"), notes)
 
     def _root(self, part: str) -> Any:
         """Return the XML of a part, long lists in `lists`: a tree takes 1 kB an element."""
@@ -152,7 +152,7 @@ class _Reader:
         return self.roots[key]
 
     def _without_list(self, name: str, text: bytes) -> bytes:
-        """Take the numbers out of text behind ``<name>``, where their names alone tell them."""
+        """Take the numbers out of text behind ``<name>``, where every element has all three."""
         within, _, behind = text.partition(f"</{name}>".encode())
         element, *keys = _LISTS[name]
         columns = np.empty((within.count(f"<{element} ".encode()), 3))
@@ -220,7 +220,7 @@ class _Reader:
         raise SolidError(f"it names object {key} of {part}, which isn't there; export it again")
 
     def _volumes(self, part: str, key: str, role: str, name: str, depth: int) -> Iterator[_Volume]:
-        """Yield an object's volumes; ``role`` and ``name`` as what refers to it says, or empty."""
+        """Yield an object's volumes; ``role`` and ``name`` as a component gives them, or ""."""
         thing = self._object(part, key)
         name = name or thing.get("name") or f"object {key}"
         own = _role(_cura(thing) or thing.get("type", "model"), name)
@@ -230,7 +230,7 @@ class _Reader:
         for one in thing.iterfind("{*}components/{*}component"):
             to, child = _path(one, part), one.get("objectid")
             given = self.components.get((key, child))
-            # What a slicer says of a component counts, not its type: a negative part's is other.
+            # A slicer's role of a component counts, not its type: a negative part's is other.
             for volume in self._volumes(to, child, role, given[1] if given else "", depth + 1):
                 as_given = replace(volume, role=_role(*given)) if given and role == _INK else volume
                 yield _moved(as_given, one)

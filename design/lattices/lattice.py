@@ -18,10 +18,11 @@ from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from kernels.arrays import FloatArray, IntArray
 
-_LAYER = 0.75
-"""Depth of the manifolds' layer over the cell's edge: planes of nodes lie up to this far apart
-from a cell's first, and a whole cell from the next cell's."""
-_CELLS_AT_MOST = 2_000_000
+LAYER_DEPTH = 0.75
+"""Of the manifolds' layer over the cell's edge: planes of nodes lie up to this far apart from a
+cell's first, and a whole cell from the next cell's."""
+MAX_CELLS = 2_000_000
+"""Of a lattice: their nodes and bonds take 1 GB."""
 
 
 def build_lattice(tissue: Tissue, options: LatticeOptions) -> VesselNetwork:
@@ -55,30 +56,9 @@ def build_lattice(tissue: Tissue, options: LatticeOptions) -> VesselNetwork:
             "the cell, or narrow the channels or the manifolds"
         )
     nodes, bonds = _fitting(tissue, options)
-    axis = "xyz".index(options.axis)
-    radius = _widened(tissue, options, nodes, bonds, axis)
-    low, entry = find_port(
-        tissue,
-        nodes,
-        bonds,
-        radius,
-        options.manifold_mm,
-        options.clearance_mm,
-        axis,
-        -1,
-        _layer(options, nodes, axis, -1),
-    )
-    high, leave = find_port(
-        tissue,
-        nodes,
-        bonds,
-        radius,
-        options.manifold_mm,
-        options.clearance_mm,
-        axis,
-        1,
-        _layer(options, nodes, axis, 1),
-    )
+    radius = _widened(tissue, options, nodes, bonds)
+    low, entry = find_port(tissue, options, nodes, bonds, radius, -1)
+    high, leave = find_port(tissue, options, nodes, bonds, radius, 1)
     length = np.linalg.norm(nodes[bonds[:, 1]] - nodes[bonds[:, 0]], axis=1)
     bonds = directed(bonds, radius**4 / length, len(nodes), low, high)
     count = len(nodes)
@@ -100,10 +80,10 @@ def _fitting(tissue: Tissue, options: LatticeOptions) -> tuple[FloatArray, IntAr
     low, high = tissue.bounds
     size = cell.size * options.cell_mm
     counts = np.maximum(1, np.ceil((high - low) / size)).astype(int) + 1
-    if counts.prod() > _CELLS_AT_MOST:
+    if counts.prod() > MAX_CELLS:
         raise NetworkError(
             f"{options.kind} of cell_mm {options.cell_mm:g} would take {counts.prod():,} cells, "
-            f"above {_CELLS_AT_MOST:,}; enlarge the cell"
+            f"above {MAX_CELLS:,}; enlarge the cell"
         )
     nodes, bonds = tile(cell, (int(counts[0]), int(counts[1]), int(counts[2])))
     nodes = nodes * options.cell_mm
@@ -125,15 +105,20 @@ def _fitting(tissue: Tissue, options: LatticeOptions) -> tuple[FloatArray, IntAr
     return nodes[kept], number.reshape(-1, 2)
 
 
-def _layer(options: LatticeOptions, nodes: FloatArray, axis: int, side: int) -> Any:
+def _axis(options: LatticeOptions) -> int:
+    return "xyz".index(options.axis)
+
+
+def _layer(options: LatticeOptions, nodes: FloatArray, side: int) -> NDArray[np.bool_]:
     """Which nodes (n,) belong to the first (side -1) or last (+1) layer."""
-    depth = _LAYER * unit_cell(options.kind).size[axis] * options.cell_mm * (1.0 + 1e-6)
+    axis = _axis(options)
+    depth = LAYER_DEPTH * unit_cell(options.kind).size[axis] * options.cell_mm * (1.0 + 1e-6)
     along = -side * nodes[:, axis]
-    return along <= along.min() + depth
+    return np.asarray(along <= along.min() + depth)
 
 
 def _widened(
-    tissue: Tissue, options: LatticeOptions, nodes: FloatArray, bonds: IntArray, axis: int
+    tissue: Tissue, options: LatticeOptions, nodes: FloatArray, bonds: IntArray
 ) -> FloatArray:
     """Radius of each bond, (m,), mm: in a manifold's layer the manifold's, where it fits."""
     wide = np.full(len(bonds), options.manifold_mm)
@@ -142,7 +127,7 @@ def _widened(
     )
     ends = np.zeros(len(bonds), dtype=bool)
     for side in (-1, 1):
-        ends |= _layer(options, nodes, axis, side)[bonds].all(axis=1)
+        ends |= _layer(options, nodes, side)[bonds].all(axis=1)
     return np.where(ends & fits, options.manifold_mm, options.radius_mm)
 
 
@@ -403,16 +388,13 @@ def _search(
 
 def find_port(
     tissue: Tissue,
+    options: LatticeOptions,
     nodes: FloatArray,
     bonds: IntArray,
     radius: FloatArray,
-    port_radius: float,
-    clearance: float,
-    axis: int,
     side: int,
-    layer: NDArray[np.bool_],
 ) -> tuple[int, FloatArray]:
-    """The node of a layer nearest its middle from which a port leads out, and where it does.
+    """Return the node of a layer nearest its middle from which a port leads out, and its end.
 
     Parameters
     ----------
@@ -420,34 +402,29 @@ def find_port(
     bonds : (m, 2) int64
     radius : (m,) float64, mm
         Of each bond.
-    port_radius, clearance : float, mm
-    axis : int
-        Along which the port runs.
     side : int
-        -1 for its lower end, 1 for the upper.
-    layer : (n,) bool
-        Where it may begin.
+        -1 for the lower end of the lattice's axis, 1 for the upper.
 
     Raises
     ------
     TissueError
         When none does without meeting other channels or more tissue.
     """
-    candidates = np.flatnonzero(layer)
+    axis = _axis(options)
+    candidates = np.flatnonzero(_layer(options, nodes, side))
     across = np.delete(nodes[candidates], axis, axis=1)
     away = np.linalg.norm(across - across.mean(axis=0), axis=1)
     # Of those above one another the outermost; rounded, since their distances differ by rounding.
     order = np.lexsort((-side * nodes[candidates, axis], np.round(away, 9)))
-    for node in candidates[order]:
+    needed = radius + options.manifold_mm + options.clearance_mm
+    for node in candidates[order].tolist():
         end = _way_out(tissue, nodes[node], axis, side)
-        if end is not None and _is_free(
-            int(node), end, nodes, bonds, radius + port_radius + clearance
-        ):
-            return int(node), end
+        if end is not None and _is_free(node, end, nodes, bonds, needed):
+            return node, end
     raise TissueError(
         f"none of the {len(candidates)} nodes at the {'lower' if side < 0 else 'upper'} end along "
-        f"{'xyz'[axis]} has a straight way out for a port {2.0 * port_radius:g} mm wide; choose "
-        "another axis, or narrower manifolds"
+        f"{options.axis} has a straight way out for a port {2.0 * options.manifold_mm:g} mm wide; "
+        "choose another axis, or narrower manifolds"
     )
 
 

@@ -1,6 +1,6 @@
 """Measure a vessel network (morphometry, paths, junctions) and its supply of the tissue.
 
-Names are loaded when first asked for.
+Names are loaded when first used.
 
 Goes in: a network, on request its tissue and flow. Comes out: measures of each vessel and of all.
 Begin with `measure.py`.
@@ -13,13 +13,13 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from design.measures.junctions import MurrayResiduals, TerminalFlow
     from design.measures.measure import (
-        FlowPaths,
         MeasureOptions,
         NetworkMeasures,
         measure_network,
         measures_dict,
     )
     from design.measures.morphometry import Morphometry, OrderTable
+    from design.measures.paths import FlowPaths
     from design.measures.published_comparison import compare_orders
     from design.measures.supply import BEYOND_UM, Oxygen, OxygenModel, Supply
 

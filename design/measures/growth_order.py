@@ -1,4 +1,4 @@
-"""Order in which vessels of a grown network appear, for growth animations."""
+"""Order in which the vessels of a grown network appear, for growth animations."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import heapq
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from design.errors import NetworkError
+from design.geometry.mesh import connected_parts
+from design.measures.paths import paths_from
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
@@ -76,7 +76,8 @@ def growth_order(network: VesselNetwork) -> GrowthOrder:
     ends = np.where(drains[:, None], network.vessel_nodes[:, ::-1], network.vessel_nodes)
     parent = _parents(ends, joins, len(network.nodes))
     if parent is None:
-        return GrowthOrder(_steps_from_inlets(network), None, None)
+        depth, _, _ = paths_from(network, network.inlets())
+        return GrowthOrder(np.maximum(depth[network.vessel_nodes].min(axis=1), 0), None, None)
     terminal = _removal(parent, joins)
     generation = _generations(parent)
     for vessels, tips in _connected(network, joins):
@@ -173,8 +174,7 @@ def _connected(network: VesselNetwork, joins: IntArray) -> list[tuple[IntArray, 
     if len(own) == 0:
         return []
     nodes = network.vessel_nodes
-    links = coo_array((np.ones(len(own)), nodes[own].T), shape=(len(network.nodes),) * 2)
-    _, part = connected_components(links, directed=False)
+    part = connected_parts(nodes[own], len(network.nodes))
     trees = np.flatnonzero(~joins)
     parts = []
     for number in np.unique(part[nodes[own, 0]]):
@@ -182,18 +182,3 @@ def _connected(network: VesselNetwork, joins: IntArray) -> list[tuple[IntArray, 
         tips = trees[(part[nodes[trees]] == number).any(axis=1)]
         parts.append((vessels, tips))
     return parts
-
-
-def _steps_from_inlets(network: VesselNetwork) -> IntArray:
-    """Vessels between each vessel and the nearest inlet, in any graph."""
-    count, ends = len(network.nodes), network.vessel_nodes
-    inlets = network.inlets()
-    # All inlets hang on one more node.
-    first = np.concatenate([ends[:, 0], np.full(len(inlets), count)])
-    last = np.concatenate([ends[:, 1], inlets])
-    links = coo_array((np.ones(len(first)), (first, last)), shape=(count + 1, count + 1)).tocsr()
-    order, before = breadth_first_order(links, count, directed=False)
-    steps = np.full(count + 1, 0, dtype=np.int64)
-    for node in order[1:].tolist():
-        steps[node] = steps[before[node]] + 1
-    return np.maximum(steps[ends].min(axis=1) - 1, 0)

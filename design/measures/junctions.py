@@ -123,7 +123,7 @@ def measure_terminal_flow(network: VesselNetwork, flow: FloatArray) -> TerminalF
 
 # Branching angles and asymmetry at the forks of a network's vessels.
 
-REACH = 2.0
+DIRECTION_RADII = 2.0
 """Way along a branch, over the parent's radius, to where its direction is taken: curves begin
 along the parent."""
 MEASURES: Final = ("between_deg", "wider_deg", "narrower_deg", "diameter_ratio", "area_ratio")
@@ -157,7 +157,7 @@ class Forks:
 
 
 def measure_forks(network: VesselNetwork, forest: Forest) -> Forks:
-    """Angles and ratios at all forks of a forest; directions are taken `REACH` radii away."""
+    """Angles and ratios at all forks of a forest; directions are taken `DIRECTION_RADII` away."""
     wide = 2.0 * network.mean_radius()[forest.vessels]
     below = np.flatnonzero(forest.parent >= 0)
     count = np.bincount(forest.parent[below], minlength=len(forest.parent))
@@ -165,7 +165,7 @@ def measure_forks(network: VesselNetwork, forest: Forest) -> Forks:
     order = below[np.lexsort((-wide[below], forest.parent[below]))]
     pair = order[count[forest.parent[order]] == 2].reshape(-1, 2)
     parent = forest.parent[pair[:, 0]]
-    reach = REACH * 0.5 * wide[parent]
+    reach = DIRECTION_RADII * 0.5 * wide[parent]
     on = _ways(network, forest, parent, reach, towards_fork=True)
     one = _ways(network, forest, pair[:, 0], reach, towards_fork=False)
     two = _ways(network, forest, pair[:, 1], reach, towards_fork=False)
@@ -183,7 +183,7 @@ def compare_forks(forks: Forks, published: Iterable[dict[str, Any]]) -> list[dic
     """Mean and standard deviation of each measure, beside published ones, as plain numbers.
 
     Each measure has a row for all forks; where figures of the first forks alone are published,
-    rows of these follow. ``inside`` tells whether our mean is within one published standard
+    rows of these follow. ``inside`` is whether our mean is within one published standard
     deviation; None where nothing is published, or its definition isn't known to be ours.
     """
     rows = []

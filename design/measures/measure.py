@@ -15,11 +15,11 @@ from design.measures.junctions import (
     measure_terminal_flow,
 )
 from design.measures.morphometry import Morphometry, measure_morphometry
+from design.measures.paths import FlowPaths, measure_paths
 from design.measures.supply import BEYOND_UM, OxygenModel, Supply, measure_supply, sample_tissue
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.supply import SupplyBalance, supply_balance
-from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
 
@@ -75,7 +75,7 @@ class NetworkMeasures:
     supply : Supply or None
         By all lumens; None when they leave no tissue.
     printable : Supply or None
-        By the printable ones; None when it wasn't asked for, or none is.
+        By the printable ones; None without ``printable_diameter_mm``, or when none is.
     ways : FlowPaths or None
     morphometry : tuple of Morphometry
         One for each kind of vessel that has no loops.
@@ -251,102 +251,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     return value.item() if isinstance(value, np.generic) else value
-
-
-# Measure inlet-to-outlet paths of a network: vessels per path, and tortuosity.
-
-
-@dataclass(frozen=True)
-class FlowPaths:
-    """Depth and tortuosity of a network's flow paths.
-
-    Attributes
-    ----------
-    depth_mean, depth_max : float, int
-        Vessels from an inlet to each outlet, by the way of fewest vessels; where there are more
-        inlets than outlets, as in veins, from an outlet to each inlet.
-    tortuosity_mean, tortuosity_p95, tortuosity_max : float
-        Length of that way over the straight distance of its ends.
-    vessel_tortuosity_mean, vessel_tortuosity_max : float
-        The same for single vessels; those that return to where they began are left out.
-    """
-
-    depth_mean: float
-    depth_max: int
-    tortuosity_mean: float
-    tortuosity_p95: float
-    tortuosity_max: float
-    vessel_tortuosity_mean: float
-    vessel_tortuosity_max: float
-
-
-def measure_paths(network: VesselNetwork) -> FlowPaths | None:
-    """Measure the ways from inlets to outlets; None when no outlet can be reached from one."""
-    length = network.lengths()
-    inlets, outlets = network.inlets(), network.outlets()
-    if len(inlets) > len(outlets):
-        inlets, outlets = outlets, inlets
-    depth, way, source = _ways_from(network.vessel_nodes, length, len(network.nodes), inlets)
-    outlets = outlets[depth[outlets] > 0]
-    if len(outlets) == 0:
-        return None
-    turns = _over_chord(way[outlets], network.nodes[outlets] - network.nodes[source[outlets]])
-    first, last = network.points[network.offset[:-1]], network.points[network.offset[1:] - 1]
-    own = _over_chord(length, last - first)
-    return FlowPaths(
-        depth_mean=float(depth[outlets].mean()),
-        depth_max=int(depth[outlets].max()),
-        tortuosity_mean=float(turns.mean()),
-        tortuosity_p95=float(np.percentile(turns, 95.0)),
-        tortuosity_max=float(turns.max()),
-        vessel_tortuosity_mean=float(own.mean()),
-        vessel_tortuosity_max=float(own.max()),
-    )
-
-
-def _over_chord(length: FloatArray, chord: FloatArray) -> FloatArray:
-    """Lengths over chords, at least 1; 1 alone where every chord is nought."""
-    straight = np.linalg.norm(chord, axis=1)
-    real = straight > 0.0
-    ratio: FloatArray = np.maximum(length[real] / straight[real], 1.0)
-    return ratio if len(ratio) else np.ones(1)
-
-
-def _ways_from(
-    ends: IntArray, length: FloatArray, nodes: int, inlets: IntArray
-) -> tuple[IntArray, FloatArray, IntArray]:
-    """Vessels and length from the nearest inlet to each node, and that inlet; -1 out of reach."""
-    both = np.concatenate([ends, ends[:, ::-1]])
-    order = np.argsort(both[:, 0], kind="stable")
-    begin = np.searchsorted(both[order, 0], np.arange(nodes + 1))
-    depth, way, source = _spread(begin, both[order, 1], order % len(ends), length, inlets)
-    return depth, way, source
-
-
-@jit
-def _spread(begin: Any, other: Any, vessel: Any, length: Any, inlets: Any) -> Any:
-    nodes = len(begin) - 1
-    depth = np.full(nodes, -1)
-    source = np.full(nodes, -1)
-    way = np.zeros(nodes)
-    queue = np.empty(nodes, np.int64)
-    tail = 0
-    for node in inlets:
-        depth[node] = 0
-        source[node] = node
-        queue[tail] = node
-        tail += 1
-    head = 0
-    while head < tail:
-        node = queue[head]
-        head += 1
-        for k in range(begin[node], begin[node + 1]):
-            to = other[k]
-            if depth[to] >= 0:
-                continue
-            depth[to] = depth[node] + 1
-            source[to] = source[node]
-            way[to] = way[node] + length[vessel[k]]
-            queue[tail] = to
-            tail += 1
-    return depth, way, source

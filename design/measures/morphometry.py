@@ -11,8 +11,9 @@ from design.network import VesselKind, VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-_ROUNDS = 3
-_SETTLED = 0.01
+MAX_ROUNDS = 3
+SETTLED_CHANGE = 0.01
+"""Of the orders' mean diameters: see `diameter_defined_orders`."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ def diameter_defined_orders(diameter: FloatArray, strahler: IntArray) -> tuple[I
     orders = _compact(strahler)
     change = 0.0
     mean, spread = _mean_spread(diameter, orders)
-    for _ in range(_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         bounds = 0.5 * ((mean + spread)[:-1] + (mean - spread)[1:])
         # Orders that overlap widely could cross their bounds.
         bounds = np.maximum.accumulate(bounds)
@@ -150,7 +151,7 @@ def diameter_defined_orders(diameter: FloatArray, strahler: IntArray) -> tuple[I
             change = 1.0
             continue
         change = float(np.abs(mean / before - 1.0).max())
-        if change < _SETTLED:
+        if change < SETTLED_CHANGE:
             break
     return orders + 1, change
 

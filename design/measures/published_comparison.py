@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,19 @@ from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
 PUBLISHED: Final = ("coronary", "kidney", "lung", "liver")
-"""Organs that there are published figures of; each file tells what is left out, and why."""
+"""Organs that there are published figures of; each file lists what is left out, and why."""
 _COLUMNS = ("diameter_um", "diameter_sd_um", "length_mm", "length_sd_mm", "elements")
-_FEWEST = 5
-"""Elements of an order, below which its mean says little; the orders above come from few trees."""
-_FEWEST_STEPS = 4
-"""Published steps between orders, below which their spread says little."""
+
+
+class JudgedLimits(NamedTuple):
+    """What must be known of a figure that is judged."""
+
+    elements: int = 5  # Of an order: the mean of fewer is scatter
+    steps: int = 4  # Published steps between orders, for their spread
+    orders: int = 4  # Of a network that is matched to a table: fewer are no organ's
+
+
+JUDGED: Final = JudgedLimits()
 
 
 @dataclass(frozen=True)
@@ -159,7 +166,7 @@ def order_figures(
 def _judged(elements: IntArray) -> NDArray[np.bool_]:
     """Orders of enough elements, from the most numerous up: below it the tree was cut off."""
     places = np.arange(len(elements))
-    judged: NDArray[np.bool_] = (elements >= _FEWEST) & (places >= np.argmax(elements))
+    judged: NDArray[np.bool_] = (elements >= JUDGED.elements) & (places >= np.argmax(elements))
     return judged
 
 
@@ -197,7 +204,7 @@ def _ratio(steps: FloatArray, ours: FloatArray, orders: IntArray) -> dict[str, A
         return {"ours": None, "mean": None, "sd": None, "inside": None}
     slope = float(np.polyfit(orders, np.log10(ours), 1)[0])
     published = np.array([values.mean(), values.std(ddof=1)])
-    return _beside(10.0**slope, published, len(values) >= _FEWEST_STEPS)
+    return _beside(10.0**slope, published, len(values) >= JUDGED.steps)
 
 
 def _column(arteries: list[list[dict[str, Any]]], key: str, unit: float = 1.0) -> FloatArray:
@@ -232,9 +239,8 @@ def _steps(values: FloatArray) -> FloatArray:
 
 _FACTORS: Final = np.exp(0.02 * np.arange(1, 26))
 """Tried upwards and downwards: to 1.65 and 0.61, pressure drops of a seventh and the sevenfold."""
-_FURTHER: Final = 6
+FURTHER_FACTORS: Final = 6
 """Factors that are tried after the first that fits: trees grown anew differ a little."""
-_FEWEST_ORDERS: Final = 4
 
 
 @dataclass(frozen=True)
@@ -283,7 +289,7 @@ def published_match(network: VesselNetwork, name: str) -> PublishedMatch:
     ours = _farthest_sd(table, forest, length, wide)
     if ours <= 1.0 or not np.isfinite(ours):
         return PublishedMatch(ours, 1.0)
-    best, least, further = 1.0, ours, _FURTHER
+    best, least, further = 1.0, ours, FURTHER_FACTORS
     for factor in np.column_stack([_FACTORS, 1.0 / _FACTORS]).ravel().tolist():
         off = _farthest_sd(table, forest, length, factor * wide)
         if off < least:
@@ -303,6 +309,6 @@ def _farthest_sd(
     for row in rows:
         figures += [row["diameter_mm"], row["length_mm"], row["length_over_diameter"]]
     judged = [one for one in figures if one["inside"] is not None]
-    if sum(row["diameter_mm"]["inside"] is not None for row in rows) < _FEWEST_ORDERS:
+    if sum(row["diameter_mm"]["inside"] is not None for row in rows) < JUDGED.orders:
         return np.inf
     return max(abs(one["ours"] - one["mean"]) / one["sd"] for one in judged)

@@ -11,17 +11,20 @@ from numba import prange
 from numpy.typing import NDArray
 
 from design.errors import DesignError, TissueError
+from design.geometry.bvh import DEPTH, build_hierarchy
 from design.tissue import Tissue
 from kernels import jit, pjit
 from kernels.arrays import FloatArray, IntArray
 
 BEYOND_UM: Final = (20.0, 100.0, 150.0, 200.0)
-"""Distances beyond which the tissue's share is told: cells live within 100 to 200 µm of a
+"""Distances beyond which the tissue's share is reported: cells live within 100 to 200 µm of a
 vessel, in demanding tissue within 20 µm."""
-_DRAWS_AT_MOST = 2000
-_STREAM = 0x6D656173
-"""Keeps the points apart from those that a tree was grown to with the same seed: sampled where
-its terminals are, every one of them would count as tissue reached."""
+MAX_DRAWS: Final = 2000
+"""Batches drawn in the bounds before a tissue counts as too thin to sample (0.05 % of them)."""
+Z_ORDER_BITS: Final = 16
+"""Of each coordinate on the Z-order curve: 48 bits fit an int64."""
+SAMPLE_STREAM: Final = int.from_bytes(b"meas")
+"""Separates the points from those to which a tree was grown with the same seed."""
 
 
 # Estimate oxygen at tissue points from the nearest lumen, by Krogh's tissue cylinder.
@@ -132,11 +135,11 @@ def sample_tissue(tissue: Tissue, count: int, seed: int) -> FloatArray:
     TissueError
         When the tissue fills next to nothing of its bounds.
     """
-    random = np.random.default_rng([_STREAM, seed])
+    random = np.random.default_rng([SAMPLE_STREAM, seed])
     low, high = tissue.bounds
     kept: list[FloatArray] = []
     inside = 0
-    for _ in range(_DRAWS_AT_MOST):
+    for _ in range(MAX_DRAWS):
         drawn = random.uniform(low, high, (count, 3))
         kept.append(drawn[tissue.contains(drawn)])
         inside += len(kept[-1])
@@ -144,9 +147,21 @@ def sample_tissue(tissue: Tissue, count: int, seed: int) -> FloatArray:
             points = np.concatenate(kept)[:count]
             return np.ascontiguousarray(points[np.argsort(z_order(points), kind="stable")])
     raise TissueError(
-        f"only {inside} of {count * _DRAWS_AT_MOST:,} points drawn in the tissue's bounds lie in "
+        f"only {inside} of {count * MAX_DRAWS:,} points drawn in the tissue's bounds lie in "
         f"it, {count:,} are wanted; lower samples"
     )
+
+
+def z_order(points: FloatArray) -> NDArray[np.int64]:
+    """Place of each of ``points`` (n, 3) on a Z-order curve of 65,536 cells a side."""
+    low = points.min(axis=0)
+    extent = max(float((points.max(axis=0) - low).max()), 1e-300)
+    cell = ((points - low) * ((2**Z_ORDER_BITS - 1) / extent)).astype(np.int64)
+    code = np.zeros(len(points), dtype=np.int64)
+    for bit in range(Z_ORDER_BITS):
+        for axis in range(3):
+            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return code
 
 
 def measure_supply(
@@ -247,80 +262,35 @@ def krogh_oxygen(
 
 # Compute the distance of points to the nearest lumen wall, with a bounding-box tree of vessels.
 
-LEAF = 4
-"""Pieces in a leaf at most."""
-_DEPTH = 64
-_BITS = 16
-
 
 class Lumens(NamedTuple):
-    """Pieces along a Z-order curve, and a complete binary tree of boxes over them.
-
-    Node 1 is the top, 2 i and 2 i + 1 the children of i; the second half of the nodes are the
-    leaves, of which number j holds pieces ``first[j]`` to ``first[j + 1]``.
+    """Conical pieces of lumens in the order of a tree of boxes (`design.geometry.bvh`).
 
     Attributes
     ----------
     start, end : (n, 3) float64, mm
     start_radius, end_radius : (n,) float64, mm
-    low, high : (2 p, 3) float64, mm
-        Boxes of the lumens.
-    first : (p + 1,) int64
+    boxes : (k, 6) float64, mm
+    nodes : (k, 2) int64
+        As `build_hierarchy` returns them.
     """
 
     start: FloatArray
     end: FloatArray
     start_radius: FloatArray
     end_radius: FloatArray
-    low: FloatArray
-    high: FloatArray
-    first: IntArray
+    boxes: FloatArray
+    nodes: IntArray
 
 
 def build_lumens(
     start: FloatArray, end: FloatArray, start_radius: FloatArray, end_radius: FloatArray
 ) -> Lumens:
     """Sort pieces (n, 3), mm, with radii at both ends (n,), mm, into a tree; n is above 0."""
-    order = np.argsort(z_order(0.5 * (start + end)), kind="stable")
-    leaves = 1
-    while leaves * LEAF < len(order):
-        leaves *= 2
-    first = np.arange(leaves + 1) * len(order) // leaves
-    sides = (start[order], end[order], start_radius[order], end_radius[order])
-    low, high = _boxes(*sides, first)
-    return Lumens(*sides, low, high, first)
-
-
-def z_order(points: FloatArray) -> NDArray[np.int64]:
-    """Place of each of ``points`` (n, 3) on a Z-order curve of 65,536 cells a side."""
-    low = points.min(axis=0)
-    extent = max(float((points.max(axis=0) - low).max()), 1e-300)
-    cell = ((points - low) * ((2**_BITS - 1) / extent)).astype(np.int64)
-    code = np.zeros(len(points), dtype=np.int64)
-    for bit in range(_BITS):
-        for axis in range(3):
-            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return code
-
-
-@jit
-def _boxes(start: Any, end: Any, start_radius: Any, end_radius: Any, first: Any) -> Any:
-    leaves = len(first) - 1
-    low = np.full((2 * leaves, 3), np.inf)
-    high = np.full((2 * leaves, 3), -np.inf)
-    for leaf in range(leaves):
-        node = leaves + leaf
-        for i in range(first[leaf], first[leaf + 1]):
-            ra, rb = start_radius[i], end_radius[i]
-            for axis in range(3):
-                a, b = start[i, axis], end[i, axis]
-                low[node, axis] = min(low[node, axis], min(a - ra, b - rb))
-                high[node, axis] = max(high[node, axis], max(a + ra, b + rb))
-    for node in range(leaves - 1, 0, -1):
-        for axis in range(3):
-            low[node, axis] = min(low[2 * node, axis], low[2 * node + 1, axis])
-            high[node, axis] = max(high[2 * node, axis], high[2 * node + 1, axis])
-    return low, high
+    ra, rb = start_radius[:, None], end_radius[:, None]
+    low, high = np.minimum(start - ra, end - rb), np.maximum(start + ra, end + rb)
+    boxes, nodes, order = build_hierarchy(np.concatenate([low, high], axis=1))
+    return Lumens(start[order], end[order], start_radius[order], end_radius[order], boxes, nodes)
 
 
 @jit
@@ -329,7 +299,7 @@ def wall_distance(lumens: Any, i: int, x: float, y: float, z: float) -> tuple[fl
 
     The lumen is the union of spheres along the axis whose radius goes linearly from one end to
     the other; inside it the distance is negative. With ξ along the axis, η from it and slope
-    s = (r₁ - r₀)/ℓ the nearest sphere is at ξ + η s / √(1 - s²), held within the piece: the
+    s = (r₁ - r₀)/ℓ the nearest sphere is at ξ + η s / √(1 - s²), clipped to the piece: the
     distance from a sphere's surface is convex in its place.
     """
     ax, ay, az = lumens.start[i]
@@ -353,36 +323,34 @@ def wall_distance(lumens: Any, i: int, x: float, y: float, z: float) -> tuple[fl
 
 
 @jit
-def _beyond_box(lumens: Any, node: int, x: float, y: float, z: float) -> float:
-    """No wall in the box is nearer than this; within it nothing is known."""
-    dx = max(0.0, max(lumens.low[node, 0] - x, x - lumens.high[node, 0]))
-    dy = max(0.0, max(lumens.low[node, 1] - y, y - lumens.high[node, 1]))
-    dz = max(0.0, max(lumens.low[node, 2] - z, z - lumens.high[node, 2]))
+def _box_distance(boxes: Any, node: int, x: float, y: float, z: float) -> float:
+    """Return a lower bound of the distance to walls in a box; -inf within it."""
+    dx = max(0.0, max(boxes[node, 0] - x, x - boxes[node, 3]))
+    dy = max(0.0, max(boxes[node, 1] - y, y - boxes[node, 4]))
+    dz = max(0.0, max(boxes[node, 2] - z, z - boxes[node, 5]))
     away = dx * dx + dy * dy + dz * dz
     return sqrt(away) if away > 0.0 else -np.inf
 
 
 @jit
 def _nearest(lumens: Any, x: float, y: float, z: float) -> tuple[float, float]:
-    leaves = len(lumens.first) - 1
     best, radius = np.inf, 0.0
-    stack = np.empty(_DEPTH, np.int64)
-    bound = np.empty(_DEPTH)
-    stack[0], bound[0] = 1, -np.inf
+    stack, bound = np.empty(DEPTH, np.int64), np.empty(DEPTH)
+    stack[0], bound[0] = 0, -np.inf
     top = 1
     while top > 0:
         top -= 1
         if bound[top] >= best:
             continue
-        node = stack[top]
-        if node >= leaves:
-            for i in range(lumens.first[node - leaves], lumens.first[node - leaves + 1]):
+        near, far = lumens.nodes[stack[top]]
+        if near < 0:
+            for i in range(-1 - near, far):
                 away, r = wall_distance(lumens, i, x, y, z)
                 if away < best:
                     best, radius = away, r
             continue
-        near, far = 2 * node, 2 * node + 1
-        to_near, to_far = _beyond_box(lumens, near, x, y, z), _beyond_box(lumens, far, x, y, z)
+        to_near = _box_distance(lumens.boxes, near, x, y, z)
+        to_far = _box_distance(lumens.boxes, far, x, y, z)
         if to_far < to_near:
             near, far, to_near, to_far = far, near, to_far, to_near
         stack[top], bound[top] = far, to_far

@@ -13,7 +13,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
-from design.geometry.segments import close_pairs
+from design.geometry.close_pairs import close_pairs
 from design.network import VesselKind, VesselNetwork
 from design.network_files.csv_format import Pieces, chain_pieces, fuse_vessels, join_equal_points
 from kernels.arrays import FloatArray, IntArray

@@ -10,24 +10,35 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from manifold3d import Manifold
 from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from design.geometry.mesh import connected_parts
 from design.geometry.polyline import arc_lengths
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
-TAKEN_RADII: Final = 1.3
-TAKEN_VOXELS: Final = 2.0
-"""A path takes up balls of so many times the distance to the wall, and so much more."""
-MIN_LENGTH_RADII: Final = 2.0
-"""A shorter hollow is a dimple, a shorter branch the rest of a joint."""
-MIN_BUBBLE_RADII: Final = 2.6
-"""A shorter hollow without a way in is a bubble."""
+
+class TracingLimits(NamedTuple):
+    """How a hollow is found in a solid's voxels, and paths in the hollow."""
+
+    # A path covers balls of so many times the distance to the wall, and so much more.
+    covered_radii: float = 1.3
+    covered_voxels: float = 2.0
+    # radii: a shorter hollow is a dimple, a shorter branch the rest of a joint.
+    min_length: float = 2.0
+    min_bubble: float = 2.6  # radii: a shorter hollow without a way in is a bubble
+    # Of the 13 through a voxel that meet the solid on both sides, in a hollow. A groove has
+    # about 5, a notch 3, space outside a part none.
+    lines: int = 11
+    lines_at_mouth: int = 3  # The same within ``mouth`` radii of where a hollow opens
+    mouth: float = 2.0  # radii
+
+
+LIMITS: Final = TracingLimits()
+ALL_NEIGHBOURS: Final = np.ones((3, 3, 3), dtype=np.bool_)
 NO_PATH: Final = np.zeros((0, 3), dtype=np.int64)
 
 
@@ -58,11 +69,13 @@ class CentreLine:
 
 def centre_lines(hollow: Hollow) -> list[CentreLine]:
     """Trace a hollow's lumens; nodes are numbered from 0."""
+    # Of the 13 through a voxel that meet the solid on both sides, in a hollow. A groove has
+    # about 5, a notch 3, space outside a part none.
     lines: list[CentreLine] = []
     label, _ = ndimage.label(hollow.inside, ALL_NEIGHBOURS)
     for number, box in enumerate(ndimage.find_objects(label), 1):
         own = label[box] == number
-        least = MIN_BUBBLE_RADII if hollow.is_closed[box][own].all() else MIN_LENGTH_RADII
+        least = LIMITS.min_bubble if hollow.is_closed[box][own].all() else LIMITS.min_length
         own, wall = np.pad(own, 1), np.pad(hollow.wall[box], 1)
         traced = joined(_cut_at_forks(_Tracer(own, wall).paths(least), wall))
         nodes = {node for one in traced for node in one.ends}
@@ -104,7 +117,7 @@ class _Tracer:
         self._own, self._wall = own, wall
         self._taken = np.zeros_like(own)
         self._on_line = np.zeros_like(own)
-        self._margin = int(TAKEN_RADII * wall[own].max() + TAKEN_VOXELS) + 2
+        self._margin = int(LIMITS.covered_radii * wall[own].max() + LIMITS.covered_voxels) + 2
 
     def paths(self, least: float) -> list[IntArray]:
         """Trace until what is left is no lumen; none if the first is below `least` radii."""
@@ -159,7 +172,7 @@ class _Tracer:
                 path = np.concatenate([legs[0], through[1:-1], leg[::-1]])
                 break
         own = inside[tuple(path.T)]
-        least = MIN_LENGTH_RADII * np.median(wall[tuple(path[own].T)])
+        least = LIMITS.min_length * np.median(wall[tuple(path[own].T)])
         if own.sum() < max(least, wall[tuple(path[0])] / 2):
             taken |= inside
             return NO_PATH
@@ -179,7 +192,7 @@ class _Tracer:
         low, box = self._box_around(path, self._margin)
         near = np.zeros_like(self._own[box])
         for place in path:
-            reach = TAKEN_RADII * float(self._wall[tuple(place)]) + TAKEN_VOXELS
+            reach = LIMITS.covered_radii * float(self._wall[tuple(place)]) + LIMITS.covered_voxels
             paint_ball(near, place - low, reach)
         self._on_line[tuple(path.T)] = True
         # Not the lumen behind the wall.
@@ -240,9 +253,10 @@ def joined(lines: list[CentreLine]) -> list[CentreLine]:
     np.maximum.at(radius, ends, np.array([one.radius[[0, -1]] for one in lines]))
     length = np.array([arc_lengths(one.line)[-1] for one in lines])
     # In the ball around a joint; at a free end, only the first path's, which begins at a wall.
-    short = (degree[ends].max(axis=1) > 2) & (length < TAKEN_RADII * radius[ends].max(axis=1))
-    pairs = coo_array((np.ones(short.sum()), tuple(ends[short].T)), shape=(len(degree),) * 2)
-    name = connected_components(pairs, directed=False)[1][ends]
+    short = (degree[ends].max(axis=1) > 2) & (
+        length < LIMITS.covered_radii * radius[ends].max(axis=1)
+    )
+    name = connected_parts(ends[short], len(degree))[ends]
     round_way = 2 * np.pi * np.array([one.radius.max() for one in lines])
     kept = ~short & ((name[:, 0] != name[:, 1]) | (length > round_way))
     lines = [
@@ -265,16 +279,7 @@ def joined(lines: list[CentreLine]) -> list[CentreLine]:
         )
 
 
-# Voxels of the hollow that a solid shuts in.
-#
-# A voxel is shut in where at least `SHUT_IN` of the 13 lines through it that lead to its 26
-# neighbours meet the solid on both sides. A groove has about 5, a notch 3, space outside a part
-# none.
-
-SHUT_IN: Final = 11
-SHUT_IN_AT_MOUTH: Final = 3
-MOUTH_RADII: Final = 2.0
-ALL_NEIGHBOURS: Final = np.ones((3, 3, 3), dtype=np.bool_)
+# Find the voxels of the hollow that a solid encloses.
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,15 +337,15 @@ def _shut_in(filled: BoolArray, wall: FloatArray) -> BoolArray:
     for way in product((-1, 0, 1), repeat=3):
         if way > (0, 0, 0):
             count += _behind(filled, way) & _behind(filled, tuple(-d for d in way))
-    core = ~filled & (count >= SHUT_IN)
+    core = ~filled & (count >= LIMITS.lines)
     if not core.any():
         return core
     # Within about a width of its mouth a lumen is shut in less, and by its walls first.
     wall = np.where(core, wall, 0.0)
     size = 2 * int(np.ceil(np.percentile(wall[core], 90))) + 1
     away, nearest = ndimage.distance_transform_edt(~core, return_indices=True)
-    reach = MOUTH_RADII * ndimage.maximum_filter(wall, size)[tuple(nearest)]
-    near = ~filled & (count >= SHUT_IN_AT_MOUTH) & (away <= reach)
+    reach = LIMITS.mouth * ndimage.maximum_filter(wall, size)[tuple(nearest)]
+    near = ~filled & (count >= LIMITS.lines_at_mouth) & (away <= reach)
     label, _ = ndimage.label(near)
     return np.asarray(near & np.isin(label, np.unique(label[core & near])))
 

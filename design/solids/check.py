@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.geometry.crossings import find_crossings
+from design.geometry.mesh import merge_equal, without_collapsed
+from design.geometry.mesh_files import read_float32
 from design.geometry.surface import Surface
 from design.geometry.threemf_read import read_3mf
 from design.solids.read import load_mesh
 from design.solids.solid import Solid
-from design.solids.topology import edge_faults, merge_equal, surface_genus
-from design.solids.write import read_float32
+from design.solids.topology import edge_faults, surface_genus
 
 if TYPE_CHECKING:
     import trimesh
@@ -60,12 +61,12 @@ def _of_made(
     path: Path, made: Sequence[Solid], checks: dict[int, SolidCheck | None]
 ) -> SolidCheck | None:
     """The check of the solid that a file holds; None where it is none, or that one has faults."""
-    held = held_solid(path, made)
-    if held is None:
+    number = held_solid(path, made)
+    if number is None:
         return None
-    if held not in checks:
-        checks[held] = check_made(made[held])
-    return checks[held]
+    if number not in checks:
+        checks[number] = check_made(made[number])
+    return checks[number]
 
 
 def validate_file(path: Path) -> SolidCheck:
@@ -101,7 +102,7 @@ def _checked(mesh: trimesh.Trimesh, path: Path) -> SolidCheck:
     del manifold  # a large file's takes a gigabyte
     faults = edge_faults(faces)
     genus, shells = (None, None) if faults else surface_genus(faces)
-    crossing = len(find_crossings(vertices, faces[_proper(faces)]).faces)
+    crossing = len(find_crossings(vertices, without_collapsed(faces)).faces)
     return SolidCheck(
         file=path.name,
         vertices=len(vertices),
@@ -116,13 +117,6 @@ def _checked(mesh: trimesh.Trimesh, path: Path) -> SolidCheck:
         wrong_edges=faults.wrong,
         crossing_faces=crossing,
     )
-
-
-def _proper(faces: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Faces with three corners."""
-    a, b, c = faces.T
-    proper: NDArray[np.bool_] = (a != b) & (b != c) & (c != a)
-    return proper
 
 
 # Check a solid just made, and whether a file written of it holds exactly its triangles.
@@ -223,7 +217,7 @@ class SolidCheck:
     oriented : bool
         Those two run along it in opposite directions, and the volume is above 0.
     manifold : bool
-        manifold3d takes the mesh as a 2-manifold, and finds the same volume. Not asked again of
+        manifold3d takes the mesh as a 2-manifold, and finds the same volume. Not repeated for
         a file that holds a solid just made, whose edges all pair (`check_made`).
     volume : float
         By the divergence theorem; mm³ for a file in mm.

@@ -16,7 +16,7 @@ from design.solids.snap import solid_from_manifold, solid_from_mesh
 from design.solids.solid import Solid
 from design.solids.tube import FACET_TOLERANCE_MM, area_factor, facet_count
 
-_LARGE = 50_000
+MIN_LOCAL_FACES = 50_000
 """Faces of a lumen from which on most of a boolean is saved where it is done near ports alone."""
 Vector = Sequence[float] | NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def construct_solid(
     SolidError
         When a dimple's diameter isn't above 0, or nothing is left of the body.
     """
-    if lumen is not None and not dimples and len(lumen.faces) >= _LARGE:
+    if lumen is not None and not dimples and len(lumen.faces) >= MIN_LOCAL_FACES:
         local = subtract_near(body, lumen, "the construct")
         if local is not None:
             return local

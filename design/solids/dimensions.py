@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from design.errors import SolidError
 
 Kind = Literal["plain", "barb", "luer_female", "luer_male"]
-LUER_TAPER: Final = 0.06
-"""Loss of diameter per length."""
-FEMALE_OPENING_MM: Final = 4.2925
-MALE_TIP_MM: Final = 3.9575
-LUER_LENGTH_MM: Final = 7.5
-LUER_LONGEST_MM: Final = 10.5
-MALE_BORE_MM: Final = 2.9
+
+
+class LuerCone(NamedTuple):
+    """A Luer fitting's cone, ISO 80369-7, annex B."""
+
+    taper: float = 0.06  # Loss of diameter per length
+    opening_mm: float = 4.2925  # Diameter of a socket's mouth
+    max_bore: float = 0.85  # Of a socket, over its mouth: the rest is its bottom
+    tip_mm: float = 3.9575  # Diameter of a male cone's tip, and of its bore at most
+    tip_bore_mm: float = 2.9
+    length_mm: float = 7.5  # Of either at least, and of a male one at most
+    max_length_mm: float = 10.5
+
+
+LUER: Final = LuerCone()
 BORE_BEYOND_MM: Final = 1.0
 """How far a bore is cut beyond its fitting's end, so that no skin closes it."""
 
@@ -41,7 +49,7 @@ class Connector:
     kind: Kind
     bore_mm: float
     outer_mm: float = 6.5
-    length_mm: float = 10.0
+    length_mm: float = 10.0  # Of either at least, and of a male one at most
     barb_mm: float = 0.8
     barbs: int = 2
 
@@ -62,10 +70,10 @@ def profiles(
             low, edge, high = k * tall, (k + 0.5) * tall, (k + 1) * tall
             outside += [(outer, low), (outer, edge), (outer + step, edge), (outer, high)]
     elif connector.kind == "luer_female":
-        mouth = 0.5 * FEMALE_OPENING_MM
-        bottom = mouth - 0.5 * LUER_TAPER * LUER_LENGTH_MM
-        beyond = mouth + 0.5 * LUER_TAPER
-        deep = length - LUER_LENGTH_MM
+        mouth = 0.5 * LUER.opening_mm
+        bottom = mouth - 0.5 * LUER.taper * LUER.length_mm
+        beyond = mouth + 0.5 * LUER.taper
+        deep = length - LUER.length_mm
         channel = [
             (bore, -through_mm),
             (bore, deep),
@@ -74,8 +82,8 @@ def profiles(
         ]
         narrowest = outer - mouth + bore
     elif connector.kind == "luer_male":
-        tip = 0.5 * MALE_TIP_MM
-        outside = [(tip + 0.5 * LUER_TAPER * length, 0.0), (tip, length)]
+        tip = 0.5 * LUER.tip_mm
+        outside = [(tip + 0.5 * LUER.taper * length, 0.0), (tip, length)]
         narrowest = tip
     _check(connector, narrowest)
     return outside, channel
@@ -91,23 +99,23 @@ def _check(connector: Connector, narrowest: float) -> None:
         raise SolidError(f"{connector}: give lengths above 0")
     if connector.kind == "barb" and connector.barbs < 1:
         raise SolidError(f"barbs {connector.barbs}; give at least one")
-    if connector.kind.startswith("luer") and connector.length_mm < LUER_LENGTH_MM:
+    if connector.kind.startswith("luer") and connector.length_mm < LUER.length_mm:
         raise SolidError(
-            f"length_mm {connector.length_mm:g} of a Luer fitting is below {LUER_LENGTH_MM} mm "
+            f"length_mm {connector.length_mm:g} of a Luer fitting is below {LUER.length_mm} mm "
             "(ISO 80369-7, annex B); make it longer"
         )
     if connector.kind == "luer_male" and not (
-        connector.bore_mm <= MALE_BORE_MM and connector.length_mm <= LUER_LONGEST_MM
+        connector.bore_mm <= LUER.tip_bore_mm and connector.length_mm <= LUER.max_length_mm
     ):
         raise SolidError(
             f"a male Luer cone of bore_mm {connector.bore_mm:g} and length_mm "
-            f"{connector.length_mm:g} is over {MALE_BORE_MM} or {LUER_LONGEST_MM} mm (ISO 80369-7, "
-            "annex B); make it smaller"
+            f"{connector.length_mm:g} is over {LUER.tip_bore_mm} or {LUER.max_length_mm} mm "
+            "(ISO 80369-7, annex B); make it smaller"
         )
-    if connector.kind == "luer_female" and connector.bore_mm > FEMALE_OPENING_MM * 0.85:
+    if connector.kind == "luer_female" and connector.bore_mm > LUER.max_bore * LUER.opening_mm:
         raise SolidError(
             f"bore_mm {connector.bore_mm:g} leaves a Luer socket no bottom; at most "
-            f"{FEMALE_OPENING_MM * 0.85:.2f} mm"
+            f"{LUER.max_bore * LUER.opening_mm:.2f} mm"
         )
     if 0.5 * connector.bore_mm >= narrowest:
         raise SolidError(

@@ -24,10 +24,9 @@ from kernels.arrays import FloatArray, IntArray
 
 Mask = NDArray[np.bool_]
 
-_TRIES = 4
-"""Of taking in one more row of triangles around those that meet the surface."""
-
-_MOST = 0.5
+MAX_ROWS = 4
+"""Of triangles around those that meet the surface, until the piece's rims are clean."""
+MAX_NEAR_SHARE = 0.5
 """Of the tool's triangles: where more are near the surface, nothing is saved."""
 
 
@@ -73,8 +72,8 @@ def subtract_near(body: Solid, tool: Solid, what: str) -> Solid | None:
     if surface_genus(body.faces)[1] != 1:
         return None
     near = _near_surface(body, tool)
-    for _ in range(_TRIES):
-        if not near.any() or near.mean() > _MOST:
+    for _ in range(MAX_ROWS):
+        if not near.any() or near.mean() > MAX_NEAR_SHARE:
             return None
         piece = _closed_piece(tool, near)
         if piece is not None and _is_clean(piece, body):
@@ -203,5 +202,5 @@ def _opened(cut: Solid, tool: Solid, piece: _Piece, known: IntArray) -> Mask | N
 
 
 def _keys(places: FloatArray) -> list[bytes]:
-    """What tells float32 places (n, 3) from one another; -0 is 0."""
+    """Return the bytes of each place (n, 3) in float32; -0 is 0."""
     return [row.tobytes() for row in places.astype(np.float32) + np.float32(0.0)]

@@ -19,11 +19,10 @@ from design.solids.solid import Solid
 from design.solids.tube import FACET_TOLERANCE_MM, Chain, EndShape, Facets, free_ends
 from kernels.arrays import FloatArray, IntArray
 
-_TRIES = 3
+MAX_ATTEMPTS = 3
 """Of leaving groups sharp that can't be rounded without crossing themselves."""
-
-_BEYOND_HALF_BALL = 1.2
-"""Radii from a free end that hold the half ball which closes it (`dome_profile` stretches it)."""
+DOME_RADII = 1.2
+"""Radii beyond a free end that contain the half ball which closes it (`dome_profile`: 1.01)."""
 
 
 def lumen_solid(
@@ -54,11 +53,11 @@ def lumen_solid(
         Greatest distance between facet and arc.
     facet_ratio : float
         That distance over the vessel's radius, where it is more than ``tolerance_mm``: large trees
-        have vessels of many sizes, and triangles that nobody can open.
+        have vessels of many sizes, and triangles that no viewer can open.
     fillet_ratio : float
         Radius of the fillet at a junction over that of its thinnest vessel: radii within a tree
         differ twentyfold, and so must its fillets. 0, the default, leaves seams sharp; 0.5 is
-        round. Where neighbouring junctions leave no room it is reduced, by steps to a tenth and
+        round. Where neighbouring junctions leave no space it is reduced, by steps to a tenth and
         then to none; within a group around each place that has none.
     fillet_mm : float, mm, optional
         The same radius at all junctions, in the place of ``fillet_ratio``.
@@ -80,7 +79,7 @@ def lumen_solid(
     middle, moved = _around_middle(network)
     rounds = fillet_ratio > 0.0 or bool(fillet_mm)
     sharp = set[int]()
-    for _ in range(_TRIES if rounds else 1):
+    for _ in range(MAX_ATTEMPTS if rounds else 1):
         layout = lay_out(moved, Facets(tolerance_mm, facet_ratio), fillet_ratio, fillet_mm)
         layout.sharp |= sharp
         vertices, faces = _sewn(layout, extended).surface()
@@ -134,7 +133,7 @@ def _pair(
     for run in others.values():
         for end in (0, -1):
             length = extended.get(int(run.node[end]), np.inf)
-            if length < _BEYOND_HALF_BALL * run.radius[end]:
+            if length < DOME_RADII * run.radius[end]:
                 return None
     sewing = _sewn(layout, extended)
     vertices, faces = sewing.surface()
@@ -202,23 +201,23 @@ def extended_ends(
     if not np.any(extend_ends_mm):
         return {}
     free = free_ends(network)
-    asked = free if extend_nodes is None else np.asarray(extend_nodes, dtype=np.int64)
-    strange = np.setdiff1d(asked, free)
+    chosen = free if extend_nodes is None else np.asarray(extend_nodes, dtype=np.int64)
+    strange = np.setdiff1d(chosen, free)
     if len(strange):
         raise SolidError(
             f"extend_nodes: node {strange[0]} isn't a free end of the network; "
             f"choose from its {len(free)} free ends"
         )
     lengths = np.asarray(extend_ends_mm, dtype=np.float64)
-    if lengths.shape not in ((), asked.shape):
+    if lengths.shape not in ((), chosen.shape):
         raise SolidError(
-            f"extend_ends_mm has {lengths.size} lengths for {len(asked)} ends; give one for each, "
+            f"extend_ends_mm has {lengths.size} lengths for {len(chosen)} ends; give one for each, "
             "or one for all"
         )
-    every = np.broadcast_to(lengths, asked.shape)
+    every = np.broadcast_to(lengths, chosen.shape)
     return {
         node: length
-        for node, length in zip(asked.tolist(), every.tolist(), strict=True)
+        for node, length in zip(chosen.tolist(), every.tolist(), strict=True)
         if length > 0.0
     }
 

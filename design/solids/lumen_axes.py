@@ -8,17 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from manifold3d import Manifold
 from scipy import ndimage
 from scipy.ndimage import gaussian_filter1d
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from design.errors import SolidError
+from design.geometry.mesh import connected_parts
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselKind, VesselNetwork
 from design.solids.centre_lines import (
@@ -36,33 +35,42 @@ from design.solids.topology import construct_genus
 from design.vasculature.growth.trunk import straighten_line
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
-MAX_VOXELS: Final = (4_000_000, 40_000_000)
-"""Of the box around the solid, first and where lumens are too thin for that."""
-FINEST_MM: Final = 0.02
-MIN_RADIUS_VOXELS: Final = 3.0
-MIN_PART_MM: Final = 1.0
-RAYS: Final = 40
-"""Across a section."""
-REACH_RADII: Final = 6.0
-ROUND: Final = 2.0
-"""A section that is more times as long as wide is no round lumen's."""
-EVEN: Final = 0.015
-"""Sections that differ by less of their radius from the next ones lie in no joint or bend."""
-WIDER: Final = 1.3
-"""A section so many times as wide as the median of its vessel belongs to a joint."""
-STEEPEST: Final = 0.3
-"""Where a radius changes by more of the way it isn't sure where it does."""
-MAX_MOVE_RADII: Final = 8.0
-"""Farther from where its lumens part a joint isn't laid: its vessels aren't straight there."""
-ROUNDS: Final = 4
-"""Of sections across the line through the middles of the last ones."""
-STRAIGHT_MM: Final = 0.003
-ASIDE: Final = 0.3
-"""A lumen's wall may lie by this share of the radius beside its vessel's, or two voxels."""
-MOST_LEFT: Final = 0.1
-"""Of the volume of lumens that hang together: where more is left, none of their axes is sure."""
-MIN_LEFT_RADII: Final = 0.5
-"""A piece of lumens that no vessel follows counts from a ball of so many radii on."""
+
+class VoxelLimits(NamedTuple):
+    """Resolution of the voxels in which lumens are searched."""
+
+    # Of the box around the solid, first and where lumens are too thin for that.
+    max_voxels: tuple[int, int] = (4_000_000, 40_000_000)
+    finest_mm: float = 0.02  # Pitch
+    min_radius: float = 3.0  # voxels: of the thinnest lumen that is resolved
+    min_part_mm: float = 1.0  # A smaller part without lumens was probably exported in another unit
+
+
+class SectionLimits(NamedTuple):
+    """How axes are laid along a lumen's sections, and when they are sure; lengths in radii."""
+
+    rays: int = 40  # Across a section
+    rounds: int = 4  # Of sections across the line through the middles of the last ones
+    reach: float = 6.0  # Of a ray
+    max_aspect: float = 2.0  # Length over width of a round lumen's section
+    # Relative difference of sections next to each other outside of joints and bends, at most.
+    even: float = 0.015
+    # A section so many times as wide as the median of its vessel belongs to a joint.
+    wider: float = 1.3
+    steepest: float = 0.3  # Change of a radius over its way; where it is more, its place isn't sure
+    # Of a joint from where its lumens part: farther, its vessels aren't straight.
+    max_move: float = 8.0
+    straight_mm: float = 0.003  # Greatest distance of a line's points from the axis that is kept
+    aside: float = 0.3  # A lumen's wall may lie by so much beside its vessel's, or two voxels
+    # Share of connected lumens' volume that no vessel follows; above, none of their axes is
+    # sure.
+    max_left: float = 0.1
+    # Radius of a ball as large as the least piece of lumens that counts as not followed.
+    min_left: float = 0.5
+
+
+VOXELS: Final = VoxelLimits()
+SECTIONS: Final = SectionLimits()
 
 
 @dataclass(frozen=True)
@@ -101,20 +109,20 @@ def found_lumens(solid: Solid, *, is_lumen: bool = False) -> FoundLumens:
     """
     body = solid_manifold(solid, "the model")
     extent = np.ptp(solid.vertices, axis=0)
-    for most in MAX_VOXELS:
-        pitch = max(FINEST_MM, float((np.prod(extent) / most) ** (1 / 3)))
+    for most in VOXELS.max_voxels:
+        pitch = max(VOXELS.finest_mm, float((np.prod(extent) / most) ** (1 / 3)))
         hollow = hollow_voxels(body, pitch, is_lumen=is_lumen)
         lines = centre_lines(hollow)
         thin = min((float(np.median(line.radius)) for line in lines), default=0.0)
-        is_fine = thin >= MIN_RADIUS_VOXELS * pitch and all(line.is_sure for line in lines)
-        if is_fine or pitch == FINEST_MM:
+        is_fine = thin >= VOXELS.min_radius * pitch and all(line.is_sure for line in lines)
+        if is_fine or pitch == VOXELS.finest_mm:
             break
-    if not lines and extent.max() < MIN_PART_MM:
+    if not lines and extent.max() < VOXELS.min_part_mm:
         size = " × ".join(f"{one:.3g}" for one in extent)
         raise SolidError(
             f"no lumen was found in the model: it is only {size} mm in all, and lumens are looked "
-            f"for from {2 * FINEST_MM:g} mm on; if it was exported in metres or inches, give its "
-            "unit"
+            f"for from {2 * VOXELS.finest_mm:g} mm on; if it was exported in metres or inches, "
+            "give its unit"
         )
     if not lines:
         raise SolidError(
@@ -147,19 +155,19 @@ class _Rays:
     def section(self, place: FloatArray, way: FloatArray, reach: float) -> FloatArray | None:
         """Return centre (3), radius of equal area and length over width of the section, (5,)."""
         u, v = _across(way)
-        turn = np.arange(RAYS) * 2 * np.pi / RAYS
+        turn = np.arange(SECTIONS.rays) * 2 * np.pi / SECTIONS.rays
         ray = np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v
         wall = np.array([self._ahead(place, one, reach) for one in ray])
         if not np.isfinite(wall).all():
             return None
         square = float((wall**2).mean())
         off = (wall[:, None] ** 3 * ray).mean(axis=0) * 2 / 3 / square
-        width = wall + np.roll(wall, RAYS // 2)
+        width = wall + np.roll(wall, SECTIONS.rays // 2)
         return np.array([*(place + off), np.sqrt(square), width.max() / width.min()])
 
     def to_end(self, place: FloatArray, way: FloatArray, radius: float) -> float:
         """How far ahead the wall of a blind end is, or the face that the lumen opens through."""
-        reach = REACH_RADII * radius
+        reach = SECTIONS.reach * radius
         blind = self._ahead(place, way, reach)
         if self.turn < 0:
             return blind
@@ -199,7 +207,7 @@ def _measured(lines: list[CentreLine], pitch: float, rays: _Rays) -> list[Centre
         replace(one, line=gaussian_filter1d(one.line, np.median(one.radius) / pitch, axis=0))
         for one in lines
     ]
-    for _ in range(ROUNDS):
+    for _ in range(SECTIONS.rounds):
         lines = [_sections(_whole(line, nodes, degree), wide, rays) for line in lines]
         for node in np.flatnonzero(degree > 1):
             ways = list(_ways_into(int(node), lines))
@@ -208,7 +216,7 @@ def _measured(lines: list[CentreLine], pitch: float, rays: _Rays) -> list[Centre
                 continue
             place = _meeting(nodes[node], ways)
             moved = np.linalg.norm(place - first[node])
-            nodes[node] = place if moved <= MAX_MOVE_RADII * wide[node] else first[node]
+            nodes[node] = place if moved <= SECTIONS.max_move * wide[node] else first[node]
     return [_whole(line, nodes, degree) for line in lines]
 
 
@@ -233,7 +241,7 @@ def _sections(axis: CentreLine, wide: FloatArray, rays: _Rays) -> CentreLine:
     way -= places_along(line, arc, np.maximum(at - radius, 0.0))
     way /= np.linalg.norm(way, axis=1)[:, None]
     place = places_along(line, arc, at)
-    reach = REACH_RADII * max(radius, *joint)
+    reach = SECTIONS.reach * max(radius, *joint)
     found = [rays.section(*one, reach) for one in zip(place, way, strict=True)]
     at = at[[one is not None for one in found]]
     if len(at) < 3:
@@ -254,13 +262,13 @@ def _sections(axis: CentreLine, wide: FloatArray, rays: _Rays) -> CentreLine:
 def _own(radius: FloatArray, shape: FloatArray) -> tuple[IntArray, bool]:
     """Return the sections that are like their neighbours, and whether they are a round lumen's."""
     change = np.abs(np.diff(radius)) / radius[1:]
-    alike = change < EVEN + 1.5 * float(np.median(change))
+    alike = change < SECTIONS.even + 1.5 * float(np.median(change))
     alike &= np.maximum(shape[1:], shape[:-1]) < 1.1 * np.median(shape)
     middle = float(np.median(radius))
     even = np.zeros(len(radius), dtype=np.bool_)
-    even[1:-1] = alike[1:] & alike[:-1] & (radius[1:-1] < WIDER * middle)
+    even[1:-1] = alike[1:] & alike[:-1] & (radius[1:-1] < SECTIONS.wider * middle)
     own = np.flatnonzero(ndimage.binary_dilation(even))
-    is_sure = len(own) > 2 and float(np.median(shape)) < ROUND
+    is_sure = len(own) > 2 and float(np.median(shape)) < SECTIONS.max_aspect
     return (own, is_sure) if len(own) > 2 else (np.arange(len(radius)), False)
 
 
@@ -272,11 +280,11 @@ def _to_its_end(
     way = centre[-1] - centre[max(-5, -len(centre))]
     way /= np.linalg.norm(way)
     onward = rays.to_end(centre[-1], way, wide)
-    if not 0 < onward <= REACH_RADII * wide:
+    if not 0 < onward <= SECTIONS.reach * wide:
         return centre, radius
     spacing = np.linalg.norm(np.diff(centre[-8:], axis=0), axis=1)
     slope = float(np.median(np.diff(radius[-8:]) / spacing))
-    end = wide + onward * float(np.clip(slope, -STEEPEST, STEEPEST))
+    end = wide + onward * float(np.clip(slope, -SECTIONS.steepest, SECTIONS.steepest))
     return np.vstack([centre, centre[-1] + onward * way]), np.append(radius, end)
 
 
@@ -302,18 +310,17 @@ def _meeting(near: FloatArray, ways: list[tuple[FloatArray, FloatArray]]) -> Flo
 
 def _network(axes: list[CentreLine]) -> VesselNetwork:
     rows = [np.column_stack([axis.line, axis.radius]) for axis in axes]
-    rows = [one[straighten_line(one, STRAIGHT_MM)[0]] for one in rows]
+    rows = [one[straighten_line(one, SECTIONS.straight_mm)[0]] for one in rows]
     used, number = np.unique([axis.ends for axis in axes], return_inverse=True)
     ends = number.reshape(-1, 2).astype(np.int64)
     nodes = np.zeros((len(used), 3))
     nodes[ends] = [one[[0, -1], :3] for one in rows]
-    links = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(len(used),) * 2)
     every = np.vstack(rows)
     return VesselNetwork(
         nodes,
         ends,
         np.full(len(axes), int(VesselKind.CHANNEL)),
-        connected_components(links, directed=False)[1][ends[:, 0]].astype(np.int64),
+        connected_parts(ends, len(used))[ends[:, 0]],
         np.cumsum([0, *(len(one) for one in rows)]),
         every[:, :3],
         every[:, 3],
@@ -331,14 +338,20 @@ def _checked(network: VesselNetwork, is_sure: list[bool], hollow: Hollow) -> Fou
         at = np.linspace(0.0, arc[-1], int(np.ceil(arc[-1] / pitch)) + 2)
         place, wide = places_along(line, arc, at), np.interp(at, arc, radius)
         voxel = (place - hollow.origin) / pitch
-        for one, reach in zip(voxel, wide + np.maximum(ASIDE * wide, 2 * pitch), strict=True):
+        for one, reach in zip(
+            voxel, wide + np.maximum(SECTIONS.aside * wide, 2 * pitch), strict=True
+        ):
             paint_ball(covered, one, reach / pitch)
         # A blind end's wall is ahead.
         blind = [degree[k] == 1 for k in network.vessel_nodes[vessel]]
         ahead = np.minimum(at if blind[0] else np.inf, length - at if blind[1] else np.inf)
-        core = np.minimum((1 - ASIDE) * wide, ahead) - 2 * pitch
+        core = np.minimum((1 - SECTIONS.aside) * wide, ahead) - 2 * pitch
         wall = pitch * ndimage.map_coordinates(hollow.wall, voxel.T, order=1, mode="nearest")
-        bad = (np.abs(np.gradient(wide, at)) > STEEPEST) | (wall < core) | (wide < 1.5 * pitch)
+        bad = (
+            (np.abs(np.gradient(wide, at)) > SECTIONS.steepest)
+            | (wall < core)
+            | (wide < 1.5 * pitch)
+        )
         bad |= not is_sure[vessel]
         bad |= not any(blind) and length < 2 * wide.max()
         places.append(place)
@@ -355,7 +368,7 @@ def _checked(network: VesselNetwork, is_sure: list[bool], hollow: Hollow) -> Fou
     for number, box in enumerate(ndimage.find_objects(label), 1):
         index = np.argwhere(label[box] == number) + [one.start for one in box]
         near = tree.query(hollow.origin + pitch * index)[1]
-        ball = 4 / 3 * np.pi * (MIN_LEFT_RADII * float(wide[near].min())) ** 3
+        ball = 4 / 3 * np.pi * (SECTIONS.min_left * float(wide[near].min())) ** 3
         if len(index) * pitch**3 >= ball:
             unsure[near] = True
             lost[part[tuple(index[0])]] += len(index)
@@ -365,7 +378,7 @@ def _checked(network: VesselNetwork, is_sure: list[bool], hollow: Hollow) -> Fou
     lost /= np.bincount(part.ravel(), minlength=count + 1)
     sample = np.round((place - hollow.origin) / pitch).astype(int)
     sample = np.clip(sample, 0, np.array(part.shape) - 1)
-    unsure |= np.isin(of, of[lost[part[tuple(sample.T)]] > MOST_LEFT])
+    unsure |= np.isin(of, of[lost[part[tuple(sample.T)]] > SECTIONS.max_left])
     stretches = tuple(
         _stretches(along[k], unsure[of == k], wide[of == k]) for k in range(network.vessel_count)
     )

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from design.errors import SolidError
+from design.geometry.mesh import merge_vertices
 from design.solids.solid import Solid
-from design.solids.topology import edge_faults, is_closed, merge_equal
+from design.solids.topology import edge_faults, is_closed
 from kernels.arrays import FloatArray
 
 
@@ -58,8 +59,7 @@ def _fault(faces: NDArray[np.integer], manifold: Manifold) -> str:
     return f"{manifold.status().name}; mend the mesh"
 
 
-_IN: Final = 0.5
-_OUT: Final = -0.53
+SMOOTHING_STEPS: Final = (0.5, -0.53)
 """Taubin 1995 ("A signal processing approach to fair surface design"): a step inwards and a longer
 one out let waves pass that are longer than some ten edges (1/0.5 - 1/0.53 = 0.11)."""
 
@@ -78,7 +78,7 @@ def denoised(points: FloatArray, faces: NDArray[np.integer], passes: int) -> Flo
     joined.data[:] = 1.0  # An edge is found from both of its triangles.
     mean = diags_array(1.0 / np.maximum(joined.sum(axis=1), 1.0)) @ joined
     for _ in range(passes):
-        for step in (_IN, _OUT):
+        for step in SMOOTHING_STEPS:
             points = points + step * (mean @ points - points)
     return np.asarray(points)
 
@@ -94,9 +94,9 @@ def sections_solid(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -
     Sheets that touch, or faces that cross, are left: sections don't mind them, files that are
     written do. Parameters and errors are those of `design.solids.construct.solid_from_surface`.
     """
-    merged, triangles = _merged_vertices(vertices, faces)
+    merged, triangles = merge_vertices(vertices, faces)
     if not is_closed(triangles, touching=True):
-        to_manifold(merged, triangles, _SURFACE)  # says what is wrong
+        to_manifold(merged, triangles, _SURFACE)  # raises the error
     solid = Solid(merged, triangles.astype(np.int32))
     _check_volume(solid.volume_mm3)
     return solid
@@ -106,22 +106,10 @@ def checked_surface(
     vertices: NDArray[np.floating], faces: NDArray[np.integer]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], Manifold]:
     """Equal vertices merged, collapsed faces dropped; and the manifold that it is."""
-    merged, triangles = _merged_vertices(vertices, faces)
+    merged, triangles = merge_vertices(vertices, faces)
     manifold = to_manifold(merged, triangles, _SURFACE)
     _check_volume(manifold.volume())
     return merged, triangles, manifold
-
-
-def _merged_vertices(
-    vertices: NDArray[np.floating], faces: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    merged, index = merge_equal(np.asarray(vertices, np.float64))
-    triangles = index[np.asarray(faces)]
-    a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
-    # A vertex of no face would widen the bounds by which parts are placed.
-    used, corners = np.unique(triangles, return_inverse=True)
-    return merged[used], corners.reshape(-1, 3)
 
 
 def _check_volume(volume_mm3: float) -> None:

@@ -17,7 +17,7 @@ from kernels.arrays import FloatArray, IntArray
 
 Array = NDArray[np.float64]
 
-_ON_EDGE = 1e-9
+EDGE_TOLERANCE = 1e-9
 """Share of a triangle by which a ray may miss it, so that none slips through between two."""
 
 
@@ -107,10 +107,10 @@ def find_ports(
     SolidError
         When a vessel drawn on beyond its end doesn't pass a face of the body.
     """
-    asked = set(np.asarray(nodes).tolist())
+    wanted = set(np.asarray(nodes).tolist())
     ports = []
     for node, outward, radius in zip(*_free_ends(network), strict=True):
-        if int(node) not in asked:
+        if int(node) not in wanted:
             continue
         start = network.nodes[node]
         # From one radius within: a node may lie a little outside of the face.
@@ -135,11 +135,11 @@ def find_ports(
 
 def end_ports(network: VesselNetwork, nodes: IntArray) -> list[Port]:
     """The free ends ``nodes`` (k,) themselves as ports: those of tubes, cut square there."""
-    asked = set(np.asarray(nodes).tolist())
+    wanted = set(np.asarray(nodes).tolist())
     return [
         Port(int(node), _is_inlet(network, node), network.nodes[node], out, float(radius), 0.0, 0.0)
         for node, out, radius in zip(*_free_ends(network), strict=True)
-        if int(node) in asked
+        if int(node) in wanted
     ]
 
 
@@ -160,7 +160,12 @@ def _faces_on(body: Solid, start: Array, way: Array) -> Array:
     turned = np.cross(to, one)
     v = turned @ way * scale
     t = _dot(two, turned) * scale
-    met &= (u >= -_ON_EDGE) & (v >= -_ON_EDGE) & (u + v <= 1.0 + _ON_EDGE) & (t > 0.0)
+    met &= (
+        (u >= -EDGE_TOLERANCE)
+        & (v >= -EDGE_TOLERANCE)
+        & (u + v <= 1.0 + EDGE_TOLERANCE)
+        & (t > 0.0)
+    )
     # A ray through an edge meets two faces at one place.
     return np.unique(np.round(t[met], 6))
 

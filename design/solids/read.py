@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from design.errors import SolidError
-from design.geometry.surface import cut_short
-from design.geometry.threemf_read import read_3mf
+from design.geometry.mesh import merge_equal
+from design.geometry.mesh_files import read_mesh
 from design.solids.manifolds import sections_solid
 from design.solids.solid import Solid
-from design.solids.topology import merge_equal
-from design.solids.write import read_corners
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
 
@@ -42,7 +40,7 @@ def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = Fals
     path : Path
         STL, 3MF, PLY, OBJ or OFF.
     unit : "um", "mm", "cm", "m" or "in"
-        None only for 3MF, which says it; where both do they must agree.
+        None only for 3MF, which holds it; a given one must agree.
     for_sections : bool
         Leave touching sheets and crossing faces as they are; see `sections_solid`.
 
@@ -59,28 +57,23 @@ def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = Fals
     OSError
         When the file can't be opened.
     """
-    corners = read_corners(path) if path.suffix.lower() == ".stl" and unit is not None else None
-    if corners is not None and unit is not None:
-        corners *= MM_PER[unit]
-        faces = np.arange(3 * len(corners)).reshape(-1, 3)
-        return _solid(corners.reshape(-1, 3), faces, path, for_sections)
-    if path.suffix.lower() == ".3mf" and path.is_file():
-        read = read_3mf(path)
-        scale = _MM_OF_3MF.get(read.unit)
-        if scale is None:
+    read = read_mesh(path, SUFFIXES)
+    if path.suffix.lower() != ".3mf":
+        if unit is None:
             raise SolidError(
-                f"{path}: the file's unit is {read.unit}, which isn't read; export it in one of "
-                f"{', '.join(_MM_OF_3MF)}"
+                f"{path}: the file doesn't say its unit; give one of {', '.join(MM_PER)}"
             )
-        if unit is not None and MM_PER[unit] != scale:
-            raise SolidError(f"{path}: the file says {read.unit}, not {unit}; leave the unit out")
-        solid = _solid(read.vertices * scale, read.faces, path, for_sections)
-        return replace(solid, notes=tuple(f"{path.name}: {note}" for note in read.notes))
-    mesh = load_mesh(path)
-    if unit is None:
-        raise SolidError(f"{path}: the file doesn't say its unit; give one of {', '.join(MM_PER)}")
-    vertices = np.asarray(mesh.vertices) * MM_PER[unit]
-    return _solid(vertices, np.asarray(mesh.faces), path, for_sections)
+        return _solid(read.vertices * MM_PER[unit], read.faces, path, for_sections)
+    scale = _MM_OF_3MF.get(read.unit)
+    if scale is None:
+        raise SolidError(
+            f"{path}: the file's unit is {read.unit}, which isn't read; export it in one of "
+            f"{', '.join(_MM_OF_3MF)}"
+        )
+    if unit is not None and MM_PER[unit] != scale:
+        raise SolidError(f"{path}: the file says {read.unit}, not {unit}; leave the unit out")
+    solid = _solid(read.vertices * scale, read.faces, path, for_sections)
+    return replace(solid, notes=tuple(f"{path.name}: {note}" for note in read.notes))
 
 
 def _solid(vertices: FloatArray, faces: IntArray, path: Path, for_sections: bool) -> Solid:
@@ -110,48 +103,9 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
     OSError
         When the file can't be opened.
     """
-    import trimesh  # heavy: scipy's statistics, networkx; a binary STL needs none of it
+    import trimesh  # heavy: scipy's statistics, networkx
 
-    kind = path.suffix.lower()
-    if path.is_dir():
-        raise SolidError(f"{path} is a folder; give a file, one of {', '.join(SUFFIXES)}")
-    if kind not in SUFFIXES:
-        raise SolidError(f"{path}: {kind or 'no suffix'} isn't one of {', '.join(SUFFIXES)}")
-    if kind == ".stl" and (missing := cut_short(path)):
-        raise SolidError(f"{path}: {missing}; export or copy it again")
-    if kind == ".3mf":
-        read = read_3mf(path)
-        return _merged(trimesh.Trimesh(read.vertices, read.faces, process=False))
-    if kind == ".stl" and (corners := read_corners(path)) is not None:
-        mesh = trimesh.Trimesh(
-            corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False
-        )
-        return _merged(mesh)
-    with path.open("rb") as handle:
-        try:
-            mesh = trimesh.load_mesh(handle, file_type=kind[1:], process=False)
-        except (OSError, MemoryError):
-            raise
-        except Exception as exc:  # trimesh and lxml raise what they like for a damaged file
-            name = type(exc).__name__
-            raise SolidError(
-                f"{path}: not a readable {kind[1:].upper()} file ({name}: {exc})"
-            ) from exc
-    if isinstance(mesh, trimesh.Scene):
-        mesh = mesh.to_mesh()
-    if len(mesh.faces) == 0:
-        raise SolidError(f"{path}: no triangles in the file; export the surface again")
-    if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
-        raise SolidError(
-            f"{path}: a triangle names a corner that isn't there (of {len(mesh.vertices)}); export "
-            "the surface again"
-        )
-    return _merged(mesh)
-
-
-def _merged(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Merge vertices that are equal, and those only: trimesh's own merging rounds to 1e-8."""
-    import trimesh  # as above
-
-    unique, index = merge_equal(np.asarray(mesh.vertices, dtype=np.float64))
-    return trimesh.Trimesh(unique, index[np.asarray(mesh.faces)], process=False)
+    read = read_mesh(path, SUFFIXES)
+    # Those that are equal, and those only: trimesh's own merging rounds to 1e-8.
+    vertices, index = merge_equal(read.vertices)
+    return trimesh.Trimesh(vertices, index[read.faces], process=False)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.geometry.crossings import find_crossings
+from design.geometry.mesh import merge_distances, without_collapsed
 from design.solids.manifolds import to_manifold
 from design.solids.mend import mend_surface
 from design.solids.solid import Solid
@@ -25,11 +26,7 @@ from kernels.arrays import FloatArray
 
 FaceArray = NDArray[np.int64]
 
-_STEPS_APART = 8.0
-_ROUNDS = 5
-_COARSER = 4.0
-
-_MEND_FACETS = 4.0
+MEND_FACETS = 4.0
 """Facet tolerances by which one change that mends crossings may move the surface: with 1, a few
 places in half a million stay crossed where several vessels meet in wedges."""
 
@@ -37,10 +34,8 @@ places in half a million stay crossed where several vessels meet in wedges."""
 def solid_from_manifold(manifold: Manifold, what: str, *, mend: bool = True) -> Solid:
     """Round to float32 such that the surface stays closed.
 
-    The first try simplifies within 8 float32 steps at the greatest coordinate (at 10 mm 0.008 µm),
-    and draws vertices at which two sheets touch into the solid by as much; that nearly always
-    does. Each of the four tries after it goes four times as far (the last 2 µm). With ``mend``
-    crossings are taken away afterwards.
+    For each of `merge_distances` in turn, simplify within it, and draw vertices at which two sheets
+    touch into the solid by as much. With ``mend`` crossings are taken away afterwards.
 
     Raises
     ------
@@ -49,9 +44,7 @@ def solid_from_manifold(manifold: Manifold, what: str, *, mend: bool = True) -> 
     """
     if manifold.is_empty():
         raise SolidError(f"{what} is empty; nothing is left of the shape")
-    bounds = np.abs(np.array(manifold.bounding_box()))
-    step = _STEPS_APART * float(np.spacing(np.float32(bounds.max())))
-    for _ in range(_ROUNDS):
+    for step in merge_distances(np.array(manifold.bounding_box())):
         mesh = manifold.simplify(step).to_mesh64()
         vertices, faces = mesh.vert_properties[:, :3], mesh.tri_verts.astype(np.int64)
         snapped, kept = snap_mesh(vertices, faces)
@@ -62,7 +55,6 @@ def solid_from_manifold(manifold: Manifold, what: str, *, mend: bool = True) -> 
         if len(kept) and not faults:
             solid = Solid(snapped, kept.astype(np.int32))
             return mended_solid(solid)[0] if mend else solid
-        step *= _COARSER
     raise SolidError(
         f"{what}: {faults.open + faults.wrong} edges don't stay closed when rounded to float32: "
         "parts touch in an edge or a point; move them apart or let them overlap"
@@ -91,7 +83,7 @@ def solid_from_mesh(
         return Solid(snapped, kept.astype(np.int32))
     if len(kept):
         # Where a few vertices alone touch, all others stay as they are.
-        step = _STEPS_APART * float(np.spacing(np.float32(np.abs(vertices).max())))
+        step = next(merge_distances(vertices))
         snapped, kept = snap_mesh(_draw_apart(vertices, faces, step), faces)
         if is_closed(kept):
             solid = Solid(snapped, kept.astype(np.int32))
@@ -108,13 +100,13 @@ def mended_solid(
 ) -> tuple[Solid, NDArray[np.int64]]:
     """A solid with as few crossing faces as small changes leave, and the numbers of these.
 
-    One change may move the surface by `_MEND_FACETS` facet tolerances at most, or the first try's
-    steps of `solid_from_manifold` where these are more.
+    One change may move the surface by `MEND_FACETS` facet tolerances at most, or the first of
+    `merge_distances` where that is more.
     """
-    step = _STEPS_APART * float(np.spacing(np.float32(np.abs(solid.vertices).max())))
+    step = next(merge_distances(solid.vertices))
     faces = solid.faces.astype(np.int64)
     vertices, faces, left = mend_surface(
-        solid.vertices, faces, max(_MEND_FACETS * tolerance_mm, step)
+        solid.vertices, faces, max(MEND_FACETS * tolerance_mm, step)
     )
     if vertices is solid.vertices:
         return replace(solid, uncrossed=len(left) == 0), left
@@ -129,15 +121,10 @@ def mended_solid(
 def snap_mesh(vertices: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArray]:
     """Round to float32, merge equal vertices, drop triangles that collapsed to an edge."""
     places, index = _places(vertices)
-    faces = _not_collapsed(index[faces])
+    faces = without_collapsed(index[faces])
     used = np.zeros(len(places), dtype=bool)
     used[faces] = True
     return places[used].astype(np.float64), (np.cumsum(used) - 1)[faces]
-
-
-def _not_collapsed(faces: FaceArray) -> FaceArray:
-    a, b, c = faces.T
-    return faces[(a != b) & (b != c) & (c != a)]
 
 
 def _places(vertices: FloatArray) -> tuple[NDArray[np.float32], FaceArray]:
@@ -160,7 +147,7 @@ def _draw_apart(vertices: FloatArray, faces: FaceArray, step: float) -> FloatArr
     """
     _, index = _places(vertices)
     twin = np.bincount(index)[index] > 1
-    moved = np.flatnonzero(twin & np.isin(index, faulty_vertices(_not_collapsed(index[faces]))))
+    moved = np.flatnonzero(twin & np.isin(index, faulty_vertices(without_collapsed(index[faces]))))
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normal = np.zeros_like(vertices)
     np.add.at(normal, faces.ravel(), np.repeat(np.cross(b - a, c - a), 3, axis=0))

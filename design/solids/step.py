@@ -1,9 +1,9 @@
 """Write a STEP file of a network's lumens: exact cylinders, cones and balls, united.
 
 Needs the extra ``step`` (netgen-mesher, LGPL-2.1, which brings Open CASCADE). Open CASCADE's union
-loses a part now and then where faces touch, so its volume is held against `lumen_solid`'s.
+loses a part now and then where faces touch, so its volume is compared with `lumen_solid`'s.
 
-15 vessels take 0.5 s, 100 take 14 s, 250 take 78 s; above `MOST_PIECES` it is refused.
+15 vessels take 0.5 s, 100 take 14 s, 250 take 78 s; above `MAX_PIECES` it is refused.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from design.solids.smooth.assemble import LIMITS
 from design.solids.tube import Chain, Facets, split_runs
 from kernels.arrays import FloatArray, IntArray
 
-MOST_PIECES: Final = 500
+MAX_PIECES: Final = 500
 """Frusta and balls; some 300 straight vessels, a MB for every 40 pieces."""
-VOLUME_WITHIN: Final = 2e-3
+VOLUME_TOLERANCE: Final = 2e-3
 """Between the exact bodies and the triangles, as a share of the lumens' volume."""
 
 
@@ -40,7 +40,7 @@ class StepCheck:
     volume : float, mm³
         Of the exact bodies.
     mesh_volume : float, mm³
-        Of the triangles it was held against.
+        Of the triangles it was compared with.
     """
 
     file: str
@@ -67,9 +67,9 @@ def write_step(path: Path, network: VesselNetwork) -> StepCheck:
     """
     occ = load_occ()
     pieces = step_pieces(network)
-    if len(pieces) > MOST_PIECES:
+    if len(pieces) > MAX_PIECES:
         raise SolidError(
-            f"{path}: {len(pieces)} cylinders, cones and balls are more than the {MOST_PIECES} "
+            f"{path}: {len(pieces)} cylinders, cones and balls are more than the {MAX_PIECES} "
             "that STEP is sensible for (minutes to unite, files that few programs open); write "
             "STL, 3MF or PLY, or a part of the network"
         )
@@ -78,7 +78,7 @@ def write_step(path: Path, network: VesselNetwork) -> StepCheck:
     except occ.OCCException as exc:
         raise SolidError(f"{path}: Open CASCADE can't unite the vessels: {exc}") from exc
     meant, volume = lumen_solid(network).volume_mm3, float(shape.mass)
-    if not abs(volume - meant) <= VOLUME_WITHIN * meant:
+    if not abs(volume - meant) <= VOLUME_TOLERANCE * meant:
         raise SolidError(
             f"{path}: Open CASCADE's union has {volume:.6g} mm³, but the triangles have "
             f"{meant:.6g}: it lost a part; write STL or 3MF"
@@ -121,9 +121,8 @@ def _shape(occ: Any, piece: Piece) -> Any:
 
 # Decompose a network into touching cylinders, cones and balls, for STEP files.
 
-_OFF_AXIS = 0.02
+MAX_OFF_AXIS = 0.02
 """Of the radius: how far a curved vessel's axis and radius may be from its straight pieces'."""
-_MITRED_MM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -152,7 +151,7 @@ def step_pieces(network: VesselNetwork) -> list[Piece]:
 
     Each touches one before it: in other orders Open CASCADE's union loses most of some networks.
     """
-    runs, _ = split_runs(network, Facets(_MITRED_MM))
+    runs, _ = split_runs(network, Facets())
     runs = [simpler(run) for run in runs]
     at: dict[bytes, list[tuple[int, int]]] = defaultdict(list)
     for index, run in enumerate(runs):
@@ -213,7 +212,7 @@ def simpler(run: Chain) -> Chain:
             continue
         off = _off(run, first, last, inner)
         worst = int(np.argmax(off))
-        if off[worst] > _OFF_AXIS:
+        if off[worst] > MAX_OFF_AXIS:
             kept[inner[worst]] = True
             stack += [(first, int(inner[worst])), (int(inner[worst]), last)]
     return Chain(run.points[kept], run.radius[kept], run.node[kept])

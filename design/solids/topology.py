@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from design.geometry.mesh import connected_parts, edges_of
 from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import IntArray
@@ -53,21 +52,16 @@ def edge_faults(faces: NDArray[np.integer]) -> EdgeFaults:
     """Count the faulty edges of ``faces`` (m, 3)."""
     if is_closed(faces):
         return EdgeFaults(0, 0)
-    edge, forward = _half_edges(faces)
-    _, index = np.unique(edge, return_inverse=True)
-    walks = np.bincount(index)
-    along = np.bincount(index, weights=forward)
-    single = walks == 1
-    return EdgeFaults(int(single.sum()), int(np.sum(~single & ((walks != 2) | (along != 1)))))
+    edges = edges_of(faces)
+    single = edges.uses == 1
+    wrong = ~single & ((edges.uses != 2) | (edges.balance != 0))
+    return EdgeFaults(int(single.sum()), int(wrong.sum()))
 
 
 def faulty_vertices(faces: NDArray[np.integer]) -> IntArray:
     """Vertices of all edges that more or fewer than two faces share."""
-    edge, _ = _half_edges(faces)
-    keys, walks = np.unique(edge, return_counts=True)
-    count = int(faces.max(initial=0)) + 1
-    wrong = keys[walks != 2]
-    return np.unique(np.r_[wrong // count, wrong % count])
+    edges = edges_of(faces)
+    return np.unique(edges.ends[edges.uses != 2])
 
 
 def surface_genus(faces: NDArray[np.integer]) -> tuple[int, int]:
@@ -91,12 +85,7 @@ def surface_genus(faces: NDArray[np.integer]) -> tuple[int, int]:
 
 def vertex_parts(faces: NDArray[np.integer], count: int) -> IntArray:
     """Return the number of the connected part of ``faces`` (m, 3) at each of ``count`` vertices."""
-    return _connected_parts(faces[:, :2].ravel(), faces[:, 1:].ravel(), count)
-
-
-def _connected_parts(tail: NDArray[np.integer], head: NDArray[np.integer], count: int) -> IntArray:
-    joined = coo_array((np.ones(len(tail), np.int8), (tail, head)), shape=(count, count))
-    return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
+    return connected_parts(faces[:, [0, 1, 1, 2]].reshape(-1, 2), count)
 
 
 def corner_fans(faces: NDArray[np.integer]) -> IntArray:
@@ -106,15 +95,6 @@ def corner_fans(faces: NDArray[np.integer]) -> IntArray:
     """
     fan, _ = corner_fan_numbers(pair_half_edges(faces))
     return np.asarray(fan).reshape(-1, 3)
-
-
-def _half_edges(faces: NDArray[np.integer]) -> tuple[IntArray, NDArray[np.bool_]]:
-    """Key of the undirected edge that leaves each corner (3m,), and whether it is walked up."""
-    tail = np.asarray(faces, dtype=np.int64)
-    head = np.roll(tail, -1, axis=1).ravel()
-    tail = tail.ravel()
-    count = int(tail.max(initial=0)) + 1
-    return np.minimum(tail, head) * count + np.maximum(tail, head), tail < head
 
 
 # Pair the half-edges of a triangle mesh; count fans and shells of a closed one (compiled).
@@ -209,26 +189,6 @@ def count_shells(twin: Any) -> int:
     return count
 
 
-def merge_equal(
-    vertices: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Distinct places (m, 3), sorted by x, y, z, and which of them each of ``vertices`` (n, 3) has.
-
-    What ``numpy.unique`` gives along axis 0, without its copies: a file of a million triangles has
-    three million vertices.
-    """
-    order = np.lexsort(vertices.T[::-1])
-    ordered = vertices[order]
-    fresh = np.ones(len(ordered), dtype=np.bool_)
-    for axis in range(3):
-        column = ordered[:, axis]
-        fresh[1:] &= column[1:] == column[:-1]
-    fresh[1:] = ~fresh[1:]
-    index = np.empty(len(ordered), dtype=np.int64)
-    index[order] = np.cumsum(fresh) - 1
-    return ordered[fresh], index
-
-
 # Compute the genus of a network's lumen surface, and of a body with the lumens cut out.
 #
 # A lumen's surface is that of a thickened graph: its genus is the number of independent loops,
@@ -262,6 +222,5 @@ def construct_genus(network: VesselNetwork, ports: IntArray, body_genus: int = 0
 
 def _part_of_node(network: VesselNetwork) -> tuple[IntArray, IntArray]:
     """Number of the connected part of each node, and of each vessel."""
-    first, last = network.vessel_nodes.T
-    part = _connected_parts(first, last, len(network.nodes))
-    return part, part[first]
+    part = connected_parts(network.vessel_nodes, len(network.nodes))
+    return part, part[network.vessel_nodes[:, 0]]

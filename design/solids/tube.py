@@ -6,7 +6,7 @@ import math
 from collections import defaultdict
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,11 +149,11 @@ def _faces(rings: int, facets: int) -> FaceArray:
 
 FACET_TOLERANCE_MM = 0.001
 """Default greatest distance of a facet from its chord's arc, mm; far below any printed line."""
-_LEAST_FACETS = 16
-_LEAST_COARSE = 12
+MIN_FACETS, MIN_COARSE_FACETS = 16, 12
+"""Sides of a vessel's polygon, and where its tolerance follows from its radius."""
 
 
-def facet_count(radius_mm: float, tolerance_mm: float, least: int = _LEAST_FACETS) -> int:
+def facet_count(radius_mm: float, tolerance_mm: float, least: int = MIN_FACETS) -> int:
     """Sides of the polygon whose sagitta r (1 - cos(π/n)) is at most ``tolerance_mm``.
 
     A multiple of four (so that circles reach their extremes along both axes), at least ``least``.
@@ -183,7 +183,7 @@ class Facets:
 
     def count(self, radius_mm: float) -> int:
         """Sides of the polygon of a vessel of that radius."""
-        least = _LEAST_COARSE if self.ratio else _LEAST_FACETS
+        least = MIN_COARSE_FACETS if self.ratio else MIN_FACETS
         return facet_count(radius_mm, self.at(radius_mm), least)
 
 
@@ -223,10 +223,22 @@ def dome_profile(facets: int) -> tuple[np.ndarray, np.ndarray]:
 
 # Cut vessel chains at sharp bends into tubes to sweep; list balls at bends and junctions.
 
-_LEAST_LENGTH_LEFT = 0.1
-"""Share of a piece that its two mitres must leave on the inside of the bend."""
-_RING_OVERLAP = 0.02
-"""Share of the radius by which a closed ring's last end runs into its first."""
+
+class ChainRules(NamedTuple):
+    """When vessels are swept as one tube, and how its radius and ends meet."""
+
+    # Of two ends that are joined; below it the wider one's ball covers the thinner one's
+    # disc.
+    min_width_ratio: float = 0.9
+    # A jump of radius becomes a cone of this share of the radius (or of the piece) in length.
+    step: float = 0.1
+    # Share of a piece that its two mitres must leave on the inside of the bend.
+    min_left: float = 0.1
+    # Share of the radius by which a closed ring's last end runs into its first.
+    overlap: float = 0.02
+
+
+CHAINS = ChainRules()
 
 
 @dataclass(frozen=True)
@@ -295,7 +307,7 @@ def _sharp_bends(chain: Chain, facets_of: Facets) -> list[int]:
     with np.errstate(divide="ignore"):
         eaten = np.where(cut, 0.0, radius * np.sqrt((1.0 - cosine) / (1.0 + cosine)))
     # A piece whose two mitres would meet loses both: cheap, and right whatever the order.
-    crowded = np.r_[0.0, eaten] + np.r_[eaten, 0.0] > (1.0 - _LEAST_LENGTH_LEFT) * length
+    crowded = np.r_[0.0, eaten] + np.r_[eaten, 0.0] > (1.0 - CHAINS.min_left) * length
     cut |= (eaten > 0.0) & (crowded[:-1] | crowded[1:])
     bends: list[int] = (1 + np.flatnonzero(cut)).tolist()
     return bends
@@ -306,7 +318,7 @@ def _overlapping(chain: Chain) -> Chain:
     if chain.node[0] != chain.node[-1]:
         return chain
     points, step = chain.points.copy(), chain.points[-1] - chain.points[-2]
-    points[-1] += _RING_OVERLAP * chain.radius[-1] * step / np.linalg.norm(step)
+    points[-1] += CHAINS.overlap * chain.radius[-1] * step / np.linalg.norm(step)
     return Chain(points, chain.radius, chain.node)
 
 
@@ -328,11 +340,6 @@ def free_ends(network: VesselNetwork) -> IntArray:
 # Two tubes that end flat in one plane touch there without overlapping, and rounding makes a slit of
 # it. So wherever one vessel continues another gently and about as wide, they become one chain.
 
-_WIDTH_RATIO = 0.9
-"""Least ratio of the radii of two ends that are joined; below it the wider one's ball covers the
-thinner one's disc."""
-_STEP_SHARE = 0.1
-"""A jump of radius becomes a cone of this share of the radius (or of the piece) in length."""
 End = tuple[int, int]
 """A vessel, and which of its ends: 0 the first, 1 the last."""
 
@@ -415,7 +422,7 @@ def _partners(network: VesselNetwork, vessels: list[Chain], facets_of: Facets) -
         thin, wide = sorted(float(vessels[vessel].radius[-end]) for vessel, end in ends)
         cosine = -float(one @ two)
         gentle = cosine > 0.0 and mitre_excess(np.array(cosine), wide) <= facets_of.at(wide)
-        if gentle and thin >= _WIDTH_RATIO * wide:
+        if gentle and thin >= CHAINS.min_width_ratio * wide:
             partner[ends[0]], partner[ends[1]] = ends[1], ends[0]
     return partner
 
@@ -460,7 +467,7 @@ def _stepped(chain: Chain, wide: float) -> Chain:
     """The chain begun with radius ``wide``, which a short cone takes to its own."""
     first, step = chain.points[0], chain.points[1] - chain.points[0]
     length = float(np.linalg.norm(step))
-    share = _STEP_SHARE * min(1.0, chain.radius[0] / length)
+    share = CHAINS.step * min(1.0, chain.radius[0] / length)
     own = (1.0 - share) * chain.radius[0] + share * chain.radius[1]
     return Chain(
         np.insert(chain.points, 1, first + share * step, axis=0),

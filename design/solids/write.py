@@ -1,4 +1,4 @@
-"""Write a solid as STL, OBJ, PLY or VTP; read a binary STL's triangles without a mesh library."""
+"""Write a solid as STL, OBJ, PLY or VTP."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.files import write_bytes, write_text
-from design.geometry.surface import START_BYTES, TRIANGLE
+from design.geometry.surface import TRIANGLE
 from design.solids.solid import Solid
 from kernels import jit
 
 _HEADER = b"printctl; mm"
-"""STL has no field for a unit; the header is the one place to say it."""
+"""STL has no field for a unit; the header is the one place for it."""
 
 
 def write_stl(path: Path, solid: Solid) -> None:
@@ -53,30 +53,8 @@ def _numbers(vertices: Any, faces: Any) -> Any:
     return out
 
 
-def read_corners(path: Path) -> NDArray[np.float64] | None:
-    """Corners (n, 3, 3) of a binary STL's triangles; None where the file isn't exactly one.
-
-    Raises
-    ------
-    OSError
-        When the file can't be opened.
-    """
-    corners = read_float32(path)
-    return None if corners is None else np.asarray(corners.astype(np.float64))
-
-
-def read_float32(path: Path) -> NDArray[np.float32] | None:
-    """As `read_corners`, in the file's own precision and not copied."""
-    data = path.read_bytes()
-    count = int.from_bytes(data[80:84], "little")
-    if count == 0 or len(data) != START_BYTES + count * TRIANGLE.itemsize:
-        return None
-    triangles = np.frombuffer(data, TRIANGLE, count, START_BYTES)
-    return np.asarray(triangles["corners"])
-
-
 def write_obj(path: Path, solid: Solid) -> None:
-    """Write ``solid`` as OBJ in mm (the format has no unit; a comment says it).
+    """Write ``solid`` as OBJ in mm (the format has no unit; a comment holds it).
 
     Raises
     ------

@@ -16,11 +16,11 @@ from design.geometry.surface_distances import segment_distance
 from kernels import jit, pjit, scalar_jit
 from kernels.arrays import FloatArray
 
-# Find where grid lines cross a closed mesh, and which way, to tell inside from outside.
+# Find where grid lines enter and leave a closed mesh.
 #
 # The winding number of a point is the signed count of surface crossings on the way to it from
 # outside. Along grid lines it costs one crossing list per line, is exact (an integer) for any
-# closed, consistently oriented mesh, and tells cavities, thin walls and nested shells apart.
+# closed, consistently oriented mesh, also with cavities, thin walls and nested shells.
 
 # Lines pass beside vertices and edges that lie on round coordinates, by a hair of the spacing.
 _SHIFTS = ((1.7320508e-5, 2.2360680e-5), (-3.1622777e-5, 2.6457513e-5), (4.1231056e-5, -3.6e-5))
@@ -114,7 +114,7 @@ def crossing(c: Any, v: float, w: float) -> int:
 
 @scalar_jit
 def crossing_place(c: Any, v: float, w: float) -> float:
-    """Where the line (v, w) meets the triangle's plane, held within the triangle's extent."""
+    """Where the line (v, w) meets the triangle's plane, clipped to the triangle's extent."""
     abv, abw = c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]
     acv, acw = c[2, 1] - c[0, 1], c[2, 2] - c[0, 2]
     area = abv * acw - abw * acv
@@ -212,7 +212,7 @@ class GridArrays(NamedTuple):
     samples : (n, 9, 9, 9) float32, mm
         Signed distance in each brick, its far faces included, so that a read stays in it.
     triangles ... size
-        The exact surface, asked where the samples leave room for doubt: a `TriangleTree`, field
+        The exact surface, measured where the samples don't decide: a `TriangleTree`, field
         by field, since numba's parallel loops take no tuple within a tuple. Kernels that take
         a tree take these arrays as well.
     """

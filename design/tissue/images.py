@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -32,12 +32,17 @@ UNIT_NAMES: Final[dict[str, LengthUnit]] = {
     "millimeters": "mm",
     "cm": "cm",
     "centimeter": "cm",
+    "centimeters": "cm",
     "m": "m",
     "meter": "m",
+    "meters": "m",
     "inch": "in",
+    "inches": "in",
 }
 """How files spell units."""
-_AGREE = 1e-3
+VOXEL_SIZE_TOLERANCE = 1e-3
+"""Relative, between a file's voxel size and one given: files round theirs to float32 or a few
+digits."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +68,8 @@ class VolumeImage:
         return lengths
 
 
-@dataclass(frozen=True)
-class _Raw:
-    """What a file says: the affine in ``unit``, either unknown."""
+class _Raw(NamedTuple):
+    """A file's content; the affine, in ``unit``, and the unit are None where it has none."""
 
     values: NDArray[Any]
     affine: FloatArray | None
@@ -85,10 +89,10 @@ def read_image(
     path : Path
         .nii, .nii.gz, .nrrd, .tif or .tiff.
     voxel_mm : (3,) float, optional
-        Size of a voxel along x, y, z, for files that don't say; refused where the file says
-        otherwise.
+        Size of a voxel along x, y, z, for files without one; refused where the file has
+        another.
     unit : {"um", "mm", "cm", "m", "in"}, optional
-        Of the file's own voxel size or affine, for files that don't say.
+        Of the file's own voxel size or affine, for files without one.
 
     Raises
     ------
@@ -109,19 +113,12 @@ def read_image(
         raise TissueError(
             f"{path}: can't be read as an image ({error}); export it again"
         ) from error
-    raw = replace(raw, values=_one_channel(raw.values))
-    if raw.values.ndim != 3:
-        raise TissueError(
-            f"{path}: holds {raw.values.shape} values; give one volume of one channel"
-        )
-    return VolumeImage(raw.values, _placed(path, raw, voxel_mm, unit))
-
-
-def _one_channel(values: NDArray[Any]) -> NDArray[Any]:
-    """Without axes of length 1 after the third."""
+    values = raw.values
     if values.ndim > 3 and set(values.shape[3:]) == {1}:
-        return values.reshape(values.shape[:3])
-    return values
+        values = values.reshape(values.shape[:3])
+    if values.ndim != 3:
+        raise TissueError(f"{path}: holds {values.shape} values; give one volume of one channel")
+    return VolumeImage(values, _placed(path, raw, voxel_mm, unit))
 
 
 def _placed(
@@ -130,7 +127,7 @@ def _placed(
     voxel_mm: tuple[float, float, float] | None,
     unit: LengthUnit | None,
 ) -> FloatArray:
-    """Affine in mm, from the file or else from what the caller says."""
+    """Return the affine in mm, from the file or else from the caller's voxel size."""
     if voxel_mm is not None and not all(np.isfinite(v) and v > 0 for v in voxel_mm):
         raise TissueError(f"{path}: voxel_mm is {voxel_mm}; give three sizes above 0")
     if raw.unit is not None and unit is not None and raw.unit != unit:
@@ -153,7 +150,7 @@ def _placed(
     if not (np.isfinite(affine).all() and abs(np.linalg.det(affine[:3, :3])) > 0):
         raise TissueError(f"{path}: its affine is singular; mend the header")
     size = np.linalg.norm(affine[:3, :3], axis=0)
-    if voxel_mm is not None and not np.allclose(size, voxel_mm, rtol=_AGREE):
+    if voxel_mm is not None and not np.allclose(size, voxel_mm, rtol=VOXEL_SIZE_TOLERANCE):
         raise TissueError(
             f"{path} says voxels are {_by(size)} mm, not voxel_mm {_by(np.array(voxel_mm))}; drop "
             "voxel_mm or mend the file"
@@ -165,7 +162,7 @@ def _fitting(path: Path, affine: FloatArray, voxel_mm: tuple[float, float, float
     """The unit in which the file's affine has voxels of the size given."""
     size = np.linalg.norm(affine[:3, :3], axis=0)
     for unit, per in MM_PER.items():
-        if np.allclose(size * per, voxel_mm, rtol=_AGREE):
+        if np.allclose(size * per, voxel_mm, rtol=VOXEL_SIZE_TOLERANCE):
             return unit
     raise TissueError(
         f"{path} has voxels of {_by(size)} of an unknown unit, which voxel_mm "
@@ -190,9 +187,7 @@ def _read(path: Path) -> _Raw:
         return _read_nifti(path)
     if name.endswith(".nrrd"):
         return _read_nrrd(path)
-    values, size, unit = read_tiff(path)
-    affine = None if size is None else _stack_affine(size)
-    return _Raw(values, affine, UNIT_NAMES.get(unit.lower()) if unit else None)
+    return _read_tiff(path)
 
 
 def _read_nifti(path: Path) -> _Raw:
@@ -226,21 +221,11 @@ def _read_nrrd(path: Path) -> _Raw:
     return _Raw(values, affine, UNIT_NAMES.get(names.pop()) if names else None)
 
 
-# Read a TIFF stack's voxel values, with the voxel size if the file states it.
-
 Size = tuple[float, float, float]
 
 
-def read_tiff(path: Path) -> tuple[NDArray[Any], Size | None, str | None]:
-    """Values (x, y, z), voxel size along x, y, z and its unit's name, as far as the file says.
-
-    ImageJ and OME files say; plain TIFF has no size along z.
-
-    Raises
-    ------
-    TissueError
-        When it isn't one stack of one channel.
-    """
+def _read_tiff(path: Path) -> _Raw:
+    """Read a TIFF stack; ImageJ and OME files hold a voxel size, plain TIFF has none along z."""
     import tifffile  # a tenth of a second that runs without such images don't pay
 
     with tifffile.TiffFile(path) as file:
@@ -254,7 +239,9 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Size | None, str | None]:
             f"{path}: has axes {series.axes} of {values.shape}; give one stack of pictures of one "
             "channel"
         )
-    return np.ascontiguousarray(stack.transpose(2, 1, 0)), size, unit
+    affine = None if size is None else _stack_affine(size)
+    values = np.ascontiguousarray(stack.transpose(2, 1, 0))
+    return _Raw(values, affine, UNIT_NAMES.get(unit.lower()) if unit else None)
 
 
 def _size(file: Any) -> tuple[Size | None, str | None]:
@@ -293,19 +280,27 @@ def _ome_size(text: str) -> tuple[Size | None, str | None]:
 #
 # The label's voxels, 1 inside and 0 outside, are blurred by a Gaussian of one voxel; the surface is
 # where the blurred value passes a level, which is chosen such that the surface holds as much as the
-# voxels do. Whatever the blur says, the centres of all voxels stay on their side: walls one voxel
+# voxels do. Whatever the blur, the centres of all voxels stay on their side: walls one voxel
 # thick and gaps one voxel wide remain, and the surface is nowhere farther than a voxel from the
 # label's.
 
-_BLUR_VOXELS = 1.0
-_PAD = 4
-_MARGIN = 0.05
-"""Least distance of a voxel's value from the level."""
-_LEVELS = (0.15, 0.85)
-_SIMPLIFY_VOXELS = (0.03, 0.01, 0.003)
-"""How far simplifying may move the surface: the first that changes the volume little enough."""
-_SIMPLIFY_VOLUME = 2e-3
-_MOST_VOXELS = 500_000_000
+
+class LabelSmoothing(NamedTuple):
+    """How a label's voxels become a surface."""
+
+    blur: float = 1.0  # voxels: standard deviation
+    pad: int = 4  # voxels: around the label: as far as the blur reaches
+    # Lowest and highest level tried: beyond, thin walls or gaps decide alone.
+    levels: tuple[float, float] = (0.15, 0.85)
+    margin: float = 0.05  # Least difference of a voxel's value from the level
+    # voxels: how far simplifying may move the surface: the first that changes the volume
+    # little enough.
+    simplify: tuple[float, ...] = (0.03, 0.01, 0.003)
+    volume_change: float = 2e-3  # By simplifying, at most
+    max_voxels: int = 500_000_000  # Of an image: the mask takes 0.5 GB
+
+
+SMOOTHING = LabelSmoothing()
 _EVERY_VOXEL = np.ones((3, 3, 3))
 
 
@@ -351,8 +346,8 @@ def label_surface(image: VolumeImage, label: int) -> tuple[Surface, tuple[str, .
     """The surface of a label; see `load_label_surface`."""
     voxels, first = _cropped(image.values, label)
     notes = _remarks(image.values.shape, voxels, first, label)
-    shape = _smooth(np.pad(voxels, _PAD))
-    place = shape.vertices - _PAD + first
+    shape = _smooth(np.pad(voxels, SMOOTHING.pad))
+    place = shape.vertices - SMOOTHING.pad + first
     vertices = place @ image.affine[:3, :3].T + image.affine[:3, 3]
     turned = np.linalg.det(image.affine[:3, :3]) < 0
     faces = shape.faces[:, ::-1] if turned else shape.faces
@@ -363,18 +358,18 @@ def label_surface(image: VolumeImage, label: int) -> tuple[Surface, tuple[str, .
 
 def _simplified(solid: Manifold, voxel_mm: float) -> Manifold:
     """With as few faces as keep the volume."""
-    for share in _SIMPLIFY_VOXELS:
+    for share in SMOOTHING.simplify:
         fewer = solid.simplify(share * voxel_mm)
-        if abs(fewer.volume() / solid.volume() - 1.0) < _SIMPLIFY_VOLUME:
+        if abs(fewer.volume() / solid.volume() - 1.0) < SMOOTHING.volume_change:
             return fewer
     return solid
 
 
 def _cropped(values: NDArray[Any], label: int) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """The box of the image that holds the label, as true and false, and its first index."""
-    if values.size > _MOST_VOXELS:
+    if values.size > SMOOTHING.max_voxels:
         raise TissueError(
-            f"image has {values.size:.3g} voxels, above {_MOST_VOXELS:.3g}; crop or bin it"
+            f"image has {values.size:.3g} voxels, above {SMOOTHING.max_voxels:.3g}; crop or bin it"
         )
     mask = values == label
     box = find_objects(mask.astype(np.int8))
@@ -424,28 +419,32 @@ def _smooth(voxels: NDArray[np.bool_]) -> Surface:
     """Surface in voxel indices that holds as much as the voxels."""
     from scipy.optimize import brentq  # heavy: other tissues do without
 
-    blurred = gaussian_filter(voxels.astype(np.float64), _BLUR_VOXELS, truncate=_PAD - 0.5)
+    blurred = gaussian_filter(
+        voxels.astype(np.float64), SMOOTHING.blur, truncate=SMOOTHING.pad - 0.5
+    )
     target = float(np.count_nonzero(voxels))
 
     def excess(level: float) -> float:
-        shape = isosurface(_held(blurred, voxels, level), level)
+        shape = isosurface(_clipped(blurred, voxels, level), level)
         return enclosed_volume(shape.vertices, shape.faces) / target - 1.0
 
-    low, high = _LEVELS
+    low, high = SMOOTHING.levels
     if excess(low) <= 0:
         level = low
     elif excess(high) >= 0:
         level = high
     else:
         level = float(brentq(excess, low, high, xtol=1e-4))
-    return isosurface(_held(blurred, voxels, level), level)
+    return isosurface(_clipped(blurred, voxels, level), level)
 
 
-def _held(
+def _clipped(
     blurred: NDArray[np.float64], voxels: NDArray[np.bool_], level: float
 ) -> NDArray[np.float64]:
-    """Values kept on their voxel's side of the level."""
-    held: NDArray[np.float64] = np.where(
-        voxels, np.maximum(blurred, level + _MARGIN), np.minimum(blurred, level - _MARGIN)
+    """Return the values kept on their voxel's side of the level."""
+    clipped: NDArray[np.float64] = np.where(
+        voxels,
+        np.maximum(blurred, level + SMOOTHING.margin),
+        np.minimum(blurred, level - SMOOTHING.margin),
     )
-    return held
+    return clipped

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from design.errors import SolidError, TissueError
-from design.geometry.surface import Surface, cut_short
-from design.geometry.threemf_read import read_3mf
-from design.tissue.images import VolumeImage
+from design.geometry.mesh_files import read_mesh
+from design.geometry.surface import Surface
+from design.tissue.images import UNIT_NAMES, VolumeImage
 from design.tissue.repair import repair_surface
 from design.tissue.surface import SizeLimits, SpacingRule, check_size, tissue_from_surface
 from design.tissue.tissue import (
@@ -25,22 +25,9 @@ from design.tissue.tissue import (
     checked_values,
 )
 from design.units import MM_PER, LengthUnit
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import FloatArray
 
 SUFFIXES: Final = (".stl", ".obj", ".ply", ".3mf")
-
-_DECLARED: Final[dict[str, LengthUnit]] = {
-    "micron": "um",
-    "microns": "um",
-    "millimeter": "mm",
-    "millimeters": "mm",
-    "centimeter": "cm",
-    "centimeters": "cm",
-    "meter": "m",
-    "meters": "m",
-    "inch": "in",
-    "inches": "in",
-}
 
 
 def load_tissue(
@@ -57,14 +44,14 @@ def load_tissue(
     ----------
     path : Path
     unit : {"um", "mm", "cm", "m", "in"}
-        Of the file's coordinates; files of meshes don't say, and it is never guessed.
+        Of the file's coordinates; files of meshes hold no unit, and it is never guessed.
     limits, spacing_mm, rule
         As in `tissue_from_surface`.
 
     Returns
     -------
     Tissue
-        Its notes say what was mended.
+        Its notes list repairs.
 
     Raises
     ------
@@ -97,17 +84,20 @@ def load_surface(
     """
     path = Path(path)
     check_file(path, unit, SUFFIXES)
-    vertices, faces, units, left_out = _read(path)
-    declared = _DECLARED.get(units)
+    try:
+        read = read_mesh(path, SUFFIXES)
+    except SolidError as error:
+        raise TissueError(str(error)) from error
+    declared = UNIT_NAMES.get(read.unit)
     if declared is not None and declared != unit:
         raise TissueError(f"{path} declares its unit as {declared}, not {unit}; state that unit")
     try:
-        check_size(vertices[np.unique(faces)], unit, limits or SizeLimits())
-        mended, notes = repair_surface(vertices, faces, unit)
+        check_size(read.vertices[np.unique(read.faces)], unit, limits or SizeLimits())
+        mended, notes = repair_surface(read.vertices, read.faces, unit)
     except TissueError as error:
         raise TissueError(f"{path}: {error}") from error
     surface = Surface(mended.vertices * MM_PER[unit], mended.faces)
-    return surface, tuple(f"{path.name}: {note}" for note in (*left_out, *notes))
+    return surface, tuple(f"{path.name}: {note}" for note in (*read.notes, *notes))
 
 
 def check_file(path: Path, unit: LengthUnit, suffixes: tuple[str, ...]) -> None:
@@ -124,44 +114,16 @@ def check_file(path: Path, unit: LengthUnit, suffixes: tuple[str, ...]) -> None:
         raise TissueError(f"{path}: there is no such file")
 
 
-def _read(path: Path) -> tuple[FloatArray, IntArray, str, tuple[str, ...]]:
-    """Vertices, faces, the unit that the file says or nothing, and what of it was left out."""
-    if path.suffix.lower() == ".3mf":
-        try:
-            read = read_3mf(path)
-        except SolidError as error:
-            raise TissueError(str(error)) from error
-        return read.vertices, read.faces, read.unit, read.notes
-    import trimesh  # heavy, and few who name a tissue read one
-
-    if path.suffix.lower() == ".stl" and (missing := cut_short(path)):
-        raise TissueError(f"{path}: {missing}; export or copy it again")
-    # trimesh's readers raise whatever their parsers do, KeyError and struct.error included.
-    try:
-        mesh = trimesh.load_mesh(path, process=False)
-    except Exception as error:
-        # An STL that isn't binary asks for what tells a text's encoding, which isn't installed.
-        why = "neither binary nor plain text" if isinstance(error, ImportError) else error
-        raise TissueError(f"{path}: can't be read as a mesh ({why}); export it again") from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise TissueError(f"{path}: mesh is empty: it has no faces; give a closed surface")
-    vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
-    return vertices, faces, str(mesh.units or ""), ()
-
-
 # Make a tissue's relative perfusion demand by depth below its surface, by image or function.
 
-_PROBES = 250_000
+DEMAND_PROBES = 250_000
 """Quasi-random places in the bounding box, over which means and maxima are taken."""
-
-_GOLDEN = 1.2207440846057596
+R3_SEQUENCE_BASE = 1.2207440846057596
 """Root of x⁴ = x + 1: its inverse powers fill space evenly (Roberts 2018)."""
-
-_HEADROOM = 1.1
-"""A function's greatest value is taken for at most this times the greatest found."""
-
-_COVERED = 0.99
+MAX_HEADROOM = 1.1
+"""A function's greatest value is taken for at most this times the greatest at the probes."""
+MIN_COVERED = 0.99
+"""Least share of the tissue in a demand image: its rim may lie a little outside."""
 
 
 def depth_demand(
@@ -210,10 +172,11 @@ def image_demand(tissue: Tissue, image: VolumeImage) -> ImageDemand:
     inside = _probes(tissue)
     index = inside @ to_index[:3, :3].T + to_index[:3, 3]
     covered = ((index >= -0.5) & (index <= np.array(values.shape) - 0.5)).all(axis=1).mean()
-    if covered < _COVERED:
+    if covered < MIN_COVERED:
         raise TissueError(
-            f"demand image covers {100 * covered:.0f} % of the tissue, below {100 * _COVERED:.0f} "
-            "%; give one in the tissue's frame (the same affine as the label image) that covers it"
+            f"demand image covers {100 * covered:.0f} % of the tissue, below "
+            f"{100 * MIN_COVERED:.0f} %; give one in the tissue's frame (the same affine as the "
+            "label image) that covers it"
         )
     greatest = float(values.max())
     if not greatest > 0:
@@ -241,7 +204,7 @@ def function_demand(
         When values are negative or NaN, or 0 throughout the tissue.
     """
     if greatest is None:
-        greatest = _HEADROOM * float(checked_values(function, _probes(tissue)).max(initial=0.0))
+        greatest = MAX_HEADROOM * float(checked_values(function, _probes(tissue)).max(initial=0.0))
     if not (np.isfinite(greatest) and greatest > 0):
         raise TissueError(
             f"demand's greatest value is {greatest:g}; it must ask for something in the tissue"
@@ -253,8 +216,8 @@ def function_demand(
 def _probes(tissue: Tissue) -> FloatArray:
     """Places spread evenly over the tissue, (n, 3): an additive recurrence, always the same."""
     low, high = tissue.bounds
-    step = _GOLDEN ** -np.arange(1.0, 4.0)
-    points = low + ((0.5 + np.arange(_PROBES)[:, None] * step) % 1.0) * (high - low)
+    step = R3_SEQUENCE_BASE ** -np.arange(1.0, 4.0)
+    points = low + ((0.5 + np.arange(DEMAND_PROBES)[:, None] * step) % 1.0) * (high - low)
     return np.ascontiguousarray(points[tissue.contains(points)])
 
 

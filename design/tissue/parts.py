@@ -9,14 +9,13 @@ from math import ceil
 import numpy as np
 from manifold3d import Manifold, OpType
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from design.errors import TissueError
 from design.geometry import build_triangle_tree
 from design.geometry.crossings import find_crossings
+from design.geometry.mesh import Edges, connected_parts, edges_of
 from design.geometry.surface import Surface
-from design.tissue.closed import Edges, FaceArray, edges_of, enclosed_volume
+from design.tissue.closed import FaceArray, enclosed_volume
 from design.tissue.grid import enclosed, winding_number
 from design.tissue.surface import SizeLimits, SpacingRule, tissue_from_surface
 from design.tissue.tissue import UNIFORM, Demand, Tissue
@@ -25,11 +24,12 @@ from kernels.arrays import FloatArray
 
 # Find a surface's connected shells and their nesting; unite shells that overlap.
 
-_VOTES = 15
-_SAME_ANGLE = 1e-7
-"""Rad between faces at an edge that lie on each other."""
-_MOST = 2000
-"""Shells beyond which a mesh is taken for rubbish: all pairs are compared."""
+SAMPLED_VERTICES = 15
+"""Of a shell, whose majority says whether another encloses it: shells may touch or cross."""
+MAX_ANGLE_RAD = 1e-7
+"""Between faces at an edge that lie on each other: some steps of float32."""
+MAX_SHELLS = 2000
+"""Of a mesh that isn't rubbish: all pairs are compared."""
 
 
 def neighbours(
@@ -50,7 +50,7 @@ def shells_of(points: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
     """
     edges = edges_of(faces)
     one, two, _ = neighbours(edges)
-    piece = _joined(len(faces), one, two)
+    piece = connected_parts(np.stack([one, two], axis=1), len(faces))
     here, there = _around_shared_edges(points, faces, edges)
     if not len(here):
         return piece
@@ -58,14 +58,8 @@ def shells_of(points: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
     both = loose[piece[here]] & loose[piece[there]]
     if not both.any():
         return piece
-    return _joined(
-        len(faces), np.concatenate([one, here[both]]), np.concatenate([two, there[both]])
-    )
-
-
-def _joined(count: int, one: NDArray[np.int64], two: NDArray[np.int64]) -> NDArray[np.int64]:
-    graph = coo_matrix((np.ones(len(one), dtype=np.int8), (one, two)), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    pairs = [np.stack([one, two], axis=1), np.stack([here, there], axis=1)[both]]
+    return connected_parts(np.concatenate(pairs), len(faces))
 
 
 def _not_closed(edges: Edges, piece: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -99,7 +93,7 @@ def _walls_back_to_back(points: FloatArray, faces: FaceArray) -> NDArray[np.int6
     """Faces that lie on others which look the other way, at edges of four faces and more."""
     walls = list[int]()
     for face, upward, angle in _shared_edges(points, faces, edges_of(faces)):
-        same = np.abs(np.angle(np.exp(1j * (angle - np.roll(angle, 1))))) < _SAME_ANGLE
+        same = np.abs(np.angle(np.exp(1j * (angle - np.roll(angle, 1))))) < MAX_ANGLE_RAD
         opposite = upward != np.roll(upward, 1)
         walls += face[same & opposite].tolist() + np.roll(face, 1)[same & opposite].tolist()
     return np.unique(np.array(walls, dtype=np.int64))
@@ -140,9 +134,10 @@ def enclosures(points: FloatArray, faces: FaceArray, shell: NDArray[np.int64]) -
         When there are more shells than can be compared.
     """
     count = int(shell.max()) + 1
-    if count > _MOST:
+    if count > MAX_SHELLS:
         raise TissueError(
-            f"mesh has {count} separate shells, more than {_MOST}; remove loose parts and try again"
+            f"mesh has {count} separate shells, more than {MAX_SHELLS}; remove loose parts and try "
+            "again"
         )
     parts = [faces[shell == n] for n in range(count)]
     corners = [points[part] for part in parts]
@@ -157,7 +152,7 @@ def enclosures(points: FloatArray, faces: FaceArray, shell: NDArray[np.int64]) -
         tree = build_triangle_tree(points, parts[n])
         for m in np.flatnonzero(within):
             tried = np.unique(parts[m])
-            tried = tried[:: max(1, len(tried) // _VOTES)]
+            tried = tried[:: max(1, len(tried) // SAMPLED_VERTICES)]
             inside = sum(winding_number(tree, *points[v]) != 0 for v in tried)
             holds[n, m] = 2 * inside > len(tried)
     return holds
@@ -206,19 +201,25 @@ def _solids(
     holds: NDArray[np.bool_],
 ) -> list[Manifold]:
     """One solid per shell that looks outward, less its cavities."""
-    members = {int(n): [int(n)] for n in np.flatnonzero(volume > 0)}
-    for n in np.flatnonzero(volume <= 0):
-        around = np.flatnonzero(holds[:, n] & (volume > 0))
-        if len(around):
-            members[int(around[np.argmin(volume[around])])].append(int(n))
+    owner = _owners(volume, holds)
     return [
-        manifold_of(Surface(points, faces[np.isin(shell, group)]), "a shell of the mesh")
-        for group in members.values()
+        manifold_of(Surface(points, faces[owner[shell] == n]), "a shell of the mesh")
+        for n in np.flatnonzero(volume > 0)
     ]
 
 
-_FLAT = 1e-12
-"""Height over longest edge below which a face counts as a line: far below what float32 tells."""
+def _owners(volume: FloatArray, holds: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The smallest solid around each cavity (a shell of no positive volume); else itself, (s,)."""
+    owner = np.arange(len(volume))
+    for cavity in np.flatnonzero(volume <= 0):
+        around = np.flatnonzero(holds[:, cavity] & (volume > 0))
+        if len(around):
+            owner[cavity] = around[np.argmin(volume[around])]
+    return owner
+
+
+MIN_HEIGHT_RATIO = 1e-12
+"""Of a face's height over its longest edge; below it counts as a line. Float32 resolves 1e-7."""
 
 
 def crossing_faces(vertices: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
@@ -237,14 +238,15 @@ def _has_area(corners: FloatArray) -> NDArray[np.bool_]:
     edges = np.roll(corners, -1, axis=1) - corners
     longest = (edges**2).sum(axis=2).max(axis=1)
     twice = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    return np.asarray(twice > _FLAT * longest)
+    return np.asarray(twice > MIN_HEIGHT_RATIO * longest)
 
 
-_TRIED = 20_000
-"""Points drawn in a part's bounds when its mean demand is measured."""
-
-_LEAST_BRICKS = 300
-_LEAST_WEIGHT = 1e-12
+DEMAND_SAMPLES = 20_000
+"""Points drawn in a part's bounds when its mean demand is measured: 1 % of it."""
+MIN_BRICKS = 300
+"""Of a part's grid, however small its share: as many as a cube of 7 a side touches."""
+MIN_MEAN_WEIGHT = 1e-12
+"""A part without demand keeps a mean to divide by."""
 _ANY_SIZE = SizeLimits(0.0, float("inf"))
 
 
@@ -284,20 +286,15 @@ def parts_of(tissue: Tissue) -> tuple[Part, ...]:
 
 
 def surface_parts(points: FloatArray, faces: FaceArray) -> tuple[Part, ...]:
-    """The same of a closed surface, by its vertices (n, 3), mm, and faces (m, 3)."""
+    """Separate parts of a closed surface, by its vertices (n, 3), mm, and faces (m, 3)."""
     shell = shells_of(points, faces)
     count = int(shell.max()) + 1
     signed = np.array([enclosed_volume(points, faces[shell == n]) for n in range(count)])
     solid = np.flatnonzero(signed > 0)
-    owner = np.arange(count)
     if len(solid) == 1:
-        owner[:] = solid[0]
+        owner = np.full(count, solid[0])
     else:
-        holds = enclosures(points, faces, shell)
-        for cavity in np.flatnonzero(signed <= 0):
-            around = solid[holds[solid, cavity]]
-            if len(around):
-                owner[cavity] = around[np.argmin(signed[around])]
+        owner = _owners(signed, enclosures(points, faces, shell))
     volume = np.bincount(owner, weights=signed, minlength=count)
     order = solid[np.argsort(-volume[solid], kind="stable")]
     return tuple(_part(points, faces[owner[shell] == n], float(volume[n])) for n in order)
@@ -340,14 +337,14 @@ def part_tissue(tissue: Tissue, part: Part) -> Tissue:
     surface = tissue.surface
     rule = SpacingRule()
     share = part.volume_mm3 / tissue.volume_mm3
-    rule = replace(rule, bricks=max(_LEAST_BRICKS, ceil(rule.bricks * share ** (2 / 3))))
+    rule = replace(rule, bricks=max(MIN_BRICKS, ceil(rule.bricks * share ** (2 / 3))))
     try:
         own = tissue_from_surface(surface.vertices, part.faces, limits=_ANY_SIZE, rule=rule)
     except TissueError as error:
         raise TissueError(f"{part} can't be prepared: {error}") from error
     if tissue.demand == UNIFORM:
         return own
-    mean = max(_mean_weight(tissue, part), _LEAST_WEIGHT)
+    mean = max(_mean_weight(tissue, part), MIN_MEAN_WEIGHT)
     return replace(own, demand=PartDemand(tissue.demand, mean))
 
 
@@ -365,10 +362,10 @@ class PartDemand:
 
 def part_demands(tissue: Tissue, parts: Sequence[Part]) -> FloatArray:
     """Share of the tissue's demand in each part, (p,): by volume where the demand is uniform."""
-    asked = np.array([part.volume_mm3 for part in parts])
+    demand = np.array([part.volume_mm3 for part in parts])
     if tissue.demand != UNIFORM:
-        asked = asked * [_mean_weight(tissue, part) for part in parts]
-    shares: FloatArray = asked / asked.sum()
+        demand = demand * [_mean_weight(tissue, part) for part in parts]
+    shares: FloatArray = demand / demand.sum()
     return shares
 
 
@@ -377,6 +374,6 @@ def _mean_weight(tissue: Tissue, part: Part) -> float:
     points, tree = tissue.surface.vertices, build_triangle_tree(tissue.surface.vertices, part.faces)
     corners = points[np.unique(part.faces)]
     low, high = corners.min(axis=0), corners.max(axis=0)
-    tried = low + np.random.default_rng(0).random((_TRIED, 3)) * (high - low)
+    tried = low + np.random.default_rng(0).random((DEMAND_SAMPLES, 3)) * (high - low)
     tried = tried[enclosed(tree, tried)]
     return float(tissue.demand.weight(tried).mean()) if len(tried) else 1.0

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import ceil, floor, sqrt
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,23 +34,27 @@ from design.units import MM_PER, LengthUnit
 from kernels import jit
 from kernels.arrays import FloatArray
 
-_LEAST = 100
-_NEIGHBOURS = 14
-_REACH = 2.0
-"""Of a local function, in spacings around its point."""
-_SAME_SIDE = 0.5
-"""Least cosine between normals fitted together; what looks elsewhere is beyond an edge."""
-_STEEPEST = np.array([0.5, 0.5, 0.5, 0.12, 0.12, 0.12])
-"""Bounds of a height's coefficients, lengths in spacings: beyond an edge a fit says nothing, and
-bends tighter than four spacings aren't resolved."""
-_NODES = 40_000_000
-_CELLS_PER_SPACING = 1.5
-_FAR = 1.6
-"""Spacings from the nearest point beyond which the surface is made up."""
-_MADE_UP = 0.05
-"""Largest share of the surface that may be."""
-_NOTED = 0.002
-_SIMPLIFY = 0.02
+
+class PointFit(NamedTuple):
+    """How a surface is laid through points; lengths in the points' spacing."""
+
+    min_points: int = 100
+    neighbours: int = 14  # Fitted together: twice a quadratic's coefficients, and some to spare
+    reach: float = 2.0  # Of a local function around its point
+    # Least cosine between normals fitted together; others are beyond an edge.
+    same_side: float = 0.5
+    # Bounds of a height's coefficients: beyond an edge a fit holds nothing, and bends tighter
+    # than four spacings aren't resolved.
+    steepest: tuple[float, ...] = (0.5, 0.5, 0.5, 0.12, 0.12, 0.12)
+    max_nodes: int = 40_000_000  # Of the lattice: 640 MB
+    cells_per_spacing: float = 1.5
+    far: float = 1.6  # From the nearest point; beyond, the surface is invented
+    max_invented: float = 0.05  # Share of the surface that may be, and from which on it is noted
+    noted: float = 0.002
+    simplify: float = 0.02  # How far simplifying may move the surface
+
+
+FIT = PointFit()
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,7 @@ class Cloud:
 
     points: FloatArray
     normals: FloatArray
+    # Fitted together: twice a quadratic's coefficients, and some to spare.
     neighbours: NDArray[np.int64]
     spacing: FloatArray
 
@@ -120,7 +125,7 @@ def point_surface(
     origin, h, shape = _lattice(cloud)
     total, weight = np.zeros(shape), np.zeros(shape)
     frame = _frames(cloud.normals)
-    reach = np.maximum(_REACH * cloud.spacing, 2.0 * h)
+    reach = np.maximum(FIT.reach * cloud.spacing, 2.0 * h)
     blend(cloud.points, frame, height, reach, origin, h, total, weight)
     shell = isosurface(-_filled(total, weight, h), 0.0)
     surface = Surface(shell.vertices * h + origin, shell.faces)
@@ -128,7 +133,7 @@ def point_surface(
     notes += more
     solid = distinct_manifold(kept, "the surface of the points")
     typical = float(np.median(cloud.spacing))
-    final = surface_of(solid.simplify(_SIMPLIFY * typical), "the surface of the points")
+    final = surface_of(solid.simplify(FIT.simplify * typical), "the surface of the points")
     away = nearest_distances(build_triangle_tree(final.vertices, final.faces), cloud.points)
     notes.append(
         f"surface laid through {len(cloud.points)} points about {typical:.3g} mm apart; they lie "
@@ -141,12 +146,12 @@ def point_surface(
 def _cloud(points: FloatArray, normals: FloatArray | None) -> tuple[Cloud, list[str]]:
     """Distinct points, their neighbours, spacing and unit normals."""
     places, first = np.unique(points, axis=0, return_index=True)
-    if len(places) < _LEAST:
-        raise TissueError(f"{len(places)} points aren't a surface; give at least {_LEAST}")
-    away, near = cKDTree(places).query(places, _NEIGHBOURS + 1)
+    if len(places) < FIT.min_points:
+        raise TissueError(f"{len(places)} points aren't a surface; give at least {FIT.min_points}")
+    away, near = cKDTree(places).query(places, FIT.neighbours + 1)
     neighbours = near[:, 1:].astype(np.int64)
     # Of a plane with points d apart, k lie within d √(k / π).
-    spacing = away[:, -1] * np.sqrt(np.pi / _NEIGHBOURS)
+    spacing = away[:, -1] * np.sqrt(np.pi / FIT.neighbours)
     if normals is None:
         directions, parts = estimate_normals(places, neighbours)
         notes = ["points have no normals; they were estimated, each part's looking outward"]
@@ -181,12 +186,12 @@ def _fit(cloud: Cloud, hermite: bool) -> FloatArray:
     u, v, w = (np.einsum("nki,ni->nk", offset, frame[:, axis]) for axis in range(3))
     nu, nv, nw = (np.einsum("nki,ni->nk", cloud.normals[there], frame[:, a]) for a in range(3))
     weight = np.exp(-0.25 * (offset**2).sum(axis=2))
-    weight *= np.clip((nw - _SAME_SIDE) / (1.0 - _SAME_SIDE), 0.0, 1.0)
+    weight *= np.clip((nw - FIT.same_side) / (1.0 - FIT.same_side), 0.0, 1.0)
     zero, one = np.zeros_like(u), np.ones_like(u)
     rows = [np.stack([one, u, v, u * u, u * v, v * v], axis=2)]
     aims, weights = [w], [weight]
     if hermite:
-        slope = np.maximum(nw, _SAME_SIDE)
+        slope = np.maximum(nw, FIT.same_side)
         rows.append(np.stack([zero, one, zero, 2 * u, v, zero], axis=2))
         rows.append(np.stack([zero, zero, one, zero, u, 2 * v], axis=2))
         aims += [-nu / slope, -nv / slope]
@@ -195,23 +200,23 @@ def _fit(cloud: Cloud, hermite: bool) -> FloatArray:
     left = np.einsum("nki,nk,nkj->nij", a, p, a) + 1e-6 * np.eye(6)
     right = np.einsum("nki,nk,nk->ni", a, p, b)
     solved: FloatArray = np.linalg.solve(left, right[..., None])[..., 0]
-    coefficients = np.clip(solved, -_STEEPEST, _STEEPEST)
+    coefficients = np.clip(solved, np.negative(FIT.steepest), FIT.steepest)
     return coefficients * np.stack([s, one[:, 0], one[:, 0], 1 / s, 1 / s, 1 / s], axis=1)
 
 
 def _lattice(cloud: Cloud) -> tuple[FloatArray, float, tuple[int, int, int]]:
     """Origin, spacing and size of the lattice."""
-    margin = (_REACH + 1.0) * float(cloud.spacing.max())
+    margin = (FIT.reach + 1.0) * float(cloud.spacing.max())
     low, high = cloud.points.min(axis=0) - margin, cloud.points.max(axis=0) + margin
     typical = float(np.percentile(cloud.spacing, 20))
-    h = typical / _CELLS_PER_SPACING
+    h = typical / FIT.cells_per_spacing
     count = float(np.prod((high - low) / h + 2))
-    if count > _NODES:
-        h *= (count / _NODES) ** (1 / 3)
+    if count > FIT.max_nodes:
+        h *= (count / FIT.max_nodes) ** (1 / 3)
     if h > typical:
         raise TissueError(
             f"points {typical:.3g} mm apart need a lattice of {count:.2g} nodes, above "
-            f"{_NODES:.2g}; thin the points out or cut the cloud into parts"
+            f"{FIT.max_nodes:.2g}; thin the points out or cut the cloud into parts"
         )
     size = np.ceil((high - low) / h).astype(int) + 2
     return low, h, (int(size[0]), int(size[1]), int(size[2]))
@@ -249,17 +254,17 @@ def _checked(surface: Surface, cloud: Cloud) -> tuple[Surface, list[str]]:
     far = away / cloud.spacing[near]
     shell = shells_of(surface.vertices, surface.faces)
     mean = np.bincount(shell, weights=far) / np.bincount(shell)
-    kept = mean[shell] < _FAR
-    made_up = np.flatnonzero((far > _FAR) & (kept | (not kept.any())))
-    share = len(made_up) / max(1, int(kept.sum()))
-    worst = middle[made_up[np.argsort(-far[made_up])]]
-    where = f"is farther than {_FAR:g} spacings from any point ({format_points(worst)})"
-    if share > _MADE_UP:
+    kept = mean[shell] < FIT.far
+    invented = np.flatnonzero((far > FIT.far) & (kept | (not kept.any())))
+    share = len(invented) / max(1, int(kept.sum()))
+    worst = middle[invented[np.argsort(-far[invented])]]
+    where = f"is farther than {FIT.far:g} spacings from any point ({format_points(worst)})"
+    if share > FIT.max_invented:
         raise TissueError(
             f"points leave gaps, or their normals disagree: {100 * share:.2g} % of the surface "
             f"{where}; add points there, or give normals"
         )
-    notes = [f"{100 * share:.2g} % of the surface {where}"] if share > _NOTED else []
+    notes = [f"{100 * share:.2g} % of the surface {where}"] if share > FIT.noted else []
     number = np.cumsum(np.bincount(surface.faces[kept].ravel()) > 0) - 1
     used = np.unique(surface.faces[kept])
     return Surface(surface.vertices[used], number[surface.faces[kept]].astype(np.int32)), notes
@@ -267,8 +272,8 @@ def _checked(surface: Surface, cloud: Cloud) -> tuple[Surface, list[str]]:
 
 # Estimate outward normals of a point cloud (Hoppe et al. 1992, doi 10.1145/133994.134011).
 
-_LEAST_WEIGHT = 1e-3
-"""Added to each edge's weight: a weight of 0 would be no edge."""
+MIN_EDGE_WEIGHT = 1e-3
+"""Added to each edge's weight, of 0 to 3: a sparse matrix takes a weight of 0 for no edge."""
 
 
 def estimate_normals(points: FloatArray, neighbours: NDArray[np.int64]) -> tuple[FloatArray, int]:
@@ -300,7 +305,7 @@ def estimate_normals(points: FloatArray, neighbours: NDArray[np.int64]) -> tuple
     way /= np.linalg.norm(way, axis=1)[:, None]
     # A step along the normals leads to another sheet: across a narrow gap, or through a wall.
     across = sum(np.einsum("ij,ij->i", normals[end], way) ** 2 for end in (one, two))
-    cost = 1.0 - cosine + across + _LEAST_WEIGHT
+    cost = 1.0 - cosine + across + MIN_EDGE_WEIGHT
     low, high = np.minimum(one, two), np.maximum(one, two)
     _, kept = np.unique(low * len(points) + high, return_index=True)
     shape = (len(points), len(points))
@@ -328,8 +333,8 @@ def _hand_on(normals: FloatArray, tree: object, top: int) -> None:
 
 # Blend local quadratic fits around a cloud's points into one signed field on a grid (compiled).
 
-NEAR = 0.2
-"""Of the reach: within it, where a place lies beside a point matters little."""
+CORE_SHARE = 0.2
+"""Of the reach: within it, whether a place lies beside a point or over it matters little."""
 
 
 @jit
@@ -337,7 +342,7 @@ def blend(
     points: Any,
     frame: Any,
     height: Any,
-    reach: Any,
+    reach: Any,  # Of a local function around its point
     origin: Any,
     spacing: float,
     total: Any,
@@ -384,7 +389,7 @@ def blend(
                     v = f[1, 0] * x + f[1, 1] * y + f[1, 2] * z
                     w = f[2, 0] * x + f[2, 1] * y + f[2, 2] * z
                     h = c[0] + c[1] * u + c[2] * v + c[3] * u * u + c[4] * u * v + c[5] * v * v
-                    near = (NEAR * far) ** 2
+                    near = (CORE_SHARE * far) ** 2
                     phi = (1.0 - r) ** 4 * (4.0 * r + 1.0)
                     phi *= (w * w + near) / (r * r * far * far + near)
                     total[i, j, k] += phi * (w - h)

@@ -12,29 +12,52 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from design.errors import TissueError
+from design.geometry.mesh import connected_parts, edges_of
 from design.geometry.surface import Surface
 from design.tissue.closed import (
     FaceArray,
     check_closed,
-    edges_of,
     enclosed_volume,
     face_areas,
     format_points,
-    merge_vertices,
+    merged_surface,
 )
 from design.tissue.parts import crossing_faces, enclosures, neighbours, shells_of, unite_shells
 from kernels.arrays import FloatArray
 
-_ROUNDS = 5
-_PATCH_SHARE = 0.05
+
+class RepairLimits(NamedTuple):
+    """How far a surface is mended; lengths are shares of its largest extent."""
+
+    # Height of a flat face, and distance of a vertex from an edge it lies on: some float32
+    # steps.
+    rounding: float = 2e-6
+    gap: float = 1e-4  # Widest gap between open edges that is merged over
+    # The same over a short open edge (the fifth percentile): no face may collapse.
+    gap_per_edge: float = 0.25
+    # One edge of a face is split in each; a face has three, and new ones arise.
+    joint_rounds: int = 8
+    # Area that closes an open piece's rims, over its own, above which it is a sheet: 0.95 for
+    # a bent one, 0.5 for half a ball, 0.2 for a box without lid.
+    sheet_lid: float = 0.6
+    sheet_compactness: float = 0.002  # 36 π V² / A³ (1 for a ball) below which it is one, too
+    hole_width: float = 0.15  # Widest hole that is filled
+    hole_area: float = 0.02  # Of all holes, over the surface's
+    # Corners of a rim up to which the least patch is searched (its time grows with the cube);
+    # beyond, a fan from its middle.
+    exact_rim: int = 64
+    crossing_faces: float = 0.05  # Share of the faces that may pass through others
+    crossing_rounds: int = 5  # Of replacing them, each but the first with one more row of faces
+
+
+LIMITS = RepairLimits()
 
 
 @dataclass
@@ -77,7 +100,7 @@ def repair_surface(
         When the mesh is empty or can't be mended: large holes, faces that can't be oriented,
         large parts that pass through themselves; with counts and places.
     """
-    work = _Work(*merge_vertices(vertices, faces))
+    work = _Work(*merged_surface(vertices, faces))
     before = enclosed_volume(work.points, work.faces)
     _close(work, unit)
     work.faces, turned = turn_shells(work.points, work.faces)
@@ -136,20 +159,21 @@ def _untangle(work: _Work, unit: str) -> None:
     """Replace small patches where a shell passes through itself."""
     replaced = 0
     places: list[FloatArray] = []
-    for attempt in range(_ROUNDS):
+    for attempt in range(LIMITS.crossing_rounds):
         crossing = _own_crossings(work)
         if len(crossing) == 0:
             break
         middles = work.points[work.faces[crossing]].mean(axis=1)
         places.append(middles)
-        if attempt == _ROUNDS - 1 or len(crossing) > _PATCH_SHARE * len(work.faces):
+        too_many = len(crossing) > LIMITS.crossing_faces * len(work.faces)
+        if too_many or attempt == LIMITS.crossing_rounds - 1:
             raise _entangled(work, middles)
         around = np.isin(work.faces, np.unique(work.faces[crossing])).any(axis=1)
         if attempt:
             around = np.isin(work.faces, np.unique(work.faces[around])).any(axis=1)
         try:
             patched = fill_holes(work.points, work.faces[~around])[:2]
-            work.points, work.faces = merge_vertices(*patched)
+            work.points, work.faces = merged_surface(*patched)
             check_closed(work.points, work.faces)
         except TissueError as error:
             # The holes are ours: what is wrong with the mesh are the faces that were there.
@@ -193,14 +217,6 @@ def _unite(work: _Work) -> None:
 
 # Remove stray open pieces of a triangle surface that enclose no volume.
 
-_OPEN = 0.6
-"""Area that closes an open piece's rims, over its own, above which it is a sheet: 0.95 for a bent
-one, 0.5 for half a ball, 0.2 for a box without lid."""
-_FULL = 0.002
-"""Compactness, 36 π V² / A³ (1 for a ball), below which it is one, too."""
-_FLAT_SHARE = 2e-6
-"""Height of a face taken for flat, of the mesh's extent: some steps of float32."""
-
 
 def drop_sheets(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, list[FloatArray], float]:
     """Leave out open pieces that enclose next to nothing, where others are closed.
@@ -233,7 +249,7 @@ def drop_flat_faces(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, in
 
     Others without area stay: they may close a slit between edges that were split differently.
     """
-    near = _FLAT_SHARE * float(np.ptp(points, axis=0).max())
+    near = LIMITS.rounding * float(np.ptp(points, axis=0).max())
     corners = points[faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     flat = 2.0 * face_areas(points, faces) <= near * longest
@@ -247,28 +263,23 @@ def drop_flat_faces(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, in
 
 def _is_sheet(points: FloatArray, faces: FaceArray) -> bool:
     """Whether an open piece, each rim closed by a point in its middle, is next to flat."""
-    edges = edges_of(faces)
-    ways = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    rim = ways[edges.uses[edges.of_face] == 1]
+    rim = _open_sides(faces)
     used, number = np.unique(rim, return_inverse=True)
     ends = number.reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(ends)), ends.T), shape=(len(used),) * 2)
-    count, group = connected_components(graph, directed=False)
-    middles = np.stack([points[used[group == n]].mean(axis=0) for n in range(count)])
+    group = connected_parts(ends, len(used))
+    middles = np.stack([points[used[group == n]].mean(axis=0) for n in range(group.max() + 1)])
     lids = np.column_stack([rim[:, ::-1], len(points) + group[ends[:, 0]]])
     every = np.concatenate([points, middles])
     volume = enclosed_volume(every, np.concatenate([faces, lids]))
     area = float(face_areas(points, faces).sum())
     lid = float(face_areas(every, lids).sum())
-    return lid > _OPEN * area or 36.0 * np.pi * volume**2 < _FULL * (area + lid) ** 3
+    return bool(
+        lid > LIMITS.sheet_lid * area
+        or 36.0 * np.pi * volume**2 < LIMITS.sheet_compactness * (area + lid) ** 3
+    )
 
 
 # Split faces at vertices that lie on their open edges (T-junctions).
-
-_NEAR_SHARE = 2e-6
-"""How far a vertex may lie from an edge that it is taken to lie on, of the mesh's extent: some
-steps of float32."""
-_JOINT_ROUNDS = 8
 
 
 def split_joints(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
@@ -284,16 +295,16 @@ def split_joints(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
         Edges split.
     """
     done = 0
-    near = _NEAR_SHARE * float(np.ptp(points, axis=0).max())
-    for _ in range(_JOINT_ROUNDS):
-        faces, count = _round(points, faces, near)
+    near = LIMITS.rounding * float(np.ptp(points, axis=0).max())
+    for _ in range(LIMITS.joint_rounds):
+        faces, count = _split_once(points, faces, near)
         done += count
         if count == 0:
             break
     return faces, done
 
 
-def _round(points: FloatArray, faces: FaceArray, near: float) -> tuple[FaceArray, int]:
+def _split_once(points: FloatArray, faces: FaceArray, near: float) -> tuple[FaceArray, int]:
     """Split one edge of each face that has one to be split."""
     edges = edges_of(faces)
     side = np.flatnonzero(edges.uses[edges.of_face] == 1)
@@ -335,10 +346,6 @@ def _between(
 
 
 # Drop duplicate faces of a mesh and weld the vertices along narrow gaps.
-
-_GAP_SHARE = 1e-4
-"""Widest gap that is merged over, of the mesh's extent; never above `_EDGE_SHARE` of the edges."""
-_EDGE_SHARE = 0.25
 
 
 def drop_duplicates(faces: FaceArray) -> tuple[FaceArray, int]:
@@ -383,49 +390,31 @@ def weld_rims(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArr
     gap : float
         The farthest any of them lay from its group's first.
     """
-    rim = _rim(faces)
-    if len(rim) == 0:
+    sides = _open_sides(faces)
+    if len(sides) == 0:
         return points, faces, 0, 0.0
+    rim = np.unique(sides)
+    edge = np.linalg.norm(points[sides[:, 1]] - points[sides[:, 0]], axis=1)
     reach = min(
-        _GAP_SHARE * float(np.ptp(points, axis=0).max()), _EDGE_SHARE * _edge(points, faces)
+        LIMITS.gap * float(np.ptp(points, axis=0).max()),
+        LIMITS.gap_per_edge * float(np.percentile(edge, 5)),
     )
     pairs = cKDTree(points[rim]).query_pairs(reach, output_type="ndarray")
     if len(pairs) == 0:
         return points, faces, 0, 0.0
-    ones = np.ones(len(pairs), dtype=np.int8)
-    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(rim), len(rim)))
-    groups, group = connected_components(graph, directed=False)
+    group = connected_parts(pairs, len(rim))
+    groups = int(group.max()) + 1
     leader = np.full(groups, len(rim))
     np.minimum.at(leader, group, np.arange(len(rim)))
     number = np.arange(len(points))
     number[rim] = rim[leader[group]]
     gap = float(np.linalg.norm(points[rim] - points[number[rim]], axis=1).max())
     joined = points[number]
-    new_points, new_faces = merge_vertices(joined, faces)
+    new_points, new_faces = merged_surface(joined, faces)
     return new_points, new_faces, len(rim) - groups, gap
 
 
-def _rim(faces: FaceArray) -> NDArray[np.int64]:
-    edges = edges_of(faces)
-    rim: NDArray[np.int64] = np.unique(edges.ends[edges.uses == 1])
-    return rim
-
-
-def _edge(points: FloatArray, faces: FaceArray) -> float:
-    """A short edge among the open ones (the fifth percentile)."""
-    edges = edges_of(faces)
-    ends = points[edges.ends[edges.uses == 1]]
-    return float(np.percentile(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), 5))
-
-
 # Fill the small holes of a triangle surface, each with the patch of least area.
-
-WIDEST = 0.15
-"""Widest hole that is filled, of the mesh's extent."""
-LARGEST = 0.02
-"""Largest share of the surface that all holes together may have."""
-_EXACT = 64
-"""Corners of a rim up to which the least patch is found exactly; beyond, a fan from its middle."""
 
 
 @dataclass(frozen=True)
@@ -442,8 +431,7 @@ def fill_holes(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceAr
     Raises
     ------
     TissueError
-        When a hole is wider than `WIDEST` of the mesh, all of them larger than `LARGEST` of its
-        surface, or the open edges don't form rims.
+        When a hole or all of them are too large (`LIMITS`), or the open edges don't form rims.
     """
     rims = _rims(points, faces)
     if not rims:
@@ -452,12 +440,13 @@ def fill_holes(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceAr
     holes = [
         Hole(points[rim].mean(axis=0), float(np.ptp(points[rim], axis=0).max())) for rim in rims
     ]
-    wide = [hole for hole in holes if hole.width > WIDEST * extent]
+    wide = [hole for hole in holes if hole.width > LIMITS.hole_width * extent]
     if wide:
         raise TissueError(
             f"mesh is open: {len(wide)} of {len(holes)} holes are too wide to be filled without "
-            f"guessing, the widest {max(h.width for h in wide):.3g} of {WIDEST * extent:.3g} "
-            f"allowed ({format_points(np.array([h.centre for h in wide]))}); "
+            f"guessing, the widest {max(h.width for h in wide):.3g} of "
+            f"{LIMITS.hole_width * extent:.3g} allowed "
+            f"({format_points(np.array([h.centre for h in wide]))}); "
             f"{sum(len(rim) for rim in rims)} of {len(edges_of(faces).uses)} edges aren't shared "
             "by two faces; close them in a mesh editor and try again"
         )
@@ -468,22 +457,28 @@ def fill_holes(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceAr
         new.append(patch)
     patches = np.concatenate(new)
     filled = float(face_areas(points, patches).sum())
-    if filled > LARGEST * area:
+    if filled > LIMITS.hole_area * area:
         raise TissueError(
             f"mesh is open: {len(holes)} holes make up {100 * filled / area:.2g} % of its surface, "
-            f"above {100 * LARGEST:g} % ({format_points(np.array([h.centre for h in holes]))}); "
-            "close them in a mesh editor and try again"
+            f"above {100 * LIMITS.hole_area:g} % "
+            f"({format_points(np.array([h.centre for h in holes]))}); close them in a mesh editor "
+            "and try again"
         )
     return points, np.concatenate([faces, patches.astype(np.int32)]), holes
 
 
+def _open_sides(faces: FaceArray) -> FaceArray:
+    """The sides of faces without a neighbour, as their two vertices in order, (k, 2)."""
+    edges = edges_of(faces)
+    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    return sides[edges.uses[edges.of_face] == 1]
+
+
 def _rims(points: FloatArray, faces: FaceArray) -> list[NDArray[np.int64]]:
     """Loops of open edges, each the way round in which its patch is to be wound."""
-    edges = edges_of(faces)
-    ways = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    begin, end = ways[edges.uses[edges.of_face] == 1][:, ::-1].T.astype(np.int64)
+    sides = _open_sides(faces)
     onward: dict[int, list[int]] = {}
-    for a, b in zip(begin.tolist(), end.tolist(), strict=True):
+    for b, a in sides.tolist():
         onward.setdefault(a, []).append(b)
     rims: list[NDArray[np.int64]] = []
     while onward:
@@ -492,7 +487,7 @@ def _rims(points: FloatArray, faces: FaceArray) -> list[NDArray[np.int64]]:
             ways_on = onward.get(path[-1])
             if not ways_on:
                 raise TissueError(
-                    f"mesh is open, and its {len(begin)} open edges form no closed rims "
+                    f"mesh is open, and its {len(sides)} open edges form no closed rims "
                     f"({format_points(points[[path[-1]]])}); mend it there and try again"
                 )
             following = ways_on.pop()
@@ -514,7 +509,7 @@ def _patch(points: FloatArray, rim: NDArray[np.int64]) -> tuple[FloatArray, NDAr
     """Triangles that fill a rim; a long one gets a new vertex in its middle."""
     if len(rim) < 3:
         return points, np.empty((0, 3), dtype=np.int64)
-    if len(rim) <= _EXACT:
+    if len(rim) <= LIMITS.exact_rim:
         return points, rim[_least_patch(points[rim])]
     middle = np.full(len(rim), len(points))
     fan = np.stack([rim, np.roll(rim, -1), middle], axis=1)
@@ -562,7 +557,8 @@ def agree(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
     one, two, alike = neighbours(edges_of(faces))
     if alike.all():
         return faces, 0
-    count, patch = _components(len(faces), one[alike], two[alike])
+    patch = connected_parts(np.stack([one, two], axis=1)[alike], len(faces))
+    count = int(patch.max()) + 1
     side = np.full(count, -1)
     against: dict[int, set[int]] = {}
     for a, b in np.unique(np.stack([patch[one[~alike]], patch[two[~alike]]], axis=1), axis=0):
@@ -603,14 +599,6 @@ def _two_sides(
                 queue.append(other)
                 group.append(other)
     return np.array(group)
-
-
-def _components(
-    size: int, one: NDArray[np.int64], two: NDArray[np.int64]
-) -> tuple[int, NDArray[np.int64]]:
-    graph = coo_matrix((np.ones(len(one), dtype=np.int8), (one, two)), shape=(size, size))
-    count, label = connected_components(graph, directed=False)
-    return int(count), label.astype(np.int64)
 
 
 def turn_shells(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:

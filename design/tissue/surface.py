@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from design.errors import TissueError
 from design.geometry.surface import Surface
 from design.tissue.build import build_grid
-from design.tissue.closed import check_closed, enclosed_volume, merge_vertices
+from design.tissue.closed import check_closed, enclosed_volume, merged_surface
 from design.tissue.grid import BRICK, Columns, cross_columns
 from design.tissue.tissue import Tissue
 from design.units import MM_PER, LengthUnit
@@ -23,8 +23,10 @@ from kernels.arrays import FloatArray
 BRICKS_PER_FACE_AREA = 2.2
 """Bricks that a surface touches, per brick's face area of it (measured: 1.9 to 2.2)."""
 
-_LINES = 160
-_OPPOSITE = 0.5
+LINES_PER_EXTENT = 160
+"""Along which walls are measured, over the largest extent: walls as thin as 1/160 of it are met."""
+MIN_FACING_COSINE = 0.5
+"""Between a wall's face and the line, and between its faces: up to 60° they count as opposite."""
 _MB_PER_BRICK = (BRICK + 1) ** 3 * 4 / 1e6
 
 
@@ -71,7 +73,7 @@ def wall_thickness(corners: FloatArray) -> Walls:
     Lines along the three axes enter and leave through pairs of faces. Where both faces look
     along the line and away from each other, the wall between them is as thick as the chord times
     the cosine of their slope. Percentiles are taken: a line through the very rim of a rounded
-    edge says nothing of walls.
+    edge measures no wall.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ def wall_thickness(corners: FloatArray) -> Walls:
     """
     flat = corners.reshape(-1, 3)
     low, high = flat.min(axis=0), flat.max(axis=0)
-    spacing = float((high - low).max()) / _LINES
+    spacing = float((high - low).max()) / LINES_PER_EXTENT
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     walls = [_walls_along(corners, axis, low, high, spacing, normal) for axis in range(3)]
@@ -103,14 +105,14 @@ def _walls_along(
     entry = np.flatnonzero((columns.turn[:-1] > 0) & (columns.turn[1:] < 0))
     first, last = n[columns.face[entry]], n[columns.face[entry + 1]]
     slope = np.minimum(-first[:, axis], last[:, axis])
-    facing = (slope > _OPPOSITE) & (np.einsum("ij,ij->i", first, last) < -_OPPOSITE)
+    facing = (slope > MIN_FACING_COSINE) & (np.einsum("ij,ij->i", first, last) < -MIN_FACING_COSINE)
     chord = columns.where[entry + 1] - columns.where[entry]
     thick: FloatArray = (chord * slope)[facing & (chord > 0)]
     return thick
 
 
 def choose_spacing(
-    corners: FloatArray, walls: Walls, asked_mm: float | None, rule: SpacingRule
+    corners: FloatArray, walls: Walls, given_mm: float | None, rule: SpacingRule
 ) -> tuple[float, tuple[str, ...]]:
     """Spacing of the fine samples, mm, and what it doesn't resolve.
 
@@ -122,15 +124,15 @@ def choose_spacing(
     Raises
     ------
     TissueError
-        When the walls need more than ``rule.bricks_at_most``, or ``asked_mm`` is too coarse for
+        When the walls need more than ``rule.bricks_at_most``, or ``given_mm`` is too coarse for
         them.
     """
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * float(np.linalg.norm(across, axis=1).sum())
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     wall_mm, needed = walls.thinnest, walls.thinnest / rule.cells_per_wall
-    if asked_mm is not None:
-        return _asked(asked_mm, wall_mm, needed, area, rule), ()
+    if given_mm is not None:
+        return _given(given_mm, wall_mm, needed, area, rule), ()
     affordable = np.sqrt(BRICKS_PER_FACE_AREA * area / rule.bricks) / BRICK
     easy = max(float(affordable), extent / rule.cells_along)
     spacing = min(easy, needed)
@@ -145,16 +147,16 @@ def choose_spacing(
     )
 
 
-def _asked(asked_mm: float, wall_mm: float, needed: float, area: float, rule: SpacingRule) -> float:
-    if not asked_mm > 0:
-        raise TissueError(f"grid spacing {asked_mm:g} mm isn't above 0; give a positive one")
-    if asked_mm > 2.0 * needed:
+def _given(given_mm: float, wall_mm: float, needed: float, area: float, rule: SpacingRule) -> float:
+    if not given_mm > 0:
+        raise TissueError(f"grid spacing {given_mm:g} mm isn't above 0; give a positive one")
+    if given_mm > 2.0 * needed:
         raise TissueError(
-            f"grid spacing {asked_mm:g} mm is too coarse for walls of {wall_mm:.3g} mm; "
+            f"grid spacing {given_mm:g} mm is too coarse for walls of {wall_mm:.3g} mm; "
             f"give spacing_mm of at most {2.0 * needed:.3g}"
         )
-    _require_affordable(wall_mm, asked_mm, area, asked_mm, rule)
-    return asked_mm
+    _require_affordable(wall_mm, given_mm, area, given_mm, rule)
+    return given_mm
 
 
 def _require_affordable(
@@ -209,7 +211,7 @@ def tissue_from_surface(
     rule : SpacingRule, optional
         How it is chosen.
     notes : sequence of str, optional
-        What the surface's maker has to say to the user; the tissue carries it on.
+        Of the surface's origin, for the user; the tissue keeps them.
 
     Raises
     ------
@@ -217,7 +219,7 @@ def tissue_from_surface(
         When the mesh is empty, open, inconsistently oriented, holds NaN, has an absurd size,
         or a wall too thin for the grid.
     """
-    points, corners = merge_vertices(np.asarray(vertices, dtype=np.float64), np.asarray(faces))
+    points, corners = merged_surface(np.asarray(vertices, dtype=np.float64), np.asarray(faces))
     check_size(points, unit, limits or SizeLimits())
     check_closed(points, corners)
     points = points * MM_PER[unit]

@@ -158,13 +158,13 @@ def check_values(values: FloatArray, what: str) -> None:
         raise TissueError(f"{what} has values that are negative, NaN or infinite; give 0 or more")
 
 
-_FLAT = 1e-12
-"""Sine of a corner below which its face has no area: the direction of its normal is rounding."""
+MIN_SINE = 1e-12
+"""Of a face's corner; below it the face has no area, and its normal's direction is rounding."""
 
 
 @dataclass(frozen=True)
 class Tissue:
-    """A closed shape with its signed distance, and where in it perfusion is asked for.
+    """A closed shape with its signed distance, and the perfusion demand in it.
 
     Closed cavities, thin walls and shells within shells follow the winding number of the
     surface: a cavity's surface looks into the cavity, which is outside.
@@ -184,7 +184,7 @@ class Tissue:
         What was done to the surface on its way here that the user should know: repairs, zones
         that miss, choices made.
     demand : Demand
-        Where perfusion is asked for, relative to the greatest; uniform by default.
+        Relative to its greatest value; uniform by default.
     """
 
     grid: SignedDistanceGrid
@@ -209,7 +209,7 @@ class Tissue:
 
         Of several at the same height, the one nearest the middle of the bounds. The normal is
         the mean of the adjoining faces' weighted by their angle at the vertex; faces without
-        area have no say.
+        area don't count.
         """
         height = self.surface.vertices[:, 2]
         top = np.flatnonzero(height >= height.max() - 1e-9 * np.ptp(height))
@@ -225,7 +225,7 @@ class Tissue:
         across = np.cross(one, two)
         sine = np.linalg.norm(across, axis=1)
         angle = np.arctan2(sine, np.einsum("ij,ij->i", one, two))
-        flat = sine <= _FLAT * np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
+        flat = sine <= MIN_SINE * np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
         weight = np.where(flat, 0.0, angle / np.where(flat, 1.0, sine))
         normal = (across * weight[:, None]).sum(axis=0)
         unit: NDArray[np.float64] = normal / np.linalg.norm(normal)

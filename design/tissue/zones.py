@@ -15,15 +15,17 @@ from manifold3d import Error, Manifold, Mesh64, OpType
 from numpy.typing import NDArray
 
 from design.errors import TissueError
+from design.geometry.mesh import edges_of, merge_distances
 from design.geometry.polyline import vectors_across
 from design.geometry.surface import Surface
-from design.tissue.closed import edges_of, face_areas, merge_vertices
+from design.tissue.closed import face_areas, merged_surface
 
 Place = tuple[float, float, float]
-_FACET_MM = 0.005
-_SIDES = (24, 256)
-_MISSES = 1e-9
-"""Share of the tissue below which a zone counts as missing it."""
+MAX_SAGITTA_MM = 0.005
+"""Between a round zone and its polyhedron, far below a printed line."""
+MIN_SIDES, MAX_SIDES = 24, 256
+MIN_SHARE = 1e-9
+"""Of the tissue, in a zone or left by it; less is rounding."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def zone_label(key: str, number: int, zone: Zone) -> str:
 
 
 def zone_surface(zone: Zone, name: str) -> Surface:
-    """A zone's own closed surface, mm; ``name`` says in errors which zone it is.
+    """A zone's own closed surface, mm; ``name`` identifies it in errors.
 
     Raises
     ------
@@ -129,7 +131,7 @@ def zone_surface(zone: Zone, name: str) -> Surface:
 
 
 def _missing(key: str, zones: Sequence[Zone], parts: list[Manifold], body: Manifold) -> list[str]:
-    least = _MISSES * body.volume()
+    least = MIN_SHARE * body.volume()
     return [
         f"{zone_label(key, n, zones[n])} doesn't meet the tissue and changes nothing; "
         "check its place"
@@ -139,7 +141,7 @@ def _missing(key: str, zones: Sequence[Zone], parts: list[Manifold], body: Manif
 
 
 def _require_rest(body: Manifold, whole: float, message: str) -> None:
-    if body.is_empty() or body.volume() <= _MISSES * whole:
+    if body.is_empty() or body.volume() <= MIN_SHARE * whole:
         raise TissueError(f"{message}; make the zone smaller or move it")
 
 
@@ -211,18 +213,13 @@ def _positive(radius: float, name: str) -> None:
 
 
 def _sides(radius: float) -> int:
-    """Sides that leave the circle by at most 5 µm, within bounds."""
-    least, most = _SIDES
-    if radius <= _FACET_MM:
-        return least
-    return min(max(least, ceil(pi / acos(1.0 - _FACET_MM / radius))), most)
+    """Return the sides of a polygon within `MAX_SAGITTA_MM` of its circle."""
+    if radius <= MAX_SAGITTA_MM:
+        return MIN_SIDES
+    return min(max(MIN_SIDES, ceil(pi / acos(1.0 - MAX_SAGITTA_MM / radius))), MAX_SIDES)
 
 
 # Convert tissue surfaces to and from manifold3d, for booleans.
-
-_STEPS_APART = 8.0
-_ROUNDS = 6
-_COARSER = 4.0
 
 
 def manifold_of(surface: Surface, what: str) -> Manifold:
@@ -233,7 +230,7 @@ def manifold_of(surface: Surface, what: str) -> Manifold:
     TissueError
         When ``what`` isn't a closed, oriented 2-manifold.
     """
-    return distinct_manifold(Surface(*merge_vertices(surface.vertices, surface.faces)), what)
+    return distinct_manifold(Surface(*merged_surface(surface.vertices, surface.faces)), what)
 
 
 def distinct_manifold(surface: Surface, what: str) -> Manifold:
@@ -253,9 +250,8 @@ def surface_of(manifold: Manifold, what: str, touching: bool = False) -> Surface
     """The surface of a boolean's result, rounded to float32 without opening it.
 
     Files of meshes hold float32; a surface that is so already is the same in the file. Vertices
-    closer together than its steps are merged first, at 8 steps of the greatest coordinate, and
-    up to 4^5 times as much if that leaves edges with four faces; with ``touching`` such edges, in
-    which parts touch, may stay.
+    closer together than its steps are merged first, over the first of `merge_distances` that leaves
+    no edge with four faces; with ``touching`` such edges, in which parts touch, may stay.
 
     Raises
     ------
@@ -264,13 +260,10 @@ def surface_of(manifold: Manifold, what: str, touching: bool = False) -> Surface
     """
     if manifold.is_empty():
         raise TissueError(f"nothing is left of {what}")
-    greatest = np.abs(np.array(manifold.bounding_box())).max()
-    step = _STEPS_APART * float(np.spacing(np.float32(greatest)))
-    for _ in range(_ROUNDS):
+    for step in merge_distances(np.array(manifold.bounding_box())):
         rounded = _rounded(manifold.simplify(step))
         if rounded is not None:
             return rounded
-        step *= _COARSER
     if touching and (rounded := _rounded(manifold, touching)) is not None:
         return rounded
     raise TissueError(
@@ -284,7 +277,7 @@ def _rounded(manifold: Manifold, touching: bool = False) -> Surface | None:
     vertices, faces = arrays_of(manifold)
     # Adding 0 turns -0 into 0: they are one place.
     near = vertices.astype(np.float32).astype(np.float64) + 0.0
-    points, corners = merge_vertices(near, faces)
+    points, corners = merged_surface(near, faces)
     edges = edges_of(corners)
     fits = edges.uses % 2 == 0 if touching else edges.uses == 2
     if len(corners) and fits.all() and not edges.turned:

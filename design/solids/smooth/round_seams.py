@@ -21,8 +21,8 @@ from numba import prange
 from numpy.typing import NDArray
 
 from design.geometry.crossings import find_crossings
+from design.geometry.mesh import Edges, edges_of
 from design.solids.smooth.fillet import least_step, wall_distance
-from design.tissue.closed import Edges, edges_of
 from kernels import jit, pjit
 from kernels.arrays import FloatArray, IntArray
 

@@ -12,11 +12,12 @@ from design.errors import DesignError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.measures import MeasureOptions, OxygenModel, Supply, measure_network, measures_dict
 from design.measures.junctions import measure_murray, measure_terminal_flow
-from design.measures.measure import measure_paths, measure_territories
+from design.measures.measure import measure_territories
 from design.measures.morphometry import (
     diameter_defined_orders,
     measure_morphometry,
 )
+from design.measures.paths import measure_paths
 from design.measures.supply import build_lumens, krogh_erlang, nearest_walls, sample_tissue
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue, block, cylinder

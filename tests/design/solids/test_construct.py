@@ -42,7 +42,7 @@ from design.solids.local_subtract import subtract_near
 from design.solids.manifolds import solid_manifold
 from design.solids.ports import depths
 from design.solids.snap import solid_from_manifold
-from design.solids.step import MOST_PIECES, step_pieces
+from design.solids.step import MAX_PIECES, step_pieces
 from design.tissue.grid import enclosed
 from tests.design.solids.networks import channels, ladder, lattice, vessel
 
@@ -311,7 +311,7 @@ def test_pieces_are_frusta_and_balls_each_touching_one_before_it() -> None:
 
 def test_what_is_too_large_and_a_missing_extra_are_named(tmp_path, monkeypatch):
     monkeypatch.setattr("design.solids.step.load_occ", lambda: None)
-    with pytest.raises(SolidError, match=f"more than the {MOST_PIECES}"):
+    with pytest.raises(SolidError, match=f"more than the {MAX_PIECES}"):
         write_step(tmp_path / "a.step", lattice(6, 2.0, 0.3))
     monkeypatch.undo()
     monkeypatch.setitem(sys.modules, "netgen", None)

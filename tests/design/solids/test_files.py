@@ -12,6 +12,7 @@ import pytest
 import trimesh
 
 from design.errors import SolidError, TissueError
+from design.geometry.mesh_files import read_corners
 from design.geometry.threemf_read import read_3mf
 from design.solids import (
     Part,
@@ -28,7 +29,6 @@ from design.solids import (
     write_stl,
 )
 from design.solids.read import load_mesh
-from design.solids.write import read_corners
 from design.tissue import SizeLimits, load_tissue
 from tests.design.solids.networks import ladder
 
