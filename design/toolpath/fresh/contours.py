@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection
@@ -37,19 +37,35 @@ class Contours:
     @property
     def next(self) -> IntArray:
         """The point after each one on its ring, (n,)."""
-        after = np.arange(1, len(self.points) + 1)
-        after[self.offset[1:] - 1] = self.offset[:-1]
-        return after
+        return _next(self.offset)
 
     @property
     def hole(self) -> NDArray[np.bool_]:
         """Whether each ring goes round a hole, (rings,)."""
-        a, b = self.points, self.points[self.next]
-        twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        return np.asarray(np.add.reduceat(np.append(twice, 0.0), self.offset[:-1]) < 0)
+        return ring_areas(self.points, self.offset) < 0
 
     def __len__(self) -> int:
         return len(self.offset) - 1
+
+
+def _next(offset: IntArray) -> IntArray:
+    after = np.arange(1, offset[-1] + 1)
+    after[offset[1:] - 1] = offset[:-1]
+    return after
+
+
+def ring_areas(points: FloatArray, offset: IntArray) -> FloatArray:
+    """Twice the signed area of each ring, (rings,), mm²; below 0 for one that runs clockwise."""
+    x, y = points.T
+    after = _next(offset)
+    twice = np.append(x * y[after] - y * x[after], 0.0)
+    return np.asarray(np.add.reduceat(twice, offset[:-1]))
+
+
+def signed_area(ring: FloatArray) -> float:
+    """Area of a ring (k, 2), mm²; below 0 for one that runs clockwise."""
+    x, y = ring.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 @dataclass(frozen=True)
@@ -218,8 +234,8 @@ def crossing(a: FloatArray, b: FloatArray, cells: Cells) -> NDArray[np.bool_]:
 # shrinking ball of Ma et al. 2012, doi 10.1007/s00371-012-0689-8, on edges instead of points).
 # Only edges that face p count, so that a corner isn't held to be a narrow place.
 
-#: Two edges face each other when the product of their normals is below this.
-FACING = -0.2
+FACING: Final = -0.2
+"""Two edges face each other when the product of their normals is below this."""
 
 
 @jit
