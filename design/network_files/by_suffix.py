@@ -10,7 +10,12 @@ import numpy as np
 
 from design.errors import NetworkError
 from design.network import VesselNetwork
-from design.network_files.csv_format import read_network_csv, write_network_csv
+from design.network_files.csv_format import (
+    has_points,
+    read_network_csv,
+    read_points_csv,
+    write_network_csv,
+)
 from design.network_files.json_format import (
     read_network_json,
     read_network_npz,
@@ -18,13 +23,7 @@ from design.network_files.json_format import (
     write_network_npz,
 )
 from design.network_files.merge import NetworkWithNotes, merge_shared, side_by_side
-from design.network_files.swc import (
-    has_points,
-    read_network_swc,
-    read_points_csv,
-    read_swc_header,
-    write_network_swc,
-)
+from design.network_files.swc import read_network_swc, read_swc_header, write_network_swc
 from design.network_files.vtp import read_vtp_lines, write_network_vtp
 from design.network_files.xcavate import read_network_xcavate
 from design.units import MM_PER, LengthUnit

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from design.errors import NetworkError
 from design.files import write_text
 from design.network import VesselKind, VesselNetwork
-from design.network_files.csv_format import Pieces, chain_pieces, fuse_vessels, join_equal_points
+from design.network_files.pieces import Pieces, chain_pieces, fuse_vessels, join_equal_points
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
 
@@ -344,8 +344,9 @@ def _parse(path: Path) -> _File:
 
 # Write a network as SimVascular paths: a folder of `.pth` files (XML), in cm.
 
-_CM = 0.1
-_FLAT = 1e-4
+_CM: Final = 1 / MM_PER["cm"]
+_FLAT: Final = 1e-4
+"""A component of a unit vector that SimVascular takes for nought."""
 
 
 def write_simvascular_paths(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,29 @@ from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-TAPER_STEP = 0.05
-"""An element's radii differ by at most about this part."""
-FINE = 20_000
-"""Elements of half the tip's radius that a network may have; a larger one's are longer."""
-STRAIGHT_MM = 0.002
-"""Points of a polyline that stand off a straight line by less are left out."""
+
+class _Cutting(NamedTuple):
+    """How vessels are cut into elements.
+
+    Attributes
+    ----------
+    taper_step : float
+        An element's radii differ by at most about this part.
+    straight_mm : float, mm
+        Points of a polyline that stand off a straight line by less are left out.
+    fine_elements : int
+        Elements of half the tip's radius that a network may have; a larger one's are longer.
+    squares : int
+        Most squares of a plan in which they are looked up.
+    """
+
+    taper_step: float = 0.05
+    straight_mm: float = 0.002
+    fine_elements: int = 20_000
+    squares: int = 4_000_000
+
+
+CUTTING: Final = _Cutting()
 
 
 class Elements(NamedTuple):
@@ -58,7 +75,7 @@ def longest_mm(network: VesselNetwork, tip_mm: float) -> float:
     places for a cut, longer ones a quarter of the pairs to be looked at.
     """
     half = tip_mm / 2
-    return half if float(network.lengths().sum()) <= FINE * half else tip_mm
+    return half if float(network.lengths().sum()) <= CUTTING.fine_elements * half else tip_mm
 
 
 def elements_of(network: VesselNetwork, longest_mm: float) -> Elements:
@@ -72,7 +89,7 @@ def elements_of(network: VesselNetwork, longest_mm: float) -> Elements:
         way = arc_lengths(line)
         keep = off_chords(line, radius)
         line, radius, way = line[keep], radius[keep], way[keep]
-        place = finer_places(line, radius, longest_mm, TAPER_STEP)
+        place = finer_places(line, radius, longest_mm, CUTTING.taper_step)
         line, radius, way = at_places(line, place), at_places(radius, place), at_places(way, place)
         inner = np.arange(count, count + len(line) - 2)
         number = np.concatenate([[tail], inner, [head]])
@@ -113,7 +130,7 @@ def _near_chords(values: FloatArray) -> NDArray[np.bool_]:
     stack = [(0, len(values) - 1)]
     while stack:
         low, high = stack.pop()
-        most, farthest = STRAIGHT_MM, -1
+        most, farthest = CUTTING.straight_mm, -1
         for k in range(low + 1, high):
             away = _from_chord(values[k], values[low], values[high])
             if away > most:
@@ -176,13 +193,11 @@ def nearest_along(elements: Elements, vessel: int, place: FloatArray) -> float:
     return float(low + share[best] * (high - low))
 
 
-# Sort vessel elements into squares of the xy plane, for quick look-up of those near a point.
-
-MAX_CELLS = 4_000_000
+# Sort straight stretches of ink into squares of the xy plane, to look up those near a place.
 
 
-class ElementSquares(NamedTuple):
-    """Elements by squares of the plan, those of square s in ``member[begin[s]:begin[s + 1]]``.
+class Squares(NamedTuple):
+    """Stretches by squares of the plan, those of square s in ``member[begin[s]:begin[s + 1]]``.
 
     What lies within the pitch of a place is found in the nine squares about it.
 
@@ -201,26 +216,42 @@ class ElementSquares(NamedTuple):
     around: FloatArray
 
 
-def squares_of(elements: Elements, shaft_mm: float) -> ElementSquares:
-    """Elements by their middles, in squares so wide that the next ones hold all that is hit."""
-    middle = elements.point[elements.end].mean(axis=1)[:, :2]
+def squares_of(elements: Elements, shaft_mm: float) -> Squares:
+    """Sort elements for searches within a shaft of each other."""
+    start, end = elements.point[elements.end[:, 0]], elements.point[elements.end[:, 1]]
+    widest = float(elements.radius.max())
+    return sort_stretches(start, end, elements.radius, max(shaft_mm, widest))
+
+
+def sort_stretches(
+    start: FloatArray, end: FloatArray, radius: FloatArray, room_mm: float
+) -> Squares:
+    """Sort stretches by their middles, for searches within ``room_mm`` of their surfaces.
+
+    Parameters
+    ----------
+    start, end : (n, 3) float64, mm
+    radius : (n, 2) float64, mm
+        At both ends.
+    room_mm : float, mm
+    """
+    middle = ((start + end) / 2)[:, :2]
     origin, size = middle.min(axis=0), np.ptp(middle, axis=0)
-    widest, longest = float(elements.radius.max()), float(elements.length.max())
-    reach = max(shaft_mm, widest) + widest + longest
-    pitch = max(reach, float(np.sqrt(size.prod() / MAX_CELLS)))
+    thick, length = radius.max(axis=1), np.linalg.norm(end - start, axis=1)
+    reach = room_mm + float(thick.max()) + float(length.max())
+    pitch = max(reach, float(np.sqrt(size.prod() / CUTTING.squares)))
     place = np.floor((middle - origin) / pitch).astype(np.int64)
     shape = place.max(axis=0) + 1
     square = place[:, 0] * shape[1] + place[:, 1]
     begin = np.concatenate([[0], np.cumsum(np.bincount(square, minlength=int(shape.prod())))])
     member = np.argsort(square, kind="stable")
-    thick = elements.radius.max(axis=1)
-    top = elements.point[elements.end, 2].max(axis=1) + thick
-    around = np.column_stack([middle, top, thick + elements.length / 2])
-    return ElementSquares(origin, pitch, shape, begin, member, np.ascontiguousarray(around[member]))
+    top = np.maximum(start[:, 2], end[:, 2]) + thick
+    around = np.column_stack([middle, top, thick + length / 2])
+    return Squares(origin, pitch, shape, begin, member, np.ascontiguousarray(around[member]))
 
 
 @jit
-def near(squares: ElementSquares, place: FloatArray, k: int) -> tuple[int, int]:
+def near(squares: Squares, place: FloatArray, k: int) -> tuple[int, int]:
     """Range of `Squares.member` in the ``k``-th (0..2) of three rows of squares about a place."""
     x = int(np.floor((place[0] - squares.origin[0]) / squares.pitch)) - 1 + k
     y = int(np.floor((place[1] - squares.origin[1]) / squares.pitch))

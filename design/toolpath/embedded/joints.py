@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from design.toolpath.embedded.elements import Elements, ElementSquares, near
+from design.toolpath.embedded.elements import Elements, Squares, near
 from design.toolpath.embedded.needle import Needle, joint_reach, off_shaft, radius_at
 from design.toolpath.embedded.report import BrushedOverlap, JoinedPasses, WeakJoint
 from design.toolpath.embedded.rules import TIPS, Meetings, depth_at, flat_gap, of_one_joint
@@ -58,7 +58,7 @@ def barring(
     before: int,
     when: IntArray,
     elements: Elements,
-    squares: ElementSquares,
+    squares: Squares,
     meetings: Meetings,
     needle: Needle,
 ) -> IntArray:
@@ -89,7 +89,7 @@ def barred(
     since: int,
     when: IntArray,
     elements: Elements,
-    squares: ElementSquares,
+    squares: Squares,
     meetings: Meetings,
     needle: Needle,
 ) -> IntArray:
@@ -276,7 +276,7 @@ class Joiner:
     Attributes
     ----------
     elements : Elements
-    squares : ElementSquares
+    squares : Squares
     meetings : Meetings
     needle : Needle
     strict : bool
@@ -284,7 +284,7 @@ class Joiner:
     """
 
     elements: Elements
-    squares: ElementSquares
+    squares: Squares
     meetings: Meetings
     needle: Needle
     strict: bool = False

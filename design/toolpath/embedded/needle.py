@@ -20,8 +20,8 @@ JOINT: Final = math.sqrt(2.0)
 """Ink so many times tip and filament radius away along a vessel is a joint's: slopes of up to
 45 degrees may join, and be written downward."""
 ROUNDING_MM: Final = 0.002
-"""A joint ends so much earlier in the plan: G-code is written to a micrometre, so a vessel that is
-cut just at a joint's end may begin outside it in what is printed."""
+"""G-code is written to a micrometre: a joint ends so much earlier in the plan, as a vessel that is
+cut just at its end may begin outside it in what is printed."""
 
 
 class Needle(NamedTuple):

@@ -7,7 +7,7 @@ what such a chain doesn't hold is written before both, or after.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -275,15 +275,30 @@ def _move_together(
 
 # Reorder and reverse writing strokes for shorter travels, with the shaft kept out of ink.
 #
-# Or-opt (Or 1976) with precedence: runs of up to `RUN` passes go where they make the way shortest,
+# Or-opt (Or 1976) with precedence: runs of up to three passes go where they make the way shortest,
 # as long as every rule between two passes is kept.
 
-CLIMB = 4.0
-"""A millimetre up or down takes as long as so many across, at the usual 5 and 20 mm/s."""
-RUN = 3
-SWEEPS = 12
-OTHER_HEAD_MM = 1000.0
-"""A change of heads costs as much as so long a way."""
+
+class _TravelCosts(NamedTuple):
+    """What travels cost, and how far their order is searched.
+
+    Attributes
+    ----------
+    climb : float
+        A millimetre up or down takes as long as so many across, at the usual 5 and 20 mm/s.
+    other_head_mm : float, mm
+        A change of heads costs as much as so long a way.
+    run, sweeps : int
+        Most passes moved together, and most rounds over all.
+    """
+
+    climb: float = 4.0
+    other_head_mm: float = 1000.0
+    run: int = 3
+    sweeps: int = 12
+
+
+TRAVEL: Final = _TravelCosts()
 Flags = NDArray[np.bool_]
 
 
@@ -305,8 +320,8 @@ def shorten_travels(
 def _way(one: int, back: bool, other: int, turned: bool, ends: FloatArray, tool: IntArray) -> float:
     """From the end of a pass, or its start if it runs backward, to where another begins, mm."""
     a, b = ends[one, 0 if back else 1], ends[other, 1 if turned else 0]
-    way = np.hypot(a[0] - b[0], a[1] - b[1]) + CLIMB * abs(a[2] - b[2])
-    return float(way + (OTHER_HEAD_MM if tool[one] != tool[other] else 0.0))
+    way = np.hypot(a[0] - b[0], a[1] - b[1]) + TRAVEL.climb * abs(a[2] - b[2])
+    return float(way + (TRAVEL.other_head_mm if tool[one] != tool[other] else 0.0))
 
 
 @jit
@@ -318,11 +333,11 @@ def _improve(
     After the first sweep only passes beside which the order has changed are looked at again.
     """
     place, now = np.arange(len(order)), np.ones(len(order), dtype=np.bool_)
-    for _ in range(SWEEPS):
+    for _ in range(TRAVEL.sweeps):
         changed = False
         later = np.zeros(len(order), dtype=np.bool_)
         for low in range(len(order)):
-            for size in range(1, min(RUN, len(order) - low) + 1):
+            for size in range(1, min(TRAVEL.run, len(order) - low) + 1):
                 if not _any(now, later, order, low, size):
                     continue
                 to, back = _best_place(low, size, order, turned, place, ends, tool, graph)

@@ -8,7 +8,7 @@ other one must be cut: the one whose part sets most others free.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,10 +165,9 @@ def _forced(rules: Rules, progress: Progress) -> int:
 
 # Choose a part of a vessel to write next if no unwritten vessel may be written whole.
 
-TRIED: Final = 64
-"""Cuts that are tried where all wait for each other, the lowest."""
-FOLLOWED: Final = 64
-"""Stretches that are looked at behind each: what a cut sets free sets others free."""
+TRIED, FOLLOWED = 64, 64
+"""Cuts tried where all wait for each other, the lowest; and stretches looked at behind each, as
+what a cut sets free sets others free."""
 
 
 @jit
@@ -458,8 +457,8 @@ def undo_write(element: int, step: int, count: int, rules: Rules, progress: Prog
 
 # Track unwritten stretches of vessels, and test if each can be written in one stroke.
 
-WHOLE: Final = -1
-UNKNOWN: Final = -2
+WHOLE, UNKNOWN = -1, -2
+"""Values of `Stretches.stop`."""
 
 
 class Stretches(NamedTuple):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from design.toolpath.embedded.elements import (
-    TAPER_STEP,
+    CUTTING,
     Elements,
     at_places,
     finer_places,
@@ -24,12 +24,12 @@ from design.toolpath.toolpath import ARRAYS, MoveBuilder, MoveKind, Toolpath
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-STEP = 1.5
+RADIUS_STEP: Final = 1.5
 """Where a pass goes on into a vessel by so much thinner or thicker, the plunger relieves and primes
 in place: the pressure that drives a thick filament takes its way to fall, and would swell the thin
 one behind it. A smaller step swells the first half millimetre by 27 % at most
 (`sim.gcode.deposit.lay`)."""
-ROUNDING_MM = 1e-6
+ROUNDING_MM: Final = 1e-6
 """What ends so near to a vessel's end ends there."""
 
 
@@ -130,7 +130,7 @@ class FilamentWriter:
         points = self._elements.point[numbers]
         keep = off_chords(points, thick)
         points, thick, along = points[keep], thick[keep], along[keep]
-        place = finer_places(points, thick, np.inf, TAPER_STEP)
+        place = finer_places(points, thick, np.inf, CUTTING.taper_step)
         points, thick, along = (at_places(each, place) for each in (points, thick, along))
         return Stretch(points, thick, along, int(self._elements.vessel[leg.element]))
 
@@ -239,12 +239,12 @@ class FilamentWriter:
 
 def _is_step(one: Stretch, other: Stretch) -> bool:
     thin, thick = sorted((float(one.radius[-1]), float(other.radius[0])))
-    return thick > STEP * thin
+    return thick > RADIUS_STEP * thin
 
 
 # Height map of written ink over x and y; highest ink under a travel move.
 
-MAX_CELLS = 4_000_000
+MAX_CELLS: Final = 4_000_000
 """Of the map; a larger part gets coarser cells."""
 
 
@@ -331,7 +331,7 @@ def _cells(low: float, high: float, ground: Ground, axis: int) -> tuple[int, int
 # the bath's own. Ink written into an open one runs up along it. So before a pass the needle waits,
 # above what it is to write, until every place of the pass has been left by the shaft for that time.
 
-SAMPLES = 2.0
+SAMPLES_PER_RADIUS: Final = 2.0
 """Places looked at for each radius of the shaft along a move."""
 
 
@@ -351,7 +351,7 @@ def add_recovery_dwells(toolpath: Toolpath, recovery_s: float, radius_mm: float)
         return toolpath
     lasts = toolpath.duration_s + _moving_s(toolpath)
     begins = np.concatenate([[0.0], np.cumsum(lasts)[:-1]])
-    places, moves, when = _sampled(toolpath, begins, lasts, radius_mm / SAMPLES)
+    places, moves, when = _sampled(toolpath, begins, lasts, radius_mm / SAMPLES_PER_RADIUS)
     rows: list[int] = []
     waits: list[float] = []
     late = 0.0

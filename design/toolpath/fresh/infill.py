@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from design.toolpath.fresh.contours import Cells, contours_of, crossing
 from design.toolpath.fresh.paths import Paths, Role, WritingOrder, gather, join
-from design.toolpath.fresh.section import COLLINEAR_MM, rings
+from design.toolpath.fresh.section import SLICING, rings
 from design.toolpath.fresh.walls import build_walls
 from kernels.arrays import FloatArray, IntArray
 
@@ -100,8 +100,8 @@ def infill_paths(
 ) -> Paths:
     """Lines of ``width_mm`` over ``density`` of the region inside ``contours``; see `fill`.
 
-    Lines that fill it wholly are up to `LIMITS.stretch` wider or narrower, so that a whole number of them
-    fits between its lowest and its highest place across them.
+    Lines that fill it wholly are up to `LIMITS.stretch` wider or narrower, so that a whole number
+    of them fits between its lowest and its highest place across them.
     """
     if density >= 1:
         lines = fill(contours, *_fitted(contours, width_mm, angle_deg, origin))
@@ -269,7 +269,7 @@ def concentric_paths(
     parts: list[Paths] = []
     while True:
         inward = (0.5 + len(parts)) * width_mm / density
-        centre = inside.offset(-inward, JoinType.Miter, 2.0).simplify(COLLINEAR_MM)
+        centre = inside.offset(-inward, JoinType.Miter, 2.0).simplify(SLICING.collinear_mm)
         if centre.is_empty():
             return join(parts)
         lines = contours_of(centre)

@@ -17,11 +17,11 @@ from design.toolpath.fresh.layout import Carriage, LayerMoves, Section
 from design.toolpath.fresh.options import Filling, FreshOptions
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.report import (
+    RASTER_PER_LINE,
     Coverage,
     FreshReport,
     LayerNarrow,
     LevelPlaces,
-    RASTER_PER_LINE,
     Tally,
     measure_coverage,
     narrow_samples,

@@ -15,7 +15,7 @@ from design.solids.solid import Solid
 from design.toolpath.fresh.contours import Contours, contours_of, measure_room, sample
 from design.toolpath.fresh.infill import scan
 from design.toolpath.fresh.layout import LayerMoves
-from design.toolpath.fresh.section import BESIDE, CLOSING_MM, Body, Layer, rings
+from design.toolpath.fresh.section import SLICING, Body, Layer, rings
 from design.toolpath.toolpath import MoveKind, Toolpath
 from kernels import jit
 from kernels.arrays import BoolArray, FloatArray, IntArray
@@ -149,8 +149,8 @@ class LevelPlaces:
         same = (np.diff(inside[:, :2], axis=0) == 0).all(axis=1)
         between = np.column_stack([inside[:-1, :3], inside[1:, 2]])[same]
         between[:, 2] = inside[:-1, 3][same]
-        self._walls = self._level(inside, 1 + 2 * BESIDE, NARROW.rounding_mm)
-        closed = 2 * CLOSING_MM if len(solids) > 1 else 0.0
+        self._walls = self._level(inside, 1 + 2 * SLICING.beside, NARROW.rounding_mm)
+        closed = 2 * SLICING.closing_mm if len(solids) > 1 else 0.0
         self._gaps = self._level(between, 1.0, max(NARROW.rounding_mm, closed))
         self._in_material, self._written = np.zeros((2, len(self._walls)), dtype=np.bool_)
 
@@ -184,8 +184,8 @@ class LevelPlaces:
         height = self._heights(self._gaps)
         low, high = self._gaps[:, 2:].T
         middle = 0.5 * (self._levels[1:] + self._levels[:-1])
-        first = np.searchsorted(middle, low - BESIDE * height)
-        astride = np.searchsorted(middle, high + BESIDE * height) - first != 1
+        first = np.searchsorted(middle, low - SLICING.beside * height)
+        astride = np.searchsorted(middle, high + SLICING.beside * height) - first != 1
         return self._places(self._gaps[(high - low < 0.99 * height) | astride])
 
     def _heights(self, rows: FloatArray) -> FloatArray:
@@ -332,7 +332,7 @@ def _narrow_note(places: NarrowPlaces, what: str, end: str) -> str:
         size, extent = "high", f"over {places.area_mm2:.3g} mm² in all"
         least = (
             f"these layers make is {least}, from one border of layers to the next, and "
-            f"{(1 + 2 * BESIDE) * places.least_mm:.3g} mm elsewhere: make them higher, or write "
+            f"{(1 + 2 * SLICING.beside) * places.least_mm:.3g} mm elsewhere: make them higher, or write "
             "lower layers"
         )
     else:

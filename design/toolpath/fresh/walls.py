@@ -21,7 +21,7 @@ from design.toolpath.fresh.contours import (
     signed_area,
 )
 from design.toolpath.fresh.paths import Paths, Role, gather, join
-from design.toolpath.fresh.section import COLLINEAR_MM
+from design.toolpath.fresh.section import SLICING
 from kernels import jit
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
@@ -105,7 +105,7 @@ def _gaps(
 
 def _offset(section: CrossSection, by_mm: float) -> CrossSection:
     # Mitred: a facetted circle keeps its facets, where round joins would add points to each.
-    return section.offset(by_mm, JoinType.Miter, 2.0).simplify(COLLINEAR_MM)
+    return section.offset(by_mm, JoinType.Miter, 2.0).simplify(SLICING.collinear_mm)
 
 
 # Lay narrower wall lines in material too thin for two lines of full width.
