@@ -365,7 +365,7 @@ def _at_ends(flow: FloatArray, volume: FloatArray) -> FloatArray:
 
 
 def _forward(volume: FloatArray, added: FloatArray) -> tuple[FloatArray, float]:
-    """Add to each move's volume, clipped at 0; return volumes and the most carried to a next move."""
+    """Add to each move's volume, clipped at 0; return the volumes and the most carried on."""
     wanted = volume + added
     if (wanted >= 0).all():
         return wanted, 0.0

@@ -224,16 +224,16 @@ class Corrections:
             raise ToolpathError(
                 f"vessel {vessel}: its diameter of {2e3 * network.radius[worst]:.0f} um would be "
                 f"changed by {1e3 * change[worst]:+.0f} um, limit {1e3 * limit[worst]:.0f} um "
-                f"({100 * LIMITS.diameter:g} % or {1e3 * LIMITS.diameter_mm:g} um, compensation); so "
-                "much is a fault to be mended (flow calibration, needle, a defect), not corrected"
+                f"({100 * LIMITS.diameter:g} % or {1e3 * LIMITS.diameter_mm:g} um, compensation); "
+                "so much is a fault to be mended (flow calibration, needle, a defect), not corrected"
             )
         for node, offset in self.offset_mm.items():
             away = float(np.linalg.norm(offset))
             if not away <= LIMITS.offset_mm:
                 raise ToolpathError(
                     f"node {node}: it would be moved by {1e3 * away:.0f} um, limit "
-                    f"{1e3 * LIMITS.offset_mm:g} um (compensation); so much is a fault to be mended "
-                    "(backlash, a bent needle, a wrong pose), not corrected"
+                    f"{1e3 * LIMITS.offset_mm:g} um (compensation); so much is a fault to be "
+                    "mended (backlash, a bent needle, a wrong pose), not corrected"
                 )
 
 
@@ -246,8 +246,8 @@ def _check_stretch(stretch: Stretch) -> None:
         if not abs(factor - 1) <= LIMITS.stretch * (1 + 1e-9):
             raise ToolpathError(
                 f"the part would be written {factor:.3f} times as long along {axis}, limit "
-                f"{1 - LIMITS.stretch:g} to {1 + LIMITS.stretch:g} (compensation); check the scan's "
-                "voxel size and the printer's steps per mm first"
+                f"{1 - LIMITS.stretch:g} to {1 + LIMITS.stretch:g} (compensation); check the "
+                "scan's voxel size and the printer's steps per mm first"
             )
 
 

@@ -73,8 +73,8 @@ class Compensation:
         worst = max(self.shrink_percent, key=abs)
         if not abs(worst) <= MAX_SHRINKAGE_PERCENT:
             raise ToolpathError(
-                f"shrink_percent is {worst:g} (compensation); beyond {MAX_SHRINKAGE_PERCENT:g} % either way "
-                "something else is wrong: measure again"
+                f"shrink_percent is {worst:g} (compensation); beyond {MAX_SHRINKAGE_PERCENT:g} % "
+                "either way something else is wrong: measure again"
             )
         if not abs(self.radial_mm) <= 1.0:
             raise ToolpathError(

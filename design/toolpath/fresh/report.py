@@ -332,8 +332,8 @@ def _narrow_note(places: NarrowPlaces, what: str, end: str) -> str:
         size, extent = "high", f"over {places.area_mm2:.3g} mm² in all"
         least = (
             f"these layers make is {least}, from one border of layers to the next, and "
-            f"{(1 + 2 * SLICING.beside) * places.least_mm:.3g} mm elsewhere: make them higher, or write "
-            "lower layers"
+            f"{(1 + 2 * SLICING.beside) * places.least_mm:.3g} mm elsewhere: make them higher, or "
+            "write lower layers"
         )
     else:
         size, extent = "wide", f"in {places.layers:.0%} of the layers"
