@@ -13,6 +13,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
+from design.geometry.polyline import places_along
 from design.geometry.segments import close_pairs
 from design.network import VesselKind, VesselNetwork
 from design.network_files.pieces import (
@@ -99,9 +100,9 @@ def merge_shared(
 
     Vessels are compared in their order. Where the axis of one stays near earlier ones'
     (`MergeLimits.same_axis`), over two radii at least or all the way between two of their nodes, it
-    is the same lumen. Axis and radii of the earlier vessel are kept, and the later one begins where they
-    part. Vessels that touch, cross or run side by side are left as they are, and so are those that
-    diverge from a node that they share.
+    is the same lumen. Axis and radii of the earlier vessel are kept, and the later one begins where
+    they part. Vessels that touch, cross or run side by side are left as they are, and so are those
+    that diverge from a node that they share.
 
     Where merged vessels were given in opposite directions, all of the part of the network that
     they belong to is directed away from the end that most of them share (veins, lymph: towards
@@ -585,7 +586,7 @@ def sample(points: FloatArray, radius: FloatArray) -> Samples:
     at = np.r_[piece + part, float(len(step))]
     index = np.arange(len(points), dtype=np.float64)
     known = np.column_stack([points, radius, np.r_[0.0, np.cumsum(step)]])
-    values = np.stack([np.interp(at, index, column) for column in known.T], axis=1)
+    values = places_along(known, index, at)
     return Samples(at, values[:, :3], values[:, 3], values[:, 4], points[[0, -1]])
 
 

@@ -13,6 +13,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from design.errors import NetworkError
+from design.geometry.polyline import places_along
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
@@ -355,7 +356,7 @@ class LabelledPath:
             vessel=np.full(len(at), self.vessel),
             at=at,
             label=np.array([named[place] for place in at.tolist()]),
-            place=np.stack([np.interp(at, index, x) for x in self.points.T], axis=1),
+            place=places_along(self.points, index, at),
             radius=np.interp(at, index, self.radius),
         )
 

@@ -27,6 +27,7 @@ from design.network_files.pieces import (
     Pieces,
     chain_pieces,
     check_pieces,
+    fuse_vessels,
     read_utf8,
 )
 from design.units import MM_PER, LengthUnit
@@ -324,30 +325,14 @@ def _pieces(path: Path, points: _Points) -> Pieces:
     # Veins and lymph flow towards the root.
     back = np.isin(points.kind[real], TOWARDS_ROOT)
     ends[back] = ends[back, ::-1]
-    return Pieces(
+    pieces = Pieces(
         path=path,
         line=points.line[real],
-        vessel=_vessels(points, node, real),
+        vessel=np.arange(len(real)),
         nodes=node[ends],
         points=points.place[node[ends]],
         radius=points.radius[ends],
         kind=points.kind[real],
         tree=tree[real],
     )
-
-
-def _vessels(points: _Points, node: IntArray, real: IntArray) -> IntArray:
-    """Vessel of each piece: a piece goes on with its parent's where nothing else joins them."""
-    degree = np.bincount(node[points.parent[real]], minlength=len(node))
-    vessel = np.full(len(node), -1, dtype=np.int64)
-    count = 0
-    for i in real.tolist():
-        parent = int(points.parent[i])
-        goes_on = (
-            vessel[parent] >= 0
-            and degree[node[parent]] == 1
-            and points.kind[parent] == points.kind[i]
-        )
-        vessel[i] = vessel[parent] if goes_on else count
-        count += 0 if goes_on else 1
-    return vessel[real]
+    return fuse_vessels(pieces, np.ones(size, dtype=np.bool_))

@@ -225,7 +225,8 @@ class Corrections:
                 f"vessel {vessel}: its diameter of {2e3 * network.radius[worst]:.0f} um would be "
                 f"changed by {1e3 * change[worst]:+.0f} um, limit {1e3 * limit[worst]:.0f} um "
                 f"({100 * LIMITS.diameter:g} % or {1e3 * LIMITS.diameter_mm:g} um, compensation); "
-                "so much is a fault to be mended (flow calibration, needle, a defect), not corrected"
+                "so much is a fault to be mended (flow calibration, needle, a defect), not "
+                "corrected"
             )
         for node, offset in self.offset_mm.items():
             away = float(np.linalg.norm(offset))

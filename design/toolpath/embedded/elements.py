@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from design.geometry.polyline import arc_lengths
+from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from kernels import jit
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 
 class _Cutting(NamedTuple):
@@ -87,10 +86,12 @@ def elements_of(network: VesselNetwork, longest_mm: float) -> Elements:
     ):
         line, radius = _without_repeats(line, radius)
         way = arc_lengths(line)
-        keep = off_chords(line, radius)
+        keep = off_chords(np.column_stack([line, radius]))
         line, radius, way = line[keep], radius[keep], way[keep]
         place = finer_places(line, radius, longest_mm, CUTTING.taper_step)
-        line, radius, way = at_places(line, place), at_places(radius, place), at_places(way, place)
+        values = np.column_stack([line, radius, way])
+        values = places_along(values, np.arange(len(line)), place)
+        line, radius, way = values[:, :3], values[:, 3], values[:, 4]
         inner = np.arange(count, count + len(line) - 2)
         number = np.concatenate([[tail], inner, [head]])
         count += len(inner)
@@ -117,14 +118,12 @@ def _without_repeats(line: FloatArray, radius: FloatArray) -> tuple[FloatArray, 
     return line[keep], radius[keep]
 
 
-def off_chords(line: FloatArray, radius: FloatArray) -> NDArray[np.bool_]:
-    """Points off the chords of those kept (Douglas & Peucker 1973, radii included), (k,)."""
-    return _near_chords(np.column_stack([line, radius]))
-
-
 @jit
-def _near_chords(values: FloatArray) -> NDArray[np.bool_]:
-    """Which of (n, 4) places and radii stand off the chords of the others."""
+def off_chords(values: FloatArray) -> BoolArray:
+    """Which of (n, 4) points and radii stand off the chords of those kept, (n,).
+
+    Douglas and Peucker (1973), Cartographica 10, 112.
+    """
     keep = np.zeros(len(values), dtype=np.bool_)
     keep[0] = keep[-1] = True
     stack = [(0, len(values) - 1)]
@@ -159,20 +158,12 @@ def _from_chord(value: FloatArray, low: FloatArray, high: FloatArray) -> float:
 def finer_places(
     line: FloatArray, radius: FloatArray, longest_mm: float, taper_step: float
 ) -> FloatArray:
-    """Places along a polyline, in its points' numbers: more where it is long or tapers much."""
+    """Places along a polyline, counted in its points: more where it is long or tapers much."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     taper = np.abs(np.diff(np.log(radius))) / taper_step
     count = np.ceil(np.maximum(steps / longest_mm, taper)).astype(int).clip(min=1)
     place = np.concatenate([k + np.arange(n) / n for k, n in enumerate(count)])
     return np.append(place, len(line) - 1)
-
-
-def at_places(values: FloatArray, place: FloatArray) -> FloatArray:
-    """Values of a polyline's points, (k,) or (k, m), at places of `finer_places`."""
-    whole = np.arange(len(values))
-    if values.ndim == 1:
-        return np.interp(place, whole, values)
-    return np.column_stack([np.interp(place, whole, column) for column in values.T])
 
 
 def nearest_along(elements: Elements, vessel: int, place: FloatArray) -> float:

@@ -16,7 +16,14 @@ import numpy as np
 from design.toolpath.embedded.elements import Elements, Squares, near
 from design.toolpath.embedded.needle import Needle, joint_reach, off_shaft, radius_at
 from design.toolpath.embedded.report import BrushedOverlap, JoinedPasses, WeakJoint
-from design.toolpath.embedded.rules import TIPS, Meetings, depth_at, flat_gap, of_one_joint
+from design.toolpath.embedded.rules import (
+    TIPS,
+    Meetings,
+    depth_at,
+    flat_gap,
+    of_one_joint,
+    tip_along,
+)
 from design.toolpath.embedded.schedule import Pass
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
@@ -64,21 +71,22 @@ def barring(
 ) -> IntArray:
     """Elements of passes before the one numbered `before` that its shaft meets; ``when`` (n,)."""
     met = [0][:0]
-    for place in _places(extension, 0.5 * needle.tip_mm):
-        way = place - extension.start
-        at = extension.at + extension.step * np.sqrt((way * way).sum())
+    places, ways = _places(extension, 0.5 * needle.tip_mm)
+    for n in range(len(ways)):
+        place = places[n]
         for k in range(3):
             low, high = near(squares, place, k)
             for m in range(low, high):
                 x, y, top, reach = squares.around[m]
                 far = (x - place[0]) ** 2 + (y - place[1]) ** 2 >= (needle.shaft_mm + reach) ** 2
                 j = squares.member[m]
-                if far or top <= place[2]:
+                if far or top <= place[2] or when[j] >= before:
                     continue
-                if when[j] < before and (
-                    depth_at(place, extension.radius, extension.vessel, at, j,
-                             elements, meetings, needle, extension.far) > 0.0
-                ):  # fmt: skip
+                depth = depth_at(
+                    place, extension.radius, extension.vessel, ways[n], j, elements, meetings,
+                    needle, extension.far,
+                )[0]  # fmt: skip
+                if depth > 0.0:
                     met.append(j)
     return np.unique(np.array(met, np.int64))
 
@@ -95,7 +103,8 @@ def barred(
 ) -> IntArray:
     """Elements of the pass numbered `since` and later, which take the shaft through its ink."""
     met = [0][:0]
-    for place in _places(extension, squares.pitch):
+    places, _ = _places(extension, squares.pitch)
+    for place in places:
         for k in range(3):
             low, high = near(squares, place, k)
             for j in squares.member[low:high]:
@@ -105,14 +114,16 @@ def barred(
 
 
 @jit
-def _places(extension: Extension, spacing: float) -> FloatArray:
-    """Places along it, its tip last, no further apart than the spacing."""
+def _places(extension: Extension, spacing: float) -> tuple[FloatArray, FloatArray]:
+    """Places along it, its tip last, no further apart than the spacing; ways along the vessel."""
     way = extension.tip - extension.start
-    count = int(np.ceil(np.sqrt((way * way).sum()) / spacing))
-    places = np.empty((count, 3))
+    length = np.sqrt((way * way).sum())
+    count = int(np.ceil(length / spacing))
+    places, along = np.empty((count, 3)), np.empty(count)
     for k in range(count):
         places[k] = extension.start + way * ((k + 1.0) / count)
-    return places
+        along[k] = extension.at + extension.step * length * ((k + 1.0) / count)
+    return places, along
 
 
 @jit
@@ -120,28 +131,25 @@ def meets(
     i: int, extension: Extension, elements: Elements, meetings: Meetings, needle: Needle
 ) -> bool:
     """Whether the shaft passes through an extension's ink while element i is written."""
-    tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
     thick = max(elements.radius[i, 0], elements.radius[i, 1])
     reach = joint_reach(needle, max(thick, extension.radius))
     vessel, radius = elements.vessel[i], extension.radius
     top = max(extension.start[2], extension.tip[2]) + radius
+    places, ways = _places(extension, 0.25 * needle.tip_mm)
     for k in range(TIPS):
-        share = k / (TIPS - 1.0)
-        tip = tail + share * (head - tail)
+        tip, at = tip_along(i, k, elements)
         wide = radius_at(needle, max(top - tip[2], 0.0)) + radius
         gap = flat_gap(tip[0], tip[1], extension.start, extension.tip, 0.0, 1.0)
         if top <= tip[2] or gap >= wide:
             continue
-        at = elements.arc[i] + share * elements.length[i]
-        for ink in _places(extension, 0.25 * needle.tip_mm):
+        for n in range(len(ways)):
+            ink = places[n]
             height = ink[2] + radius - tip[2]
             across = np.hypot(ink[0] - tip[0], ink[1] - tip[1])
             if height <= 0.0 or across >= radius_at(needle, height) + radius:
                 continue
-            way = ink - extension.start
-            there = extension.at + extension.step * np.sqrt((way * way).sum())
             if not of_one_joint(
-                vessel, at, extension.vessel, there, reach, meetings, extension.far
+                vessel, at, extension.vessel, ways[n], reach, meetings, extension.far
             ):
                 return True
     return False
@@ -214,17 +222,23 @@ def crossing_extension(
 def _enters(later: Extension, earlier: Extension, meetings: Meetings, needle: Needle) -> bool:
     """Whether the shaft that writes one extension passes through the ink of another."""
     reach = joint_reach(needle, max(later.radius, earlier.radius))
-    for tip in _places(later, 0.25 * needle.tip_mm):
-        way = tip - later.start
-        at = later.at + later.step * np.sqrt((way * way).sum())
-        for ink in _places(earlier, 0.25 * needle.tip_mm):
+    tips, tip_ways = _places(later, 0.25 * needle.tip_mm)
+    places, ways = _places(earlier, 0.25 * needle.tip_mm)
+    for k in range(len(tip_ways)):
+        for n in range(len(ways)):
+            tip, ink = tips[k], places[n]
             across = np.hypot(ink[0] - tip[0], ink[1] - tip[1])
             if off_shaft(across, ink[2] - tip[2], needle) >= earlier.radius:
                 continue
-            way = ink - earlier.start
-            there = earlier.at + earlier.step * np.sqrt((way * way).sum())
             if not of_one_joint(
-                later.vessel, at, earlier.vessel, there, reach, meetings, earlier.far, later.far
+                later.vessel,
+                tip_ways[k],
+                earlier.vessel,
+                ways[n],
+                reach,
+                meetings,
+                earlier.far,
+                later.far,
             ):
                 return True
     return False

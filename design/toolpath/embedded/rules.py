@@ -150,37 +150,30 @@ def flat_gap(x: float, y: float, a: FloatArray, b: FloatArray, low: float, high:
 
 @jit
 def depth_at(
-    tip: FloatArray,
-    radius: float,
-    vessel: int,
-    at: float,
-    j: int,
-    elements: Elements,
-    meetings: Meetings,
-    needle: Needle,
-    far: float = np.inf,
-) -> float:
-    """Harm that the shaft above a tip does to element j, joints spared, mm; 0 for none.
+    tip: FloatArray, radius: float, vessel: int, at: float, j: int, elements: Elements,
+    meetings: Meetings, needle: Needle, far: float = np.inf,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Depth to which the shaft above a tip reaches into element j, mm, and the part that counts.
 
-    The tip writes a filament of `radius`, ``at`` mm along a vessel; of one that goes on past an end
-    ``far`` is the other.
+    That is the part (0..1) outside joints. The tip writes a filament of `radius`, ``at`` mm along a
+    vessel; of one that goes on past an end ``far`` is the other.
     """
     a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
     thick = max(elements.radius[j, 0], elements.radius[j, 1])
-    room = _room(tip, a, b, thick, 0.0, 1.0, needle)
-    if room <= 0.0:
-        return 0.0
+    depth = _depth(tip, a, b, thick, 0.0, 1.0, needle)
+    if depth <= 0.0:
+        return 0.0, 0.0, 1.0
     reach = joint_reach(needle, max(thick, radius))
     low, high = outside_joints(vessel, at, j, reach, elements, meetings, far)
     if low >= high:
-        return 0.0
+        return 0.0, low, high
     if low > 0.0 or high < 1.0:
-        room = _room(tip, a, b, thick, low, high, needle)
-    return _harm(room, tip, a, b, thick, low, high, needle)
+        depth = _depth(tip, a, b, thick, low, high, needle)
+    return depth, low, high
 
 
 @jit
-def _room(
+def _depth(
     tip: FloatArray, a: FloatArray, b: FloatArray, thick: float, low: float, high: float,
     needle: Needle,
 ) -> float:  # fmt: skip
@@ -195,18 +188,48 @@ def _room(
 
 
 @jit
-def _harm(
-    room: float, tip: FloatArray, a: FloatArray, b: FloatArray, thick: float, low: float,
-    high: float, needle: Needle,
-) -> float:  # fmt: skip
-    """How much of the height of a part the shaft fills, grazes made light, mm; by its `_room`."""
-    if room <= 0.0:
-        return 0.0
-    top = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick
-    filled = min(top - tip[2], 2.0 * thick)
-    if room < 2.0 * (needle.tip_mm - needle.bare_mm):  # else the bare needle is in it, too
-        room = thick - off_part(tip, a, b, low, high, without_clearance(needle))
-    return filled if room > 0.0 else GRAZE * filled
+def tip_along(i: int, k: int, elements: Elements) -> tuple[FloatArray, float]:
+    """The ``k``-th of `TIPS` places of the tip along an element, and its way along the vessel."""
+    share = k / (TIPS - 1.0)
+    tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
+    return tail + share * (head - tail), elements.arc[i] + share * elements.length[i]
+
+
+@jit
+def entry_mm(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
+    """Depth of the shaft in element j, outside joints, while i is written, mm; 0 for none."""
+    radius, most = max(elements.radius[i, 0], elements.radius[i, 1]), 0.0
+    for k in range(TIPS):
+        tip, at = tip_along(i, k, elements)
+        vessel = elements.vessel[i]
+        most = max(most, depth_at(tip, radius, vessel, at, j, elements, meetings, needle)[0])
+    return most
+
+
+@jit
+def _harm(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
+    """How much of the height of element j the shaft fills while i is written, mm; 0 for none.
+
+    A hundredth of that where the clearance alone reaches into it.
+    """
+    a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
+    thick = max(elements.radius[j, 0], elements.radius[j, 1])
+    radius, most = max(elements.radius[i, 0], elements.radius[i, 1]), 0.0
+    for k in range(TIPS):
+        if most >= 2.0 * thick:
+            break
+        tip, at = tip_along(i, k, elements)
+        depth, low, high = depth_at(
+            tip, radius, elements.vessel[i], at, j, elements, meetings, needle
+        )
+        if depth <= 0.0:
+            continue
+        top = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick
+        filled = min(top - tip[2], 2.0 * thick)
+        if depth < 2.0 * (needle.tip_mm - needle.bare_mm):  # else the bare needle is in it, too
+            depth = thick - off_part(tip, a, b, low, high, without_clearance(needle))
+        most = max(most, filled if depth > 0.0 else GRAZE * filled)
+    return most
 
 
 @jit
@@ -240,23 +263,6 @@ def _off_at(tip: FloatArray, a: FloatArray, b: FloatArray, t: float, needle: Nee
 
 
 @jit
-def _pair_depth(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
-    """Most harm that the shaft does to element j while i is written, mm."""
-    tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
-    radius = max(elements.radius[i, 0], elements.radius[i, 1])
-    most, all_of_it = 0.0, 2.0 * max(elements.radius[j, 0], elements.radius[j, 1])
-    for k in range(TIPS):
-        if most >= all_of_it:
-            break
-        share = k / (TIPS - 1.0)
-        tip = tail + share * (head - tail)
-        at = elements.arc[i] + share * elements.length[i]
-        vessel = elements.vessel[i]
-        most = max(most, depth_at(tip, radius, vessel, at, j, elements, meetings, needle))
-    return most
-
-
-@jit
 def _all_pairs(
     elements: Elements, squares: Squares, meetings: Meetings, needle: Needle
 ) -> tuple[IntArray, IntArray, FloatArray]:
@@ -281,7 +287,7 @@ def _all_pairs(
                 j = squares.member[m]
                 if j == i:
                     continue
-                harm = _pair_depth(i, j, elements, meetings, needle)
+                harm = _harm(i, j, elements, meetings, needle)
                 if harm > 0.0:
                     if total == size:
                         size *= 2

@@ -19,15 +19,13 @@ from design.network import VesselNetwork
 from design.toolpath.embedded.elements import Elements, Squares, near, sort_stretches
 from design.toolpath.embedded.needle import ROUNDING_MM, Needle, joint_reach, off_shaft_slopes
 from design.toolpath.embedded.rules import (
-    TIPS,
     TOUCHING,
     Meetings,
     Touches,
     arcs_of,
+    entry_mm,
     find_meetings,
     meetings_between,
-    off_part,
-    outside_joints,
 )
 from design.toolpath.toolpath import MoveKind, Toolpath
 from kernels import jit
@@ -521,26 +519,6 @@ TOUCH_MM: Final = 0.005
 """Deeper is a crossing, as for the check before a print."""
 CERTAIN_MM: Final = TOUCH_MM - ROUNDING_MM
 """No deeper is none, either, once the path is rounded to the digits of its G-code."""
-
-
-@jit
-def entry_mm(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
-    """Depth of the shaft in element j, outside joints, while i is written, mm; 0 for none."""
-    tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
-    a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
-    thick = max(elements.radius[j, 0], elements.radius[j, 1])
-    wide = max(thick, max(elements.radius[i, 0], elements.radius[i, 1]))
-    reach, most = joint_reach(needle, wide), 0.0
-    for k in range(TIPS):
-        share = k / (TIPS - 1.0)
-        tip = tail + share * (head - tail)
-        if thick - off_part(tip, a, b, 0.0, 1.0, needle) <= most:
-            continue
-        at = elements.arc[i] + share * elements.length[i]
-        low, high = outside_joints(elements.vessel[i], at, j, reach, elements, meetings)
-        if low < high:
-            most = max(most, thick - off_part(tip, a, b, low, high, needle))
-    return most
 
 
 @jit

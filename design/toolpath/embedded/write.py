@@ -9,10 +9,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from design.geometry.polyline import places_along
 from design.toolpath.embedded.elements import (
     CUTTING,
     Elements,
-    at_places,
     finer_places,
     nearest_along,
     off_chords,
@@ -128,10 +128,11 @@ class FilamentWriter:
         way = self._elements.along[order]
         along = np.append(way[:, side[0]], way[-1, side[1]])
         points = self._elements.point[numbers]
-        keep = off_chords(points, thick)
-        points, thick, along = points[keep], thick[keep], along[keep]
-        place = finer_places(points, thick, np.inf, CUTTING.taper_step)
-        points, thick, along = (at_places(each, place) for each in (points, thick, along))
+        values = np.column_stack([points, thick, along])
+        values = values[off_chords(np.ascontiguousarray(values[:, :4]))]
+        place = finer_places(values[:, :3], values[:, 3], np.inf, CUTTING.taper_step)
+        values = places_along(values, np.arange(len(values)), place)
+        points, (thick, along) = values[:, :3].copy(), values[:, 3:].T.copy()
         return Stretch(points, thick, along, int(self._elements.vessel[leg.element]))
 
     def _write(
