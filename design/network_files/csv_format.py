@@ -67,7 +67,7 @@ def read_network_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
 #
 # Columns: ``vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree``. Pieces that
 # meet share a node number; designed flow runs from node0 to node1. Radii are in mm always, as their
-# columns say; the coordinates' columns name no unit, so a reader must be told it.
+# columns say; the coordinates' columns name no unit, so a reader needs it.
 
 _HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree"
 COLUMNS = tuple(_HEADER.split(","))

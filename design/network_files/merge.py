@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -115,7 +115,7 @@ def merge_shared(
     network : VesselNetwork
     by_place : bool
         Whether points at the same place, to the bit, are one node. They are joined after merging:
-        cut there before, lines of one lumen would be too short to be told as such.
+        cut there before, lines of one lumen would be too short to be recognised.
     identical : bool
         Merge only vessels with the same points: for formats that state which vessels meet where.
     """
@@ -202,21 +202,20 @@ def _length_beside(start: FloatArray, way: FloatArray, reach: FloatArray) -> Flo
     return np.where(np.abs(cosine) < LIMITS.parallel, 0.0, near)
 
 
-@dataclass(frozen=True)
-class _Shared:
+class _Shared(NamedTuple):
     """A stretch of a vessel, and the vessels that it runs along."""
 
     vessel: int
     others: frozenset[int]
-    stretch: Stretch
+    stretch: _Stretch
 
 
 class _Along(NamedTuple):
     """A path, its samples, and their feet on the paths that are kept."""
 
     path: LabelledPath
-    own: Samples
-    feet: Feet
+    own: _Samples
+    feet: _Feet
     kept: list[LabelledPath]
 
     def foot(self, k: int) -> tuple[LabelledPath, float, float]:
@@ -237,7 +236,7 @@ class _Merge:
     def add(self, vessels: IntArray) -> None:
         """Add vessels that may run along each other, and along no others."""
         kept: list[LabelledPath] = []
-        samples: list[Samples] = []
+        samples: list[_Samples] = []
         for vessel in vessels.tolist():
             points, radius = self._network.polyline(vessel)
             first, last = self._network.vessel_nodes[vessel].tolist()
@@ -245,15 +244,15 @@ class _Merge:
             if kept:
                 rests = self._without_shared(rests[0], kept, samples)
             kept += rests
-            samples += [sample(rest.points, rest.radius) for rest in rests]
+            samples += [_sample(rest.points, rest.radius) for rest in rests]
         self._paths += kept
 
     def _without_shared(
-        self, path: LabelledPath, kept: list[LabelledPath], samples: list[Samples]
+        self, path: LabelledPath, kept: list[LabelledPath], samples: list[_Samples]
     ) -> list[LabelledPath]:
         """What of a path doesn't run along those kept, joined to them."""
-        own = sample(path.points, path.radius)
-        feet = nearest_feet(own, samples)
+        own = _sample(path.points, path.radius)
+        feet = _nearest_feet(own, samples)
         last = len(own.at) - 1
 
         def is_node(k: int) -> bool:
@@ -264,7 +263,7 @@ class _Merge:
                 for at, other in kept[feet.path[k]].labelled
             )
 
-        stretches = shared_stretches(own, feet, at_node=(is_node(0), is_node(last)))
+        stretches = _shared_stretches(own, feet, at_node=(is_node(0), is_node(last)))
         if not stretches:
             return [path]
         along = _Along(path, own, feet, kept)
@@ -280,7 +279,7 @@ class _Merge:
             begin, label = one.last, joints[1]
         return rests + self._rest(along, (begin, last), (label, path.ends[1]))
 
-    def _join_ends(self, along: _Along, one: Stretch) -> None:
+    def _join_ends(self, along: _Along, one: _Stretch) -> None:
         """Join paths below a stretch where one ends and another goes on."""
         feet = along.feet
         at_end = feet.to_end <= feet.radius
@@ -506,78 +505,40 @@ _CANDIDATES: Final = 8
 """Stretches whose middles are nearest, among which the nearest foot is looked for."""
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Points of a polyline, and others between them a quarter of a radius apart.
+class _Samples(NamedTuple):
+    """Points of a polyline, and others between them a quarter of a radius apart."""
 
-    Attributes
-    ----------
-    at : (n,) float64
-        Place along the polyline, counted in its points.
-    points : (n, 3) float64, mm
-    radius : (n,) float64, mm
-    length : (n,) float64, mm
-        Way from the first.
-    ends : (2, 3) float64, mm
-    """
-
-    at: FloatArray
-    points: FloatArray
-    radius: FloatArray
-    length: FloatArray
-    ends: FloatArray
+    at: FloatArray  # (n,), place along the polyline, counted in its points
+    points: FloatArray  # (n, 3), mm
+    radius: FloatArray  # (n,), mm
+    length: FloatArray  # (n,), way from the first, mm
+    ends: FloatArray  # (2, 3), mm
 
 
-class Feet(NamedTuple):
-    """Nearest place on other polylines, for each sample.
+class _Feet(NamedTuple):
+    """Nearest place on other polylines, for each sample."""
 
-    Attributes
-    ----------
-    path : (n,) int64
-        Number of the polyline.
-    at : (n,) float64
-        Place along it, counted in its points.
-    points : (n, 3) float64, mm
-    radius : (n,) float64, mm
-    gap : (n,) float64, mm
-        Distance from the sample.
-    to_end : (n,) float64, mm
-        Distance from the polyline's nearer end.
-    """
-
-    path: IntArray
-    at: FloatArray
-    points: FloatArray
-    radius: FloatArray
-    gap: FloatArray
-    to_end: FloatArray
+    path: IntArray  # (n,), number of the polyline
+    at: FloatArray  # (n,), place along it, counted in its points
+    points: FloatArray  # (n, 3), mm
+    radius: FloatArray  # (n,), mm
+    gap: FloatArray  # (n,), distance from the sample, mm
+    to_end: FloatArray  # (n,), distance from the polyline's nearer end, mm
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """Samples ``first`` to ``last`` of a polyline, which run along others.
-
-    Attributes
-    ----------
-    length, gap : float, mm
-        Of the stretch, and between the axes at most.
-    gap_ratio, radius_difference : float
-        The gap over the radius, and how far radii differ over the radius, at most.
-    opposed : bool
-        Whether the polylines have opposite directions.
-    """
+class _Stretch(NamedTuple):
+    """Samples ``first`` to ``last`` of a polyline, which run along others; lengths in mm."""
 
     first: int
     last: int
     length: float
-    gap: float
-    gap_ratio: float
-    radius_difference: float
-    opposed: bool
+    gap: float  # between the axes, at most
+    gap_ratio: float  # over the radius, at most
+    radius_difference: float  # over the radius, at most
+    opposed: bool  # whether the polylines have opposite directions
 
 
-def sample(points: FloatArray, radius: FloatArray) -> Samples:
-    """Return samples of a polyline with ``points`` (k, 3) and ``radius`` (k,), mm."""
+def _sample(points: FloatArray, radius: FloatArray) -> _Samples:
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
     spacing = _SAMPLE_SPACING * np.minimum(radius[:-1], radius[1:])
     count = np.clip(np.ceil(step / spacing), 1, _PIECE_SAMPLES).astype(np.int64)
@@ -587,11 +548,10 @@ def sample(points: FloatArray, radius: FloatArray) -> Samples:
     index = np.arange(len(points), dtype=np.float64)
     known = np.column_stack([points, radius, np.r_[0.0, np.cumsum(step)]])
     values = places_along(known, index, at)
-    return Samples(at, values[:, :3], values[:, 3], values[:, 4], points[[0, -1]])
+    return _Samples(at, values[:, :3], values[:, 3], values[:, 4], points[[0, -1]])
 
 
-def nearest_feet(own: Samples, others: list[Samples]) -> Feet:
-    """Return the nearest place on the polylines of ``others`` for each sample of ``own``."""
+def _nearest_feet(own: _Samples, others: list[_Samples]) -> _Feet:
     path = np.repeat(np.arange(len(others)), [len(one.at) - 1 for one in others])
     start, end = (
         np.concatenate([one.points[k : len(one.at) - 1 + k] for one in others]) for k in (0, 1)
@@ -613,7 +573,7 @@ def nearest_feet(own: Samples, others: list[Samples]) -> Feet:
     best = np.argmin(gap, axis=1)
     row, part, foot = rows[each, best], part[each, best], foot[each, best]
     ends = np.array([one.ends for one in others])[path[row]]
-    return Feet(
+    return _Feet(
         path=path[row],
         at=at0[row] + part * (at1 - at0)[row],
         points=foot,
@@ -623,18 +583,12 @@ def nearest_feet(own: Samples, others: list[Samples]) -> Feet:
     )
 
 
-def shared_stretches(own: Samples, feet: Feet, *, at_node: tuple[bool, bool]) -> list[Stretch]:
-    """Return the stretches over which samples run along other polylines, in their order.
+def _shared_stretches(own: _Samples, feet: _Feet, *, at_node: tuple[bool, bool]) -> list[_Stretch]:
+    """Stretches over which samples run along other polylines, in their order.
 
-    Parameters
-    ----------
-    own : Samples
-    feet : Feet
-        Of these samples.
-    at_node : (bool, bool)
-        Whether the polyline's first and last end are nodes of those that it may run along. If both
-        are and it is near them all the way, its length doesn't matter. From a node that they share,
-        vessels that only diverge are a bifurcation's, however slowly they do.
+    ``at_node`` says whether the polyline's first and last end are nodes of those that it may run
+    along. If both are and it is near them all the way, its length doesn't matter. From a node that
+    they share, vessels that only diverge are a bifurcation's, however slowly they do.
     """
     radius = np.minimum(own.radius, feet.radius)
     alike = np.maximum(own.radius, feet.radius) <= LIMITS.alike * radius
@@ -672,7 +626,7 @@ def _advancing(points: FloatArray, feet: FloatArray) -> NDArray[np.bool_]:
 
 
 def _parting(
-    own: Samples, feet: Feet, radius: FloatArray, first: int, last: int
+    own: _Samples, feet: _Feet, radius: FloatArray, first: int, last: int
 ) -> tuple[int, int]:
     """Stretch without the ends in which the lines part from each other.
 
@@ -701,10 +655,10 @@ def _lowest(ratio: FloatArray, way: FloatArray, radius: float) -> int:
     return k
 
 
-def _stretch(own: Samples, feet: Feet, radius: FloatArray, first: int, last: int) -> Stretch:
+def _stretch(own: _Samples, feet: _Feet, radius: FloatArray, first: int, last: int) -> _Stretch:
     span = slice(first, last + 1)
     same = np.diff(feet.path[span]) == 0
-    return Stretch(
+    return _Stretch(
         first=first,
         last=last,
         length=float(own.length[last] - own.length[first]),

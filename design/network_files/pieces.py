@@ -191,7 +191,7 @@ def join_equal_points(pieces: Pieces) -> Pieces:
 
 
 def _node_positions(pieces: Pieces, node: IntArray, count: int) -> FloatArray:
-    """Where each node is first said to be; every other mention must agree."""
+    """Place of each node where it is first given; every other mention must agree."""
     flat, points = node.ravel(), pieces.points.reshape(-1, 3)
     first = np.full(count, len(flat), dtype=np.int64)
     np.minimum.at(first, flat, np.arange(len(flat)))

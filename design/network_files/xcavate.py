@@ -114,7 +114,7 @@ def read_network_xcavate(
     return XcavateNetwork(network, moved, (*notes, _note(moved, free)))
 
 
-def _merged(path: Path, lines: list[Line]) -> tuple[list[Line], tuple[str, ...]]:
+def _merged(path: Path, lines: list[_Line]) -> tuple[list[_Line], tuple[str, ...]]:
     """Lines without what runs along others, and notes on it."""
     kinds = [np.diff(line.kind[:-1], prepend=line.kind[0]) != 0 for line in lines]
     parts = [
@@ -145,7 +145,7 @@ def _merged(path: Path, lines: list[Line]) -> tuple[list[Line], tuple[str, ...]]
         places = [origin[place] for place in map(tuple, points.tolist()) if place in origin]
         vessel, number = places[0] if places else (lines[0].vessel, int(lines[0].number[0]))
         kind = np.full(len(points), merged.kind[k])
-        left.append(Line(vessel, np.full(len(points), number), points, radius, kind))
+        left.append(_Line(vessel, np.full(len(points), number), points, radius, kind))
     return left, notes
 
 
@@ -173,7 +173,7 @@ def _text(path: Path) -> Iterator[tuple[int, str]]:
             yield number, row.strip()
 
 
-def _lines(path: Path, kind: VesselKind) -> list[Line]:
+def _lines(path: Path, kind: VesselKind) -> list[_Line]:
     heads: list[tuple[int, int, int]] = []
     rows: list[list[tuple[int, list[float]]]] = []
     columns = 0
@@ -218,7 +218,7 @@ def _line(
     head: tuple[int, int, int],
     rows: list[tuple[int, list[float]]],
     kind: VesselKind,
-) -> Line:
+) -> _Line:
     number, vessel, announced = head
     if len(rows) != announced:
         _fail(
@@ -233,7 +233,7 @@ def _line(
     kinds: IntArray = np.full(len(table), int(kind), dtype=np.int64)
     if table.shape[1] == 5:
         kinds = np.where(table[:, 4] == 0, int(VesselKind.VEIN), int(VesselKind.ARTERY))
-    return Line(
+    return _Line(
         vessel=vessel,
         number=np.array([n for n, _ in rows], dtype=np.int64)[moves],
         points=table[:, :3] * _MM,
@@ -242,7 +242,7 @@ def _line(
     )
 
 
-def _turned(lines: list[Line], ends: Path) -> list[Line]:
+def _turned(lines: list[_Line], ends: Path) -> list[_Line]:
     """The same lines, those turned round that end at an inlet or begin at an outlet."""
     turned = list(lines)
     tips = np.array([line.points[[0, -1]] for line in lines])
@@ -277,37 +277,18 @@ def _ends(path: Path) -> Iterator[tuple[int, str, FloatArray]]:
 # Join separately read vessel polylines to a network: put loose ends on axes, make nodes.
 
 
-@dataclass(frozen=True, eq=False)
-class Line:
-    """A vessel as it was read.
+class _Line(NamedTuple):
+    """A vessel as it was read; where its kind changes, it is cut."""
 
-    Attributes
-    ----------
-    vessel : int
-        Its number in the file.
-    number : (k,) int64
-        The line of the file in which each point stands.
-    points : (k, 3) float64, mm
-    radius : (k,) float64, mm
-    kind : (k,) int64
-        A `VesselKind` each; where it changes, the vessel is cut.
-    """
+    vessel: int  # its number in the file
+    number: IntArray  # (k,), the line of the file in which each point stands
+    points: FloatArray  # (k, 3), mm
+    radius: FloatArray  # (k,), mm
+    kind: IntArray  # (k,), a `VesselKind` each
 
-    vessel: int
-    number: IntArray
-    points: FloatArray
-    radius: FloatArray
-    kind: IntArray
-
-    def reversed(self) -> Line:
+    def reversed(self) -> _Line:
         """The same from its other end."""
-        return replace(
-            self,
-            number=self.number[::-1],
-            points=self.points[::-1],
-            radius=self.radius[::-1],
-            kind=self.kind[::-1],
-        )
+        return _Line(self.vessel, *(column[::-1] for column in self[1:]))
 
 
 class _Foot(NamedTuple):
@@ -318,7 +299,7 @@ class _Foot(NamedTuple):
     gap_mm: float
 
 
-def _join_lines(path: Path, lines: list[Line]) -> tuple[VesselNetwork, list[Snap], int]:
+def _join_lines(path: Path, lines: list[_Line]) -> tuple[VesselNetwork, list[Snap], int]:
     """Put every end that lies within another vessel on its axis, and cut that vessel there.
 
     An end lies within the vessel of whose radius (at the nearest place of its axis) the distance
@@ -356,7 +337,7 @@ class _Near:
         Number of the stretch in its line.
     """
 
-    def __init__(self, lines: list[Line]) -> None:
+    def __init__(self, lines: list[_Line]) -> None:
         self.line = np.repeat(np.arange(len(lines)), [len(line.points) - 1 for line in lines])
         self.at = np.concatenate([np.arange(len(line.points) - 1) for line in lines])
         self._start = np.concatenate([line.points[:-1] for line in lines])
@@ -396,7 +377,7 @@ def _joint(path: LabelledPath, at: float, labels: Labels) -> int:
     return label
 
 
-def _pieces(path: Path, lines: list[Line], paths: list[LabelledPath], labels: Labels) -> Pieces:
+def _pieces(path: Path, lines: list[_Line], paths: list[LabelledPath], labels: Labels) -> Pieces:
     """Pieces of all lines between their points and joints; vessels are cut where kinds change."""
     points = PathPoints.joined([one.rows(i, _kept(one, labels)) for i, one in enumerate(paths)])
     begins = np.cumsum([0, *(len(line.points) for line in lines)])[points.path]

@@ -293,7 +293,7 @@ NEUTRAL = Corrections()
 # a correction makes too thin.
 
 _PLACES: Final = 8
-"""At which each straight piece's distance to the outside is asked for."""
+"""At which each straight piece's distance to the outside is measured."""
 
 
 class Body(Protocol):

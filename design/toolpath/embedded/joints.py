@@ -175,10 +175,10 @@ class ChosenExtensions(NamedTuple):
     size: IntArray
 
 
-def empty_extensions(room: int) -> ChosenExtensions:
-    """No extension yet, with room for so many."""
-    places, values = np.zeros((room, 2, 3)), np.zeros((room, 4))
-    return ChosenExtensions(places, values, np.zeros((room, 3), np.int64), np.zeros(1, np.int64))
+def empty_extensions(count: int) -> ChosenExtensions:
+    """Return space for so many extensions."""
+    places, values = np.zeros((count, 2, 3)), np.zeros((count, 4))
+    return ChosenExtensions(places, values, np.zeros((count, 3), np.int64), np.zeros(1, np.int64))
 
 
 def add_extension(kept: ChosenExtensions, extension: Extension, element: int, when: int) -> None:
@@ -304,7 +304,7 @@ class Joiner:
     strict: bool = False
 
     def join(self, passes: list[Pass], explain: bool = False) -> JoinedPasses:
-        """Close what can be closed; say of open ones what would close them, if asked."""
+        """Close what can be closed; with ``explain`` also find what would close open joints."""
         return _Round(self, passes, explain).join()
 
 
@@ -376,7 +376,7 @@ class _Round:
                 break
         chosen: _Extended | None = whole[-1]
         if not whole[-1].free:
-            self._ask_reordering(whole[0], later)
+            self._request_reordering(whole[0], later)
             chosen = self._harmless(whole, sides, point, reach)
             if chosen is None and not self._scene.strict:
                 chosen = self._least_brushed(whole)
@@ -491,7 +491,7 @@ class _Round:
         open_to = [one for one in whole if not any(bar.entered for bar in one.barred)]
         return min(open_to, key=lambda one: len(one.brushed), default=None)
 
-    def _ask_reordering(self, one: _Extended, later: int) -> None:
+    def _request_reordering(self, one: _Extended, later: int) -> None:
         """What would have to be written in another order."""
         self._out.reorderings += [(later, bar.end) for bar in one.barred]
         self._out.reorderings += [(brush.element, brush.end) for brush in one.brushed]

@@ -287,7 +287,7 @@ def check_thinnest(
     Parameters
     ----------
     needles : mapping of str to float, mm
-        Bores of needles that may be had, by name; without them the bore needed is said alone.
+        Bores of needles that may be had, by name; without them only the bore needed is named.
 
     Raises
     ------

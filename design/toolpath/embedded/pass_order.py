@@ -32,7 +32,7 @@ class SearchLimits:
     split_share : float
         Share of the places between two legs at which passes are split.
     rounds, useless_rounds : int
-        Orders tried of one way to lay passes; of these, no better than the best in a row.
+        Orders tried; of these, no better than the best in a row.
     ordered_elements, large : int
         Elements that all rounds may order together; of more than `large` there is one round: what a
         large network leaves open after it is open by its design.
@@ -541,12 +541,8 @@ def reverse_pass(one: Pass) -> Pass:
 
 # Order writing strokes in rounds, each with added rules for open joints; keep the best order.
 
-WAYS = ((True, True), (False, True), (False, False))
-"""Whether passes are merged, and moved for shorter travels: tried in turn as long as joints stay
-open. Of 18 test networks two end with another, better scored order by the later ways."""
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Order:
     """Passes in an order, how they join, and what is wrong with it, the worst first."""
 
@@ -570,30 +566,20 @@ def order_passes(
     writes the later stretch before that ink, and what brushed an overlap before that; unless a rule
     of the shaft's says the opposite.
     """
-    one_order = one_way(rules, elements.vessel)
-    rounds, orders = _rounds(elements), list[_Order]()
-    for merge, shorten in WAYS if rounds > 1 else WAYS[:1]:
-        asked, best, since = one_order, len(orders), 0
-        random = np.random.default_rng(0)
-        for _ in range(rounds):
-            passes = schedule_passes(elements, asked, head, out)
-            if merge:
-                passes = fewest(passes, elements, asked, head, random)
-            if shorten:
-                passes = shorten_travels(passes, elements, asked, head)
-            orders.append(_judged(passes, rules, joiner))
-            if _score(orders[-1]) < _score(orders[best]):
-                best, since = len(orders) - 1, 0
-            elif len(orders) - 1 > best:
-                since += 1
-            first, after = np.array(orders[-1].joined.reorderings, dtype=np.int64).reshape(-1, 2).T
-            known, asked = asked, with_more(asked, first, after)
-            if len(asked.after) == len(known.after) or since == LIMITS.useless_rounds:
-                break
-        if not min(orders, key=_score).joined.open:
+    asked = one_way(rules, elements.vessel)
+    random, orders = np.random.default_rng(0), list[_Order]()
+    for _ in range(_rounds(elements)):
+        passes = schedule_passes(elements, asked, head, out)
+        passes = fewest(passes, elements, asked, head, random)
+        passes = shorten_travels(passes, elements, asked, head)
+        orders.append(_judged(passes, rules, joiner))
+        best = min(orders, key=_score)
+        first, after = np.array(orders[-1].joined.reorderings, dtype=np.int64).reshape(-1, 2).T
+        known, asked = asked, with_more(asked, first, after)
+        useless = len(orders) - 1 - orders.index(best)
+        if len(asked.after) == len(known.after) or useless == LIMITS.useless_rounds:
             break
-    chosen = min(orders, key=_score)
-    return chosen.passes, chosen.joined
+    return best.passes, best.joined
 
 
 def _rounds(elements: Elements) -> int:

@@ -40,7 +40,7 @@ from design.toolpath.embedded.rules import (
     find_rules,
     touches,
 )
-from design.toolpath.embedded.schedule import Leg, Pass
+from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.shaft_contacts import (
     TOUCH_MM,
     Entry,
@@ -48,7 +48,7 @@ from design.toolpath.embedded.shaft_contacts import (
     exempt_lengths,
     find_shaft_contacts,
 )
-from design.toolpath.embedded.write import FilamentWriter, Stretch, add_recovery_dwells
+from design.toolpath.embedded.write import FilamentWriter, add_recovery_dwells
 from design.toolpath.toolpath import MoveKind, Toolpath
 from kernels.arrays import IntArray
 
@@ -106,14 +106,13 @@ class Scene:
         passes: list[Pass],
         joined: JoinedPasses,
         heads: EmbeddedHeads,
-        known: dict[Leg, Stretch],
     ) -> _Written:
-        """The path of ordered passes, and what its shaft meets; `known` as in `FilamentWriter`."""
+        """The path of ordered passes, and what its shaft meets."""
         joined = self.lumens.closed(joined)
         looks = frozenset[int]()
         if heads.look_within:
             looks = look_places(passes, self.elements, self.needle)
-        writer = FilamentWriter(self.elements, passes[0], heads, known, looks)
+        writer = FilamentWriter(self.elements, passes[0], heads, looks)
         writer.write_all(passes, joined)
         recovery_s = max(one.recovery_s for one in heads.options)
         toolpath = add_recovery_dwells(writer.builder.build(), recovery_s, heads.shaft_mm)
@@ -165,9 +164,8 @@ def plan_embedded(
     passes, joined = order_passes(
         scene.elements, out.without(rules), heads.vessel_head, joiner, out.elements
     )
-    known: dict[Leg, Stretch] = {}
     while True:
-        done = scene.written(passes, joined, heads, known)
+        done = scene.written(passes, joined, heads)
         crossed = out.crossed((*done.crossings, *done.grazes))
         if not heads.leave_out or not crossed:
             break

@@ -79,7 +79,7 @@ class Merged:
 
 @dataclass(frozen=True)
 class WeakJoint:
-    """Two stretches that meet and can't be made to overlap as asked.
+    """Two stretches that meet and can't be made to overlap by the requested length.
 
     Attributes
     ----------

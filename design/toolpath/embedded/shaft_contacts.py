@@ -411,12 +411,12 @@ def find_shaft_contacts(
     ink = _ink(toolpath, np.flatnonzero(writes), laid)
     contacts = []
     for tool, needle in enumerate(needles):
-        tips, rows = _tips(toolpath, writes & (toolpath.tool == tool), laid, tool)
-        if len(rows):
+        tips = _tips(toolpath, writes & (toolpath.tool == tool), laid, tool)
+        if len(tips.row):
             room = needle.shaft_mm + look_mm + TIP_MM / 2
             squares = sort_stretches(ink.start, ink.end, ink.radius, room)
             hits = entries(tips, ink, squares, spared, needle, look_mm)
-            contacts += _entries(hits, tips, rows)
+            contacts += _entries(hits, tips)
     return contacts
 
 
@@ -450,10 +450,8 @@ def _ink(toolpath: Toolpath, rows: IntArray, laid: WrittenMoves) -> Ink:
     )
 
 
-def _tips(
-    toolpath: Toolpath, writes: NDArray[np.bool_], laid: WrittenMoves, tool: int
-) -> tuple[Tips, IntArray]:
-    """Ways of one head's tip, and the moves that they are of."""
+def _tips(toolpath: Toolpath, writes: NDArray[np.bool_], laid: WrittenMoves, tool: int) -> Tips:
+    """Ways of one head's tip."""
     number = np.cumsum(toolpath.kind == MoveKind.WRITE) - 1
     last, following, since, until = _about(toolpath, writes)
     rows = np.flatnonzero((toolpath.tool == tool) & (toolpath.lengths > 0))
@@ -467,7 +465,7 @@ def _tips(
         for k in (0, 1)
     ])  # fmt: skip
     along[0, own] = laid.along[of[0, own]]
-    tips = Tips(
+    return Tips(
         np.ascontiguousarray(place[:, 0]),
         np.ascontiguousarray(place[:, 1]),
         rows[pieces.row],
@@ -477,7 +475,6 @@ def _tips(
         np.stack([_mixed(one, pieces) for one in along], axis=1),
         np.stack([_mixed(one[rows], pieces) for one in (since, until)], axis=1),
     )
-    return tips, rows
 
 
 def _about(
@@ -503,7 +500,7 @@ def _about(
     return last, following, np.maximum(since, 0.0), np.maximum(until, 0.0)
 
 
-def _entries(hits: NDArray[np.void], tips: Tips, rows: IntArray) -> list[Entry]:
+def _entries(hits: NDArray[np.void], tips: Tips) -> list[Entry]:
     piece = hits["piece"]
     length = np.linalg.norm(tips.end[piece] - tips.start[piece], axis=1)
     vessel = tips.vessel[piece]
@@ -530,38 +527,3 @@ def entries_mm(
     for k in range(len(first)):
         depths[k] = entry_mm(first[k], after[k], elements, meetings, needle)
     return depths
-
-
-@jit
-def near_pairs(v: int, w: int, elements: Elements, needle: Needle) -> IntArray:
-    """Elements of two vessels (k, 2) that the needle may touch together, each pair once."""
-    pairs = [(0, 0)][:0]
-    thick, longest = 0.0, 0.0
-    for vessel in (v, w):
-        for i in range(elements.first[vessel], elements.first[vessel + 1]):
-            thick = max(thick, max(elements.radius[i, 0], elements.radius[i, 1]))
-            longest = max(longest, elements.length[i])
-    room = needle.shaft_mm + thick + longest
-    for i in range(elements.first[v], elements.first[v + 1]):
-        p, q = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
-        for j in range(elements.first[w], elements.first[w + 1]):
-            a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
-            x, y = 0.5 * (p[0] + q[0] - a[0] - b[0]), 0.5 * (p[1] + q[1] - a[1] - b[1])
-            if x * x + y * y < room * room and (v != w or i < j):
-                pairs.append((i, j))
-    out = np.empty((len(pairs), 2), np.int64)
-    for k in range(len(pairs)):
-        out[k, 0], out[k, 1] = pairs[k]
-    return out
-
-
-@jit
-def bar_each_other(pairs: IntArray, elements: Elements, meetings: Meetings, needle: Needle) -> bool:
-    """Whether the needle enters one or the other of some pair of elements in either order."""
-    for k in range(len(pairs)):
-        i, j = pairs[k, 0], pairs[k, 1]
-        if entry_mm(i, j, elements, meetings, needle) > CERTAIN_MM and (
-            entry_mm(j, i, elements, meetings, needle) > CERTAIN_MM
-        ):
-            return True
-    return False

@@ -51,8 +51,6 @@ class FilamentWriter:
     elements : Elements
     first : Pass
     heads : EmbeddedHeads
-    known : dict of Leg to Stretch, or None
-        Stretches of a writing before; those of this one are added.
     looks : set of int
         Elements before which the path names a place to look.
 
@@ -69,11 +67,9 @@ class FilamentWriter:
         elements: Elements,
         first: Pass,
         heads: EmbeddedHeads,
-        known: dict[Leg, Stretch] | None = None,
         looks: Set[int] = frozenset(),
     ) -> None:
         self._looks = looks
-        self._known = {} if known is None else known
         self._elements, self._heads = elements, heads
         leg = first.legs[0]
         self._head = heads.of(int(elements.vessel[leg.element]))
@@ -115,11 +111,6 @@ class FilamentWriter:
 
     def _stretch(self, leg: Leg) -> Stretch:
         """A leg as few straight moves as its shape and taper need."""
-        if leg not in self._known:
-            self._known[leg] = self._new_stretch(leg)
-        return self._known[leg]
-
-    def _new_stretch(self, leg: Leg) -> Stretch:
         order = leg.elements()
         side = (0, 1) if leg.step > 0 else (1, 0)
         ends, radius = self._elements.end[order], self._elements.radius[order]

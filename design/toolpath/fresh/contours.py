@@ -70,7 +70,7 @@ def signed_area(ring: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Samples:
-    """Points along contours, none further from the next than was asked for.
+    """Points along contours, none further from the next than the spacing.
 
     Attributes
     ----------

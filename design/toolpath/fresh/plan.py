@@ -71,7 +71,7 @@ def plan_fresh(
 
 
 class FreshLayers:
-    """The layers of a part, made one by one as they are asked for, from the lowest up.
+    """The layers of a part, made one by one while they are iterated over, from the lowest up.
 
     A line is laid out as the rectangle of its cross-section, `FreshOptions.spacing_mm` wide, in
     material whose boundary is moved inward by `FreshOptions.inset_mm`: there its rectangle ends,

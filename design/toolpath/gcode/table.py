@@ -171,7 +171,7 @@ def tabulate(
     """Words of a part of a job's commands, and where the job stands after them.
 
     A command that changes nothing in the last digit is left out; positions are absolute, so the
-    next one makes up for it. ``blind`` says that nobody knows where the tip stands: then the first
+    next one makes up for it. With ``blind`` the tip's place is unknown: then the first
     command gives Z alone and the second X and Y.
 
     Raises

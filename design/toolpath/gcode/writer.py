@@ -133,7 +133,7 @@ class _Lines:
         self.tables.append(table)
         self.rows += len(table.code)
 
-    def say(self, *texts: str) -> None:
+    def insert(self, *texts: str) -> None:
         self.row += [self.rows] * len(texts)
         self.text += texts
 
@@ -255,7 +255,7 @@ class Writer:
 
         All but the first head are raised; the first is lowered, as it was touched off so. The way
         goes straight up or down, across, and down where the first head writes first; a change of
-        head goes down itself. Where nobody knows the tip's place, one beside the first point gives
+        head goes down itself. Where the tip's place is unknown, one beside the first point gives
         the moves a direction.
         """
         number, rows = run
@@ -266,8 +266,8 @@ class Writer:
         begin = JobPosition.at(start, self._printer)
         first = self._heads[0]
         for one in self._heads[1:]:
-            lines.say(*one.moved(to_raise=True))
-        lines.say(*first.select(), *first.moved(to_raise=False))
+            lines.insert(*one.moved(to_raise=True))
+        lines.insert(*first.select(), *first.moved(to_raise=False))
         high = self._top if blind else max(self._top, float(start[2]))
         end = np.append(to, 0.0)
         way = [self._rise(start, high, first), self._across(end, high, first)]
@@ -284,10 +284,10 @@ class Writer:
         self._leave(lines)
         old, self._active = self._active, new
         reload = [f"{self._dialect.comment}RELOAD"] if old.pushed_ul else []
-        lines.say(*reload, *old.moved(to_raise=True), *new.select())
+        lines.insert(*reload, *old.moved(to_raise=True), *new.select())
         table, at = counted_from(new.reached(self._reached), self._printer)
         lines.add(table)
-        lines.say(*new.moved(to_raise=False))
+        lines.insert(*new.moved(to_raise=False))
         to = np.append(first_mm + self._place - new.offset, new.plunger_mm)
         way = [self._across(to, self._top, new), self._rise(to, to[2], new)]
         if new.owed_ul:
@@ -369,7 +369,7 @@ class Writer:
         return Gcode(marks.put_into(text), source, move, kind, toolpath.source_kind)
 
     def _with_marks(self, toolpath: Toolpath, table: Table, lines: _Lines, *, last: bool) -> Marks:
-        """All lines that are no rows; a mark comes before what a change of head says there."""
+        """Return all lines that are no rows; marks come before the lines of a change of head."""
         marks = marks_of(toolpath, table, self._source, last=last, comment=self._dialect.comment)
         head, doses = self._printer.pneumatic, self._options.standing_doses
         if head is not None:
