@@ -30,57 +30,27 @@ from kernels.arrays import FloatArray, IntArray
 
 
 class MergeLimits(NamedTuple):
-    """When axes belong to one lumen; lengths and distances in radii.
+    """When axes belong to one lumen; lengths and distances in radii."""
 
-    Attributes
-    ----------
-    same_axis : float
-        Axes nearer than this are one lumen's. Lines traced twice through a lumen differ less, and
-        axes of separate vessels that touch are the sum of both radii apart. From 0.28 to 0.5 the
-        cases of `tests/design/network_files/test_merge.py` read alike.
-    bridged : float
-        Between two stretches axes may be so far apart without the stretch being broken.
-    coincident : float
-        Lines nearer than this are at the same place, for where they part.
-    length : float
-        Over which axes must be so near, not counting where they part from each other; half of that
-        where they coincide.
-    alike : float
-        Ratio of radii up to which lines that don't coincide are one lumen's.
-    parallel : float
-        Cosine from which two straight pieces can run along each other.
-    in_lumen : float
-        Between two stretches of one lumen, an axis nearer than this hasn't left it: chords of
-        coarse lines cut corners. Two vessels that touch are two radii apart.
-    chord : float
-        The same between given points, where a coarse line cuts corners most.
-    joint_reach : float
-        To a joint of two vessels, within which a line that goes over from one to the other makes
-        no way of its own.
-    near_end : float
-        A joint nearer than this to an end, or to another joint, is there.
-    near_point : float
-        A joint goes to a point of the line that is nearer than this.
-    falling : float
-        A distance that doesn't fall to this part of itself within a radius is as usual for the
-        lines.
-    reported_difference : float
-        Of the radii of merged vessels, over the radius, from which it is reported.
-    """
-
+    # Nearer axes are one lumen's: lines traced twice through a lumen differ less, axes of vessels
+    # that touch are both radii apart. From 0.28 to 0.5 the cases of `test_merge.py` read alike.
     same_axis: float = 0.35
-    bridged: float = 0.7
-    coincident: float = 0.02
-    length: float = 2.0
-    alike: float = 1.5
-    parallel: float = 0.7
+    bridged: float = 0.7  # between two stretches, without the stretch being broken
+    coincident: float = 0.02  # lines nearer than this are at the same place, for where they part
+    length: float = 2.0  # over which axes must be so near; half of it where they coincide
+    alike: float = 1.5  # ratio of radii up to which lines that don't coincide are one lumen's
+    parallel: float = 0.7  # cosine from which two straight pieces can run along each other
+    # Between two stretches of one lumen a nearer axis hasn't left it: chords of coarse lines cut
+    # corners, most between given points. Two vessels that touch are two radii apart.
     in_lumen: float = 1.25
     chord: float = 3.0
+    # To a joint of two vessels, within which a line that goes over from one to the other makes no
+    # way of its own.
     joint_reach: float = 6.0
-    near_end: float = 0.5
-    near_point: float = 0.05
-    falling: float = 0.8
-    reported_difference: float = 0.05
+    near_end: float = 0.5  # a joint nearer to an end, or to another joint, is there
+    near_point: float = 0.05  # a joint goes to a point of the line that is nearer
+    falling: float = 0.8  # a distance that falls less within a radius is as usual for the lines
+    reported_difference: float = 0.05  # of merged vessels' radii, over the radius
 
 
 LIMITS: Final = MergeLimits()

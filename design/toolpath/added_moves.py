@@ -242,28 +242,15 @@ def line_beside_bounds(
 
 
 class _LagLimits(NamedTuple):
-    """How moves are cut to compensate a lag.
+    """How moves are cut to compensate a lag."""
 
-    Attributes
-    ----------
-    moves : int
-        In a time constant where the flow changes.
-    shortest_mm : float, mm
-        Shorter moves aren't made: a plunger's step is of that order.
-    same : float
-        Flows of neighbours that differ by less, over the larger, need no more moves.
-    step : float
-        A change of flow between two moves by so much of the larger is made while the needle stands.
-    rate_share : float
-        Of the plunger's rate that a flow may be; above, the pressure would take ever longer to
-        build.
-    """
-
-    moves: int = 8
-    shortest_mm: float = 0.15
-    same: float = 0.01
-    step: float = 0.2
-    rate_share: float = 0.9
+    moves: int = 8  # in a time constant where the flow changes
+    shortest_mm: float = 0.15  # shorter ones aren't made: a plunger's step is of that order
+    same: float = 0.01  # neighbours' flows that differ by less of the larger need no more moves
+    step: float = 0.2  # a change by so much of the larger is made while the needle stands
+    rate_share: float = (
+        0.9  # of the plunger's rate: above, pressure would take ever longer to build
+    )
 
 
 LAG: Final = _LagLimits()

@@ -23,25 +23,13 @@ from kernels.arrays import FloatArray
 
 
 class _CorrectionLimits(NamedTuple):
-    """Most that is corrected; more is a fault to be mended.
+    """Most that is corrected; more is a fault to be mended."""
 
-    Attributes
-    ----------
-    stretch : float
-        Of a length; more isn't shrinkage, but a wrong unit or a wrong scan.
-    diameter, diameter_mm : float
-        Of a lumen's diameter, over itself and in mm: the lesser counts.
-    offset_mm : float, mm
-        Of a node.
-    slack_mm : float, mm
-        Walls thinner by no more than this are as they were.
-    """
-
-    stretch: float = 0.10
-    diameter: float = 0.20
-    diameter_mm: float = 0.150
-    offset_mm: float = 0.150
-    slack_mm: float = 1e-3
+    stretch: float = 0.10  # more isn't shrinkage, but a wrong unit or a wrong scan
+    diameter: float = 0.20  # of a lumen's diameter, or
+    diameter_mm: float = 0.150  # so much of it, if that is less
+    offset_mm: float = 0.150  # of a node
+    slack_mm: float = 1e-3  # walls thinner by no more than this are as they were
 
 
 LIMITS: Final = _CorrectionLimits()

@@ -13,24 +13,12 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 
 
 class _Cutting(NamedTuple):
-    """How vessels are cut into elements.
+    """How vessels are cut into elements."""
 
-    Attributes
-    ----------
-    taper_step : float
-        An element's radii differ by at most about this part.
-    straight_mm : float, mm
-        Points of a polyline that stand off a straight line by less are left out.
-    fine_elements : int
-        Elements of half the tip's radius that a network may have; a larger one's are longer.
-    squares : int
-        Most squares of a plan in which they are looked up.
-    """
-
-    taper_step: float = 0.05
-    straight_mm: float = 0.002
-    fine_elements: int = 20_000
-    squares: int = 4_000_000
+    taper_step: float = 0.05  # part by which an element's radii differ at most, about
+    straight_mm: float = 0.002  # points that stand off a straight line by less are left out
+    fine_elements: int = 20_000  # of half the tip's radius; a larger network's are longer
+    squares: int = 4_000_000  # of a plan in which they are looked up, at most
 
 
 CUTTING: Final = _Cutting()
@@ -191,12 +179,6 @@ class Squares(NamedTuple):
     """Stretches by squares of the plan, those of square s in ``member[begin[s]:begin[s + 1]]``.
 
     What lies within the pitch of a place is found in the nine squares about it.
-
-    Attributes
-    ----------
-    around : (n, 4) float64, mm
-        Of each member: x and y of its middle, its top, and how far its ink reaches from the middle.
-        In the members' order, so that a search runs along memory.
     """
 
     origin: FloatArray
@@ -204,7 +186,9 @@ class Squares(NamedTuple):
     shape: IntArray
     begin: IntArray
     member: IntArray
-    around: FloatArray
+    # Of each member x and y of its middle, its top, how far its ink reaches from the middle, mm:
+    # in the members' order, so that a search runs along memory.
+    around: FloatArray  # (n, 4)
 
 
 def squares_of(elements: Elements, shaft_mm: float) -> Squares:

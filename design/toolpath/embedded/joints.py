@@ -35,28 +35,15 @@ NEVER: Final = 1 << 40
 
 
 class Extension(NamedTuple):
-    """A short straight way beyond the end of a pass, as thick as the vessel there.
+    """A short straight way beyond the end of a pass, as thick as the vessel there."""
 
-    Attributes
-    ----------
-    start, tip : (3,) float64, mm
-    radius : float, mm
-    vessel : int
-    at : float, mm
-        Way along the vessel to where it begins.
-    step : int
-        1 where it leads on along the vessel's order, -1 where against it.
-    far : float, mm
-        Way along the vessel to its other end, where it leads past one; else inf.
-    """
-
-    start: FloatArray
-    tip: FloatArray
-    radius: float
+    start: FloatArray  # (3,), mm
+    tip: FloatArray  # (3,), mm
+    radius: float  # mm
     vessel: int
-    at: float
-    step: int
-    far: float
+    at: float  # way along the vessel to where it begins, mm
+    step: int  # 1 where it leads on along the vessel's order, -1 where against it
+    far: float  # way along the vessel to its other end where it leads past one, mm; else inf
 
 
 @jit
@@ -156,23 +143,12 @@ def meets(
 
 
 class ChosenExtensions(NamedTuple):
-    """Extensions chosen so far, ``size[0]`` of them.
+    """Extensions chosen so far, ``size[0]`` of them."""
 
-    Attributes
-    ----------
-    place : (n, 2, 3) float64, mm
-        Start and tip.
-    value : (n, 4) float64
-        Radius, way along the vessel, step and far end of `Extension`.
-    number : (n, 3) int64
-        Vessel, element, and when it is written.
-    size : (1,) int64
-    """
-
-    place: FloatArray
-    value: FloatArray
-    number: IntArray
-    size: IntArray
+    place: FloatArray  # (n, 2, 3), start and tip, mm
+    value: FloatArray  # (n, 4), radius, at, step and far of `Extension`
+    number: IntArray  # (n, 3), vessel, element, and when it is written
+    size: IntArray  # (1,)
 
 
 def empty_extensions(count: int) -> ChosenExtensions:

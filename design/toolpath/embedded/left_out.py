@@ -24,26 +24,14 @@ HALVINGS: Final = 7
 
 
 class Conflict(NamedTuple):
-    """Two vessels between which the needle can't be kept out of ink.
+    """Two vessels between which the needle can't be kept out of ink."""
 
-    Attributes
-    ----------
-    vessel, other : int
-        Of the design.
-    strand, other_strand : int
-        As they are written.
-    place_mm : (x, y, z), mm
-        Where it is worst.
-    apart_mm : float, mm
-        By which they are too near there.
-    """
-
-    vessel: int
+    vessel: int  # of the design
     other: int
-    strand: int
+    strand: int  # as they are written
     other_strand: int
-    place_mm: tuple[float, float, float]
-    apart_mm: float
+    place_mm: tuple[float, float, float]  # where it is worst
+    apart_mm: float  # by which they are too near there
 
 
 def choose_omitted(

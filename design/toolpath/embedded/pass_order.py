@@ -280,22 +280,12 @@ def _move_together(
 
 
 class _TravelCosts(NamedTuple):
-    """What travels cost, and how far their order is searched.
+    """What travels cost, and how far their order is searched."""
 
-    Attributes
-    ----------
-    climb : float
-        A millimetre up or down takes as long as so many across, at the usual 5 and 20 mm/s.
-    other_head_mm : float, mm
-        A change of heads costs as much as so long a way.
-    run, sweeps : int
-        Most passes moved together, and most rounds over all.
-    """
-
-    climb: float = 4.0
-    other_head_mm: float = 1000.0
-    run: int = 3
-    sweeps: int = 12
+    climb: float = 4.0  # mm across that take as long as 1 mm up or down, at 20 and 5 mm/s
+    other_head_mm: float = 1000.0  # way that costs as much as a change of heads
+    run: int = 3  # passes moved together, at most
+    sweeps: int = 12  # over all passes, at most
 
 
 TRAVEL: Final = _TravelCosts()

@@ -310,27 +310,14 @@ SAME_MM: Final = 1e-6
 
 
 class Meetings(NamedTuple):
-    """Places of each vessel where it meets one, those of ``v`` in ``begin[v]:begin[v + 1]``.
+    """Places of each vessel where it meets one, those of ``v`` in ``begin[v]:begin[v + 1]``."""
 
-    Attributes
-    ----------
-    begin : (v + 1,) int64
-    other : (m,) int64
-        The vessel met, ascending for each vessel; the same one where it meets itself.
-    own, there : (m,) float64, mm
-        Way along the vessel, ascending for each other, and along that one.
-    wide : (m,) float64, mm
-        How far the place reaches to either side: 0 for a node.
-    gap : (m,) float64, mm
-        From one axis to the other; 0 at a node.
-    """
-
-    begin: IntArray
-    other: IntArray
-    own: FloatArray
-    there: FloatArray
-    wide: FloatArray
-    gap: FloatArray
+    begin: IntArray  # (v + 1,)
+    other: IntArray  # (m,), the vessel met, ascending for each; the same where it meets itself
+    own: FloatArray  # (m,), way along the vessel, ascending for each other, mm
+    there: FloatArray  # (m,), way along that one, mm
+    wide: FloatArray  # (m,), how far the place reaches to either side, mm; 0 for a node
+    gap: FloatArray  # (m,), from one axis to the other, mm; 0 at a node
 
 
 def find_meetings(ends: IntArray, length: FloatArray, touches: Touches) -> Meetings:
@@ -450,55 +437,32 @@ def of_one_joint(
 
 
 class _Touching(NamedTuple):
-    """When filaments count as one body, and where that is looked for.
+    """When filaments count as one body, and where that is looked for."""
 
-    Attributes
-    ----------
-    beside : float
-        Filaments touch where they are nearer than this part of the way along vessels: what lies
-        ahead on a thick vessel is near, too, but no collision.
-    deep : float
-        They are one body where they reach so far into each other, in radii of the thinner one.
-        Where they only brush each other the order still matters.
-    finest_mm, coarsest_mm : float, mm
-        Between spots: half the vessel's least radius, but no less and no more.
-    cell_mm, cell_from : float
-        Places are told by the middles of cells of that size along both vessels, which begin at a
-        part of a cell at which no spot of a straight vessel of round length lies.
-    cells : int
-        Most cubes in which spots are looked up.
-    """
-
+    # Nearer than this part of the way along vessels: what lies ahead on a thick vessel is near,
+    # too, but no collision.
     beside: float = 0.7
+    # Reach into each other, in radii of the thinner one; where they only brush the order matters.
     deep: float = 0.25
-    finest_mm: float = 0.05
-    coarsest_mm: float = 0.1
+    finest_mm: float = 0.05  # between spots: half the vessel's least radius, but no less
+    coarsest_mm: float = 0.1  # and no more
+    # Places are told by the middles of cells of that size along both vessels, which begin at a part
+    # of a cell at which no spot of a straight vessel of round length lies.
     cell_mm: float = 0.05
     cell_from: float = 0.3183
-    cells: int = 2_000_000
+    cells: int = 2_000_000  # cubes in which spots are looked up, at most
 
 
 TOUCHING: Final = _Touching()
 
 
 class Touches(NamedTuple):
-    """Pairs of places at which filaments overlap.
+    """Pairs of places at which filaments overlap."""
 
-    Attributes
-    ----------
-    vessel : (k, 2) int64
-    arc : (k, 2) float64, mm
-        Way along either vessel.
-    overlap : (k,) float64, mm
-        By which the two reach into each other.
-    gap : (k,) float64, mm
-        Between the axes.
-    """
-
-    vessel: IntArray
-    arc: FloatArray
-    overlap: FloatArray
-    gap: FloatArray
+    vessel: IntArray  # (k, 2)
+    arc: FloatArray  # (k, 2), way along either vessel, mm
+    overlap: FloatArray  # (k,), by which the two reach into each other, mm
+    gap: FloatArray  # (k,), between the axes, mm
 
 
 class _Spots(NamedTuple):

@@ -254,17 +254,10 @@ def _freed_by(written: tuple[int, int], watched: IntArray, follows: IntArray, qu
 
 
 class Progress(NamedTuple):
-    """What is written, and for how many unwritten elements each still waits.
+    """What is written, and for how many unwritten elements each still waits."""
 
-    Attributes
-    ----------
-    written : (n,) bool
-    waiting : (n,) int64
-        At most 0 where an element may be written.
-    """
-
-    written: NDArray[np.bool_]
-    waiting: IntArray
+    written: NDArray[np.bool_]  # (n,)
+    waiting: IntArray  # (n,), at most 0 where an element may be written
 
 
 def start_walk(rules: Rules, out: NDArray[np.bool_] | None = None) -> Progress:
@@ -315,26 +308,13 @@ WHOLE, UNKNOWN = -1, -2
 
 
 class Stretches(NamedTuple):
-    """Where stretches may be begun: start ``2 e`` goes on from element e, ``2 e + 1`` backward.
+    """Where stretches may be begun: start ``2 e`` goes on from element e, ``2 e + 1`` backward."""
 
-    Attributes
-    ----------
-    live : (2 n,) int64
-        Starts of unwritten stretches, ``size[0]`` of them in no order.
-    place : (2 n,) int64
-        Of each start in `live`; -1 for those that aren't there.
-    size : (1,) int64
-    stop : (2 n,) int64
-        Element at which a stretch would have to wait: `WHOLE` for none, `UNKNOWN` before a look.
-    until : (2 n,) int64
-        Count at the stop's `Progress.waiting` of which another look is worth it.
-    """
-
-    live: IntArray
-    place: IntArray
-    size: IntArray
-    stop: IntArray
-    until: IntArray
+    live: IntArray  # (2 n,), starts of unwritten stretches, ``size[0]`` of them in no order
+    place: IntArray  # (2 n,), of each start in `live`; -1 for those that aren't there
+    size: IntArray  # (1,)
+    stop: IntArray  # (2 n,), element at which a stretch would wait, or `WHOLE`, `UNKNOWN`
+    until: IntArray  # (2 n,), count at the stop's `waiting` of which another look is worth it
 
 
 def none_open(count: int) -> Stretches:

@@ -48,54 +48,28 @@ FOUND: Final = np.dtype([("piece", np.int64), ("vessel", np.int64), ("value", np
 
 
 class Ink(NamedTuple):
-    """Pieces of filaments in the order of writing.
+    """Pieces of filaments in the order of writing; values (n, 2) are at both ends."""
 
-    Attributes
-    ----------
-    start, end : (n, 3) float64, mm
-    radius, along : (n, 2) float64, mm
-        At both ends: the filament's, and way along its vessel.
-    share : (n, 2) float64
-        Of the move that writes it, at both ends.
-    vessel, row : (n,) int64
-        And the move.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    radius: FloatArray
-    along: FloatArray
-    share: FloatArray
-    vessel: IntArray
-    row: IntArray
+    start: FloatArray  # (n, 3), mm
+    end: FloatArray  # (n, 3), mm
+    radius: FloatArray  # (n, 2), mm
+    along: FloatArray  # (n, 2), way along its vessel, mm
+    share: FloatArray  # (n, 2), of the move that writes it
+    vessel: IntArray  # (n,)
+    row: IntArray  # (n,), the move
 
 
 class Tips(NamedTuple):
-    """Straight pieces of the tips' motion.
+    """Straight pieces of the tips' motion, and the vessels written or left, and gone to."""
 
-    Attributes
-    ----------
-    start, end : (n, 3) float64, mm
-    row : (n,) int64
-        Move.
-    share : (n, 2) float64
-        Of it, at both ends.
-    vessel : (n, 2) int64
-        Written or left, and gone to; -1 for none.
-    radius : (n, 2) float64, mm
-        Of these filaments.
-    along, since : (n, 2, 2) float64, mm
-        Of these at both ends: way along the vessel, and way from the pass's end or to its start.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    row: IntArray
-    share: FloatArray
-    vessel: IntArray
-    radius: FloatArray
-    along: FloatArray
-    since: FloatArray
+    start: FloatArray  # (n, 3), mm
+    end: FloatArray  # (n, 3), mm
+    row: IntArray  # (n,), the move
+    share: FloatArray  # (n, 2), of it, at both ends
+    vessel: IntArray  # (n, 2), -1 for none
+    radius: FloatArray  # (n, 2), of these filaments, mm
+    along: FloatArray  # (n, 2, 2), way along these vessels at both ends, mm
+    since: FloatArray  # (n, 2, 2), way from the pass's end or to its start, mm
 
 
 @jit
@@ -268,20 +242,11 @@ def _nearest(i: int, j: int, limit: float, tips: Tips, ink: Ink, spared: Spared,
 
 
 class Spared(NamedTuple):
-    """Where vessels meet, whose ink there counts as the tip's own.
+    """Where vessels meet, whose ink there counts as the tip's own."""
 
-    Attributes
-    ----------
-    meetings : Meetings
-        In the vessels' own lengths.
-    lumen_mm : (v,) float64, mm
-        Radius of a vessel that is a bundle of strands, by which its joints reach; 0 for others.
-    length : (v,) float64, mm
-    """
-
-    meetings: Meetings
-    lumen_mm: FloatArray
-    length: FloatArray
+    meetings: Meetings  # in the vessels' own lengths
+    lumen_mm: FloatArray  # (v,), radius of a bundle of strands, by which joints reach; else 0
+    length: FloatArray  # (v,), mm
 
 
 def exempt_lengths(network: VesselNetwork, touches: Touches, lumen_mm: FloatArray) -> Spared:
@@ -345,40 +310,21 @@ INK_MM, TIP_MM = 0.5, 0.2
 
 
 class WrittenMoves(NamedTuple):
-    """What the moves that write lay.
+    """What the moves that write lay, from end to end."""
 
-    Attributes
-    ----------
-    vessel : (w,) int64
-    along, radius : (w, 2) float64, mm
-        Of both ends: way along the vessel (on beyond its end), and the filament's radius.
-    """
-
-    vessel: IntArray
-    along: FloatArray
-    radius: FloatArray
+    vessel: IntArray  # (w,)
+    along: FloatArray  # (w, 2), way along the vessel, on beyond its end, mm
+    radius: FloatArray  # (w, 2), of the filament, mm
 
 
 class Entry(NamedTuple):
-    """A vessel's ink to which a piece of the path comes too near.
+    """A vessel's ink to which a piece of the path comes too near."""
 
-    Attributes
-    ----------
-    move : int
-        Of the toolpath.
-    vessel, through : int
-        Being written, left or gone to; and whose ink.
-    length_mm : float, mm
-        Of the piece of path.
-    depth_mm : float, mm
-        How far the bare shaft reaches into the ink; below 0 it passes at that distance.
-    """
-
-    move: int
-    vessel: int
-    through: int
-    length_mm: float
-    depth_mm: float
+    move: int  # of the toolpath
+    vessel: int  # being written, left or gone to
+    through: int  # whose ink it is
+    length_mm: float  # of the piece of path
+    depth_mm: float  # of the bare shaft in the ink; below 0 it passes at that distance
 
 
 class _Pieces(NamedTuple):

@@ -241,18 +241,11 @@ MAX_CELLS: Final = 4_000_000
 
 
 class Ground(NamedTuple):
-    """Highest ink that a needle would touch with its tip over each cell, mm; -inf over none.
+    """Highest ink that a needle would touch with its tip over each cell, mm; -inf over none."""
 
-    Attributes
-    ----------
-    origin : (2,) float64, mm
-    cell_mm : float, mm
-    top : (nx, ny) float64, mm
-    """
-
-    origin: FloatArray
+    origin: FloatArray  # (2,), mm
     cell_mm: float
-    top: FloatArray
+    top: FloatArray  # (nx, ny), mm
 
 
 def ground_under(points: FloatArray, shaft_mm: float, thickest_mm: float) -> Ground:

@@ -23,35 +23,17 @@ from kernels.arrays import FloatArray, IntArray
 
 
 class _LineLimits(NamedTuple):
-    """Limits of straight lines, and of joints between them, in line widths where no unit is given.
+    """Limits of straight lines and of joints between them, in line widths unless said."""
 
-    Attributes
-    ----------
-    whole, half, curved : float
-        Shortest whole line, half line, and gyroid line that is worth a start and a stop.
-    stretch : float
-        By which lines that fill a region wholly may be wider or narrower to fit in it.
-    joint_gap : float
-        Lines further apart aren't joined: the joint would stand off the wall.
-    joint_width : float
-        Width of a joint, in widths of the widest line; no wider than the narrower of its two.
-    rest : float
-        What must be left of a line between its joints.
-    parallel : float
-        Least cosine between the directions of two lines of one direction.
-    unequal : float
-        Greatest ratio of a line's width to another's that it goes on as.
-    """
-
-    whole: float = 0.5
-    half: float = 2.0
-    curved: float = 2.0
-    stretch: float = 0.05
-    joint_gap: float = 1.3
-    joint_width: float = 0.5
-    rest: float = 0.5
-    parallel: float = 0.9999
-    unequal: float = 0.67
+    whole: float = 0.5  # shortest whole line that is worth a start and a stop
+    half: float = 2.0  # shortest half line
+    curved: float = 2.0  # shortest gyroid line
+    stretch: float = 0.05  # by which lines that fill a region may differ in width to fit in it
+    joint_gap: float = 1.3  # lines further apart aren't joined: the joint would stand off the wall
+    joint_width: float = 0.5  # of the widest line; a joint is no wider than its narrower line
+    rest: float = 0.5  # what must be left of a line between its joints
+    parallel: float = 0.9999  # least cosine between two lines of one direction
+    unequal: float = 0.67  # greatest ratio of a line's width to another's that it goes on as
 
 
 LIMITS: Final = _LineLimits()
@@ -357,20 +339,12 @@ def _polygon(section: CrossSection) -> shapely.Geometry:
 
 
 class _Joints(NamedTuple):
-    """What could join each line to the next, (n - 1,) each.
+    """What could join each line to the next."""
 
-    Attributes
-    ----------
-    made : bool
-    before, after : float64, mm
-        By how much the line and the next one are shortened.
-    width_mm : float64, mm
-    """
-
-    made: NDArray[np.bool_]
-    before: FloatArray
-    after: FloatArray
-    width_mm: FloatArray
+    made: NDArray[np.bool_]  # (n - 1,)
+    before: FloatArray  # (n - 1,), by how much the line is shortened, mm
+    after: FloatArray  # (n - 1,), by how much the next one is, mm
+    width_mm: FloatArray  # (n - 1,)
 
 
 def zigzag(

@@ -77,22 +77,12 @@ class LayerMoves(NamedTuple):
 
 
 class _Ways(NamedTuple):
-    """Ways to paths in their order, (m,) each.
+    """Ways to paths in their order."""
 
-    Attributes
-    ----------
-    lead, away : (m, 2) float64, mm
-        Where the plunger primes before a path, and relieves after it.
-    blocked : bool
-        Whether a link from the path before it would cross a contour.
-    over : bool
-        Whether the way from where that was left does.
-    """
-
-    lead: FloatArray
-    away: FloatArray
-    blocked: BoolArray
-    over: BoolArray
+    lead: FloatArray  # (m, 2), where the plunger primes before a path, mm
+    away: FloatArray  # (m, 2), where it relieves after it, mm
+    blocked: BoolArray  # (m,), whether a link from the path before would cross a contour
+    over: BoolArray  # (m,), whether the way from where that was left does
 
 
 class _Settings(NamedTuple):

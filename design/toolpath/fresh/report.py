@@ -24,30 +24,14 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 
 
 class _NarrowLimits(NamedTuple):
-    """What counts as a narrow place.
+    """What counts as a narrow place."""
 
-    Attributes
-    ----------
-    facing : float
-        Sides face each other when the product of their normals is below this: corners don't.
-    length : float
-        Of a place, in least widths, or else it is a tip of something broader,
-    whole : float
-        or so much of a whole ring: a hole, a pin.
-    columns : int
-        Along each side of a part, at most: its z profile is sampled no finer.
-    slope : float
-        Neighbouring columns of a level place differ in height by less than so much of a layer: 5°.
-    rounding_mm : float, mm
-        Lower places are the mesh's rounding.
-    """
-
-    facing: float = -0.7
-    length: float = 4.0
-    whole: float = 0.7
-    columns: int = 400
-    slope: float = 0.25
-    rounding_mm: float = 1e-3
+    facing: float = -0.7  # sides face each other below this product of normals: corners don't
+    length: float = 4.0  # of a place, in least widths, or else it is a tip of something broader,
+    whole: float = 0.7  # or so much of a whole ring: a hole, a pin
+    columns: int = 400  # along each side of a part, at most: its z profile is sampled no finer
+    slope: float = 0.25  # of a layer, between neighbouring columns of a level place: 5°
+    rounding_mm: float = 1e-3  # lower places are the mesh's rounding
 
 
 NARROW: Final = _NarrowLimits()

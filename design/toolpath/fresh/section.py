@@ -29,32 +29,18 @@ from kernels.arrays import FloatArray, IntArray
 
 
 class _Slicing(NamedTuple):
-    """How sections are cut.
+    """How sections are cut."""
 
-    Attributes
-    ----------
-    collinear_mm : float, mm
-        Vertices nearer than this to the line through their neighbours are dropped: triangulated
-        straight walls are cut into many collinear pieces.
-    section_mm : float, mm
-        The same of sections: a fine mesh has points that no motor step of 12.5 µm could tell apart.
-    beside : float
-        Sections beside the one at mid-layer, in layer heights: 0.56 of a round side's radius.
-    closing_mm : float, mm
-        Half the width of gaps that are closed between bodies of one part: where two surfaces that
-        should meet were made into triangles apart.
-    level : float
-        Faces with a larger |n_z| (within 2° of level) are floors or ceilings, not slants.
-    floor_mm2 : float, mm²
-        Smaller level faces end no layer.
-    """
-
+    # Vertices nearer than this to the line through their neighbours are dropped: triangulated
+    # straight walls are cut into many collinear pieces.
     collinear_mm: float = 1e-4
-    section_mm: float = 5e-4
-    beside: float = 0.28
+    section_mm: float = 5e-4  # the same of sections: no motor step of 12.5 µm could tell them apart
+    beside: float = 0.28  # sections beside the one at mid-layer, in layer heights: 0.56 r
+    # Half the width of gaps that are closed between bodies of one part: where two surfaces that
+    # should meet were made into triangles apart.
     closing_mm: float = 5e-3
-    level: float = 0.9995
-    floor_mm2: float = 0.01
+    level: float = 0.9995  # |n_z| above which faces are floors or ceilings: within 2° of level
+    floor_mm2: float = 0.01  # smaller level faces end no layer
 
     @property
     def behind(self) -> float:

@@ -117,29 +117,16 @@ def _offset(section: CrossSection, by_mm: float) -> CrossSection:
 
 
 class _ThinPlaces(NamedTuple):
-    """How lines in places thinner than two walls are made; lengths in line widths.
+    """How lines in places thinner than two walls are made; lengths in line widths."""
 
-    Attributes
-    ----------
-    samples : int
-        Per line width, where the clearance is measured.
-    width_step : float
-        A line's width may differ by this part from one sample to the next without a point.
-    tip_miter : (float, float)
-        Corners between these miters are tips that walls are drawn out into: 78° to 33°. Blunter
-        ones have no sides that face each other, sharper ones take a line of their own.
-    shortest : float
-        Shortest line that is worth a start and a stop.
-    straight : float
-        A place between walls no longer than this gets a straight line, if it fills ``box_share`` of
-        the narrowest box round it and is no wider than ``widest``.
-    box_share, widest : float
-    """
-
-    samples: int = 4
-    width_step: float = 0.02
+    samples: int = 4  # per line width, where the clearance is measured
+    width_step: float = 0.02  # part by which widths may differ between samples without a point
+    # Corners between these miters are tips that walls are drawn out into: 78° to 33°. Blunter ones
+    # have no sides that face each other, sharper ones take a line of their own.
     tip_miter: tuple[float, float] = (1.59, 3.5)
-    shortest: float = 1.0
+    shortest: float = 1.0  # line that is worth a start and a stop
+    # A place between walls no longer than this gets a straight line, if it fills so much of the
+    # narrowest box round it and is no wider than that.
     straight: float = 3.0
     box_share: float = 0.6
     widest: float = 1.3
@@ -380,32 +367,15 @@ WALL: Final = int(Role.WALL)
 
 
 class _ShortMoves(NamedTuple):
-    """How short moves are removed; distances in line widths.
+    """How short moves are removed; distances in line widths."""
 
-    Attributes
-    ----------
-    drawn_out : float
-        How far a corner may be drawn out. The moves beside it stay in their place.
-    left_out : float
-        How far points that are left out may stand from the path. Long moves beside them tilt by as
-        much.
-    polygon : float
-        How far a corner of a tangent polygon may stand off a ring too small for anything else.
-    small_ring : float
-        A ring is small when it is no wider than so many least moves.
-    sides, turns : int
-        Most sides of a tangent polygon, and turned positions tried of each.
-    rounds : int
-        Over a path; each takes at most every other short move away.
-    """
-
-    drawn_out: float = 0.3
-    left_out: float = 0.03
-    polygon: float = 0.5
-    small_ring: float = 4.0
-    sides: int = 16
-    turns: int = 6
-    rounds: int = 12
+    drawn_out: float = 0.3  # of a corner, at most; the moves beside it stay in their place
+    left_out: float = 0.03  # off the path of points left out; long moves tilt by as much
+    polygon: float = 0.5  # of a tangent polygon's corner off a ring too small for anything else
+    small_ring: float = 4.0  # a ring no wider than so many least moves is small
+    sides: int = 16  # of a tangent polygon, at most
+    turns: int = 6  # positions tried of each
+    rounds: int = 12  # over a path; each takes at most every other short move away
 
 
 SHORT: Final = _ShortMoves()
