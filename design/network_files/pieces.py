@@ -43,28 +43,16 @@ def read_utf8(path: Path, form: str) -> str:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Straight pieces; piece ``i`` stands in line ``line[i]`` of ``path``.
-
-    Attributes
-    ----------
-    line, vessel, kind, tree : (n,) int64
-        As in the file.
-    nodes : (n, 2) int64
-        The file's node numbers.
-    points : (n, 2, 3) float64, mm
-        Both ends.
-    radius : (n, 2) float64, mm
-        At both ends.
-    """
+    """Straight pieces; piece ``i`` stands in line ``line[i]`` of ``path``."""
 
     path: Path
-    line: IntArray
-    vessel: IntArray
-    nodes: IntArray
-    points: FloatArray
-    radius: FloatArray
-    kind: IntArray
-    tree: IntArray
+    line: IntArray  # (n,), as in the file
+    vessel: IntArray  # (n,)
+    nodes: IntArray  # (n, 2), the file's node numbers
+    points: FloatArray  # (n, 2, 3), mm, both ends
+    radius: FloatArray  # (n, 2), mm, at both ends
+    kind: IntArray  # (n,), as in the file
+    tree: IntArray  # (n,)
 
     def __len__(self) -> int:
         return len(self.line)
@@ -315,23 +303,13 @@ class Labels:
 
 @dataclass
 class LabelledPath:
-    """A polyline, labels of both its ends, and joints on it.
+    """A polyline, labels of both its ends, and joints on it."""
 
-    Attributes
-    ----------
-    points : (k, 3) float64, mm
-    radius : (k,) float64, mm
-    ends : (int, int)
-    vessel : int
-        That it is, or is left of.
-    joints : list of (float, int)
-        Place along it, counted in its points, and label.
-    """
-
-    points: FloatArray
-    radius: FloatArray
-    ends: tuple[int, int]
-    vessel: int
+    points: FloatArray  # (k, 3), mm
+    radius: FloatArray  # (k,), mm
+    ends: tuple[int, int]  # labels
+    vessel: int  # that it is, or is left of
+    # Place along it, counted in its points, and label of each.
     joints: list[tuple[float, int]] = field(default_factory=list)
 
     @property
@@ -362,25 +340,14 @@ class LabelledPath:
 
 
 class PathPoints(NamedTuple):
-    """Points of paths in turn.
+    """Points of paths in turn."""
 
-    Attributes
-    ----------
-    path, vessel : (n,) int64
-    at : (n,) float64
-        Place along the path, counted in its points.
-    label : (n,) int64
-        -1 for none.
-    place : (n, 3) float64, mm
-    radius : (n,) float64, mm
-    """
-
-    path: IntArray
-    vessel: IntArray
-    at: FloatArray
-    label: IntArray
-    place: FloatArray
-    radius: FloatArray
+    path: IntArray  # (n,)
+    vessel: IntArray  # (n,)
+    at: FloatArray  # (n,), place along the path, counted in its points
+    label: IntArray  # (n,), -1 for none
+    place: FloatArray  # (n, 3), mm
+    radius: FloatArray  # (n,), mm
 
     def where(self, rows: IntArray | NDArray[np.bool_]) -> PathPoints:
         """Return some of the points, by a mask or in an order."""

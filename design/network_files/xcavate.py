@@ -41,38 +41,20 @@ _TINY_MM: Final = 1e-6
 
 @dataclass(frozen=True)
 class Snap:
-    """An end that was put on the axis of another vessel.
+    """An end that was put on the axis of another vessel."""
 
-    Attributes
-    ----------
-    vessel, onto : int
-        The vessels' numbers in the file.
-    end : str
-        ``"start"`` or ``"end"``.
-    moved_mm : float, mm
-    """
-
-    vessel: int
+    vessel: int  # numbers in the file
     onto: int
-    end: str
-    moved_mm: float
+    end: str  # ``"start"`` or ``"end"``
+    moved_mm: float  # mm
 
 
 class XcavateNetwork(NamedTuple):
-    """A network of such a file, and how its vessels were joined.
-
-    Attributes
-    ----------
-    network : VesselNetwork
-    snaps : tuple of Snap
-        Every end that was put on the axis of another vessel; vessels by the file's numbers.
-    notes : tuple of str
-        Sentences for the user.
-    """
+    """A network of such a file, and how its vessels were joined."""
 
     network: VesselNetwork
-    snaps: tuple[Snap, ...]
-    notes: tuple[str, ...]
+    snaps: tuple[Snap, ...]  # every end that was put on the axis of another vessel
+    notes: tuple[str, ...]  # sentences for the user
 
 
 def read_network_xcavate(

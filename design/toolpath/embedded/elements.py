@@ -25,34 +25,17 @@ CUTTING: Final = _Cutting()
 
 
 class Elements(NamedTuple):
-    """Short pieces of vessels, those of a vessel together and in its order.
+    """Short pieces of vessels, those of a vessel together and in its order."""
 
-    Attributes
-    ----------
-    point : (p, 3) float64, mm
-        Where elements end; the network's nodes come first.
-    end : (n, 2) int64
-        The points at which each begins and ends.
-    radius : (n, 2) float64, mm
-        There.
-    length : (n,) float64, mm
-    arc : (n,) float64, mm
-        Way along the vessel's elements to where each begins.
-    along : (n, 2) float64, mm
-        Way along the vessel itself to both ends: a curve is a little longer than its chords.
-    vessel : (n,) int64
-    first : (v + 1,) int64
-        Vessel ``v`` has the elements ``first[v]`` to ``first[v + 1] - 1``.
-    """
-
-    point: FloatArray
-    end: IntArray
-    radius: FloatArray
-    length: FloatArray
-    arc: FloatArray
+    point: FloatArray  # (p, 3), mm, where elements end; the network's nodes come first
+    end: IntArray  # (n, 2), the points at which each begins and ends
+    radius: FloatArray  # (n, 2), mm, at both ends
+    length: FloatArray  # (n,), mm
+    arc: FloatArray  # (n,), mm, way along the vessel's elements to where each begins
+    # (n, 2), mm, way along the vessel itself to both ends: a curve is longer than its chords.
     along: FloatArray
-    vessel: IntArray
-    first: IntArray
+    vessel: IntArray  # (n,)
+    first: IntArray  # (v + 1,), vessel ``v`` has the elements ``first[v]`` to ``first[v + 1] - 1``
 
 
 def longest_mm(network: VesselNetwork, tip_mm: float) -> float:

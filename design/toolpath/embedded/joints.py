@@ -261,23 +261,13 @@ class _Extended:
 
 @dataclass(frozen=True)
 class Joiner:
-    """Closes the joints of ordered passes.
-
-    Attributes
-    ----------
-    elements : Elements
-    squares : Squares
-    meetings : Meetings
-    needle : Needle
-    strict : bool
-        Whether a joint rather stays open than that the needle enters its overlap later.
-    """
+    """Closes the joints of ordered passes."""
 
     elements: Elements
     squares: Squares
     meetings: Meetings
     needle: Needle
-    strict: bool = False
+    strict: bool = False  # a joint rather stays open than that the needle enters its overlap
 
     def join(self, passes: list[Pass], explain: bool = False) -> JoinedPasses:
         """Close what can be closed; with ``explain`` also find what would close open joints."""

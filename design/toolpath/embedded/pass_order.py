@@ -23,27 +23,15 @@ from kernels.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class SearchLimits:
-    """Limits of the search for an order of passes.
+    """Limits of the search for an order of passes."""
 
-    Attributes
-    ----------
-    merges, useless_merges : int
-        Times that passes are split and merged again; of these, in vain in a row.
-    split_share : float
-        Share of the places between two legs at which passes are split.
-    rounds, useless_rounds : int
-        Orders tried; of these, no better than the best in a row.
-    ordered_elements, large : int
-        Elements that all rounds may order together; of more than `large` there is one round: what a
-        large network leaves open after it is open by its design.
-    """
-
-    merges: int = 64
-    useless_merges: int = 16
-    split_share: float = 0.2
-    rounds: int = 8
-    useless_rounds: int = 3
-    ordered_elements: int = 100_000
+    merges: int = 64  # times that passes are split and merged again
+    useless_merges: int = 16  # of these, in vain in a row
+    split_share: float = 0.2  # share of the places between two legs at which passes are split
+    rounds: int = 8  # orders tried
+    useless_rounds: int = 3  # of these, no better than the best in a row
+    ordered_elements: int = 100_000  # that all rounds may order together
+    # Of more elements there is one round: what a large network leaves open is open by its design.
     large: int = 20_000
 
 
@@ -438,19 +426,13 @@ def _move(
 
 
 class PassRules(NamedTuple):
-    """Pass p goes before ``after[after_begin[p] : after_begin[p + 1]]``; `before` is its mirror.
-
-    Attributes
-    ----------
-    turns : (p,) bool
-        Whether a pass may be written from its other end.
-    """
+    """Pass p goes before ``after[after_begin[p] : after_begin[p + 1]]``; `before` is its mirror."""
 
     after_begin: IntArray
     after: IntArray
     before_begin: IntArray
     before: IntArray
-    turns: NDArray[np.bool_]
+    turns: NDArray[np.bool_]  # (p,), whether a pass may be written from its other end
 
 
 def pass_rules(passes: list[Pass], elements: Elements, rules: Rules) -> PassRules:

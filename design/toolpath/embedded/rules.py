@@ -37,20 +37,12 @@ other, the one that the needle would enter is written later."""
 
 
 class Rules(NamedTuple):
-    """Element ``i`` goes before ``after[begin[i] : begin[i + 1]]``.
+    """Element ``i`` goes before ``after[begin[i] : begin[i + 1]]``."""
 
-    Attributes
-    ----------
-    begin : (n + 1,) int64
-    after : (m,) int64
-        Ascending for each element.
-    harm : (m,) float64, mm
-        Harm, were the later one written first: how much of its height the shaft would fill, and
-        a hundredth of that where only the clearance reaches into it.
-    """
-
-    begin: IntArray
-    after: IntArray
+    begin: IntArray  # (n + 1,)
+    after: IntArray  # (m,), ascending for each element
+    # (m,), mm, were the later one written first: how much of its height the shaft would fill, and a
+    # hundredth of that where only the clearance reaches into it.
     harm: FloatArray
 
 

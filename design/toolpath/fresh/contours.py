@@ -16,18 +16,10 @@ from kernels.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Contours:
-    """Closed rings, the region always on their left.
+    """Closed rings, the region always on their left."""
 
-    Attributes
-    ----------
-    points : (n, 2) float64, mm
-        The last point of a ring isn't repeated.
-    offset : (rings + 1,) int64
-        Ring k is ``points[offset[k] : offset[k + 1]]``.
-    """
-
-    points: FloatArray
-    offset: IntArray
+    points: FloatArray  # (n, 2), mm, the last point of a ring isn't repeated
+    offset: IntArray  # (rings + 1,), ring k is ``points[offset[k] : offset[k + 1]]``
 
     @property
     def ring(self) -> IntArray:
@@ -70,24 +62,14 @@ def signed_area(ring: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Samples:
-    """Points along contours, none further from the next than the spacing.
+    """Points along contours, none further from the next than the spacing."""
 
-    Attributes
-    ----------
-    contours : Contours
-        The samples themselves as rings.
-    normal : (n, 2) float64
-        Unit vectors into the region; at a corner halfway between its two edges'.
-    miter : (n,) float64
-        How much further the corner of a parallel ring lies than the ring; at most 4.
-    convex : (n,) bool
-        Corners that the region ends in.
-    """
-
-    contours: Contours
+    contours: Contours  # the samples themselves as rings
+    # (n, 2), unit vectors into the region; at a corner halfway between its two edges'
     normal: FloatArray
+    # (n,), how much further the corner of a parallel ring lies than the ring; at most 4
     miter: FloatArray
-    convex: NDArray[np.bool_]
+    convex: NDArray[np.bool_]  # (n,), corners that the region ends in
 
 
 def contours_of(section: CrossSection) -> Contours:
@@ -128,26 +110,15 @@ def sample(contours: Contours, spacing_mm: float) -> Samples:
 
 
 class Cells(NamedTuple):
-    """Edges by the square cells that their bounding boxes touch; kernels take it as it is.
+    """Edges by the square cells that their bounding boxes touch; kernels take it as it is."""
 
-    Attributes
-    ----------
-    start, end : (n, 2) float64, mm
-    low : (2,) float64, mm
-        Corner of the first cell.
-    side : float, mm
-    columns, rows : int
-    offset, edge : int64
-        Edges of cell k are ``edge[offset[k] : offset[k + 1]]``; cells go row by row.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    low: FloatArray
-    side: float
+    start: FloatArray  # (n, 2), mm
+    end: FloatArray  # (n, 2), mm
+    low: FloatArray  # (2,), mm, corner of the first cell
+    side: float  # mm
     columns: int
     rows: int
-    offset: IntArray
+    offset: IntArray  # edges of cell k are ``edge[offset[k] : offset[k + 1]]``; cells go row by row
     edge: IntArray
 
 

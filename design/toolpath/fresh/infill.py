@@ -41,32 +41,20 @@ LIMITS: Final = _LineLimits()
 
 @dataclass(frozen=True)
 class Lines:
-    """Straight infill lines of a layer.
+    """Straight infill lines of a layer."""
 
-    Attributes
-    ----------
-    start, end : (n, 2) float64, mm
-    width_mm : (n,) float64, mm
-    """
-
-    start: FloatArray
-    end: FloatArray
-    width_mm: FloatArray
+    start: FloatArray  # (n, 2), mm
+    end: FloatArray  # (n, 2), mm
+    width_mm: FloatArray  # (n,), mm
 
 
 @dataclass(frozen=True)
 class Intervals:
-    """Disjoint intervals on scan rows, in order of row and position.
+    """Disjoint intervals on scan rows, in order of row and position."""
 
-    Attributes
-    ----------
-    row : (n,) int64
-    low, high : (n,) float64, mm
-    """
-
-    row: IntArray
-    low: FloatArray
-    high: FloatArray
+    row: IntArray  # (n,)
+    low: FloatArray  # (n,), mm
+    high: FloatArray  # (n,), mm
 
     def where(self, keep: NDArray[np.bool_]) -> Intervals:
         """Return those of ``keep``."""

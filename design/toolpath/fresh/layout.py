@@ -39,31 +39,19 @@ CELL_WIDTHS: Final = 4.0
 
 
 class LayerMoves(NamedTuple):
-    """Moves of one FRESH layer, or of one head's section of it.
+    """Moves of one FRESH layer, or of one head's section of it."""
 
-    Attributes
-    ----------
-    start : (3,) float64, mm
-        Where the first of them begins.
-    end : (n, 3) float64, mm
-    volume_ul, speed_mm_s, duration_s : (n,) float64
-        As in `Toolpath`.
-    kind, tool : (n,) int64
-    travels, lifted, links, changes : int
-        As in `FreshReport`; a change of head before the layer included.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    volume_ul: FloatArray
-    speed_mm_s: FloatArray
-    duration_s: FloatArray
-    kind: IntArray
-    tool: IntArray
-    travels: int = 0
+    start: FloatArray  # (3,), mm, where the first of them begins
+    end: FloatArray  # (n, 3), mm
+    volume_ul: FloatArray  # (n,), as in `Toolpath`
+    speed_mm_s: FloatArray  # (n,)
+    duration_s: FloatArray  # (n,)
+    kind: IntArray  # (n,)
+    tool: IntArray  # (n,)
+    travels: int = 0  # these four as in `FreshReport`
     lifted: int = 0
     links: int = 0
-    changes: int = 0
+    changes: int = 0  # one before the layer included
 
     def where(self, rows: BoolArray) -> LayerMoves:
         """Only some of the moves, by a mask."""
@@ -302,19 +290,11 @@ SEAM_TURN: Final = np.pi * (3 - np.sqrt(5))
 
 @dataclass(frozen=True)
 class Section:
-    """What one head writes in a layer.
-
-    Attributes
-    ----------
-    head : int
-    paths : Paths
-    bounds : CrossSection
-        Of its material: a way that leaves it is lifted, and is never a link.
-    """
+    """What one head writes in a layer."""
 
     head: int
     paths: Paths
-    bounds: CrossSection
+    bounds: CrossSection  # of its material: a way that leaves it is lifted, and is never a link
 
 
 class Carriage:

@@ -24,28 +24,16 @@ class Role(IntEnum):
 
 
 class Paths(NamedTuple):
-    """Paths, each a run of points; kernels take it as it is.
+    """Paths, each a run of points; kernels take it as it is."""
 
-    Attributes
-    ----------
-    points : (n, 2) float64, mm
-    width_mm : (n,) float64, mm
-        Of the line that comes to each point; of a closed path's first point, of the line from
-        its last.
-    offset : (m + 1,) int64
-        Path k is ``points[offset[k] : offset[k + 1]]``.
-    closed : (m,) bool
-        Closed paths don't repeat their first point and may begin anywhere.
-    role, level : (m,) int64
-        A `Role` each, and the wall's number counted from the boundary.
-    """
-
-    points: FloatArray
+    points: FloatArray  # (n, 2), mm
+    # (n,), mm, of the line that comes to each point; of a closed path's first point, of the line
+    # from its last
     width_mm: FloatArray
-    offset: IntArray
-    closed: BoolArray
-    role: IntArray
-    level: IntArray
+    offset: IntArray  # (m + 1,), path k is ``points[offset[k] : offset[k + 1]]``
+    closed: BoolArray  # (m,), closed paths don't repeat their first point and may begin anywhere
+    role: IntArray  # (m,), a `Role` each
+    level: IntArray  # (m,), the wall's number counted from the boundary
 
     @property
     def number(self) -> int:
@@ -89,21 +77,11 @@ SMALL_RING_MM: Final = 3.0
 
 
 class WritingOrder(NamedTuple):
-    """Paths in the order of writing.
+    """Paths in the order of writing."""
 
-    Attributes
-    ----------
-    path : (m,) int64
-        Numbers of the paths.
-    first : (m,) int64
-        Point, in `Paths.points`, at which each begins.
-    backward : (m,) bool
-        Whether it is written from its end to its begin.
-    """
-
-    path: IntArray
-    first: IntArray
-    backward: BoolArray
+    path: IntArray  # (m,), numbers of the paths
+    first: IntArray  # (m,), point, in `Paths.points`, at which each begins
+    backward: BoolArray  # (m,), whether it is written from its end to its begin
 
     def then(self, other: WritingOrder) -> WritingOrder:
         """Both, one after the other."""

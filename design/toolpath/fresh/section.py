@@ -93,30 +93,15 @@ class Body:
 
 @dataclass(frozen=True)
 class Layer:
-    """One layer of the part.
+    """One layer of the part."""
 
-    Attributes
-    ----------
-    index : int
-        0 for the lowest.
-    tip_mm : float, mm
-        The needle's tip while the layer is written: the layer's top.
-    material : CrossSection
-        Section at the middle of the layer.
-    carved : CrossSection
-        The same without what lines would stand in lumens with, above or below their crests.
-    middle_mm : float, mm
-        Height of that section.
-    height_mm : float, mm
-        Of the layer.
-    """
-
-    index: int
-    tip_mm: float
-    material: CrossSection
+    index: int  # 0 for the lowest
+    tip_mm: float  # mm, the needle's tip while the layer is written: the layer's top
+    material: CrossSection  # section at the middle of the layer
+    # The same without what lines would stand in lumens with, above or below their crests
     carved: CrossSection
-    middle_mm: float
-    height_mm: float
+    middle_mm: float  # mm, height of that section
+    height_mm: float  # mm, of the layer
 
 
 def layers(body: Body, levels: FloatArray, inset_mm: Callable[[float], float]) -> Iterator[Layer]:
@@ -230,14 +215,9 @@ class Region:
 
 @dataclass(frozen=True)
 class RegionSections:
-    """Regions at one height; where several overlap, the last counts.
+    """Regions at one height; where several overlap, the last counts."""
 
-    Attributes
-    ----------
-    regions : tuple of (CrossSection, Region)
-        As they were given.
-    """
-
+    # As they were given.
     regions: tuple[tuple[CrossSection, Region], ...]
 
     def shares(

@@ -28,18 +28,10 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Walls:
-    """Walls of one layer and what they leave.
+    """Walls of one layer and what they leave."""
 
-    Attributes
-    ----------
-    paths : Paths
-        Walls, and lines in the gaps that are too thin for one.
-    inside : CrossSection
-        What the infill must cover.
-    """
-
-    paths: Paths
-    inside: CrossSection
+    paths: Paths  # walls, and lines in the gaps that are too thin for one
+    inside: CrossSection  # what the infill must cover
 
 
 def build_walls(material: CrossSection, width_mm: float, count: int | None, least: float) -> Walls:

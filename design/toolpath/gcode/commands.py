@@ -23,28 +23,15 @@ TRAVEL, WITH_PLUNGER, DWELL = 0, 1, 4
 
 @dataclass(frozen=True)
 class MachineMoves:
-    """Commands of a job: where the machine stands after each, and how it gets there.
+    """Commands of a job: where the machine stands after each, and how it gets there."""
 
-    Attributes
-    ----------
-    position : (n, 4) float64, mm
-        X, Y, Z in the printer's frame, and plunger travel since the job's begin.
-    speed_mm_s : (n,) float64, mm/s
-        Along XYZ; of the plunger where only that moves.
-    pause_s : (n,) float64, s
-        Of a dwell; 0 elsewhere.
-    code : (n,) int64
-        0 for a travel, 1 where the plunger takes part, 4 for a dwell.
-    source, move : (n,) int64
-        As in `Gcode`.
-    """
-
+    # (n, 4), mm, X, Y, Z in the printer's frame, and plunger travel since the job's begin.
     position: FloatArray
-    speed_mm_s: FloatArray
-    pause_s: FloatArray
-    code: IntArray
-    source: IntArray
-    move: IntArray
+    speed_mm_s: FloatArray  # (n,), mm/s, along XYZ; of the plunger where only that moves
+    pause_s: FloatArray  # (n,), s, of a dwell; 0 elsewhere
+    code: IntArray  # (n,), 0 for a travel, 1 where the plunger takes part, 4 for a dwell
+    source: IntArray  # (n,), as in `Gcode`
+    move: IntArray  # (n,)
 
     def where(self, rows: NDArray[np.bool_]) -> MachineMoves:
         """Return the commands of a mask."""

@@ -31,18 +31,10 @@ from kernels.arrays import IntArray
 
 @dataclass(frozen=True)
 class Marks:
-    """Interruption marks of a job.
+    """Interruption marks of a job."""
 
-    Attributes
-    ----------
-    row : (m,) int64
-        Rows of the table before which each stands, ascending.
-    text : list of str
-        Lines, without their ends.
-    """
-
-    row: IntArray
-    text: list[str]
+    row: IntArray  # (m,), rows of the table before which each stands, ascending
+    text: list[str]  # lines, without their ends
 
     def put_into(self, lines: bytes) -> bytes:
         """The table's rendered text with the marks in their places."""

@@ -33,19 +33,14 @@ class Decimals:
     """Digits after the point for X, Y, Z and E.
 
     Positions have three, or as many as make the last digit finer than a quarter of a motor step.
-
-    Attributes
-    ----------
-    x, y, z, e : int
-    e_move_mm : float, mm
-        Largest push of one move: so large an E still has, in a float32, a quarter of the first
-        digit finer than a quarter of a motor step.
     """
 
     x: int
     y: int
     z: int
     e: int
+    # Largest push of one move, mm: so large an E still has, in a float32, a quarter of the first
+    # digit finer than a quarter of a motor step.
     e_move_mm: float
 
 
@@ -87,24 +82,13 @@ _NONE = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class Table:
-    """Commands ``G<code>`` with words.
+    """Commands ``G<code>`` with words."""
 
-    Attributes
-    ----------
-    code : (n,) int64
-    value : (n, 6) int64
-        X, Y, Z, E, F and P, each in its last digit.
-    given : (n, 6) bool
-        Whether the word is written.
-    source, move : (n,) int64
-        As in `Gcode`.
-    """
-
-    code: IntArray
-    value: IntArray
-    given: NDArray[np.bool_]
-    source: IntArray
-    move: IntArray
+    code: IntArray  # (n,)
+    value: IntArray  # (n, 6), X, Y, Z, E, F and P, each in its last digit
+    given: NDArray[np.bool_]  # (n, 6), whether the word is written
+    source: IntArray  # (n,), as in `Gcode`
+    move: IntArray  # (n,)
 
     def where(self, rows: IntArray | NDArray[np.bool_]) -> Table:
         """Return the rows of a mask or of row numbers."""
@@ -124,21 +108,12 @@ _NOTHING = Table(
 
 @dataclass(frozen=True)
 class JobPosition:
-    """Where a job stands between two parts of its toolpath.
+    """Where a job stands between two parts of its toolpath."""
 
-    Attributes
-    ----------
-    quanta : (4,) int64
-        X, Y, Z and the plunger's travel since the job's begin, each in its last digit.
-    feed : int
-        F of the last move, in its last digit; -1 before the first.
-    base : int
-        What E's counting anew has taken off the plunger's travel, in its last digit.
-    """
-
+    # (4,), X, Y, Z and the plunger's travel since the job's begin, each in its last digit
     quanta: IntArray
-    feed: int = -1
-    base: int = 0
+    feed: int = -1  # F of the last move, in its last digit; -1 before the first
+    base: int = 0  # what E's counting anew has taken off the plunger's travel, in its last digit
 
     @staticmethod
     def at(position: FloatArray, printer: Printer) -> JobPosition:

@@ -54,35 +54,17 @@ ROUNDING_MM: Final = 1e-9
 
 @dataclass
 class HeadState:
-    """One head, and how far its plunger has come.
-
-    Attributes
-    ----------
-    number : int
-    printer : Printer
-        As if it were the only one (`Printer.of_head`).
-    load : HeadLoad
-    head : Head or None
-        How it is chosen, raised and lowered; None for a printer of one head.
-    pushed_ul : float, µL
-        What its toolpath has pushed.
-    quantum, base : int
-        Its plunger's travel as written, and what E's counting anew has taken off it.
-    relieved : bool
-        Whether nothing presses: it has pushed nothing yet, or was relieved since.
-    owed_ul : float, µL
-        Relief that the writer put in itself, to be primed when the head comes back.
-    """
+    """One head, and how far its plunger has come."""
 
     number: int
-    printer: Printer
+    printer: Printer  # as if it were the only one (`Printer.of_head`)
     load: HeadLoad
-    head: Head | None
-    pushed_ul: float = 0.0
-    quantum: int = 0
-    base: int = 0
-    relieved: bool = True
-    owed_ul: float = 0.0
+    head: Head | None  # how it is chosen, raised and lowered; None for a printer of one head
+    pushed_ul: float = 0.0  # µL, what its toolpath has pushed
+    quantum: int = 0  # its plunger's travel as written
+    base: int = 0  # what E's counting anew has taken off it
+    relieved: bool = True  # nothing presses: it has pushed nothing yet, or was relieved since
+    owed_ul: float = 0.0  # µL, relief put in here, to be primed when the head comes back
 
     @property
     def offset(self) -> FloatArray:
