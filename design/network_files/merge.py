@@ -382,7 +382,7 @@ class _Merge:
         label[network.offset[:-1]], label[network.offset[1:] - 1] = network.vessel_nodes.T
         compared = [path.vessel for path in self._paths] + [one.vessel for one in self.shared]
         own = ~np.isin(vessel, compared)
-        at = np.arange(len(vessel)) - network.offset[vessel]
+        at = (np.arange(len(vessel)) - network.offset[vessel]).astype(np.float64)
         rest = PathPoints(vessel, vessel, at, label, network.points, network.radius).where(own)
         paths = [one.rows(network.vessel_count + k) for k, one in enumerate(self._paths)]
         points = PathPoints.joined([rest, *paths])

@@ -351,12 +351,12 @@ class PathPoints(NamedTuple):
 
     def where(self, rows: IntArray | NDArray[np.bool_]) -> PathPoints:
         """Return some of the points, by a mask or in an order."""
-        return PathPoints(*(column[rows] for column in self))
+        return PathPoints._make(column[rows] for column in self)
 
     @staticmethod
     def joined(parts: Sequence[PathPoints]) -> PathPoints:
         """Return the points of several."""
-        return PathPoints(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        return PathPoints._make(np.concatenate(column) for column in zip(*parts, strict=True))
 
     def nodes(self, labels: Labels) -> IntArray:
         """Return the node of each, (n,), and put what has a label at its node's place."""

@@ -166,8 +166,9 @@ def read_vtp_lines(
     _, one, number = np.unique(tips, axis=0, return_index=True, return_inverse=True)
     node = len(tips) + np.arange(len(cell))
     node[ends] = one[number.reshape(-1, 2)]
-    points = PathPoints(cell, cell, np.arange(len(cell)), node, place, row)
-    pieces = points.pieces(path, node, cell + 1, kinds, trees)
+    at = np.arange(len(cell), dtype=np.float64)
+    ways = PathPoints(cell, cell, at, node, place, row)
+    pieces = ways.pieces(path, node, cell + 1, kinds, trees)
     known = set(file.cell_arrays())
     if (sizes == 2).all() and "vessel" not in known:
         # SimVascular writes each straight piece as a line.

@@ -270,7 +270,7 @@ class _Line(NamedTuple):
 
     def reversed(self) -> _Line:
         """The same from its other end."""
-        return _Line(self.vessel, *(column[::-1] for column in self[1:]))
+        return _Line._make([self.vessel, *(column[::-1] for column in self[1:])])
 
 
 class _Foot(NamedTuple):

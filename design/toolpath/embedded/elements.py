@@ -61,7 +61,7 @@ def elements_of(network: VesselNetwork, longest_mm: float) -> Elements:
         line, radius, way = line[keep], radius[keep], way[keep]
         place = finer_places(line, radius, longest_mm, CUTTING.taper_step)
         values = np.column_stack([line, radius, way])
-        values = places_along(values, np.arange(len(line)), place)
+        values = places_along(values, np.arange(len(line), dtype=np.float64), place)
         line, radius, way = values[:, :3], values[:, 3], values[:, 4]
         inner = np.arange(count, count + len(line) - 2)
         number = np.concatenate([[tail], inner, [head]])

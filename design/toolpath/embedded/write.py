@@ -122,7 +122,7 @@ class FilamentWriter:
         values = np.column_stack([points, thick, along])
         values = values[off_chords(np.ascontiguousarray(values[:, :4]))]
         place = finer_places(values[:, :3], values[:, 3], np.inf, CUTTING.taper_step)
-        values = places_along(values, np.arange(len(values)), place)
+        values = places_along(values, np.arange(len(values), dtype=np.float64), place)
         points, (thick, along) = values[:, :3].copy(), values[:, 3:].T.copy()
         return Stretch(points, thick, along, int(self._elements.vessel[leg.element]))
 

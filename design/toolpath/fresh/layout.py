@@ -55,13 +55,15 @@ class LayerMoves(NamedTuple):
 
     def where(self, rows: BoolArray) -> LayerMoves:
         """Only some of the moves, by a mask."""
-        return LayerMoves(self.start, *(column[rows] for column in self[1:7]), *self[7:])
+        columns = [column[rows] for column in self[1:7]]
+        return LayerMoves._make([self.start, *columns, *self[7:]])
 
     @staticmethod
     def joined(parts: Sequence[LayerMoves]) -> LayerMoves:
         """Moves one after another."""
         start, *rest = zip(*parts, strict=True)
-        return LayerMoves(start[0], *map(np.concatenate, rest[:6]), *map(sum, rest[6:]))
+        columns = [np.concatenate(column) for column in rest[:6]]
+        return LayerMoves._make([start[0], *columns, *map(sum, rest[6:])])
 
 
 class _Ways(NamedTuple):
