@@ -84,10 +84,10 @@ def _legs(elements: Elements, rules: Rules, head: IntArray, progress: Progress,
     for vessel in range(len(elements.first) - 1):
         if not progress.written[elements.first[vessel]]:
             open_stretch(elements.first[vessel], elements.first[vessel + 1], stretches)
-    tip = elements.point[np.argmin(elements.point[:, 2])].copy()
+    tip, way = elements.point[np.argmin(elements.point[:, 2])].copy(), np.zeros(3)
     tool = head.min()
     while stretches.size[0] > 0:
-        start = _nearest_whole(tip, tool, head, elements, rules, progress, stretches)
+        start = _nearest_whole(tip, way, tool, head, elements, rules, progress, stretches)
         if start < 0:
             start = best_cut(tip, tool, head, elements, rules, progress, stretches)
         if start < 0:
@@ -98,6 +98,7 @@ def _legs(elements: Elements, rules: Rules, head: IntArray, progress: Progress,
         legs.append((element, step, size))
         close_written(min(element, far), max(element, far), progress, elements, stretches)
         tip[:] = elements.point[vertex(far, step, False, elements)]
+        way[:] = _direction(far, step, elements)
         tool = head[elements.vessel[element]]
     out = np.empty((len(legs), 3), np.int64)
     for k in range(len(legs)):
@@ -106,22 +107,38 @@ def _legs(elements: Elements, rules: Rules, head: IntArray, progress: Progress,
 
 
 @jit
-def _nearest_whole(tip: FloatArray, tool: int, head: IntArray, elements: Elements, rules: Rules,
-                   progress: Progress, stretches: Stretches) -> int:  # fmt: skip
-    """Start of the nearest stretch that can be written whole, this head's first; -1 for none."""
-    best, least = -1, np.inf
+def _nearest_whole(
+    tip: FloatArray, way: FloatArray, tool: int, head: IntArray, elements: Elements, rules: Rules,
+    progress: Progress, stretches: Stretches,
+) -> int:  # fmt: skip
+    """Start of the nearest stretch that can be written whole, this head's first; -1 for none.
+
+    Of those that begin at the tip, the one that goes on the straightest.
+    """
+    best, least, most = -1, np.inf, -np.inf
     for k in range(stretches.size[0]):
         start = stretches.live[k]
         if not is_whole(start, elements, rules, progress, stretches):
             continue
-        point = elements.point[vertex(start // 2, step_of(start), True, elements)]
-        x, y, z = point[0] - tip[0], point[1] - tip[1], point[2] - tip[2]
-        away = x * x + y * y + z * z
-        if head[elements.vessel[start // 2]] != tool:
+        element, step = start // 2, step_of(start)
+        gap = elements.point[vertex(element, step, True, elements)] - tip
+        away = (gap * gap).sum()
+        if head[elements.vessel[element]] != tool:
             away += 1e12
-        if away < least or (away == least and start < best):
-            best, least = start, away
+        if away > least:
+            continue
+        straight = (way * _direction(element, step, elements)).sum() if away == 0.0 else 0.0
+        if away < least or straight > most or (straight == most and start < best):
+            best, least, most = start, away, straight
     return best
+
+
+@jit
+def _direction(element: int, step: int, elements: Elements) -> FloatArray:
+    """Unit vector along an element, gone through by `step`."""
+    tail = elements.point[vertex(element, step, True, elements)]
+    way = elements.point[vertex(element, step, False, elements)] - tail
+    return way / np.sqrt((way * way).sum())
 
 
 @jit
