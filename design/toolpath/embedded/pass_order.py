@@ -28,7 +28,7 @@ class SearchLimits:
     merges: int = 64  # times that passes are split and merged again
     useless_merges: int = 16  # of these, in vain in a row
     split_share: float = 0.2  # share of the places between two legs at which passes are split
-    rounds: int = 8  # orders tried
+    rounds: int = 8  # orders tried of one way to lay passes
     useless_rounds: int = 3  # of these, no better than the best in a row
     ordered_elements: int = 100_000  # that all rounds may order together
     # Of more elements there is one round: what a large network leaves open is open by its design.
@@ -513,6 +513,10 @@ def reverse_pass(one: Pass) -> Pass:
 
 # Order writing strokes in rounds, each with added rules for open joints; keep the best order.
 
+WAYS = ((True, True), (False, True), (False, False))
+"""Whether passes are merged, and moved for shorter travels: tried in turn as long as joints stay
+open. Of 91 plans measured three end with a better scored order by the later ways."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Order:
@@ -538,19 +542,26 @@ def order_passes(
     writes the later stretch before that ink, and what brushed an overlap before that; unless a rule
     of the shaft's says the opposite.
     """
-    asked = one_way(rules, elements.vessel)
-    random, orders = np.random.default_rng(0), list[_Order]()
-    for _ in range(_rounds(elements)):
-        passes = schedule_passes(elements, asked, head, out)
-        passes = fewest(passes, elements, asked, head, random)
-        passes = shorten_travels(passes, elements, asked, head)
-        orders.append(_judged(passes, rules, joiner))
-        best = min(orders, key=_score)
-        first, after = np.array(orders[-1].joined.reorderings, dtype=np.int64).reshape(-1, 2).T
-        known, asked = asked, with_more(asked, first, after)
-        useless = len(orders) - 1 - orders.index(best)
-        if len(asked.after) == len(known.after) or useless == LIMITS.useless_rounds:
+    one_order = one_way(rules, elements.vessel)
+    rounds, orders = _rounds(elements), list[_Order]()
+    for merge, shorten in WAYS if rounds > 1 else WAYS[:1]:
+        asked, first_try = one_order, len(orders)
+        random = np.random.default_rng(0)
+        for _ in range(rounds):
+            passes = schedule_passes(elements, asked, head, out)
+            if merge:
+                passes = fewest(passes, elements, asked, head, random)
+            if shorten:
+                passes = shorten_travels(passes, elements, asked, head)
+            orders.append(_judged(passes, rules, joiner))
+            useless = len(orders) - 1 - orders.index(min(orders[first_try:], key=_score))
+            first, after = np.array(orders[-1].joined.reorderings, dtype=np.int64).reshape(-1, 2).T
+            known, asked = asked, with_more(asked, first, after)
+            if len(asked.after) == len(known.after) or useless == LIMITS.useless_rounds:
+                break
+        if not min(orders, key=_score).joined.open:
             break
+    best = min(orders, key=_score)
     return best.passes, best.joined
 
 

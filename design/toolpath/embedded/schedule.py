@@ -1,4 +1,4 @@
-"""Order vessel elements into stretches, each written in a row, no ink in the shaft's way.
+"""Order vessel elements into few writing strokes, short travels, no ink in the shaft's way.
 
 What is written never bars anything else, it only sets free; so a stretch that can be written from
 end to end may be written at once, and one that can't had better wait. Where all wait for each
@@ -60,7 +60,7 @@ def schedule_passes(
     head: IntArray,
     out: NDArray[np.bool_] | None = None,
 ) -> list[Pass]:
-    """Order all elements into passes of one stretch each; `pass_order` merges them.
+    """Order all elements into passes, one after another.
 
     Parameters
     ----------
@@ -72,73 +72,79 @@ def schedule_passes(
         Elements of vessels that aren't written; no rule names them.
     """
     progress, stretches = start_walk(rules, out), none_open(len(elements.end))
-    legs = _legs(elements, rules, head, progress, stretches)
-    return [Pass((Leg(*leg),)) for leg in legs.tolist()]
+    legs = _legs(elements, rules, head, ends_of(elements), progress, stretches)
+    parts = np.split(legs[:, 1:], np.flatnonzero(legs[:, 0])[1:])
+    return [Pass(tuple(Leg(*leg) for leg in part.tolist())) for part in parts]
 
 
 @jit
-def _legs(elements: Elements, rules: Rules, head: IntArray, progress: Progress,
+def _legs(elements: Elements, rules: Rules, head: IntArray, ends: Ends, progress: Progress,
           stretches: Stretches) -> IntArray:  # fmt: skip
-    """Legs in their order, (k, 3), as `Leg`."""
-    legs = [(0, 0, 0)][:0]
+    """Legs in their order, (k, 4): 1 where a pass begins, and those of `Leg`."""
+    legs = [(0, 0, 0, 0)][:0]
     for vessel in range(len(elements.first) - 1):
         if not progress.written[elements.first[vessel]]:
             open_stretch(elements.first[vessel], elements.first[vessel + 1], stretches)
-    tip, way = elements.point[np.argmin(elements.point[:, 2])].copy(), np.zeros(3)
+    tip = elements.point[np.argmin(elements.point[:, 2])].copy()
     tool = head.min()
     while stretches.size[0] > 0:
-        start = _nearest_whole(tip, way, tool, head, elements, rules, progress, stretches)
+        start = _nearest_whole(tip, tool, head, elements, rules, progress, stretches)
         if start < 0:
             start = best_cut(tip, tool, head, elements, rules, progress, stretches)
         if start < 0:
             start = _forced(rules, progress)
-        element, step = start // 2, step_of(start)
-        size, _ = write_stretch(element, step, elements, rules, progress)
-        far = element + step * (size - 1)
-        legs.append((element, step, size))
-        close_written(min(element, far), max(element, far), progress, elements, stretches)
-        tip[:] = elements.point[vertex(far, step, False, elements)]
-        way[:] = _direction(far, step, elements)
+        begin = len(legs)
+        _extend(start, legs, ends, head, elements, rules, progress, stretches)
+        for k in range(begin, len(legs)):
+            _, element, step, size = legs[k]
+            far = element + step * (size - 1)
+            close_written(min(element, far), max(element, far), progress, elements, stretches)
+        _, element, step, size = legs[-1]
+        tip[:] = elements.point[vertex(element + step * (size - 1), step, False, elements)]
         tool = head[elements.vessel[element]]
-    out = np.empty((len(legs), 3), np.int64)
+    out = np.empty((len(legs), 4), np.int64)
     for k in range(len(legs)):
-        out[k, 0], out[k, 1], out[k, 2] = legs[k]
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = legs[k]
     return out
 
 
 @jit
-def _nearest_whole(
-    tip: FloatArray, way: FloatArray, tool: int, head: IntArray, elements: Elements, rules: Rules,
-    progress: Progress, stretches: Stretches,
-) -> int:  # fmt: skip
-    """Start of the nearest stretch that can be written whole, this head's first; -1 for none.
-
-    Of those that begin at the tip, the one that goes on the straightest.
-    """
-    best, least, most = -1, np.inf, -np.inf
+def _nearest_whole(tip: FloatArray, tool: int, head: IntArray, elements: Elements, rules: Rules,
+                   progress: Progress, stretches: Stretches) -> int:  # fmt: skip
+    """Start of the nearest stretch that can be written whole, this head's first; -1 for none."""
+    best, least = -1, np.inf
     for k in range(stretches.size[0]):
         start = stretches.live[k]
         if not is_whole(start, elements, rules, progress, stretches):
             continue
-        element, step = start // 2, step_of(start)
-        gap = elements.point[vertex(element, step, True, elements)] - tip
-        away = (gap * gap).sum()
-        if head[elements.vessel[element]] != tool:
+        point = elements.point[vertex(start // 2, step_of(start), True, elements)]
+        x, y, z = point[0] - tip[0], point[1] - tip[1], point[2] - tip[2]
+        away = x * x + y * y + z * z
+        if head[elements.vessel[start // 2]] != tool:
             away += 1e12
-        if away > least:
-            continue
-        straight = (way * _direction(element, step, elements)).sum() if away == 0.0 else 0.0
-        if away < least or straight > most or (straight == most and start < best):
-            best, least, most = start, away, straight
+        if away < least or (away == least and start < best):
+            best, least = start, away
     return best
 
 
 @jit
-def _direction(element: int, step: int, elements: Elements) -> FloatArray:
-    """Unit vector along an element, gone through by `step`."""
-    tail = elements.point[vertex(element, step, True, elements)]
-    way = elements.point[vertex(element, step, False, elements)] - tail
-    return way / np.sqrt((way * way).sum())
+def _extend(start: int, legs: list[tuple[int, int, int, int]], ends: Ends, head: IntArray,
+            elements: Elements, rules: Rules, progress: Progress,
+            stretches: Stretches) -> None:  # fmt: skip
+    """Add a pass: what leads to a stretch, the stretch, and what goes on from where it ends."""
+    stop, first = -1, 1
+    for one in first_of(start, ends, head, elements, rules, progress, stretches):
+        size, stop = write_stretch(one // 2, step_of(one), elements, rules, progress)
+        legs.append((first, one // 2, step_of(one), size))
+        first = 0
+    while stop < 0:
+        _, element, step, size = legs[-1]
+        one, size = going_on(
+            element + step * (size - 1), step, ends, head, elements, rules, progress
+        )
+        if one < 0:
+            break
+        legs.append((0, one // 2, step_of(one), size))
 
 
 @jit
@@ -268,6 +274,123 @@ def _freed_by(written: tuple[int, int], watched: IntArray, follows: IntArray, qu
                 if progress.waiting[after] <= stretches.until[other]:
                     queue.append(other)
                 other = follows[other]
+
+
+# Extend a writing stroke through nodes by the straightest unwritten vessel stretches.
+
+
+class Ends(NamedTuple):
+    """Vessels' ends at each point, those of point p in ``start[begin[p] : begin[p + 1]]``."""
+
+    begin: IntArray  # (p + 1,)
+    start: IntArray  # (2 v,), starts that lead away from the point
+
+
+def ends_of(elements: Elements) -> Ends:
+    """Both ends of every vessel by their points."""
+    low, high = elements.first[:-1], elements.first[1:] - 1
+    start = np.concatenate([2 * low, 2 * high + 1])
+    point = np.concatenate([elements.end[low, 0], elements.end[high, 1]])
+    order = np.lexsort((start, point))
+    count = np.bincount(point, minlength=len(elements.point))
+    return Ends(np.concatenate([[0], np.cumsum(count)]), start[order])
+
+
+@jit
+def first_of(start: int, ends: Ends, head: IntArray, elements: Elements, rules: Rules,
+             progress: Progress, stretches: Stretches) -> IntArray:  # fmt: skip
+    """Starts of stretches to be written before one, from end to end, that lead to it; itself last.
+
+    At each node the straightest is taken that can be written whole.
+    """
+    starts = [start]
+    while True:
+        here = starts[-1]
+        leads = _leading(here, starts, ends, head, elements, rules, progress, stretches)
+        if leads < 0:
+            break
+        starts.append(leads)
+    return np.array(starts[::-1], np.int64)
+
+
+@jit
+def _leading(start: int, taken: list[int], ends: Ends, head: IntArray, elements: Elements,
+             rules: Rules, progress: Progress, stretches: Stretches) -> int:  # fmt: skip
+    """Start of the straightest whole stretch that ends where one begins; -1 for none."""
+    point = vertex(start // 2, step_of(start), True, elements)
+    vessel = elements.vessel[start // 2]
+    way = direction(start, elements)
+    best, most = -1, -np.inf
+    for k in range(ends.begin[point], ends.begin[point + 1]):
+        away = ends.start[k]
+        if away == start or progress.written[away // 2]:
+            continue
+        if head[elements.vessel[away // 2]] != head[vessel]:
+            continue
+        far = far_end(away, elements, progress)
+        if _has(taken, far, away) or not is_whole(far, elements, rules, progress, stretches):
+            continue
+        straight = -(way * direction(away, elements)).sum()
+        if straight > most:
+            best, most = far, straight
+    return best
+
+
+@jit
+def _has(taken: list[int], one: int, other: int) -> bool:
+    for start in taken:
+        if start in (one, other):
+            return True
+        if start // 2 in (one // 2, other // 2):
+            return True
+    return False
+
+
+@jit
+def far_end(start: int, elements: Elements, progress: Progress) -> int:
+    """Start at the other end of the stretch that one begins."""
+    vessel, step, here = elements.vessel[start // 2], step_of(start), start // 2
+    low, high = elements.first[vessel], elements.first[vessel + 1]
+    while low <= here + step < high and not progress.written[here + step]:
+        here += step
+    return 2 * here + (1 if step > 0 else 0)
+
+
+@jit
+def direction(start: int, elements: Elements) -> FloatArray:
+    """Unit vector along the first element of a stretch, away from where it begins."""
+    step = step_of(start)
+    tail = elements.point[vertex(start // 2, step, True, elements)]
+    way = elements.point[vertex(start // 2, step, False, elements)] - tail
+    return way / np.sqrt((way * way).sum())
+
+
+@jit
+def going_on(element: int, step: int, ends: Ends, head: IntArray, elements: Elements,
+             rules: Rules, progress: Progress) -> tuple[int, int]:  # fmt: skip
+    """Start and size of the straightest stretch from where a pass ends, now written; or -1, 0."""
+    point = vertex(element, step, False, elements)
+    way = direction(2 * element + (0 if step > 0 else 1), elements)
+    vessel = elements.vessel[element]
+    tried = [0][:0]
+    while True:
+        best, most = -1, -np.inf
+        for k in range(ends.begin[point], ends.begin[point + 1]):
+            start = ends.start[k]
+            if progress.written[start // 2] or start in tried:
+                continue
+            if head[elements.vessel[start // 2]] != head[vessel]:
+                continue
+            straight = (way * direction(start, elements)).sum()
+            if straight > most:
+                best, most = start, straight
+        if best < 0:
+            return -1, 0
+        count, stop = write_stretch(best // 2, step_of(best), elements, rules, progress)
+        if stop < 0 and count:
+            return best, count
+        undo_write(best // 2, step_of(best), count, rules, progress)
+        tried.append(best)
 
 
 class Progress(NamedTuple):
