@@ -10,7 +10,12 @@ import numpy as np
 
 from design.errors import NetworkError
 from design.network import VesselNetwork
-from design.network_files.csv_format import read_network_csv, write_network_csv
+from design.network_files.csv_format import (
+    has_points,
+    read_network_csv,
+    read_points_csv,
+    write_network_csv,
+)
 from design.network_files.json_format import (
     read_network_json,
     read_network_npz,
@@ -18,35 +23,27 @@ from design.network_files.json_format import (
     write_network_npz,
 )
 from design.network_files.merge import NetworkWithNotes, merge_shared, side_by_side
-from design.network_files.swc import (
-    has_points,
-    read_network_swc,
-    read_points_csv,
-    read_swc_header,
-    write_network_swc,
-)
+from design.network_files.swc import read_network_swc, read_swc_header, write_network_swc
 from design.network_files.vtp import read_vtp_lines, write_network_vtp
 from design.network_files.xcavate import read_network_xcavate
 from design.units import MM_PER, LengthUnit
 
-ASKED: Final = (".csv", ".vtp")
+UNIT_NEEDED: Final = (".csv", ".vtp")
 """Suffixes of the formats that don't say their unit."""
 
-ASSUMED: Final[dict[str, LengthUnit]] = {".swc": "um"}
+UNIT_DEFAULT: Final[dict[str, LengthUnit]] = {".swc": "um"}
 """Formats in a unit that files don't keep to: the user may name another."""
 
-SAID: Final[dict[str, LengthUnit]] = {".json": "mm", ".npz": "mm", ".txt": "cm"}
+UNIT_FIXED: Final[dict[str, LengthUnit]] = {".json": "mm", ".npz": "mm", ".txt": "cm"}
 """Formats that say their unit, or are always in it."""
 
-READ: Final = (*ASKED, *ASSUMED, *SAID)
+READ: Final = (*UNIT_NEEDED, *UNIT_DEFAULT, *UNIT_FIXED)
 """Suffixes of the formats that are read."""
 
-_THIN_MM: Final = 0.02
+_THIN_MM, _LONG_MM = 0.02, 1000.0
 """Radius below which no vessel is printed: half of a 34G needle's bore (51 µm) is 26 µm, and light
-from projectors and lasers in gels doesn't reach 40 µm channels over a part's size."""
-
-_LONG_MM: Final = 1000.0
-"""Extent above which nothing is printed: beds of the largest bioprinters are some 0.3 m."""
+from projectors and lasers in gels doesn't reach 40 µm channels over a part's size. Extent above
+which nothing is printed: beds of the largest bioprinters are some 0.3 m."""
 
 WRITERS: Final[dict[str, Callable[[Path, VesselNetwork], None]]] = {
     ".csv": write_network_csv,
@@ -55,7 +52,7 @@ WRITERS: Final[dict[str, Callable[[Path, VesselNetwork], None]]] = {
     ".json": write_network_json,
     ".npz": write_network_npz,
 }
-"""Of the formats that are one file."""
+"""By suffix, of the formats that are one file."""
 
 
 def read_network(path: Path, unit: LengthUnit | None = None) -> VesselNetwork:
@@ -92,13 +89,13 @@ def read_with_notes(
     suffix = path.suffix.lower()
     if suffix not in READ:
         raise NetworkError(f"{path}: {suffix or 'no suffix'} can't be read; {', '.join(READ)} can")
-    if suffix in ASKED and unit is None:
+    if suffix in UNIT_NEEDED and unit is None:
         raise NetworkError(
             f"{path} doesn't say the unit of its coordinates; give unit, one of {', '.join(MM_PER)}"
         )
-    if suffix in SAID and unit not in (None, SAID[suffix]):
+    if suffix in UNIT_FIXED and unit not in (None, UNIT_FIXED[suffix]):
         raise NetworkError(
-            f"{path} is in {SAID[suffix]}, as its format says, not {unit}; leave unit out"
+            f"{path} is in {UNIT_FIXED[suffix]}, as its format says, not {unit}; leave unit out"
         )
     if suffix == ".vtp":
         network, whole = read_vtp_lines(path, unit or "mm")

@@ -1,22 +1,27 @@
-"""Read and write `network.csv`: one straight vessel piece per row, full precision."""
+"""Read and write `network.csv`, a straight piece per row; read points with their parents."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import Final, NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from design.errors import NetworkError
 from design.files import atomic_replacement
-from design.network import VesselKind, VesselNetwork
+from design.network import VesselNetwork
+from design.network_files.pieces import (
+    GAP_MM,
+    KINDS,
+    Pieces,
+    chain_pieces,
+    check_pieces,
+    read_utf8,
+)
+from design.network_files.swc import PointRow, trees_of_points
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
 
@@ -53,11 +58,7 @@ def read_network_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
     OSError
         When the file can't be read.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as exc:
-        raise NetworkError(f"{path}: not UTF-8 text; save the network as CSV") from exc
-    pieces = parse_pieces(path, text, MM_PER[unit])
+    pieces = parse_pieces(path, read_utf8(path, "CSV"), MM_PER[unit])
     check_pieces(pieces)
     return chain_pieces(pieces)
 
@@ -66,46 +67,10 @@ def read_network_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
 #
 # Columns: ``vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree``. Pieces that
 # meet share a node number; designed flow runs from node0 to node1. Radii are in mm always, as their
-# columns say; the coordinates' columns name no unit, so a reader must be told it.
+# columns say; the coordinates' columns name no unit, so a reader needs it.
 
 _HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree"
 COLUMNS = tuple(_HEADER.split(","))
-GAP_MM = 1e-6
-"""Pieces that share a node number must meet within this distance, mm."""
-_KIND_NUMBER = {kind.name.lower(): int(kind) for kind in VesselKind}
-
-
-@dataclass(frozen=True)
-class Pieces:
-    """Straight pieces; piece ``i`` stands in line ``line[i]`` of ``path``.
-
-    Attributes
-    ----------
-    line, vessel, kind, tree : (n,) int64
-        As in the file.
-    nodes : (n, 2) int64
-        The file's node numbers.
-    points : (n, 2, 3) float64, mm
-        Both ends.
-    radius : (n, 2) float64, mm
-        At both ends.
-    """
-
-    path: Path
-    line: IntArray
-    vessel: IntArray
-    nodes: IntArray
-    points: FloatArray
-    radius: FloatArray
-    kind: IntArray
-    tree: IntArray
-
-    def __len__(self) -> int:
-        return len(self.line)
-
-    def fail(self, row: int, text: str) -> NoReturn:
-        """Raise `NetworkError` about ``row`` with its file, line and vessel."""
-        raise NetworkError(f"{self.path}, line {self.line[row]}, vessel {self.vessel[row]}: {text}")
 
 
 def parse_pieces(path: Path, text: str, mm_per_unit: float) -> Pieces:
@@ -134,7 +99,7 @@ def parse_pieces(path: Path, text: str, mm_per_unit: float) -> Pieces:
         nodes=columns("node0 node1", int).astype(np.int64),
         points=columns("x0 y0 z0 x1 y1 z1", float).reshape(-1, 2, 3) * mm_per_unit,
         radius=columns("radius0_mm radius1_mm", float),
-        kind=columns("kind", lambda name: _KIND_NUMBER[name.strip()]).ravel().astype(np.int64),
+        kind=columns("kind", lambda name: KINDS[name.strip()]).ravel().astype(np.int64),
         tree=columns("tree", int).ravel().astype(np.int64),
     )
 
@@ -210,7 +175,7 @@ def _blame(
     convert: Callable[[str], float],
 ) -> NoReturn:
     """Find the field that ``convert`` refused, and say what was wanted."""
-    wanted = f"one of {', '.join(_KIND_NUMBER)}" if name == "kind" else "a number"
+    wanted = f"one of {', '.join(KINDS)}" if name == "kind" else "a number"
     if name in ("vessel", "node0", "node1", "tree"):
         wanted = "a whole number"
     for line, field in zip(lines, fields, strict=True):
@@ -221,207 +186,72 @@ def _blame(
     raise NetworkError(f"{path}: column {name} can't be read; give {wanted}")
 
 
-def check_pieces(pieces: Pieces) -> None:
-    """Raise `NetworkError` for NaN, a radius not above 0, or a piece that joins itself."""
-    finite = np.isfinite(pieces.points).all(axis=(1, 2)) & np.isfinite(pieces.radius).all(axis=1)
-    if not finite.all():
-        pieces.fail(int(np.argmin(finite)), "a number is NaN or infinite; mend the row")
-    thin = pieces.radius.min(axis=1) <= 0
-    if thin.any():
-        row = int(np.argmax(thin))
-        pieces.fail(row, f"radius {pieces.radius[row].min():g} mm isn't above 0; mend the row")
-    circular = pieces.nodes[:, 0] == pieces.nodes[:, 1]
-    if circular.any():
-        row = int(np.argmax(circular))
-        pieces.fail(row, f"the piece joins node {pieces.nodes[row, 0]} to itself; mend the row")
+# Read a network from CSV with a point and its parent per row, as in SWC.
+
+POINT_COLUMNS: Final = ("x", "y", "z", "radius", "parent")
 
 
-# Chain straight pieces of a `network.csv` into vessel polylines between nodes.
+def has_points(path: Path) -> bool:
+    """Whether the columns of a CSV file are those of points with parents.
+
+    Raises
+    ------
+    OSError
+        When the file can't be read.
+    """
+    _, names = open_table(path.read_text(encoding="utf-8-sig", errors="replace"))
+    return set(names) >= set(POINT_COLUMNS)
 
 
-def chain_pieces(pieces: Pieces) -> VesselNetwork:
-    """Make a network of pieces in any order.
+def read_points_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
+    """Read points with the columns x, y, z, radius, parent, and id and kind where they are given.
 
-    A node of the file stays a node where its degree isn't 2, where the vessel's number changes,
-    or where the radius jumps: a polyline has one radius a point, so the vessel is cut there and
-    nothing is lost. The other nodes become inner points. Vessels keep the order in which they
-    first appear, nodes that of their numbers.
+    Fields are separated by commas, semicolons or tabs. All lengths are in the file's unit. The
+    parent is the ``id`` of another row; without a column ``id`` rows are numbered from 0. A root's
+    parent is -1 or empty.
 
     Raises
     ------
     NetworkError
-        A vessel's pieces form no chain, differ in kind or tree, leave a gap, or have no length.
+        For a number that can't be read, and as `trees_of_points`; with the line.
+    OSError
+        When the file can't be read.
     """
-    labels, node = np.unique(pieces.nodes, return_inverse=True)
-    node = node.reshape(-1, 2)
-    position = _node_positions(pieces, node, len(labels))
-    row = _rows_in_flow_order(pieces)
-    node, radius = node[row], pieces.radius[row]
-    _check_same_kind(pieces, row)
-
-    degree = np.bincount(node.ravel())
-    inner = (
-        (pieces.vessel[row[:-1]] == pieces.vessel[row[1:]])
-        & (node[:-1, 1] == node[1:, 0])
-        & (degree[node[:-1, 1]] == 2)
-        & (radius[:-1, 1] == radius[1:, 0])
-    )
-    first = np.flatnonzero(np.r_[True, ~inner])
-    count = np.diff(np.r_[first, len(row)])
-    last = first + count - 1
-    offset = np.r_[0, np.cumsum(count + 1)]
-    # A vessel of k pieces has k + 1 points: each piece's start, then the last piece's end.
-    is_end = np.zeros(offset[-1], dtype=bool)
-    is_end[offset[1:] - 1] = True
-    point_node = np.empty(offset[-1], dtype=np.int64)
-    point_radius = np.empty(offset[-1])
-    point_node[~is_end], point_node[is_end] = node[:, 0], node[last, 1]
-    point_radius[~is_end], point_radius[is_end] = radius[:, 0], radius[last, 1]
-    kept, ends = np.unique(np.stack([node[first, 0], node[last, 1]], 1), return_inverse=True)
-
-    network = VesselNetwork(
-        nodes=position[kept],
-        vessel_nodes=ends.reshape(-1, 2),
-        kind=pieces.kind[row[first]],
-        tree=pieces.tree[row[first]],
-        offset=offset,
-        points=position[point_node],
-        radius=point_radius,
-    )
-    flat = network.lengths() == 0
-    if flat.any():
-        pieces.fail(int(row[first[np.argmax(flat)]]), "zero length; move or remove it")
-    return network
-
-
-def fuse_vessels(pieces: Pieces, fusible: NDArray[np.bool_]) -> Pieces:
-    """Give vessels of one kind and tree that go on in each other the same number.
-
-    Parameters
-    ----------
-    pieces : Pieces
-    fusible : (m,) bool
-        Nodes, by number, at which they may.
-    """
-    nodes = pieces.nodes
-    ends = np.full((2, len(fusible)), -1, dtype=np.int64)
-    for side in (0, 1):
-        ends[side, nodes[:, 1 - side]] = np.arange(len(pieces))
-    degree = np.bincount(nodes.ravel(), minlength=len(fusible))
-    into, out = ends[:, fusible & (degree == 2) & (ends >= 0).all(axis=0)]
-    alike = (pieces.kind[into] == pieces.kind[out]) & (pieces.tree[into] == pieces.tree[out])
-    links = pieces.vessel[np.stack([into, out])[:, alike]]
-    size = int(pieces.vessel.max()) + 1
-    graph = coo_matrix((np.ones(links.shape[1]), links), shape=(size, size))
-    return replace(pieces, vessel=connected_components(graph, directed=False)[1][pieces.vessel])
-
-
-def join_equal_points(pieces: Pieces) -> Pieces:
-    """Make one node of points at the same place, to the bit, and one piece of equal pieces.
-
-    Pieces without length are left out, and of pieces of one kind between the same two points all
-    but the first. What is left of a vessel in several runs is several vessels.
-    """
-    flat = pieces.points.reshape(-1, 3)
-    _, first, node = np.unique(flat, axis=0, return_index=True, return_inverse=True)
-    nodes = first[node.reshape(-1, 2)]
-    key = np.column_stack([np.sort(nodes, axis=1), pieces.kind])
-    row = np.sort(np.unique(key, axis=0, return_index=True)[1])
-    row = row[nodes[row, 0] != nodes[row, 1]]
-    follows = (pieces.vessel[row[1:]] == pieces.vessel[row[:-1]]) & (
-        nodes[row[1:], 0] == nodes[row[:-1], 1]
-    )
-    return Pieces(
-        path=pieces.path,
-        line=pieces.line[row],
-        vessel=np.cumsum(np.r_[True, ~follows]) - 1 if len(row) else pieces.vessel[row],
-        nodes=nodes[row],
-        points=pieces.points[row],
-        radius=pieces.radius[row],
-        kind=pieces.kind[row],
-        tree=pieces.tree[row],
-    )
-
-
-def _node_positions(pieces: Pieces, node: IntArray, count: int) -> FloatArray:
-    """Where each node is first said to be; every other mention must agree."""
-    flat, points = node.ravel(), pieces.points.reshape(-1, 3)
-    first = np.full(count, len(flat), dtype=np.int64)
-    np.minimum.at(first, flat, np.arange(len(flat)))
-    gap = np.linalg.norm(points - points[first[flat]], axis=1)
-    worst = int(np.argmax(gap))
-    if gap[worst] > GAP_MM:
-        here, there = worst // 2, int(first[flat[worst]]) // 2
-        pieces.fail(
-            here,
-            f"node {pieces.nodes.ravel()[worst]} lies {gap[worst]:g} mm from where line "
-            f"{pieces.line[there]} has it (at most {GAP_MM:g} mm); close the gap or use "
-            "another node number",
-        )
-    return points[first]
-
-
-def _rows_in_flow_order(pieces: Pieces) -> IntArray:
-    """Rows sorted by vessel (in order of first appearance) and along each vessel's flow."""
-    _, first, vessel = np.unique(pieces.vessel, return_index=True, return_inverse=True)
-    row = np.argsort(first[vessel], kind="stable")
-    starts = np.flatnonzero(np.diff(first[vessel][row], prepend=-1))
-    ends = np.r_[starts[1:], len(row)]
-    joined = pieces.nodes[row[:-1], 1] == pieces.nodes[row[1:], 0]
-    breaks = np.r_[0, np.cumsum(~joined)]
-    # Files are mostly in order already; only the other vessels take the slow way.
-    for start, end in zip(starts, ends, strict=True):
-        if breaks[end - 1] != breaks[start]:
-            row[start:end] = _sorted_chain(pieces, row[start:end])
-    return row
-
-
-def _sorted_chain(pieces: Pieces, rows: IntArray) -> IntArray:
-    """Rows of one vessel, each piece after the one that ends where it starts."""
-    leaving: dict[int, int] = {}
-    entering: dict[int, int] = {}
-    for row in rows.tolist():
-        for node, seen, doing in zip(
-            pieces.nodes[row].tolist(), (leaving, entering), ("leave", "enter"), strict=True
-        ):
-            if node in seen:
-                pieces.fail(
-                    row,
-                    f"this piece and that in line {pieces.line[seen[node]]} both {doing} node "
-                    f"{node}; a vessel doesn't branch: turn the piece round or give it a vessel "
-                    "number of its own",
-                )
-            seen[node] = row
-    heads = [row for node, row in leaving.items() if node not in entering]
-    chain = [heads[0] if heads else int(rows[0])]
-    while (row_after := leaving.get(int(pieces.nodes[chain[-1], 1]))) not in (None, chain[0]):
-        chain.append(row_after)
-    if len(chain) != len(rows):
-        stray = next(row for row in rows.tolist() if row not in set(chain))
-        pieces.fail(
-            stray,
-            f"broken chain: the piece from node {pieces.nodes[stray, 0]} to "
-            f"{pieces.nodes[stray, 1]} isn't joined to the vessel's piece in line "
-            f"{pieces.line[chain[-1]]}; share the node's number or give it another vessel number",
-        )
-    return np.array(chain, dtype=np.int64)
-
-
-def _check_same_kind(pieces: Pieces, row: IntArray) -> None:
-    same = pieces.vessel[row[:-1]] == pieces.vessel[row[1:]]
-    for name, values in (("kind", pieces.kind[row]), ("tree", pieces.tree[row])):
-        differs = same & (values[:-1] != values[1:])
-        if differs.any():
-            pieces.fail(
-                int(row[1 + np.argmax(differs)]),
-                f"its {name} differs from that of its vessel's other pieces; a vessel has one",
+    table, names = open_table(read_utf8(path, "CSV"))
+    doubled = [name for name in dict.fromkeys(names) if name and names.count(name) > 1]
+    if doubled:
+        raise NetworkError(f"{path}: column {', '.join(doubled)} is doubled; keep one of each")
+    line: list[int] = []
+    rows: list[PointRow] = []
+    for at, fields in table_rows(path, table, names):
+        given = dict(zip(names, (field.strip() for field in fields), strict=True))
+        try:
+            x, y, z, radius = (float(given[name]) for name in POINT_COLUMNS[:4])
+            number = int(given["id"]) if "id" in given else len(rows)
+            parent = int(given["parent"] or -1)
+            kind = KINDS[given.get("kind") or "artery"]
+        except (KeyError, ValueError) as exc:
+            raise NetworkError(
+                f"{path}, line {at}: {','.join(fields)!r} isn't {', '.join(names)}; "
+                "id and parent are whole numbers (parent -1: a root), kind is one of "
+                f"{', '.join(KINDS)}"
+            ) from exc
+        if parent < -1:
+            raise NetworkError(
+                f"{path}, line {at}: parent {parent} isn't a row; give -1 for a root"
             )
+        if parent == number:
+            start = "" if "id" in names else "; rows count from 0, or give a column id"
+            raise NetworkError(f"{path}, line {at}: point {number} is its own parent{start}")
+        line.append(at)
+        rows.append((number, kind, x, y, z, radius, parent))
+    return trees_of_points(path, line, rows, np.full(4, MM_PER[unit]))
 
 
 # Write a vessel network to a `network.csv` file, in mm.
 
-_BATCH_ROWS = 20_000
-_KINDS = np.array([kind.name.lower() for kind in VesselKind])
+_BATCH_ROWS: Final = 20_000
+"""Written at a time."""
 
 
 def write_network_csv(path: Path, network: VesselNetwork) -> None:
@@ -461,7 +291,7 @@ def _rows(
         *points[first + 1].T.tolist(),
         network.radius[first].tolist(),
         network.radius[first + 1].tolist(),
-        _KINDS[network.kind[vessel]].tolist(),
+        network.kind_names()[vessel].tolist(),
         network.tree[vessel].tolist(),
         strict=True,
     )

@@ -12,16 +12,15 @@ import numpy as np
 
 from design.errors import NetworkError
 from design.files import atomic_replacement, write_text
-from design.network import VesselKind, VesselNetwork
+from design.network import VesselNetwork
+from design.network_files.pieces import KINDS
 
 _FORMAT = "printctl-network"
 _VERSION = 1
-_KINDS = {kind.name.lower(): int(kind) for kind in VesselKind}
 _OF_SVZEROD = {
     "simulation_parameters": "a case of svZeroDSolver, which `printctl flow` runs",
     "calibration_parameters": "an input of svZeroDCalibrator",
 }
-_NAMES = {number: name for name, number in _KINDS.items()}
 
 
 def write_network_json(path: Path, network: VesselNetwork) -> None:
@@ -39,13 +38,16 @@ def write_network_json(path: Path, network: VesselNetwork) -> None:
     points = np.column_stack([network.points, network.radius]).tolist()
     offset = network.offset.tolist()
     vessels = zip(
-        network.vessel_nodes.tolist(), network.kind.tolist(), network.tree.tolist(), strict=True
+        network.vessel_nodes.tolist(),
+        network.kind_names().tolist(),
+        network.tree.tolist(),
+        strict=True,
     )
     rows = [
         json.dumps(
             {
                 "nodes": ends,
-                "kind": _NAMES[kind],
+                "kind": kind,
                 "tree": tree,
                 "points": points[offset[i] : offset[i + 1]],
             }
@@ -107,12 +109,12 @@ def read_network_json(path: Path) -> VesselNetwork:
 def _vessel(path: Path, number: int, vessel: Any, nodes: Any) -> tuple[list[int], int, int, Any]:
     try:
         ends = [int(node) for node in vessel["nodes"]]
-        kind, tree = _KINDS[vessel["kind"]], int(vessel["tree"])
+        kind, tree = KINDS[vessel["kind"]], int(vessel["tree"])
         points = np.array(vessel["points"], dtype=np.float64)
     except (KeyError, TypeError, ValueError) as exc:
         raise NetworkError(
             f"{path}: vessel {number} needs nodes, tree, points and a kind of "
-            f"{', '.join(_KINDS)} ({exc!r})"
+            f"{', '.join(KINDS)} ({exc!r})"
         ) from exc
     if nodes.ndim != 2 or nodes.shape[1] != 3 or len(ends) != 2:
         raise NetworkError(f"{path}: vessel {number} or the nodes are of wrong length; mend them")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -14,28 +14,46 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from design.geometry.close_pairs import close_pairs
+from design.geometry.polyline import places_along
 from design.network import VesselKind, VesselNetwork
-from design.network_files.csv_format import Pieces, chain_pieces, fuse_vessels, join_equal_points
+from design.network_files.pieces import (
+    TOWARDS_ROOT,
+    LabelledPath,
+    Labels,
+    PathPoints,
+    Pieces,
+    chain_pieces,
+    fuse_vessels,
+    join_equal_points,
+)
 from kernels.arrays import FloatArray, IntArray
 
-SAME_AXIS: Final = 0.35
-"""Axes nearer than so many radii are one lumen's. Lines traced twice through a lumen differ less,
-and axes of separate vessels that touch are the sum of both radii apart. From 0.28 to 0.5 the cases
-of `tests/design/network_files/test_merge.py` read alike."""
-_PARALLEL: Final = 0.7
-"""Cosine from which two straight pieces can run along each other."""
-_IN_LUMEN: Final = 1.25
-"""Between two stretches of one lumen, an axis nearer than so many radii hasn't left it: chords of
-coarse lines cut corners. Two vessels that touch are two radii apart."""
-_CHORD: Final = 3.0
-"""As `_IN_LUMEN`, between given points, where a coarse line cuts corners most."""
-_JOINT_REACH: Final = 6.0
-"""Radii to a joint of two vessels, within which a line that goes over from one to the other makes
-no way of its own."""
-_NEAR_POINT: Final = 0.05
-"""A joint goes to a point of the line that is nearer than so many radii."""
-_TOLD_DIFFERENCE: Final = 0.05
-"""Of the radii of merged vessels, over the radius."""
+
+class MergeLimits(NamedTuple):
+    """When axes belong to one lumen; lengths and distances in radii."""
+
+    # Nearer axes are one lumen's: lines traced twice through a lumen differ less, axes of vessels
+    # that touch are both radii apart. From 0.28 to 0.5 the cases of `test_merge.py` read alike.
+    same_axis: float = 0.35
+    bridged: float = 0.7  # between two stretches, without the stretch being broken
+    coincident: float = 0.02  # lines nearer than this are at the same place, for where they part
+    length: float = 2.0  # over which axes must be so near; half of it where they coincide
+    alike: float = 1.5  # ratio of radii up to which lines that don't coincide are one lumen's
+    parallel: float = 0.7  # cosine from which two straight pieces can run along each other
+    # Between two stretches of one lumen a nearer axis hasn't left it: chords of coarse lines cut
+    # corners, most between given points. Two vessels that touch are two radii apart.
+    in_lumen: float = 1.25
+    chord: float = 3.0
+    # To a joint of two vessels, within which a line that goes over from one to the other makes no
+    # way of its own.
+    joint_reach: float = 6.0
+    near_end: float = 0.5  # a joint nearer to an end, or to another joint, is there
+    near_point: float = 0.05  # a joint goes to a point of the line that is nearer
+    falling: float = 0.8  # a distance that falls less within a radius is as usual for the lines
+    reported_difference: float = 0.05  # of merged vessels' radii, over the radius
+
+
+LIMITS: Final = MergeLimits()
 
 
 class NetworkWithNotes(NamedTuple):
@@ -50,11 +68,11 @@ def merge_shared(
 ) -> NetworkWithNotes:
     """Merge vessels of one kind where they run along each other.
 
-    Vessels are compared in their order. Where the axis of one stays within `SAME_AXIS` radii of
-    earlier ones', over two radii at least or all the way between two of their nodes, it is the
-    same lumen. Axis and radii of the earlier vessel are kept, and the later one begins where they
-    part. Vessels that touch, cross or run side by side are left as they are, and so are those that
-    diverge from a node that they share.
+    Vessels are compared in their order. Where the axis of one stays near earlier ones'
+    (`MergeLimits.same_axis`), over two radii at least or all the way between two of their nodes, it
+    is the same lumen. Axis and radii of the earlier vessel are kept, and the later one begins where
+    they part. Vessels that touch, cross or run side by side are left as they are, and so are those
+    that diverge from a node that they share.
 
     Where merged vessels were given in opposite directions, all of the part of the network that
     they belong to is directed away from the end that most of them share (veins, lymph: towards
@@ -67,7 +85,7 @@ def merge_shared(
     network : VesselNetwork
     by_place : bool
         Whether points at the same place, to the bit, are one node. They are joined after merging:
-        cut there before, lines of one lumen would be too short to be told as such.
+        cut there before, lines of one lumen would be too short to be recognised.
     identical : bool
         Merge only vessels with the same points: for formats that state which vessels meet where.
     """
@@ -113,7 +131,9 @@ def side_by_side(network: VesselNetwork) -> tuple[str, ...]:
     )
 
 
-def _beside(network: VesselNetwork, apart: float = SAME_AXIS, least: float = 1.0) -> IntArray:
+def _beside(
+    network: VesselNetwork, apart: float = LIMITS.same_axis, least: float = 1.0
+) -> IntArray:
     """Pairs of vessels (k, 2) that may run within `apart` radii of each other for `least` radii."""
     start, end, r0, r1, vessel = network.pieces()
     length = np.linalg.norm(end - start, axis=1)
@@ -136,7 +156,7 @@ def _length_beside(start: FloatArray, way: FloatArray, reach: FloatArray) -> Flo
     length = np.linalg.norm(way, axis=2)
     unit = way[:, 0] / length[:, :1]
     cosine = np.einsum("ij,ij->i", unit, way[:, 1]) / length[:, 1]
-    rate = length[:, 1] * np.where(np.abs(cosine) < _PARALLEL, 1.0, cosine)
+    rate = length[:, 1] * np.where(np.abs(cosine) < LIMITS.parallel, 1.0, cosine)
     offset = np.einsum("ij,ij->i", unit, start[:, 1] - start[:, 0])
     # Places along the second piece, 0 to 1, above both ends of the first.
     above = np.sort(np.stack([-offset, length[:, 0] - offset]) / rate, axis=0).clip(0.0, 1.0)
@@ -149,61 +169,28 @@ def _length_beside(start: FloatArray, way: FloatArray, reach: FloatArray) -> Flo
     half = np.sqrt(np.maximum(b * b - c, 0.0))
     low, high = np.maximum(above[0], -b - half), np.minimum(above[1], -b + half)
     near = np.maximum(high - low, 0.0) * np.abs(rate)
-    return np.where(np.abs(cosine) < _PARALLEL, 0.0, near)
+    return np.where(np.abs(cosine) < LIMITS.parallel, 0.0, near)
 
 
-@dataclass(frozen=True)
-class _Shared:
+class _Shared(NamedTuple):
     """A stretch of a vessel, and the vessels that it runs along."""
 
     vessel: int
     others: frozenset[int]
-    stretch: Stretch
-
-
-@dataclass
-class _Path:
-    """A vessel, or what is left of it: its points, labels of both ends, joints on it."""
-
-    points: FloatArray
-    radius: FloatArray
-    ends: tuple[int, int]
-    vessel: int
-    joints: list[tuple[float, int]] = field(default_factory=list)
-
-    @property
-    def labelled(self) -> list[tuple[float, int]]:
-        """Places along it that have a label."""
-        last = float(len(self.points) - 1)
-        return [(0.0, self.ends[0]), *self.joints, (last, self.ends[1])]
-
-    def point(self, at: float) -> FloatArray:
-        """Place of a point along it, counted in points."""
-        k = min(int(at), len(self.points) - 2)
-        return self.points[k] + (at - k) * (self.points[k + 1] - self.points[k])
+    stretch: _Stretch
 
 
 class _Along(NamedTuple):
     """A path, its samples, and their feet on the paths that are kept."""
 
-    path: _Path
-    own: Samples
-    feet: Feet
-    kept: list[_Path]
+    path: LabelledPath
+    own: _Samples
+    feet: _Feet
+    kept: list[LabelledPath]
 
-    def foot(self, k: int) -> tuple[_Path, float, float]:
+    def foot(self, k: int) -> tuple[LabelledPath, float, float]:
         """Path and place along it below a sample, and the sample's radius, mm."""
         return self.kept[self.feet.path[k]], float(self.feet.at[k]), float(self.own.radius[k])
-
-
-class _Points(NamedTuple):
-    """Points of paths in turn: vessel, path, label (-1 for none), place (mm), radius (mm)."""
-
-    vessel: IntArray
-    path: IntArray
-    label: IntArray
-    place: FloatArray
-    radius: FloatArray
 
 
 class _Merge:
@@ -212,46 +199,45 @@ class _Merge:
     def __init__(self, network: VesselNetwork) -> None:
         self.shared: list[_Shared] = []
         self._network = network
-        self._paths: list[_Path] = []
-        self._same = list(range(len(network.nodes)))
-        self._place = list(network.nodes)
-        self._left_out: list[tuple[FloatArray, _Path, float, float]] = []
+        self._paths: list[LabelledPath] = []
+        self._labels = Labels(list(network.nodes))
+        self._left_out: list[tuple[FloatArray, LabelledPath, float, float]] = []
 
     def add(self, vessels: IntArray) -> None:
         """Add vessels that may run along each other, and along no others."""
-        kept: list[_Path] = []
-        samples: list[Samples] = []
+        kept: list[LabelledPath] = []
+        samples: list[_Samples] = []
         for vessel in vessels.tolist():
             points, radius = self._network.polyline(vessel)
             first, last = self._network.vessel_nodes[vessel].tolist()
-            rests = [_Path(points, radius, (first, last), vessel)]
+            rests = [LabelledPath(points, radius, (first, last), vessel)]
             if kept:
                 rests = self._without_shared(rests[0], kept, samples)
             kept += rests
-            samples += [sample(rest.points, rest.radius) for rest in rests]
+            samples += [_sample(rest.points, rest.radius) for rest in rests]
         self._paths += kept
 
     def _without_shared(
-        self, path: _Path, kept: list[_Path], samples: list[Samples]
-    ) -> list[_Path]:
+        self, path: LabelledPath, kept: list[LabelledPath], samples: list[_Samples]
+    ) -> list[LabelledPath]:
         """What of a path doesn't run along those kept, joined to them."""
-        own = sample(path.points, path.radius)
-        feet = nearest_feet(own, samples)
+        own = _sample(path.points, path.radius)
+        feet = _nearest_feet(own, samples)
         last = len(own.at) - 1
 
         def is_node(k: int) -> bool:
             """Whether the path's end at sample ``k`` is a node of the path below it."""
-            label = self._root(path.ends[k > 0])
+            label = self._labels.root(path.ends[k > 0])
             return any(
-                abs(at - feet.at[k]) < 1e-6 and self._root(other) == label
+                abs(at - feet.at[k]) < 1e-6 and self._labels.root(other) == label
                 for at, other in kept[feet.path[k]].labelled
             )
 
-        stretches = shared_stretches(own, feet, at_node=(is_node(0), is_node(last)))
+        stretches = _shared_stretches(own, feet, at_node=(is_node(0), is_node(last)))
         if not stretches:
             return [path]
         along = _Along(path, own, feet, kept)
-        rests: list[_Path] = []
+        rests: list[LabelledPath] = []
         begin, label = 0, path.ends[0]
         for one in stretches:
             others = frozenset(kept[k].vessel for k in feet.path[one.first : one.last + 1])
@@ -263,14 +249,14 @@ class _Merge:
             begin, label = one.last, joints[1]
         return rests + self._rest(along, (begin, last), (label, path.ends[1]))
 
-    def _join_ends(self, along: _Along, one: Stretch) -> None:
+    def _join_ends(self, along: _Along, one: _Stretch) -> None:
         """Join paths below a stretch where one ends and another goes on."""
         feet = along.feet
         at_end = feet.to_end <= feet.radius
         for k in range(one.first, one.last):
             if feet.path[k] != feet.path[k + 1] and at_end[k] and at_end[k + 1]:
-                ends = [self._root(self._joint(*along.foot(row))) for row in (k, k + 1)]
-                self._same[ends[1]] = ends[0]
+                one_end, other_end = (self._joint(*along.foot(row)) for row in (k, k + 1))
+                self._labels.unite(other_end, one_end)
 
     def _leave_out(self, along: _Along, first: int, last: int) -> None:
         """Record where points are left out, in case that others share them."""
@@ -278,7 +264,9 @@ class _Merge:
             if along.own.at[k] == round(along.own.at[k]):
                 self._left_out.append((along.own.points[k], *along.foot(k)))
 
-    def _rest(self, along: _Along, span: tuple[int, int], ends: tuple[int, int]) -> list[_Path]:
+    def _rest(
+        self, along: _Along, span: tuple[int, int], ends: tuple[int, int]
+    ) -> list[LabelledPath]:
         """The path between two samples; none where it stays in the lumen that it leaves."""
         (first, last), own, path = span, along.own, along.path
         rows = np.arange(first, last + 1)
@@ -289,10 +277,10 @@ class _Merge:
             for side in (0, 1):
                 if free[side]:
                     joint = ends[1 - side] if short else self._joint(*along.foot(span[side]))
-                    self._same[self._root(ends[side])] = self._root(joint)
+                    self._labels.unite(ends[side], joint)
             return []
         rows = rows[(own.at[rows] == np.round(own.at[rows])) | (rows == first) | (rows == last)]
-        return [_Path(own.points[rows], own.radius[rows], ends, path.vessel)]
+        return [LabelledPath(own.points[rows], own.radius[rows], ends, path.vessel)]
 
     def _in_lumen(self, along: _Along, rows: IntArray, free: list[bool], *, short: bool) -> bool:
         """Whether samples stay in the lumen of one path, or of two that are joined near them.
@@ -302,63 +290,41 @@ class _Merge:
         feet = along.feet
         reach = feet.radius[rows]
         given = along.own.at[rows] == np.round(along.own.at[rows])
-        limit = np.where(given, _IN_LUMEN, _CHORD) * reach
+        limit = np.where(given, LIMITS.in_lumen, LIMITS.chord) * reach
         if not short and (feet.gap[rows] > limit).any():
             return False
         if (feet.to_end[rows] > reach)[[0, -1]][free].any():
             return False
         one, two = (along.kept[k] for k in feet.path[rows][[0, -1]])
-        nodes = {self._root(label): one.point(at) for at, label in one.labelled}
-        joints = [nodes[k] for _, label in two.labelled if (k := self._root(label)) in nodes]
+        nodes = {self._labels.root(label): one.point(at) for at, label in one.labelled}
+        joints = [nodes[k] for _, label in two.labelled if (k := self._labels.root(label)) in nodes]
         return one is two or any(
             np.linalg.norm(along.own.points[rows] - joint, axis=1).min()
-            <= _JOINT_REACH * reach.max()
+            <= LIMITS.joint_reach * reach.max()
             for joint in joints
         )
 
-    def _joint(self, path: _Path, at: float, radius: float) -> int:
+    def _joint(self, path: LabelledPath, at: float, radius: float) -> int:
         """Label of the node at a place along a path, made where there is none near it."""
         point = path.point(at)
         gaps = [float(np.linalg.norm(path.point(one) - point)) for one, _ in path.labelled]
-        if min(gaps) <= NEAR_END * radius:
+        if min(gaps) <= LIMITS.near_end * radius:
             return path.labelled[int(np.argmin(gaps))][1]
-        if np.linalg.norm(path.point(round(at)) - point) <= _NEAR_POINT * radius:
+        if np.linalg.norm(path.point(round(at)) - point) <= LIMITS.near_point * radius:
             at = float(round(at))
-        self._same.append(len(self._same))
-        self._place.append(path.point(at))
-        path.joints.append((at, self._same[-1]))
-        return self._same[-1]
-
-    def _root(self, label: int) -> int:
-        while self._same[label] != label:
-            label = self._same[label]
+        label = self._labels.add(path.point(at))
+        path.joints.append((at, label))
         return label
 
     def pieces(self, path: Path, *, by_place: bool) -> tuple[Pieces, int]:
         """Straight pieces of all paths, and how many vessels were turned round for it."""
         moved = self._moved_places() if by_place else {}
         point = self._points()
-        root = np.array(self._same)
-        while (root[root] != root).any():
-            root = root[root]
-        named = point.label >= 0
-        node = np.where(named, root[point.label], len(root) + np.arange(len(named)))
-        point.place[named] = np.array(self._place)[node[named]]
+        node, root = point.nodes(self._labels), self._labels.roots()
         for k in np.flatnonzero([tuple(one) in moved for one in point.place.tolist()]).tolist():
-            point.place[k] = self._place[self._root(moved[tuple(point.place[k].tolist())])]
-        row = np.flatnonzero((point.path[:-1] == point.path[1:]) & (node[:-1] != node[1:]))
-        ends = np.stack([row, row + 1], axis=1)
-        vessel = point.vessel[row]
-        pieces = Pieces(
-            path=path,
-            line=vessel + 1,
-            vessel=point.path[row],
-            nodes=node[ends],
-            points=point.place[ends],
-            radius=point.radius[ends],
-            kind=self._network.kind[vessel],
-            tree=self._trees()[vessel],
-        )
+            point.place[k] = self._labels.place(moved[tuple(point.place[k].tolist())])
+        kind, tree = self._network.kind[point.vessel], self._trees()[point.vessel]
+        pieces = point.pieces(path, node, point.vessel + 1, kind, tree)
         # How many ends of the given vessels, and how many of their pieces, each node holds.
         share = np.bincount(root[self._network.vessel_nodes.ravel()], minlength=len(root))
         before = np.zeros(len(node) + len(root), dtype=np.int64)
@@ -390,7 +356,7 @@ class _Merge:
             place = tuple(point.tolist())
             if place in kept and place not in own[id(path)]:
                 # As in `_rest`, no vessel of its own is shorter than a radius.
-                moved.setdefault(place, self._joint(path, at, radius / NEAR_END))
+                moved.setdefault(place, self._joint(path, at, radius / LIMITS.near_end))
         return moved
 
     def _joined(self, pieces: Pieces, share: IntArray) -> tuple[Pieces, IntArray, IntArray]:
@@ -408,7 +374,7 @@ class _Merge:
         before = np.bincount(number[2 * len(pieces) :], held, minlength=len(number))
         return join_equal_points(pieces), ends.astype(np.int64), before.astype(np.int64)
 
-    def _points(self) -> _Points:
+    def _points(self) -> PathPoints:
         """Points of all paths and of the vessels that run along no other."""
         network = self._network
         vessel = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
@@ -416,30 +382,11 @@ class _Merge:
         label[network.offset[:-1]], label[network.offset[1:] - 1] = network.vessel_nodes.T
         compared = [path.vessel for path in self._paths] + [one.vessel for one in self.shared]
         own = ~np.isin(vessel, compared)
-        parts = [
-            _Points(vessel[own], vessel[own], label[own], network.points[own], network.radius[own])
-        ]
-        for k, one in enumerate(self._paths, start=network.vessel_count):
-            named = {float(n): -1 for n in range(len(one.points))} | dict(one.labelled)
-            at = np.array(sorted(named))
-            index = np.arange(len(one.points), dtype=np.float64)
-            parts.append(
-                _Points(
-                    vessel=np.full(len(at), one.vessel),
-                    path=np.full(len(at), k),
-                    label=np.array([named[place] for place in at.tolist()]),
-                    place=np.stack([np.interp(at, index, x) for x in one.points.T], axis=1),
-                    radius=np.interp(at, index, one.radius),
-                )
-            )
-        order = np.argsort(np.concatenate([part.vessel for part in parts]), kind="stable")
-        return _Points(
-            vessel=np.concatenate([part.vessel for part in parts])[order],
-            path=np.concatenate([part.path for part in parts])[order],
-            label=np.concatenate([part.label for part in parts])[order],
-            place=np.concatenate([part.place for part in parts])[order],
-            radius=np.concatenate([part.radius for part in parts])[order],
-        )
+        at = (np.arange(len(vessel)) - network.offset[vessel]).astype(np.float64)
+        rest = PathPoints(vessel, vessel, at, label, network.points, network.radius).where(own)
+        paths = [one.rows(network.vessel_count + k) for k, one in enumerate(self._paths)]
+        points = PathPoints.joined([rest, *paths])
+        return points.where(np.argsort(points.vessel, kind="stable"))
 
     def _trees(self) -> IntArray:
         """Tree of each vessel; trees that share a vessel are one."""
@@ -471,7 +418,7 @@ def _directed(
             rank = np.zeros(size)
             rank[order] = np.arange(len(order))
             back = rank[nodes[rows, 0]] > rank[nodes[rows, 1]]
-            if kind in (int(VesselKind.VEIN), int(VesselKind.LYMPH)):
+            if kind in TOWARDS_ROOT:
                 back = ~back
             turned[rows[back]] = True
             # A vessel may be turned in part: its pieces are chained anew.
@@ -502,7 +449,7 @@ def _note(before: VesselNetwork, after: VesselNetwork, shared: list[_Shared], tu
         f"{len(after.outlets())})"
     )
     uneven = max(s.radius_difference for s in stretches)
-    if uneven > _TOLD_DIFFERENCE:
+    if uneven > LIMITS.reported_difference:
         note += (
             f"; their radii differ by up to {100 * uneven:.0f} %: those that stand first in the "
             "file are kept"
@@ -520,112 +467,61 @@ def _note(before: VesselNetwork, after: VesselNetwork, shared: list[_Shared], tu
 
 # Find stretches over which one polyline runs along others, as lines through one lumen do.
 
-NEAR_END: Final = 0.5
-"""A joint nearer than so many radii to an end, or to another joint, is there."""
-
-_LEAST_LENGTH: Final = 2.0
-"""Radii over which axes must be so near, not counting where they part from each other; half of
-that where they coincide."""
-_ALIKE: Final = 1.5
-"""Ratio of radii up to which lines that don't coincide are one lumen's."""
-_BRIDGED: Final = 2 * SAME_AXIS
-"""Between two stretches axes may be this many radii apart without the stretch being broken."""
-_COINCIDENT: Final = 0.02
-"""Lines nearer than so many radii are at the same place, for where they part."""
-_SPACING: Final = 0.25
+_SAMPLE_SPACING: Final = 0.25
 """Of samples, in radii."""
-_FALLING: Final = 0.8
-"""A distance that doesn't fall to this part of itself within a radius is as usual for the lines."""
 _PIECE_SAMPLES: Final = 1000
+"""Of a straight piece, at most."""
 _CANDIDATES: Final = 8
+"""Stretches whose middles are nearest, among which the nearest foot is looked for."""
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Points of a polyline, and others between them a quarter of a radius apart.
+class _Samples(NamedTuple):
+    """Points of a polyline, and others between them a quarter of a radius apart."""
 
-    Attributes
-    ----------
-    at : (n,) float64
-        Place along the polyline, counted in its points.
-    points : (n, 3) float64, mm
-    radius : (n,) float64, mm
-    length : (n,) float64, mm
-        Way from the first.
-    ends : (2, 3) float64, mm
-    """
-
-    at: FloatArray
-    points: FloatArray
-    radius: FloatArray
-    length: FloatArray
-    ends: FloatArray
+    at: FloatArray  # (n,), place along the polyline, counted in its points
+    points: FloatArray  # (n, 3), mm
+    radius: FloatArray  # (n,), mm
+    length: FloatArray  # (n,), way from the first, mm
+    ends: FloatArray  # (2, 3), mm
 
 
-class Feet(NamedTuple):
-    """Nearest place on other polylines, for each sample.
+class _Feet(NamedTuple):
+    """Nearest place on other polylines, for each sample."""
 
-    Attributes
-    ----------
-    path : (n,) int64
-        Number of the polyline.
-    at : (n,) float64
-        Place along it, counted in its points.
-    points : (n, 3) float64, mm
-    radius : (n,) float64, mm
-    gap : (n,) float64, mm
-        Distance from the sample.
-    to_end : (n,) float64, mm
-        Distance from the polyline's nearer end.
-    """
-
-    path: IntArray
-    at: FloatArray
-    points: FloatArray
-    radius: FloatArray
-    gap: FloatArray
-    to_end: FloatArray
+    path: IntArray  # (n,), number of the polyline
+    at: FloatArray  # (n,), place along it, counted in its points
+    points: FloatArray  # (n, 3), mm
+    radius: FloatArray  # (n,), mm
+    gap: FloatArray  # (n,), distance from the sample, mm
+    to_end: FloatArray  # (n,), distance from the polyline's nearer end, mm
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """Samples ``first`` to ``last`` of a polyline, which run along others.
-
-    Attributes
-    ----------
-    length, gap : float, mm
-        Of the stretch, and between the axes at most.
-    gap_ratio, radius_difference : float
-        The gap over the radius, and how far radii differ over the radius, at most.
-    opposed : bool
-        Whether the polylines have opposite directions.
-    """
+class _Stretch(NamedTuple):
+    """Samples ``first`` to ``last`` of a polyline, which run along others; lengths in mm."""
 
     first: int
     last: int
     length: float
-    gap: float
-    gap_ratio: float
-    radius_difference: float
-    opposed: bool
+    gap: float  # between the axes, at most
+    gap_ratio: float  # over the radius, at most
+    radius_difference: float  # over the radius, at most
+    opposed: bool  # whether the polylines have opposite directions
 
 
-def sample(points: FloatArray, radius: FloatArray) -> Samples:
-    """Return samples of a polyline with ``points`` (k, 3) and ``radius`` (k,), mm."""
+def _sample(points: FloatArray, radius: FloatArray) -> _Samples:
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    spacing = _SPACING * np.minimum(radius[:-1], radius[1:])
+    spacing = _SAMPLE_SPACING * np.minimum(radius[:-1], radius[1:])
     count = np.clip(np.ceil(step / spacing), 1, _PIECE_SAMPLES).astype(np.int64)
     piece = np.repeat(np.arange(len(step)), count)
     part = (np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count)) / count[piece]
     at = np.r_[piece + part, float(len(step))]
     index = np.arange(len(points), dtype=np.float64)
     known = np.column_stack([points, radius, np.r_[0.0, np.cumsum(step)]])
-    values = np.stack([np.interp(at, index, column) for column in known.T], axis=1)
-    return Samples(at, values[:, :3], values[:, 3], values[:, 4], points[[0, -1]])
+    values = places_along(known, index, at)
+    return _Samples(at, values[:, :3], values[:, 3], values[:, 4], points[[0, -1]])
 
 
-def nearest_feet(own: Samples, others: list[Samples]) -> Feet:
-    """Return the nearest place on the polylines of ``others`` for each sample of ``own``."""
+def _nearest_feet(own: _Samples, others: list[_Samples]) -> _Feet:
     path = np.repeat(np.arange(len(others)), [len(one.at) - 1 for one in others])
     start, end = (
         np.concatenate([one.points[k : len(one.at) - 1 + k] for one in others]) for k in (0, 1)
@@ -647,7 +543,7 @@ def nearest_feet(own: Samples, others: list[Samples]) -> Feet:
     best = np.argmin(gap, axis=1)
     row, part, foot = rows[each, best], part[each, best], foot[each, best]
     ends = np.array([one.ends for one in others])[path[row]]
-    return Feet(
+    return _Feet(
         path=path[row],
         at=at0[row] + part * (at1 - at0)[row],
         points=foot,
@@ -657,24 +553,18 @@ def nearest_feet(own: Samples, others: list[Samples]) -> Feet:
     )
 
 
-def shared_stretches(own: Samples, feet: Feet, *, at_node: tuple[bool, bool]) -> list[Stretch]:
-    """Return the stretches over which samples run along other polylines, in their order.
+def _shared_stretches(own: _Samples, feet: _Feet, *, at_node: tuple[bool, bool]) -> list[_Stretch]:
+    """Stretches over which samples run along other polylines, in their order.
 
-    Parameters
-    ----------
-    own : Samples
-    feet : Feet
-        Of these samples.
-    at_node : (bool, bool)
-        Whether the polyline's first and last end are nodes of those that it may run along. If both
-        are and it is near them all the way, its length doesn't matter. From a node that they share,
-        vessels that only diverge are a bifurcation's, however slowly they do.
+    ``at_node`` says whether the polyline's first and last end are nodes of those that it may run
+    along. If both are and it is near them all the way, its length doesn't matter. From a node that
+    they share, vessels that only diverge are a bifurcation's, however slowly they do.
     """
     radius = np.minimum(own.radius, feet.radius)
-    alike = np.maximum(own.radius, feet.radius) <= _ALIKE * radius
-    near = (feet.gap <= SAME_AXIS * radius) & _advancing(own.points, feet.points)
-    near &= alike | (feet.gap <= _COINCIDENT * radius)
-    number, count = label(near | (feet.gap <= _BRIDGED * radius))
+    alike = np.maximum(own.radius, feet.radius) <= LIMITS.alike * radius
+    near = (feet.gap <= LIMITS.same_axis * radius) & _advancing(own.points, feet.points)
+    near &= alike | (feet.gap <= LIMITS.coincident * radius)
+    number, count = label(near | (feet.gap <= LIMITS.bridged * radius))
     stretches = []
     for run in range(1, count + 1):
         rows = np.flatnonzero(near & (number == run))
@@ -689,8 +579,8 @@ def shared_stretches(own: Samples, feet: Feet, *, at_node: tuple[bool, bool]) ->
                 continue
             first, last = _parting(own, feet, radius, first, last)
         span = slice(first, last + 1)
-        least = _LEAST_LENGTH * float(np.median(radius[span]))
-        if (feet.gap[span] <= _COINCIDENT * radius[span]).all():
+        least = LIMITS.length * float(np.median(radius[span]))
+        if (feet.gap[span] <= LIMITS.coincident * radius[span]).all():
             least /= 2
         if whole or own.length[last] - own.length[first] >= least:
             stretches.append(_stretch(own, feet, radius, first, last))
@@ -706,14 +596,14 @@ def _advancing(points: FloatArray, feet: FloatArray) -> NDArray[np.bool_]:
 
 
 def _parting(
-    own: Samples, feet: Feet, radius: FloatArray, first: int, last: int
+    own: _Samples, feet: _Feet, radius: FloatArray, first: int, last: int
 ) -> tuple[int, int]:
     """Stretch without the ends in which the lines part from each other.
 
     Lines part from where the distance between them begins to rise. Where one of them ends, they
     don't part.
     """
-    ended = feet.to_end <= NEAR_END * radius
+    ended = feet.to_end <= LIMITS.near_end * radius
     ratio = feet.gap / radius
     if first > 0 and not ended[first]:
         first += _lowest(ratio[first : last + 1], own.length[first : last + 1], radius[first])
@@ -726,19 +616,19 @@ def _parting(
 def _lowest(ratio: FloatArray, way: FloatArray, radius: float) -> int:
     """Index to which ratios fall, from the first one on; rises within a radius are passed over."""
     k = 0
-    while ratio[k] > _COINCIDENT and k + 1 < len(ratio):
+    while ratio[k] > LIMITS.coincident and k + 1 < len(ratio):
         end = max(k + 2, int(np.searchsorted(way, way[k] + radius)))
         step = int(np.argmin(ratio[k + 1 : end]))
-        if ratio[k + 1 + step] > _FALLING * ratio[k]:
+        if ratio[k + 1 + step] > LIMITS.falling * ratio[k]:
             break
         k += 1 + step
     return k
 
 
-def _stretch(own: Samples, feet: Feet, radius: FloatArray, first: int, last: int) -> Stretch:
+def _stretch(own: _Samples, feet: _Feet, radius: FloatArray, first: int, last: int) -> _Stretch:
     span = slice(first, last + 1)
     same = np.diff(feet.path[span]) == 0
-    return Stretch(
+    return _Stretch(
         first=first,
         last=last,
         length=float(own.length[last] - own.length[first]),

@@ -22,12 +22,13 @@ import numpy as np
 from design.errors import NetworkError
 from design.files import write_text
 from design.network import VesselKind, VesselNetwork
-from design.network_files.csv_format import (
+from design.network_files.pieces import (
+    TOWARDS_ROOT,
     Pieces,
     chain_pieces,
     check_pieces,
-    open_table,
-    table_rows,
+    fuse_vessels,
+    read_utf8,
 )
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
@@ -35,10 +36,10 @@ from kernels.arrays import FloatArray, IntArray
 KIND_TYPE: Final = {kind: 10 + int(kind) for kind in VesselKind}
 """Type of each kind of vessel in our files."""
 
-_KIND = {number: int(kind) for kind, number in KIND_TYPE.items()}
-_TOWARDS_ROOT = (int(VesselKind.VEIN), int(VesselKind.LYMPH))
-_UM = 1000.0
-_SAME_MM = 1e-9
+_KIND: Final = {number: int(kind) for kind, number in KIND_TYPE.items()}
+_UM: Final = 1 / MM_PER["um"]
+_SAME_MM: Final = 1e-9
+"""A child so near to its parent is the same node."""
 _SCALE = re.compile(r"#\s*scale\b[:=]?\s*(.*)", re.IGNORECASE)
 _UNIT = re.compile(r"#\s*units?\b\s*(?:[:=]\s*(.*\S)|[\[(]?([^\W\d]+)[\])]?)\s*$", re.IGNORECASE)
 """``# unit: mm``, whatever stands behind the colon; without one a single word."""
@@ -94,7 +95,7 @@ def write_network_swc(path: Path, network: VesselNetwork) -> None:
 
 def _parents_first(network: VesselNetwork) -> tuple[list[int], list[bool]]:
     """Vessels such that each begins where an earlier one ended; and whether it is turned round."""
-    turned = np.isin(network.kind, _TOWARDS_ROOT)
+    turned = np.isin(network.kind, TOWARDS_ROOT)
     ends = np.where(turned[:, None], network.vessel_nodes[:, ::-1], network.vessel_nodes)
     reached = np.bincount(ends[:, 1], minlength=len(network.nodes))
     if reached.max() > 1:
@@ -144,7 +145,7 @@ def read_swc_header(path: Path) -> SwcHeader:
     """
     unit: LengthUnit | None = None
     scale = (1.0, 1.0, 1.0)
-    for number, row in enumerate(_text(path), start=1):
+    for number, row in enumerate(read_utf8(path, "SWC").splitlines(), start=1):
         if match := _UNIT.match(row.strip()):
             named = _unit(match[1] or match[2])
             if named is None:
@@ -245,17 +246,10 @@ class _Points:
     parent: IntArray
 
 
-def _text(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as exc:
-        raise NetworkError(f"{path}: not UTF-8 text; save the network as SWC") from exc
-
-
 def _parse(path: Path) -> tuple[list[int], list[PointRow]]:
     line: list[int] = []
     rows: list[PointRow] = []
-    for number, row in enumerate(_text(path), start=1):
+    for number, row in enumerate(read_utf8(path, "SWC").splitlines(), start=1):
         words = row.split("#", 1)[0].split()
         if not words:
             continue
@@ -329,99 +323,16 @@ def _pieces(path: Path, points: _Points) -> Pieces:
         raise NetworkError(f"{path}: no two points are apart; give at least one vessel")
     ends = np.column_stack([points.parent[real], real])
     # Veins and lymph flow towards the root.
-    back = np.isin(points.kind[real], _TOWARDS_ROOT)
+    back = np.isin(points.kind[real], TOWARDS_ROOT)
     ends[back] = ends[back, ::-1]
-    return Pieces(
+    pieces = Pieces(
         path=path,
         line=points.line[real],
-        vessel=_vessels(points, node, real),
+        vessel=np.arange(len(real)),
         nodes=node[ends],
         points=points.place[node[ends]],
         radius=points.radius[ends],
         kind=points.kind[real],
         tree=tree[real],
     )
-
-
-def _vessels(points: _Points, node: IntArray, real: IntArray) -> IntArray:
-    """Vessel of each piece: a piece goes on with its parent's where nothing else joins them."""
-    degree = np.bincount(node[points.parent[real]], minlength=len(node))
-    vessel = np.full(len(node), -1, dtype=np.int64)
-    count = 0
-    for i in real.tolist():
-        parent = int(points.parent[i])
-        goes_on = (
-            vessel[parent] >= 0
-            and degree[node[parent]] == 1
-            and points.kind[parent] == points.kind[i]
-        )
-        vessel[i] = vessel[parent] if goes_on else count
-        count += 0 if goes_on else 1
-    return vessel[real]
-
-
-# Read a network from CSV with a point and its parent per row, as in SWC.
-
-POINT_COLUMNS: Final = ("x", "y", "z", "radius", "parent")
-_KINDS: Final = {kind.name.lower(): int(kind) for kind in VesselKind}
-
-
-def has_points(path: Path) -> bool:
-    """Whether the columns of a CSV file are those of points with parents.
-
-    Raises
-    ------
-    OSError
-        When the file can't be read.
-    """
-    _, names = open_table(path.read_text(encoding="utf-8-sig", errors="replace"))
-    return set(names) >= set(POINT_COLUMNS)
-
-
-def read_points_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
-    """Read points with the columns x, y, z, radius, parent, and id and kind where they are given.
-
-    Fields are separated by commas, semicolons or tabs. All lengths are in the file's unit. The
-    parent is the ``id`` of another row; without a column ``id`` rows are numbered from 0. A root's
-    parent is -1 or empty.
-
-    Raises
-    ------
-    NetworkError
-        For a number that can't be read, and as `trees_of_points`; with the line.
-    OSError
-        When the file can't be read.
-    """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as exc:
-        raise NetworkError(f"{path}: not UTF-8 text; save the network as CSV") from exc
-    table, names = open_table(text)
-    doubled = [name for name in dict.fromkeys(names) if name and names.count(name) > 1]
-    if doubled:
-        raise NetworkError(f"{path}: column {', '.join(doubled)} is doubled; keep one of each")
-    line: list[int] = []
-    rows: list[PointRow] = []
-    for at, fields in table_rows(path, table, names):
-        given = dict(zip(names, (field.strip() for field in fields), strict=True))
-        try:
-            x, y, z, radius = (float(given[name]) for name in POINT_COLUMNS[:4])
-            number = int(given["id"]) if "id" in given else len(rows)
-            parent = int(given["parent"] or -1)
-            kind = _KINDS[given.get("kind") or "artery"]
-        except (KeyError, ValueError) as exc:
-            raise NetworkError(
-                f"{path}, line {at}: {','.join(fields)!r} isn't {', '.join(names)}; "
-                "id and parent are whole numbers (parent -1: a root), kind is one of "
-                f"{', '.join(_KINDS)}"
-            ) from exc
-        if parent < -1:
-            raise NetworkError(
-                f"{path}, line {at}: parent {parent} isn't a row; give -1 for a root"
-            )
-        if parent == number:
-            start = "" if "id" in names else "; rows count from 0, or give a column id"
-            raise NetworkError(f"{path}, line {at}: point {number} is its own parent{start}")
-        line.append(at)
-        rows.append((number, kind, x, y, z, radius, parent))
-    return trees_of_points(path, line, rows, np.full(4, MM_PER[unit]))
+    return fuse_vessels(pieces, np.ones(size, dtype=np.bool_))

@@ -20,7 +20,12 @@ from design.errors import NetworkError
 from design.files import write_text
 from design.geometry.vtk import VTK_TYPES, polydata_counts, vtk_document
 from design.network import VesselKind, VesselNetwork
-from design.network_files.csv_format import Pieces, chain_pieces, fuse_vessels, join_equal_points
+from design.network_files.pieces import (
+    PathPoints,
+    chain_pieces,
+    fuse_vessels,
+    join_equal_points,
+)
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
 
@@ -129,39 +134,23 @@ def read_vtp_lines(
     if not real.any():
         file.fail("no two points of a line are apart; give at least one vessel")
     cell, place, row = cell[real], place[real], row[real]
-    of, first = np.unique(cell, return_index=True)
-    kinds = file.cell_numbers("kind", len(sizes), int(kind), len(VesselKind))[of]
-    tree = file.cell_numbers("tree", len(sizes), 0, None)[of]
-    offset = np.r_[first, len(cell)]
-    ends = np.stack([offset[:-1], offset[1:] - 1], axis=1)
+    kinds = file.cell_numbers("kind", len(sizes), int(kind), len(VesselKind))[cell]
+    trees = file.cell_numbers("tree", len(sizes), 0, None)[cell]
+    first = np.flatnonzero(np.diff(cell, prepend=-1))
+    ends = np.column_stack([first, np.r_[first[1:], len(cell)] - 1])
     tips = place[ends.ravel()]
-    _, first, number = np.unique(tips, axis=0, return_index=True, return_inverse=True)
-    nodes, number = np.unique(first[number.reshape(-1, 2)], return_inverse=True)
-    if (sizes == 2).all() and "vessel" not in file.cell_arrays():
+    _, one, number = np.unique(tips, axis=0, return_index=True, return_inverse=True)
+    node = len(tips) + np.arange(len(cell))
+    node[ends] = one[number.reshape(-1, 2)]
+    at = np.arange(len(cell), dtype=np.float64)
+    ways = PathPoints(cell, cell, at, node, place, row)
+    pieces = ways.pieces(path, node, cell + 1, kinds, trees)
+    known = set(file.cell_arrays())
+    if (sizes == 2).all() and "vessel" not in known:
         # SimVascular writes each straight piece as a line.
-        pieces = Pieces(
-            path=path,
-            line=of + 1,
-            vessel=of,
-            nodes=number.reshape(-1, 2),
-            points=place[ends],
-            radius=row[ends],
-            kind=kinds,
-            tree=tree,
-        )
         pieces = join_equal_points(pieces)
-        fused = fuse_vessels(pieces, np.ones(pieces.nodes.max() + 1, dtype=bool))
-        return chain_pieces(fused), False
-    network = VesselNetwork(
-        nodes=tips[nodes],
-        vessel_nodes=number.reshape(-1, 2),
-        kind=kinds,
-        tree=tree,
-        offset=offset,
-        points=place,
-        radius=row,
-    )
-    return network, {"vessel", "kind", "tree"} <= set(file.cell_arrays())
+        pieces = fuse_vessels(pieces, np.ones(pieces.nodes.max() + 1, dtype=bool))
+    return chain_pieces(pieces), {"vessel", "kind", "tree"} <= known
 
 
 def _check_numbers(
@@ -320,8 +309,9 @@ def _parse(path: Path) -> _File:
 
 # Write a network as SimVascular paths: a folder of `.pth` files (XML), in cm.
 
-_CM = 0.1
-_FLAT = 1e-4
+_CM: Final = 1 / MM_PER["cm"]
+_FLAT: Final = 1e-4
+"""A component of a unit vector that SimVascular takes for nought."""
 
 
 def write_simvascular_paths(

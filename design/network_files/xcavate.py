@@ -7,15 +7,23 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import Final, NamedTuple, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
-from design.network_files.csv_format import Pieces, chain_pieces
 from design.network_files.merge import merge_shared
+from design.network_files.pieces import (
+    LabelledPath,
+    Labels,
+    PathPoints,
+    Pieces,
+    chain_pieces,
+    read_utf8,
+)
 from design.units import MM_PER
 from kernels.arrays import FloatArray, IntArray
 
@@ -23,22 +31,30 @@ _MM: Final = MM_PER["cm"]
 _HEAD: Final = re.compile(r"vessel:\s*(\d+)\s*,\s*number of points:\s*(\d+)\s*$", re.IGNORECASE)
 
 
-@dataclass(frozen=True, eq=False)
-class XcavateNetwork:
-    """A network of such a file, and how its vessels were joined.
+REACH: Final = 1.05
+"""An end within so many radii of a vessel's axis lies in that vessel."""
+SAME_JOINT: Final = 0.05
+"""Joints nearer to each other along a vessel than this part of its radius are one."""
+_TINY_MM: Final = 1e-6
+"""A point so near to a joint is left out."""
 
-    Attributes
-    ----------
-    network : VesselNetwork
-    snaps : tuple of Snap
-        Every end that was put on the axis of another vessel; vessels by the file's numbers.
-    notes : tuple of str
-        Sentences for the user.
-    """
+
+@dataclass(frozen=True)
+class Snap:
+    """An end that was put on the axis of another vessel."""
+
+    vessel: int  # numbers in the file
+    onto: int
+    end: str  # ``"start"`` or ``"end"``
+    moved_mm: float  # mm
+
+
+class XcavateNetwork(NamedTuple):
+    """A network of such a file, and how its vessels were joined."""
 
     network: VesselNetwork
-    snaps: tuple[Snap, ...]
-    notes: tuple[str, ...]
+    snaps: tuple[Snap, ...]  # every end that was put on the axis of another vessel
+    notes: tuple[str, ...]  # sentences for the user
 
 
 def read_network_xcavate(
@@ -49,7 +65,7 @@ def read_network_xcavate(
     A vessel is a line ``Vessel: 0, Number of Points: 100`` and a line ``x, y, z, radius`` for
     each point, all in cm; a fifth number, where there is one, is 0 in a vein and another in an
     artery. Vessels begin and end within the vessel that they leave or join, not on its axis:
-    `join_lines` puts them there, once lines through one lumen are merged. Designed flow runs along
+    each is put there, once lines through one lumen are merged. Designed flow runs along
     each vessel as it is given.
 
     Parameters
@@ -74,13 +90,13 @@ def read_network_xcavate(
     if ends is not None:
         lines = _turned(lines, ends)
     merged, notes = _merged(path, lines)
-    joined = join_lines(path, merged)
+    network, snaps, free = _join_lines(path, merged)
     # Merged vessels meet at nodes already.
-    snaps = tuple(snap for snap in joined.snaps if not notes or snap.moved_mm > 0.0)
-    return XcavateNetwork(joined.network, snaps, (*notes, _note(snaps, joined.free)))
+    moved = tuple(snap for snap in snaps if not notes or snap.moved_mm > 0.0)
+    return XcavateNetwork(network, moved, (*notes, _note(moved, free)))
 
 
-def _merged(path: Path, lines: list[Line]) -> tuple[list[Line], tuple[str, ...]]:
+def _merged(path: Path, lines: list[_Line]) -> tuple[list[_Line], tuple[str, ...]]:
     """Lines without what runs along others, and notes on it."""
     kinds = [np.diff(line.kind[:-1], prepend=line.kind[0]) != 0 for line in lines]
     parts = [
@@ -111,7 +127,7 @@ def _merged(path: Path, lines: list[Line]) -> tuple[list[Line], tuple[str, ...]]
         places = [origin[place] for place in map(tuple, points.tolist()) if place in origin]
         vessel, number = places[0] if places else (lines[0].vessel, int(lines[0].number[0]))
         kind = np.full(len(points), merged.kind[k])
-        left.append(Line(vessel, np.full(len(points), number), points, radius, kind))
+        left.append(_Line(vessel, np.full(len(points), number), points, radius, kind))
     return left, notes
 
 
@@ -134,16 +150,12 @@ def _fail(path: Path, number: int, text: str) -> NoReturn:
 
 def _text(path: Path) -> Iterator[tuple[int, str]]:
     """Lines that hold something, and their numbers."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as exc:
-        raise NetworkError(f"{path}: not UTF-8 text; save the network as text") from exc
-    for number, row in enumerate(text.splitlines(), start=1):
+    for number, row in enumerate(read_utf8(path, "text").splitlines(), start=1):
         if row.strip():
             yield number, row.strip()
 
 
-def _lines(path: Path, kind: VesselKind) -> list[Line]:
+def _lines(path: Path, kind: VesselKind) -> list[_Line]:
     heads: list[tuple[int, int, int]] = []
     rows: list[list[tuple[int, list[float]]]] = []
     columns = 0
@@ -188,7 +200,7 @@ def _line(
     head: tuple[int, int, int],
     rows: list[tuple[int, list[float]]],
     kind: VesselKind,
-) -> Line:
+) -> _Line:
     number, vessel, announced = head
     if len(rows) != announced:
         _fail(
@@ -203,7 +215,7 @@ def _line(
     kinds: IntArray = np.full(len(table), int(kind), dtype=np.int64)
     if table.shape[1] == 5:
         kinds = np.where(table[:, 4] == 0, int(VesselKind.VEIN), int(VesselKind.ARTERY))
-    return Line(
+    return _Line(
         vessel=vessel,
         number=np.array([n for n, _ in rows], dtype=np.int64)[moves],
         points=table[:, :3] * _MM,
@@ -212,7 +224,7 @@ def _line(
     )
 
 
-def _turned(lines: list[Line], ends: Path) -> list[Line]:
+def _turned(lines: list[_Line], ends: Path) -> list[_Line]:
     """The same lines, those turned round that end at an inlet or begin at an outlet."""
     turned = list(lines)
     tips = np.array([line.points[[0, -1]] for line in lines])
@@ -244,78 +256,24 @@ def _ends(path: Path) -> Iterator[tuple[int, str, FloatArray]]:
         yield number, word, np.array(values) * _MM
 
 
-# Join separately read vessel polylines to a network: snap loose ends to axes, make nodes.
-
-REACH: Final = 1.05
-"""An end within so many radii of a vessel's axis lies in that vessel."""
-_SAME: Final = 0.05
-"""Joints nearer to each other along a vessel than this part of its radius are one."""
-_TINY_MM: Final = 1e-6
+# Join separately read vessel polylines to a network: put loose ends on axes, make nodes.
 
 
-@dataclass(frozen=True, eq=False)
-class Line:
-    """A vessel as it was read.
+class _Line(NamedTuple):
+    """A vessel as it was read; where its kind changes, it is cut."""
 
-    Attributes
-    ----------
-    vessel : int
-        Its number in the file.
-    number : (k,) int64
-        The line of the file in which each point stands.
-    points : (k, 3) float64, mm
-    radius : (k,) float64, mm
-    kind : (k,) int64
-        A `VesselKind` each; where it changes, the vessel is cut.
-    """
+    vessel: int  # its number in the file
+    number: IntArray  # (k,), the line of the file in which each point stands
+    points: FloatArray  # (k, 3), mm
+    radius: FloatArray  # (k,), mm
+    kind: IntArray  # (k,), a `VesselKind` each
 
-    vessel: int
-    number: IntArray
-    points: FloatArray
-    radius: FloatArray
-    kind: IntArray
-
-    def reversed(self) -> Line:
+    def reversed(self) -> _Line:
         """The same from its other end."""
-        return replace(
-            self,
-            number=self.number[::-1],
-            points=self.points[::-1],
-            radius=self.radius[::-1],
-            kind=self.kind[::-1],
-        )
+        return _Line._make([self.vessel, *(column[::-1] for column in self[1:])])
 
 
-@dataclass(frozen=True)
-class Snap:
-    """An end that was put on the axis of another vessel.
-
-    Attributes
-    ----------
-    vessel, onto : int
-        The vessels' numbers in the file.
-    end : str
-        ``"start"`` or ``"end"``.
-    moved_mm : float, mm
-    """
-
-    vessel: int
-    onto: int
-    end: str
-    moved_mm: float
-
-
-@dataclass(frozen=True, eq=False)
-class JoinedNetwork:
-    """The network, the ends that were moved, and how many ends meet nothing."""
-
-    network: VesselNetwork
-    snaps: tuple[Snap, ...]
-    free: int
-
-
-@dataclass(frozen=True)
-class _Foot:
+class _Foot(NamedTuple):
     """The place on an axis nearest to an end: the line, and the place along it in points."""
 
     line: int
@@ -323,42 +281,31 @@ class _Foot:
     gap_mm: float
 
 
-def join_lines(path: Path, lines: list[Line]) -> JoinedNetwork:
+def _join_lines(path: Path, lines: list[_Line]) -> tuple[VesselNetwork, list[Snap], int]:
     """Put every end that lies within another vessel on its axis, and cut that vessel there.
 
     An end lies within the vessel of whose radius (at the nearest place of its axis) the distance
     is the smallest part, if that is at most `REACH`. The end moves, the other vessel doesn't;
     points that the end would have to turn back to are left out. Ends that lie in the same place
-    of a vessel, to `_SAME` of its radius, share a node.
-
-    Parameters
-    ----------
-    path : Path
-        Of the file, for messages.
-    lines : list of Line
-
-    Raises
-    ------
-    NetworkError
-        When nothing is left of a vessel between its joints.
+    of a vessel, to `SAME_JOINT` of its radius, share a node. Also returns the ends that were moved,
+    and how many meet nothing.
     """
     near = _Near(lines)
-    feet = [
-        (i, side, near.foot(line.points[-side], i))
-        for i, line in enumerate(lines)
-        for side in (0, 1)
+    ends = [(i, side) for i in range(len(lines)) for side in (0, 1)]
+    feet = [near.foot(lines[i].points[-side], i) for i, side in ends]
+    labels = Labels([lines[i].points[-side] for i, side in ends])
+    paths = [
+        LabelledPath(one.points, one.radius, (2 * i, 2 * i + 1), i) for i, one in enumerate(lines)
     ]
-    spots = _Spots(lines)
     snaps, free = [], 0
-    for i, side, foot in feet:
+    for (i, side), foot in zip(ends, feet, strict=True):
         if foot is None:
             free += 1
             continue
-        spots.meet(i, side, foot)
+        labels.unite(2 * i + side, _joint(paths[foot.line], foot.at, labels))
         end = ("start", "end")[side]
         snaps.append(Snap(lines[i].vessel, lines[foot.line].vessel, end, foot.gap_mm))
-    network = chain_pieces(_pieces(path, lines, spots))
-    return JoinedNetwork(network, tuple(snaps), free)
+    return chain_pieces(_pieces(path, lines, paths, labels)), snaps, free
 
 
 class _Near:
@@ -372,7 +319,7 @@ class _Near:
         Number of the stretch in its line.
     """
 
-    def __init__(self, lines: list[Line]) -> None:
+    def __init__(self, lines: list[_Line]) -> None:
         self.line = np.repeat(np.arange(len(lines)), [len(line.points) - 1 for line in lines])
         self.at = np.concatenate([np.arange(len(line.points) - 1) for line in lines])
         self._start = np.concatenate([line.points[:-1] for line in lines])
@@ -400,128 +347,48 @@ class _Near:
         return _Foot(int(self.line[rows[k]]), float(self.at[rows[k]] + along[k]), float(gap[k]))
 
 
-class _Spots:
-    """Places of joints along the lines, and which of them are the same node.
-
-    Each line has a spot at both ends, ``2 i`` and ``2 i + 1``, and one wherever others meet it.
-    """
-
-    def __init__(self, lines: list[Line]) -> None:
-        self._lines = lines
-        self._same = list(range(2 * len(lines)))
-        self._place = [line.points[k] for line in lines for k in (0, -1)]
-        self.on: list[list[tuple[float, int]]] = [
-            [(0.0, 2 * i), (float(len(line.points) - 1), 2 * i + 1)] for i, line in enumerate(lines)
-        ]
-
-    def meet(self, i: int, side: int, foot: _Foot) -> None:
-        """Let an end and a place on another line be one node: there, and not where the end was."""
-        spot = self._spot(foot)
-        self._same[self.root(2 * i + side)] = self.root(spot)
-
-    def root(self, spot: int) -> int:
-        """The node of a spot."""
-        while self._same[spot] != spot:
-            spot = self._same[spot]
-        return spot
-
-    def place(self, spot: int) -> FloatArray:
-        """Where the node of a spot is, (3,), mm."""
-        return self._place[self.root(spot)]
-
-    def _spot(self, foot: _Foot) -> int:
-        line = self._lines[foot.line]
-        point, radius = _between(line, foot.at)
-        for at, spot in self.on[foot.line]:
-            if np.linalg.norm(_between(line, at)[0] - point) <= _SAME * radius:
-                return spot
-        self._same.append(len(self._same))
-        self._place.append(point)
-        self.on[foot.line].append((foot.at, self._same[-1]))
-        return self._same[-1]
+def _joint(path: LabelledPath, at: float, labels: Labels) -> int:
+    """Label of the joint at a place along a path, made where there is none near it."""
+    point = path.point(at)
+    radius = float(np.interp(at, np.arange(len(path.radius)), path.radius))
+    for other, label in path.labelled:
+        if np.linalg.norm(path.point(other) - point) <= SAME_JOINT * radius:
+            return label
+    label = labels.add(point)
+    path.joints.append((at, label))
+    return label
 
 
-def _between(line: Line, at: float) -> tuple[FloatArray, float]:
-    """Point and radius at a place along a line, in points."""
-    k = min(int(at), len(line.points) - 2)
-    part = at - k
-    point = line.points[k] + part * (line.points[k + 1] - line.points[k])
-    return point, float(line.radius[k] + part * (line.radius[k + 1] - line.radius[k]))
-
-
-@dataclass
-class _Rows:
-    """Points of a line with its joints: file line, node, place, radius, kind."""
-
-    number: list[int]
-    node: list[int]
-    place: list[FloatArray]
-    radius: list[float]
-    kind: list[int]
-
-
-def _pieces(path: Path, lines: list[Line], spots: _Spots) -> Pieces:
-    rows = [_rows(line, spots, i) for i, line in enumerate(lines)]
-    # Inner points are nodes of their own, above those of the joints.
-    inner = 1 + max(max(row.node) for row in rows)
-    parts: list[Pieces] = []
-    label = 0
-    for row in rows:
-        node = np.array(row.node, dtype=np.int64)
-        bare = node < 0
-        node[bare] = inner + np.arange(int(bare.sum()))
-        inner += int(bare.sum())
-        place, radius = np.array(row.place), np.array(row.radius)
-        kind = np.array(row.kind, dtype=np.int64)[:-1]
-        vessel = label + np.cumsum(np.diff(kind, prepend=kind[0]) != 0)
-        label = int(vessel[-1]) + 1
-        keep = node[:-1] != node[1:]
-        if not keep.any():
-            raise NetworkError(
-                f"{path}, line {row.number[0]}: the vessel begins and ends in the same joint and "
-                "has no length beside it; remove it"
-            )
-        parts.append(
-            Pieces(
-                path=path,
-                line=np.array(row.number, dtype=np.int64)[:-1][keep],
-                vessel=vessel[keep],
-                nodes=np.column_stack([node[:-1], node[1:]])[keep],
-                points=np.stack([place[:-1], place[1:]], axis=1)[keep],
-                radius=np.column_stack([radius[:-1], radius[1:]])[keep],
-                kind=kind[keep],
-                tree=np.zeros(int(keep.sum()), dtype=np.int64),
-            )
+def _pieces(path: Path, lines: list[_Line], paths: list[LabelledPath], labels: Labels) -> Pieces:
+    """Pieces of all lines between their points and joints; vessels are cut where kinds change."""
+    points = PathPoints.joined([one.rows(i, _kept(one, labels)) for i, one in enumerate(paths)])
+    begins = np.cumsum([0, *(len(line.points) for line in lines)])[points.path]
+    row = begins + points.at.astype(np.int64)
+    number = np.concatenate([line.number for line in lines])[row]
+    kind = np.concatenate([line.kind for line in lines])[row]
+    nothing = np.zeros(len(row), dtype=np.int64)
+    pieces = points.pieces(path, points.nodes(labels), number, kind, nothing)
+    lost = np.setdiff1d(np.arange(len(lines)), pieces.vessel)
+    if len(lost):
+        raise NetworkError(
+            f"{path}, line {lines[lost[0]].number[0]}: the vessel begins and ends in the same "
+            "joint and has no length beside it; remove it"
         )
-    return Pieces(
-        path,
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("line", "vessel", "nodes", "points", "radius", "kind", "tree")
-        ),
-    )
+    cut = (np.diff(pieces.vessel) != 0) | (np.diff(pieces.kind) != 0)
+    return replace(pieces, vessel=np.cumsum(np.r_[False, cut]))
 
 
-def _rows(line: Line, spots: _Spots, i: int) -> _Rows:
-    """A line's points and its joints in their order along it; at one place the joint alone."""
-    last = len(line.points) - 1
-    kept = np.ones(last + 1, dtype=bool)
-    for at, _ in spots.on[i]:
-        near = round(at)
-        kept[near] &= np.abs(_between(line, at)[0] - line.points[near]).max() > _TINY_MM
-    for end, way in ((0, 1), (last, -1)):
-        joint = spots.place(2 * i + (end > 0))
-        moved, k = float(np.linalg.norm(joint - line.points[end])), end + way
-        while 0 < k < last and np.linalg.norm(joint - line.points[k]) <= moved:
+def _kept(path: LabelledPath, labels: Labels) -> NDArray[np.bool_]:
+    """Points of a path that aren't at a joint, nor passed by an end that moves."""
+    last = len(path.points) - 1
+    kept = np.ones(last + 1, dtype=np.bool_)
+    for at, _ in path.labelled:
+        nearest = round(at)
+        kept[nearest] &= np.abs(path.point(at) - path.points[nearest]).max() > _TINY_MM
+    for side, end, way in ((0, 0, 1), (1, last, -1)):
+        joint = labels.place(path.ends[side])
+        moved, k = float(np.linalg.norm(joint - path.points[end])), end + way
+        while 0 < k < last and np.linalg.norm(joint - path.points[k]) <= moved:
             kept[k] = False
             k += way
-    entries = [(float(k), -1) for k in np.flatnonzero(kept)]
-    rows = _Rows([], [], [], [], [])
-    for at, spot in sorted(entries + spots.on[i]):
-        k = int(at)
-        rows.number.append(int(line.number[k]))
-        rows.node.append(-1 if spot < 0 else spots.root(spot))
-        rows.place.append(line.points[k] if spot < 0 else spots.place(spot))
-        rows.radius.append(_between(line, at)[1])
-        rows.kind.append(int(line.kind[k]))
-    return rows
+    return kept

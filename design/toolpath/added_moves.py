@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,7 @@ from design.toolpath.toolpath import (
 )
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
-NOTHING = -1
+NO_SOURCE: Final = -1
 """Source of these moves: no layer, no vessel."""
 
 
@@ -71,7 +71,7 @@ class PrimeLine:
 
 @dataclass(frozen=True)
 class HeadPriming:
-    """What one head does, and its plunger's relief (µL), flow (µL/s) and wait for the ink (s)."""
+    """Priming of one head; its plunger's relief (µL), flow (µL/s) and wait for the ink (s)."""
 
     retract_ul: float
     plunger_ul_s: float
@@ -164,28 +164,28 @@ class _Primer:
             raise ToolpathError("priming: no head purges or writes a line; leave it out")
         self._tool = tool
         if head.line is not None:
-            builder.plunge(-head.retract_ul, head.plunger_ul_s, NOTHING)
+            builder.plunge(-head.retract_ul, head.plunger_ul_s, NO_SOURCE)
         self._go(self._first)
         if head.line is not None or head.purge is not None:
-            builder.plunge(head.retract_ul, head.plunger_ul_s, NOTHING)
+            builder.plunge(head.retract_ul, head.plunger_ul_s, NO_SOURCE)
         return builder.build(must_write=False)
 
     def _purge(self, purge: Purge, head: HeadPriming) -> None:
         builder = self._go(purge.place_mm)
-        builder.plunge(purge.volume_ul, head.plunger_ul_s, NOTHING)
-        builder.plunge(-head.retract_ul, head.plunger_ul_s, NOTHING)
+        builder.plunge(purge.volume_ul, head.plunger_ul_s, NO_SOURCE)
+        builder.plunge(-head.retract_ul, head.plunger_ul_s, NO_SOURCE)
         if purge.wipe_mm is not None:
-            builder.travel(purge.wipe_mm[None], self._around.lift_speed_mm_s, NOTHING)
+            builder.travel(purge.wipe_mm[None], self._around.lift_speed_mm_s, NO_SOURCE)
 
     def _line(self, line: PrimeLine, head: HeadPriming, place: int) -> None:
         """A change of heads relieves the old one itself, and primes it when it comes back."""
         start, end = line_beside_bounds(self._around.bounds_mm, self._first, line, place)
         builder = self._go(start)
         if head.purge is not None:
-            builder.plunge(head.retract_ul, head.plunger_ul_s, NOTHING)
-        builder.dwell(head.dwell_s, NOTHING)
+            builder.plunge(head.retract_ul, head.plunger_ul_s, NO_SOURCE)
+        builder.dwell(head.dwell_s, NO_SOURCE)
         volume = np.array([line.area_mm2 * line.length_mm])
-        builder.write(end[None], volume, line.speed_mm_s, NOTHING)
+        builder.write(end[None], volume, line.speed_mm_s, NO_SOURCE)
 
     def _go(self, to: FloatArray) -> MoveBuilder:
         """Up to the safe height, across, down; the job begins at the first place."""
@@ -197,10 +197,10 @@ class _Primer:
         else:
             tip, safe = builder.tip, around.safe_mm
             up, over = np.array([*tip[:2], safe]), np.array([*to[:2], safe])
-            builder.travel(up[None], around.lift_speed_mm_s, NOTHING)
+            builder.travel(up[None], around.lift_speed_mm_s, NO_SOURCE)
             builder.tool = self._tool
-            builder.travel(over[None], around.travel_speed_mm_s, NOTHING)
-            builder.travel(to[None], around.lift_speed_mm_s, NOTHING)
+            builder.travel(over[None], around.travel_speed_mm_s, NO_SOURCE)
+            builder.travel(to[None], around.lift_speed_mm_s, NO_SOURCE)
         builder.tool = self._tool
         return builder
 
@@ -228,28 +228,32 @@ def line_beside_bounds(
 
 # Compensate the ink's pressure lag in a toolpath by driving the plunger ahead, move by move.
 #
-# For a linear ink τ dQ/dt = Q_in − Q (`docs/calibration.md`), so the flow Q that a path asks for
+# For a linear ink τ dQ/dt = Q_in − Q (`docs/calibration.md`), so the required flow Q of a path
 # comes out if the plunger pushes Q + τ dQ/dt. Over a move of volume V that is V + τ (Q₁ − Q₀), Q₀
-# and Q₁ the flows asked for at its ends; what is added over a whole stroke cancels but for the
+# and Q₁ the required flows at its ends; what is added over a whole stroke cancels but for the
 # pressure that the needle must have at its beginning and loses at its end, τ Q each. These two are
 # pushed and taken back while the needle stands, as fast as the plunger may, and so is a step of
 # flow on the way: at a rate r it takes t = τ ln((r − Q₀)/(r − Q₁)) to raise the flow, τ ln((r +
 # Q₀)/(r + Q₁)) to lower it.
 #
-# The plunger never goes back while the needle writes: where the flow asked for falls faster than
+# The plunger never goes back while the needle writes: where the required flow falls faster than
 # the pressure can, e^(−t/τ), it stands, and what is still too much is taken off the following
 # moves.
 
-PER_LAG: Final = 8
-"""Moves in a time constant where the flow changes."""
-LEAST_MM: Final = 0.15
-"""Shorter moves aren't made: a plunger's step is of that order."""
-SAME: Final = 0.01
-"""Flows of neighbours that differ by less need no more moves."""
-STEP: Final = 0.2
-"""A change of flow between two moves by so much of the larger is made while the needle stands."""
-MOST_OF_RATE: Final = 0.9
-"""Of the plunger's rate that a flow may be; above, the pressure would take ever longer to build."""
+
+class _LagLimits(NamedTuple):
+    """How moves are cut to compensate a lag."""
+
+    moves: int = 8  # in a time constant where the flow changes
+    shortest_mm: float = 0.15  # shorter ones aren't made: a plunger's step is of that order
+    same: float = 0.01  # neighbours' flows that differ by less of the larger need no more moves
+    step: float = 0.2  # a change by so much of the larger is made while the needle stands
+    rate_share: float = (
+        0.9  # of the plunger's rate: above, pressure would take ever longer to build
+    )
+
+
+LAG: Final = _LagLimits()
 
 
 @dataclass(frozen=True)
@@ -325,7 +329,7 @@ def _runs(toolpath: Toolpath, flow: FloatArray) -> tuple[IntArray, IntArray, Boo
     """First and last move of each run without a step of flow, and which follow another at once."""
     writes = toolpath.kind == MoveKind.WRITE
     follows = writes[1:] & writes[:-1] & (toolpath.tool[1:] == toolpath.tool[:-1])
-    steps = np.abs(np.diff(flow)) > STEP * np.maximum(flow[1:], flow[:-1])
+    steps = np.abs(np.diff(flow)) > LAG.step * np.maximum(flow[1:], flow[:-1])
     within = follows & ~steps
     first = np.flatnonzero(writes & ~np.concatenate([[False], within]))
     last = np.flatnonzero(writes & ~np.concatenate([within, [False]]))
@@ -348,7 +352,7 @@ def _at_ends(flow: FloatArray, volume: FloatArray) -> FloatArray:
 
 
 def _forward(volume: FloatArray, added: FloatArray) -> tuple[FloatArray, float]:
-    """Volumes with what is added, none below 0: the rest goes on to the next; and how much did."""
+    """Add to each move's volume, clipped at 0; return the volumes and the most carried on."""
     wanted = volume + added
     if (wanted >= 0).all():
         return wanted, 0.0
@@ -362,7 +366,7 @@ def _forward(volume: FloatArray, added: FloatArray) -> tuple[FloatArray, float]:
 
 def _pushed_s(before: FloatArray, after: FloatArray, lag_s: float, rate_ul_s: float) -> FloatArray:
     """How long the plunger pushes, or draws (below 0), to bring one flow to another, s."""
-    low, high = (np.minimum(flow / rate_ul_s, MOST_OF_RATE) for flow in (before, after))
+    low, high = (np.minimum(flow / rate_ul_s, LAG.rate_share) for flow in (before, after))
     rises = lag_s * np.log((1 - low) / (1 - high))
     falls = lag_s * np.log((1 + high) / (1 + low))
     return np.where(after >= before, rises, falls)
@@ -372,11 +376,11 @@ def _divided(toolpath: Toolpath, lag_s: float) -> Toolpath:
     """Writing moves cut in parts of a fraction of the lag where the flow changes."""
     flow, length = _flow(toolpath), toolpath.lengths
     writes = toolpath.kind == MoveKind.WRITE
-    changes = np.abs(np.diff(flow)) > SAME * np.maximum(flow[1:], flow[:-1])
+    changes = np.abs(np.diff(flow)) > LAG.same * np.maximum(flow[1:], flow[:-1])
     changes &= writes[1:] & writes[:-1]
     near = writes & (np.concatenate([[False], changes]) | np.concatenate([changes, [False]]))
     lasts = np.divide(length, toolpath.speed_mm_s, out=np.zeros(len(length)), where=writes)
-    wanted = np.floor(np.minimum(lasts * PER_LAG / lag_s, length / LEAST_MM) + 1e-9)
+    wanted = np.floor(np.minimum(lasts * LAG.moves / lag_s, length / LAG.shortest_mm) + 1e-9)
     parts = np.where(near, np.maximum(wanted, 1), 1).astype(np.int64)
     of = np.repeat(np.arange(len(parts)), parts)
     number = np.arange(len(of)) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -465,12 +469,12 @@ def with_approach(toolpath: Toolpath, from_mm: FloatArray, trip: Trip) -> tuple[
             f"{max(from_mm[2], to_mm[2]):g} mm; go higher"
         )
     moves = MoveBuilder(from_mm, toolpath.source_kind, toolpath.layer_height_mm)
-    moves.plunge(-trip.relieve_ul, trip.plunger_ul_s, -1)
+    moves.plunge(-trip.relieve_ul, trip.plunger_ul_s, NO_SOURCE)
     up, across = from_mm.copy(), to_mm.copy()
     up[2] = across[2] = trip.over_mm
-    moves.travel(up[None], trip.speed_mm_s, -1)
-    moves.travel(np.stack([across, to_mm]), trip.speed_mm_s, -1)
-    moves.plunge(trip.relieve_ul, trip.plunger_ul_s, -1)
+    moves.travel(up[None], trip.speed_mm_s, NO_SOURCE)
+    moves.travel(np.stack([across, to_mm]), trip.speed_mm_s, NO_SOURCE)
+    moves.plunge(trip.relieve_ul, trip.plunger_ul_s, NO_SOURCE)
     way = moves.build(must_write=False)
     return join_toolpaths([way, toolpath]), len(way)
 

@@ -6,7 +6,7 @@ Goes in: a design and corrections. Comes out: the corrected design.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,18 @@ from kernels.arrays import FloatArray
 
 # Data class of print corrections (scale, lumen radii, node shifts), applied within bounds.
 
-MOST_STRETCH = 0.10
-"""More than this isn't shrinkage, but a wrong unit or a wrong scan."""
-MOST_DIAMETER = 0.20
-"""Of a lumen's diameter."""
-MOST_DIAMETER_MM = 0.150
-MOST_OFFSET_MM = 0.150
+
+class _CorrectionLimits(NamedTuple):
+    """Most that is corrected; more is a fault to be mended."""
+
+    stretch: float = 0.10  # more isn't shrinkage, but a wrong unit or a wrong scan
+    diameter: float = 0.20  # of a lumen's diameter, or
+    diameter_mm: float = 0.150  # so much of it, if that is less
+    offset_mm: float = 0.150  # of a node
+    slack_mm: float = 1e-3  # walls thinner by no more than this are as they were
+
+
+LIMITS: Final = _CorrectionLimits()
 
 
 # Scale points, solids and networks about a centre by a separate factor for each axis.
@@ -206,30 +212,31 @@ class Corrections:
             raise ToolpathError(
                 f"vessel {vessel}: its diameter of {2e3 * network.radius[worst]:.0f} um would be "
                 f"changed by {1e3 * change[worst]:+.0f} um, limit {1e3 * limit[worst]:.0f} um "
-                f"({100 * MOST_DIAMETER:g} % or {1e3 * MOST_DIAMETER_MM:g} um, compensation); so "
-                "much is a fault to be mended (flow calibration, needle, a defect), not corrected"
+                f"({100 * LIMITS.diameter:g} % or {1e3 * LIMITS.diameter_mm:g} um, compensation); "
+                "so much is a fault to be mended (flow calibration, needle, a defect), not "
+                "corrected"
             )
         for node, offset in self.offset_mm.items():
             away = float(np.linalg.norm(offset))
-            if not away <= MOST_OFFSET_MM:
+            if not away <= LIMITS.offset_mm:
                 raise ToolpathError(
                     f"node {node}: it would be moved by {1e3 * away:.0f} um, limit "
-                    f"{1e3 * MOST_OFFSET_MM:g} um (compensation); so much is a fault to be mended "
-                    "(backlash, a bent needle, a wrong pose), not corrected"
+                    f"{1e3 * LIMITS.offset_mm:g} um (compensation); so much is a fault to be "
+                    "mended (backlash, a bent needle, a wrong pose), not corrected"
                 )
 
 
 def _limits(diameter_mm: FloatArray) -> FloatArray:
-    return np.minimum(MOST_DIAMETER * diameter_mm, MOST_DIAMETER_MM)
+    return np.minimum(LIMITS.diameter * diameter_mm, LIMITS.diameter_mm)
 
 
 def _check_stretch(stretch: Stretch) -> None:
     for axis, factor in zip("xyz", stretch.factor, strict=True):
-        if not abs(factor - 1) <= MOST_STRETCH * (1 + 1e-9):
+        if not abs(factor - 1) <= LIMITS.stretch * (1 + 1e-9):
             raise ToolpathError(
                 f"the part would be written {factor:.3f} times as long along {axis}, limit "
-                f"{1 - MOST_STRETCH:g} to {1 + MOST_STRETCH:g} (compensation); check the scan's "
-                "voxel size and the printer's steps per mm first"
+                f"{1 - LIMITS.stretch:g} to {1 + LIMITS.stretch:g} (compensation); check the "
+                "scan's voxel size and the printer's steps per mm first"
             )
 
 
@@ -273,10 +280,8 @@ NEUTRAL = Corrections()
 # A design may be tighter somewhere than the method likes: it was accepted as it is. Refused is what
 # a correction makes too thin.
 
-SLACK_MM = 1e-3
-"""Walls thinner by no more than this are as they were."""
-_PLACES = 8
-"""At which each straight piece's distance to the outside is asked for."""
+_PLACES: Final = 8
+"""At which each straight piece's distance to the outside is measured."""
 
 
 class Body(Protocol):
@@ -302,7 +307,7 @@ def check_walls(before: VesselNetwork, after: VesselNetwork, wall_mm: float) -> 
     had = {(int(a), int(b)): float(g) for (a, b), g in zip(was.pieces, was.gap_mm, strict=True)}
     pieces = zip(now.pieces.tolist(), now.vessels.tolist(), now.gap_mm.tolist(), strict=True)
     for (a, b), (one, two), gap in pieces:
-        if gap < min(had.get((a, b), wall_mm), wall_mm) - SLACK_MM:
+        if gap < min(had.get((a, b), wall_mm), wall_mm) - LIMITS.slack_mm:
             raise ToolpathError(
                 f"vessels {one} and {two}: the compensation would leave {1e3 * gap:.0f} um of wall "
                 f"between them, limit {1e3 * wall_mm:.0f} um (a line, or the needle's room); leave "
@@ -323,7 +328,7 @@ def check_outside(before: VesselNetwork, after: VesselNetwork, body: Body, wall_
     """
     had, has = _depths(before, body), _depths(after, body)
     asked = ~_at_ends(before, wall_mm) & (had > 0)
-    thin = np.flatnonzero(asked & (has < np.minimum(had, wall_mm) - SLACK_MM))
+    thin = np.flatnonzero(asked & (has < np.minimum(had, wall_mm) - LIMITS.slack_mm))
     if len(thin) == 0:
         return
     worst = int(thin[np.argmin(has[thin])])

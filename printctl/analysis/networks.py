@@ -21,7 +21,7 @@ from design.geometry.surface import Surface
 from design.hemodynamics import FlowConditions, flow_table, solve_flow
 from design.hemodynamics.zero_d.steady import node_inflow
 from design.network import VesselNetwork
-from design.network_files.by_suffix import ASKED, READ, SAID, WRITERS, read_with_notes
+from design.network_files.by_suffix import READ, UNIT_FIXED, UNIT_NEEDED, WRITERS, read_with_notes
 from design.network_files.csv_format import read_network_csv
 from design.network_files.merge import NetworkWithNotes
 from design.network_files.vtp import write_simvascular_paths
@@ -76,14 +76,14 @@ def read_noted(path: Path, unit: LengthUnit | None, ends: Path | None = None) ->
     for file in (path, ends):
         if file is not None and not file.is_file():
             raise UsageError(f"{file} isn't there, or no file; check the path")
-    if suffix in ASKED and unit is None:
+    if suffix in UNIT_NEEDED and unit is None:
         raise UsageError(
             f"{path} doesn't say the unit of its coordinates; give --unit, one of "
             f"{', '.join(MM_PER)}"
         )
-    if suffix in SAID and unit not in (None, SAID[suffix]):
+    if suffix in UNIT_FIXED and unit not in (None, UNIT_FIXED[suffix]):
         raise UsageError(
-            f"{path} is in {SAID[suffix]}, as its format says, not {unit}; drop --unit"
+            f"{path} is in {UNIT_FIXED[suffix]}, as its format says, not {unit}; drop --unit"
         )
     return read_with_notes(path, unit, ends)
 

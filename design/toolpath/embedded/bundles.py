@@ -2,7 +2,7 @@
 
 A strand is a vessel of its own to the planner. Strands of a bundle lie on a hexagonal lattice
 around the axis, so near to each other that they overlap by 0.3 of their radius: more than the
-quarter from which two filaments count as one body (`meetings.DEEP`), so no shaft among them is a
+quarter from which two filaments count as one body (`rules.TOUCHING`), so no shaft among them is a
 crossing. Together they hold the vessel's volume.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,8 @@ from kernels.arrays import FloatArray, IntArray
 
 STRANDS = (1, 7, 19, 37)
 """Whole rings of a hexagonal lattice, with one strand on the axis that keeps the joints."""
-SPACING = 1.7
+SPACING: Final = 1.7
 """Between neighbours, in radii of a strand."""
-_QUARTER = 4
 
 
 @dataclass(frozen=True)
@@ -152,7 +151,7 @@ def _around(
     """Lines beside an axis, and their radii."""
     direction = np.diff(points, axis=0)
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    frame = unit_rings(direction, _QUARTER)[:, :2]
+    frame = unit_rings(direction, 4)[:, :2]  # a quarter turn apart
     beside = []
     for place in _lattice(strands)[1:]:
         line = points + SPACING * radius[:, None] * np.einsum("i,kij->kj", place, frame)

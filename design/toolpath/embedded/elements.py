@@ -2,53 +2,40 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from design.geometry.polyline import arc_lengths
+from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from kernels import jit
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
-TAPER_STEP = 0.05
-"""An element's radii differ by at most about this part."""
-FINE = 20_000
-"""Elements of half the tip's radius that a network may have; a larger one's are longer."""
-STRAIGHT_MM = 0.002
-"""Points of a polyline that stand off a straight line by less are left out."""
+
+class _Cutting(NamedTuple):
+    """How vessels are cut into elements."""
+
+    taper_step: float = 0.05  # part by which an element's radii differ at most, about
+    straight_mm: float = 0.002  # points that stand off a straight line by less are left out
+    fine_elements: int = 20_000  # of half the tip's radius; a larger network's are longer
+    squares: int = 4_000_000  # of a plan in which they are looked up, at most
+
+
+CUTTING: Final = _Cutting()
 
 
 class Elements(NamedTuple):
-    """Short pieces of vessels, those of a vessel together and in its order.
+    """Short pieces of vessels, those of a vessel together and in its order."""
 
-    Attributes
-    ----------
-    point : (p, 3) float64, mm
-        Where elements end; the network's nodes come first.
-    end : (n, 2) int64
-        The points at which each begins and ends.
-    radius : (n, 2) float64, mm
-        There.
-    length : (n,) float64, mm
-    arc : (n,) float64, mm
-        Way along the vessel's elements to where each begins.
-    along : (n, 2) float64, mm
-        Way along the vessel itself to both ends: a curve is a little longer than its chords.
-    vessel : (n,) int64
-    first : (v + 1,) int64
-        Vessel ``v`` has the elements ``first[v]`` to ``first[v + 1] - 1``.
-    """
-
-    point: FloatArray
-    end: IntArray
-    radius: FloatArray
-    length: FloatArray
-    arc: FloatArray
+    point: FloatArray  # (p, 3), mm, where elements end; the network's nodes come first
+    end: IntArray  # (n, 2), the points at which each begins and ends
+    radius: FloatArray  # (n, 2), mm, at both ends
+    length: FloatArray  # (n,), mm
+    arc: FloatArray  # (n,), mm, way along the vessel's elements to where each begins
+    # (n, 2), mm, way along the vessel itself to both ends: a curve is longer than its chords.
     along: FloatArray
-    vessel: IntArray
-    first: IntArray
+    vessel: IntArray  # (n,)
+    first: IntArray  # (v + 1,), vessel ``v`` has the elements ``first[v]`` to ``first[v + 1] - 1``
 
 
 def longest_mm(network: VesselNetwork, tip_mm: float) -> float:
@@ -58,7 +45,7 @@ def longest_mm(network: VesselNetwork, tip_mm: float) -> float:
     places for a cut, longer ones a quarter of the pairs to be looked at.
     """
     half = tip_mm / 2
-    return half if float(network.lengths().sum()) <= FINE * half else tip_mm
+    return half if float(network.lengths().sum()) <= CUTTING.fine_elements * half else tip_mm
 
 
 def elements_of(network: VesselNetwork, longest_mm: float) -> Elements:
@@ -70,10 +57,12 @@ def elements_of(network: VesselNetwork, longest_mm: float) -> Elements:
     ):
         line, radius = _without_repeats(line, radius)
         way = arc_lengths(line)
-        keep = off_chords(line, radius)
+        keep = off_chords(np.column_stack([line, radius]))
         line, radius, way = line[keep], radius[keep], way[keep]
-        place = finer_places(line, radius, longest_mm, TAPER_STEP)
-        line, radius, way = at_places(line, place), at_places(radius, place), at_places(way, place)
+        place = finer_places(line, radius, longest_mm, CUTTING.taper_step)
+        values = np.column_stack([line, radius, way])
+        values = places_along(values, np.arange(len(line), dtype=np.float64), place)
+        line, radius, way = values[:, :3], values[:, 3], values[:, 4]
         inner = np.arange(count, count + len(line) - 2)
         number = np.concatenate([[tail], inner, [head]])
         count += len(inner)
@@ -100,20 +89,18 @@ def _without_repeats(line: FloatArray, radius: FloatArray) -> tuple[FloatArray, 
     return line[keep], radius[keep]
 
 
-def off_chords(line: FloatArray, radius: FloatArray) -> NDArray[np.bool_]:
-    """Points off the chords of those kept (Douglas & Peucker 1973, radii included), (k,)."""
-    return _near_chords(np.column_stack([line, radius]))
-
-
 @jit
-def _near_chords(values: FloatArray) -> NDArray[np.bool_]:
-    """Which of (n, 4) places and radii stand off the chords of the others."""
+def off_chords(values: FloatArray) -> BoolArray:
+    """Which of (n, 4) points and radii stand off the chords of those kept, (n,).
+
+    Douglas and Peucker (1973), Cartographica 10, 112.
+    """
     keep = np.zeros(len(values), dtype=np.bool_)
     keep[0] = keep[-1] = True
     stack = [(0, len(values) - 1)]
     while stack:
         low, high = stack.pop()
-        most, farthest = STRAIGHT_MM, -1
+        most, farthest = CUTTING.straight_mm, -1
         for k in range(low + 1, high):
             away = _from_chord(values[k], values[low], values[high])
             if away > most:
@@ -142,20 +129,12 @@ def _from_chord(value: FloatArray, low: FloatArray, high: FloatArray) -> float:
 def finer_places(
     line: FloatArray, radius: FloatArray, longest_mm: float, taper_step: float
 ) -> FloatArray:
-    """Places along a polyline, in its points' numbers: more where it is long or tapers much."""
+    """Places along a polyline, counted in its points: more where it is long or tapers much."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     taper = np.abs(np.diff(np.log(radius))) / taper_step
     count = np.ceil(np.maximum(steps / longest_mm, taper)).astype(int).clip(min=1)
     place = np.concatenate([k + np.arange(n) / n for k, n in enumerate(count)])
     return np.append(place, len(line) - 1)
-
-
-def at_places(values: FloatArray, place: FloatArray) -> FloatArray:
-    """Values of a polyline's points, (k,) or (k, m), at places of `finer_places`."""
-    whole = np.arange(len(values))
-    if values.ndim == 1:
-        return np.interp(place, whole, values)
-    return np.column_stack([np.interp(place, whole, column) for column in values.T])
 
 
 def nearest_along(elements: Elements, vessel: int, place: FloatArray) -> float:
@@ -176,21 +155,13 @@ def nearest_along(elements: Elements, vessel: int, place: FloatArray) -> float:
     return float(low + share[best] * (high - low))
 
 
-# Sort vessel elements into squares of the xy plane, for quick look-up of those near a point.
-
-MAX_CELLS = 4_000_000
+# Sort straight stretches of ink into squares of the xy plane, to look up those near a place.
 
 
-class ElementSquares(NamedTuple):
-    """Elements by squares of the plan, those of square s in ``member[begin[s]:begin[s + 1]]``.
+class Squares(NamedTuple):
+    """Stretches by squares of the plan, those of square s in ``member[begin[s]:begin[s + 1]]``.
 
     What lies within the pitch of a place is found in the nine squares about it.
-
-    Attributes
-    ----------
-    around : (n, 4) float64, mm
-        Of each member: x and y of its middle, its top, and how far its ink reaches from the middle.
-        In the members' order, so that a search runs along memory.
     """
 
     origin: FloatArray
@@ -198,29 +169,47 @@ class ElementSquares(NamedTuple):
     shape: IntArray
     begin: IntArray
     member: IntArray
-    around: FloatArray
+    # Of each member x and y of its middle, its top, how far its ink reaches from the middle, mm:
+    # in the members' order, so that a search runs along memory.
+    around: FloatArray  # (n, 4)
 
 
-def squares_of(elements: Elements, shaft_mm: float) -> ElementSquares:
-    """Elements by their middles, in squares so wide that the next ones hold all that is hit."""
-    middle = elements.point[elements.end].mean(axis=1)[:, :2]
+def squares_of(elements: Elements, shaft_mm: float) -> Squares:
+    """Sort elements for searches within a shaft of each other."""
+    start, end = elements.point[elements.end[:, 0]], elements.point[elements.end[:, 1]]
+    widest = float(elements.radius.max())
+    return sort_stretches(start, end, elements.radius, max(shaft_mm, widest))
+
+
+def sort_stretches(
+    start: FloatArray, end: FloatArray, radius: FloatArray, room_mm: float
+) -> Squares:
+    """Sort stretches by their middles, for searches within ``room_mm`` of their surfaces.
+
+    Parameters
+    ----------
+    start, end : (n, 3) float64, mm
+    radius : (n, 2) float64, mm
+        At both ends.
+    room_mm : float, mm
+    """
+    middle = ((start + end) / 2)[:, :2]
     origin, size = middle.min(axis=0), np.ptp(middle, axis=0)
-    widest, longest = float(elements.radius.max()), float(elements.length.max())
-    reach = max(shaft_mm, widest) + widest + longest
-    pitch = max(reach, float(np.sqrt(size.prod() / MAX_CELLS)))
+    thick, length = radius.max(axis=1), np.linalg.norm(end - start, axis=1)
+    reach = room_mm + float(thick.max()) + float(length.max())
+    pitch = max(reach, float(np.sqrt(size.prod() / CUTTING.squares)))
     place = np.floor((middle - origin) / pitch).astype(np.int64)
     shape = place.max(axis=0) + 1
     square = place[:, 0] * shape[1] + place[:, 1]
     begin = np.concatenate([[0], np.cumsum(np.bincount(square, minlength=int(shape.prod())))])
     member = np.argsort(square, kind="stable")
-    thick = elements.radius.max(axis=1)
-    top = elements.point[elements.end, 2].max(axis=1) + thick
-    around = np.column_stack([middle, top, thick + elements.length / 2])
-    return ElementSquares(origin, pitch, shape, begin, member, np.ascontiguousarray(around[member]))
+    top = np.maximum(start[:, 2], end[:, 2]) + thick
+    around = np.column_stack([middle, top, thick + length / 2])
+    return Squares(origin, pitch, shape, begin, member, np.ascontiguousarray(around[member]))
 
 
 @jit
-def near(squares: ElementSquares, place: FloatArray, k: int) -> tuple[int, int]:
+def near(squares: Squares, place: FloatArray, k: int) -> tuple[int, int]:
     """Range of `Squares.member` in the ``k``-th (0..2) of three rows of squares about a place."""
     x = int(np.floor((place[0] - squares.origin[0]) / squares.pitch)) - 1 + k
     y = int(np.floor((place[1] - squares.origin[1]) / squares.pitch))

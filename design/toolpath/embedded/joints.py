@@ -13,10 +13,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from design.toolpath.embedded.elements import Elements, ElementSquares, near
+from design.toolpath.embedded.elements import Elements, Squares, near
 from design.toolpath.embedded.needle import Needle, joint_reach, off_shaft, radius_at
 from design.toolpath.embedded.report import BrushedOverlap, JoinedPasses, WeakJoint
-from design.toolpath.embedded.rules import TIPS, Meetings, depth_at, flat_gap, of_one_joint
+from design.toolpath.embedded.rules import (
+    TIPS,
+    Meetings,
+    depth_at,
+    flat_gap,
+    of_one_joint,
+    tip_along,
+)
 from design.toolpath.embedded.schedule import Pass
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
@@ -28,28 +35,15 @@ NEVER: Final = 1 << 40
 
 
 class Extension(NamedTuple):
-    """A short straight way beyond the end of a pass, as thick as the vessel there.
+    """A short straight way beyond the end of a pass, as thick as the vessel there."""
 
-    Attributes
-    ----------
-    start, tip : (3,) float64, mm
-    radius : float, mm
-    vessel : int
-    at : float, mm
-        Way along the vessel to where it begins.
-    step : int
-        1 where it leads on along the vessel's order, -1 where against it.
-    far : float, mm
-        Way along the vessel to its other end, where it leads past one; else inf.
-    """
-
-    start: FloatArray
-    tip: FloatArray
-    radius: float
+    start: FloatArray  # (3,), mm
+    tip: FloatArray  # (3,), mm
+    radius: float  # mm
     vessel: int
-    at: float
-    step: int
-    far: float
+    at: float  # way along the vessel to where it begins, mm
+    step: int  # 1 where it leads on along the vessel's order, -1 where against it
+    far: float  # way along the vessel to its other end where it leads past one, mm; else inf
 
 
 @jit
@@ -58,27 +52,28 @@ def barring(
     before: int,
     when: IntArray,
     elements: Elements,
-    squares: ElementSquares,
+    squares: Squares,
     meetings: Meetings,
     needle: Needle,
 ) -> IntArray:
     """Elements of passes before the one numbered `before` that its shaft meets; ``when`` (n,)."""
     met = [0][:0]
-    for place in _places(extension, 0.5 * needle.tip_mm):
-        way = place - extension.start
-        at = extension.at + extension.step * np.sqrt((way * way).sum())
+    places, ways = _places(extension, 0.5 * needle.tip_mm)
+    for n in range(len(ways)):
+        place = places[n]
         for k in range(3):
             low, high = near(squares, place, k)
             for m in range(low, high):
                 x, y, top, reach = squares.around[m]
                 far = (x - place[0]) ** 2 + (y - place[1]) ** 2 >= (needle.shaft_mm + reach) ** 2
                 j = squares.member[m]
-                if far or top <= place[2]:
+                if far or top <= place[2] or when[j] >= before:
                     continue
-                if when[j] < before and (
-                    depth_at(place, extension.radius, extension.vessel, at, j,
-                             elements, meetings, needle, extension.far) > 0.0
-                ):  # fmt: skip
+                depth = depth_at(
+                    place, extension.radius, extension.vessel, ways[n], j, elements, meetings,
+                    needle, extension.far,
+                )[0]  # fmt: skip
+                if depth > 0.0:
                     met.append(j)
     return np.unique(np.array(met, np.int64))
 
@@ -89,13 +84,14 @@ def barred(
     since: int,
     when: IntArray,
     elements: Elements,
-    squares: ElementSquares,
+    squares: Squares,
     meetings: Meetings,
     needle: Needle,
 ) -> IntArray:
     """Elements of the pass numbered `since` and later, which take the shaft through its ink."""
     met = [0][:0]
-    for place in _places(extension, squares.pitch):
+    places, _ = _places(extension, squares.pitch)
+    for place in places:
         for k in range(3):
             low, high = near(squares, place, k)
             for j in squares.member[low:high]:
@@ -105,14 +101,16 @@ def barred(
 
 
 @jit
-def _places(extension: Extension, spacing: float) -> FloatArray:
-    """Places along it, its tip last, no further apart than the spacing."""
+def _places(extension: Extension, spacing: float) -> tuple[FloatArray, FloatArray]:
+    """Places along it, its tip last, no further apart than the spacing; ways along the vessel."""
     way = extension.tip - extension.start
-    count = int(np.ceil(np.sqrt((way * way).sum()) / spacing))
-    places = np.empty((count, 3))
+    length = np.sqrt((way * way).sum())
+    count = int(np.ceil(length / spacing))
+    places, along = np.empty((count, 3)), np.empty(count)
     for k in range(count):
         places[k] = extension.start + way * ((k + 1.0) / count)
-    return places
+        along[k] = extension.at + extension.step * length * ((k + 1.0) / count)
+    return places, along
 
 
 @jit
@@ -120,57 +118,43 @@ def meets(
     i: int, extension: Extension, elements: Elements, meetings: Meetings, needle: Needle
 ) -> bool:
     """Whether the shaft passes through an extension's ink while element i is written."""
-    tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
     thick = max(elements.radius[i, 0], elements.radius[i, 1])
     reach = joint_reach(needle, max(thick, extension.radius))
     vessel, radius = elements.vessel[i], extension.radius
     top = max(extension.start[2], extension.tip[2]) + radius
+    places, ways = _places(extension, 0.25 * needle.tip_mm)
     for k in range(TIPS):
-        share = k / (TIPS - 1.0)
-        tip = tail + share * (head - tail)
+        tip, at = tip_along(i, k, elements)
         wide = radius_at(needle, max(top - tip[2], 0.0)) + radius
         gap = flat_gap(tip[0], tip[1], extension.start, extension.tip, 0.0, 1.0)
         if top <= tip[2] or gap >= wide:
             continue
-        at = elements.arc[i] + share * elements.length[i]
-        for ink in _places(extension, 0.25 * needle.tip_mm):
+        for n in range(len(ways)):
+            ink = places[n]
             height = ink[2] + radius - tip[2]
             across = np.hypot(ink[0] - tip[0], ink[1] - tip[1])
             if height <= 0.0 or across >= radius_at(needle, height) + radius:
                 continue
-            way = ink - extension.start
-            there = extension.at + extension.step * np.sqrt((way * way).sum())
             if not of_one_joint(
-                vessel, at, extension.vessel, there, reach, meetings, extension.far
+                vessel, at, extension.vessel, ways[n], reach, meetings, extension.far
             ):
                 return True
     return False
 
 
 class ChosenExtensions(NamedTuple):
-    """Extensions chosen so far, ``size[0]`` of them.
+    """Extensions chosen so far, ``size[0]`` of them."""
 
-    Attributes
-    ----------
-    place : (n, 2, 3) float64, mm
-        Start and tip.
-    value : (n, 4) float64
-        Radius, way along the vessel, step and far end of `Extension`.
-    number : (n, 3) int64
-        Vessel, element, and when it is written.
-    size : (1,) int64
-    """
-
-    place: FloatArray
-    value: FloatArray
-    number: IntArray
-    size: IntArray
+    place: FloatArray  # (n, 2, 3), start and tip, mm
+    value: FloatArray  # (n, 4), radius, at, step and far of `Extension`
+    number: IntArray  # (n, 3), vessel, element, and when it is written
+    size: IntArray  # (1,)
 
 
-def empty_extensions(room: int) -> ChosenExtensions:
-    """No extension yet, with room for so many."""
-    places, values = np.zeros((room, 2, 3)), np.zeros((room, 4))
-    return ChosenExtensions(places, values, np.zeros((room, 3), np.int64), np.zeros(1, np.int64))
+def empty_extensions(count: int) -> ChosenExtensions:
+    """Return space for so many extensions."""
+    places, values = np.zeros((count, 2, 3)), np.zeros((count, 4))
+    return ChosenExtensions(places, values, np.zeros((count, 3), np.int64), np.zeros(1, np.int64))
 
 
 def add_extension(kept: ChosenExtensions, extension: Extension, element: int, when: int) -> None:
@@ -214,17 +198,23 @@ def crossing_extension(
 def _enters(later: Extension, earlier: Extension, meetings: Meetings, needle: Needle) -> bool:
     """Whether the shaft that writes one extension passes through the ink of another."""
     reach = joint_reach(needle, max(later.radius, earlier.radius))
-    for tip in _places(later, 0.25 * needle.tip_mm):
-        way = tip - later.start
-        at = later.at + later.step * np.sqrt((way * way).sum())
-        for ink in _places(earlier, 0.25 * needle.tip_mm):
+    tips, tip_ways = _places(later, 0.25 * needle.tip_mm)
+    places, ways = _places(earlier, 0.25 * needle.tip_mm)
+    for k in range(len(tip_ways)):
+        for n in range(len(ways)):
+            tip, ink = tips[k], places[n]
             across = np.hypot(ink[0] - tip[0], ink[1] - tip[1])
             if off_shaft(across, ink[2] - tip[2], needle) >= earlier.radius:
                 continue
-            way = ink - earlier.start
-            there = earlier.at + earlier.step * np.sqrt((way * way).sum())
             if not of_one_joint(
-                later.vessel, at, earlier.vessel, there, reach, meetings, earlier.far, later.far
+                later.vessel,
+                tip_ways[k],
+                earlier.vessel,
+                ways[n],
+                reach,
+                meetings,
+                earlier.far,
+                later.far,
             ):
                 return True
     return False
@@ -271,26 +261,16 @@ class _Extended:
 
 @dataclass(frozen=True)
 class Joiner:
-    """Closes the joints of ordered passes.
-
-    Attributes
-    ----------
-    elements : Elements
-    squares : ElementSquares
-    meetings : Meetings
-    needle : Needle
-    strict : bool
-        Whether a joint rather stays open than that the needle enters its overlap later.
-    """
+    """Closes the joints of ordered passes."""
 
     elements: Elements
-    squares: ElementSquares
+    squares: Squares
     meetings: Meetings
     needle: Needle
-    strict: bool = False
+    strict: bool = False  # a joint rather stays open than that the needle enters its overlap
 
     def join(self, passes: list[Pass], explain: bool = False) -> JoinedPasses:
-        """Close what can be closed; say of open ones what would close them, if asked."""
+        """Close what can be closed; with ``explain`` also find what would close open joints."""
         return _Round(self, passes, explain).join()
 
 
@@ -362,7 +342,7 @@ class _Round:
                 break
         chosen: _Extended | None = whole[-1]
         if not whole[-1].free:
-            self._ask_reordering(whole[0], later)
+            self._request_reordering(whole[0], later)
             chosen = self._harmless(whole, sides, point, reach)
             if chosen is None and not self._scene.strict:
                 chosen = self._least_brushed(whole)
@@ -477,7 +457,7 @@ class _Round:
         open_to = [one for one in whole if not any(bar.entered for bar in one.barred)]
         return min(open_to, key=lambda one: len(one.brushed), default=None)
 
-    def _ask_reordering(self, one: _Extended, later: int) -> None:
+    def _request_reordering(self, one: _Extended, later: int) -> None:
         """What would have to be written in another order."""
         self._out.reorderings += [(later, bar.end) for bar in one.barred]
         self._out.reorderings += [(brush.element, brush.end) for brush in one.brushed]

@@ -16,39 +16,22 @@ from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.report import Crossing, OmittedVessel
 from design.toolpath.embedded.rules import Meetings, Rules, barring_each_other, owners, select_rules
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.shaft_contacts import (
-    CERTAIN_MM,
-    bar_each_other,
-    entries_mm,
-    near_pairs,
-)
-from kernels.arrays import IntArray
+from design.toolpath.embedded.shaft_contacts import CERTAIN_MM, entries_mm
+from kernels.arrays import FloatArray, IntArray
 
 HALVINGS: Final = 7
 """Of the range of needles in which the widest that fits is looked for: to 1 %."""
 
 
 class Conflict(NamedTuple):
-    """Two vessels between which the needle can't be kept out of ink.
+    """Two vessels between which the needle can't be kept out of ink."""
 
-    Attributes
-    ----------
-    vessel, other : int
-        Of the design.
-    strand, other_strand : int
-        As they are written.
-    place_mm : (x, y, z), mm
-        Where it is worst.
-    apart_mm : float, mm
-        By which they are too near there.
-    """
-
-    vessel: int
+    vessel: int  # of the design
     other: int
-    strand: int
+    strand: int  # as they are written
     other_strand: int
-    place_mm: tuple[float, float, float]
-    apart_mm: float
+    place_mm: tuple[float, float, float]  # where it is worst
+    apart_mm: float  # by which they are too near there
 
 
 def choose_omitted(
@@ -146,8 +129,7 @@ class Omissions:
     def conflicts(self, rules: Rules) -> list[Conflict]:
         """Pairs of vessels with elements that the bare needle enters in either order."""
         first, after = _either_way(rules)
-        parts = self._cut, self._meetings, self._needle.bare()
-        deep = np.minimum(entries_mm(first, after, *parts), entries_mm(after, first, *parts))
+        deep = self._depth_mm(first, after, self._needle.bare())
         worst: dict[tuple[int, int], Conflict] = {}
         order = np.argsort(-deep, kind="stable")
         for k in order[deep[order] > CERTAIN_MM].tolist():
@@ -203,19 +185,35 @@ class Omissions:
         other = why.other if why.vessel == vessel else why.vessel
         return OmittedVessel(vessel, other, why.place_mm, why.apart_mm, self._widest(why))
 
+    def _depth_mm(self, first: IntArray, after: IntArray, needle: Needle) -> FloatArray:
+        """Depth to which the needle enters one of each two elements in the better order, (k,)."""
+        parts = self._cut, self._meetings, needle
+        return np.minimum(entries_mm(first, after, *parts), entries_mm(after, first, *parts))
+
     def _widest(self, why: Conflict) -> float:
         """Outer diameter of the widest tip found with which two don't bar each other, mm."""
         if why.strand < 0:
             return 0.0
         needle = self._needle.bare()
-        pairs = near_pairs(why.strand, why.other_strand, self._cut, needle)
+        pairs = _near_pairs(why.strand, why.other_strand, self._cut, needle)
         low, high = 0.0, needle.tip_mm
         for _ in range(HALVINGS):
             radius = (low + high) / 2
-            tried = needle.thinner(radius)
-            barred = bar_each_other(pairs, self._cut, self._meetings, tried)
+            barred = (self._depth_mm(*pairs, needle.thinner(radius)) > CERTAIN_MM).any()
             low, high = (low, radius) if barred else (radius, high)
         return 2 * low
+
+
+def _near_pairs(v: int, w: int, elements: Elements, needle: Needle) -> tuple[IntArray, IntArray]:
+    """Elements of two vessels that the needle may touch together, each pair once."""
+    one, other = (np.arange(elements.first[k], elements.first[k + 1]) for k in (v, w))
+    both = np.concatenate([one, other])
+    room = needle.shaft_mm + elements.radius[both].max() + elements.length[both].max()
+    middle = elements.point[elements.end].mean(axis=1)[:, :2]
+    away = np.linalg.norm(middle[one][:, None] - middle[other], axis=2)
+    i, j = np.nonzero(away < room)
+    once = one[i] < other[j] if v == w else np.ones(len(i), dtype=np.bool_)
+    return one[i[once]], other[j[once]]
 
 
 def _either_way(rules: Rules) -> tuple[IntArray, IntArray]:

@@ -20,33 +20,19 @@ JOINT: Final = math.sqrt(2.0)
 """Ink so many times tip and filament radius away along a vessel is a joint's: slopes of up to
 45 degrees may join, and be written downward."""
 ROUNDING_MM: Final = 0.002
-"""A joint ends so much earlier in the plan: G-code is written to a micrometre, so a vessel that is
-cut just at a joint's end may begin outside it in what is printed."""
+"""G-code is written to a micrometre: a joint ends so much earlier in the plan, as a vessel that is
+cut just at its end may begin outside it in what is printed."""
 
 
 class Needle(NamedTuple):
-    """Geometry of a vertical needle.
+    """Geometry of a vertical needle."""
 
-    Attributes
-    ----------
-    joint_mm : float, mm
-        Radius of the thinnest head's tip, by which joints reach.
-    bare_mm : float, mm
-        Radius of the widest head's tip.
-    tip_mm, shaft_mm : float, mm
-        Radius to be kept free at the tip, and around the shaft above the cone: with clearance.
-    cone_mm : float, mm
-        Height over which the one becomes the other; 0 for a plain tube.
-    overlap_radii : float
-        Overlap of joints, in radii.
-    """
-
-    joint_mm: float
-    bare_mm: float
-    tip_mm: float
-    shaft_mm: float
-    cone_mm: float
-    overlap_radii: float
+    joint_mm: float  # mm, radius of the thinnest head's tip, by which joints reach
+    bare_mm: float  # mm, radius of the widest head's tip
+    tip_mm: float  # mm, radius to be kept free at the tip: with clearance
+    shaft_mm: float  # mm, the same around the shaft above the cone
+    cone_mm: float  # mm, height over which the one becomes the other; 0 for a plain tube
+    overlap_radii: float  # overlap of joints, in radii
 
     def bare(self) -> Needle:
         """The needle itself, without its clearance."""
@@ -287,7 +273,7 @@ def check_thinnest(
     Parameters
     ----------
     needles : mapping of str to float, mm
-        Bores of needles that may be had, by name; without them the bore needed is said alone.
+        Bores of needles that may be had, by name; without them only the bore needed is named.
 
     Raises
     ------

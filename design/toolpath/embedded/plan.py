@@ -14,7 +14,7 @@ from design.network import VesselNetwork
 from design.toolpath.embedded.bundles import Bundles, LumenGroups
 from design.toolpath.embedded.elements import (
     Elements,
-    ElementSquares,
+    Squares,
     elements_of,
     longest_mm,
     squares_of,
@@ -35,12 +35,12 @@ from design.toolpath.embedded.rules import (
     Meetings,
     Rules,
     Touches,
-    at_nodes,
+    along_elements,
+    find_meetings,
     find_rules,
     touches,
-    with_touches,
 )
-from design.toolpath.embedded.schedule import Leg, Pass
+from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.shaft_contacts import (
     TOUCH_MM,
     Entry,
@@ -48,7 +48,7 @@ from design.toolpath.embedded.shaft_contacts import (
     exempt_lengths,
     find_shaft_contacts,
 )
-from design.toolpath.embedded.write import FilamentWriter, Stretch, add_recovery_dwells
+from design.toolpath.embedded.write import FilamentWriter, add_recovery_dwells
 from design.toolpath.toolpath import MoveKind, Toolpath
 from kernels.arrays import IntArray
 
@@ -78,7 +78,7 @@ class Scene:
 
     design: VesselNetwork
     elements: Elements
-    squares: ElementSquares
+    squares: Squares
     meetings: Meetings
     collisions: Touches
     needle: Needle
@@ -93,11 +93,12 @@ class Scene:
         )
         elements = elements_of(network, longest_mm(network, heads.tip_mm))
         squares = squares_of(elements, needle.shaft_mm)
-        nodes = at_nodes(network, elements)
         lumens = LumenGroups(bundles, elements, needle)
         design = bundles.design()
         collisions = touches(design, needle)
-        meetings = with_touches(nodes, collisions, elements)
+        length = np.add.reduceat(elements.length, elements.first[:-1])
+        touching = along_elements(collisions, elements)
+        meetings = find_meetings(network.vessel_nodes, length, touching)
         return Scene(design, elements, squares, meetings, collisions, needle, lumens)
 
     def written(
@@ -105,14 +106,13 @@ class Scene:
         passes: list[Pass],
         joined: JoinedPasses,
         heads: EmbeddedHeads,
-        known: dict[Leg, Stretch],
     ) -> _Written:
-        """The path of ordered passes, and what its shaft meets; `known` as in `FilamentWriter`."""
+        """The path of ordered passes, and what its shaft meets."""
         joined = self.lumens.closed(joined)
         looks = frozenset[int]()
         if heads.look_within:
             looks = look_places(passes, self.elements, self.needle)
-        writer = FilamentWriter(self.elements, passes[0], heads, known, looks)
+        writer = FilamentWriter(self.elements, passes[0], heads, looks)
         writer.write_all(passes, joined)
         recovery_s = max(one.recovery_s for one in heads.options)
         toolpath = add_recovery_dwells(writer.builder.build(), recovery_s, heads.shaft_mm)
@@ -164,9 +164,8 @@ def plan_embedded(
     passes, joined = order_passes(
         scene.elements, out.without(rules), heads.vessel_head, joiner, out.elements
     )
-    known: dict[Leg, Stretch] = {}
     while True:
-        done = scene.written(passes, joined, heads, known)
+        done = scene.written(passes, joined, heads)
         crossed = out.crossed((*done.crossings, *done.grazes))
         if not heads.leave_out or not crossed:
             break
@@ -292,9 +291,10 @@ def look_places(passes: Sequence[Pass], elements: Elements, needle: Needle) -> f
     order = np.concatenate([one.elements() for one in passes])
     written = _as_written(passes, elements)
     mends = needle.bare()._replace(overlap_radii=MEND_OVERLAP_RADII)
-    rules = find_rules(
-        written, squares_of(written, mends.shaft_mm), _no_meetings(len(passes)), mends
-    )
+    none = Touches(np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    alone = np.arange(2 * len(passes)).reshape(-1, 2)  # no joints but those along a vessel
+    meetings = find_meetings(alone, np.zeros(len(passes)), none)
+    rules = find_rules(written, squares_of(written, mends.shaft_mm), meetings, mends)
     first = written.first.tolist()
     return frozenset(
         int(order[at]) for low, high in pairwise(first) for at in _in_pass(low, high, rules)
@@ -322,13 +322,6 @@ def _as_written(passes: Sequence[Pass], elements: Elements) -> Elements:
         number,
         first,
     )
-
-
-def _no_meetings(vessels: int) -> Meetings:
-    """No joints but those along a vessel."""
-    nothing = np.zeros(0)
-    begin = np.zeros(vessels + 1, dtype=np.int64)
-    return Meetings(begin, nothing, np.zeros(0, dtype=np.int64), nothing, nothing)
 
 
 def _in_pass(low: int, high: int, rules: Rules) -> list[int]:

@@ -79,7 +79,7 @@ class Merged:
 
 @dataclass(frozen=True)
 class WeakJoint:
-    """Two stretches that meet and can't be made to overlap as asked.
+    """Two stretches that meet and can't be made to overlap by the requested length.
 
     Attributes
     ----------
@@ -168,50 +168,24 @@ class EmbeddedReport:
 
 
 class BrushedOverlap(NamedTuple):
-    """An overlap that the shaft meets while a later element is written, or ink met from one.
+    """An overlap that the shaft meets while a later element is written, or ink met from one."""
 
-    Attributes
-    ----------
-    element : int
-        The later one, or that which the overlap goes on from.
-    end : int
-        The earlier one: that which the overlap goes on from, or ink.
-    entered : bool
-        Whether the needle itself meets it, or its clearance only.
-    """
-
-    element: int
-    end: int
-    entered: bool
+    element: int  # the later one, or that which the overlap goes on from
+    end: int  # the earlier one: that which the overlap goes on from, or ink
+    entered: bool  # whether the needle itself meets it, or its clearance only
 
 
 @dataclass
 class JoinedPasses:
-    """Embedded passes extended to overlap at their joints.
+    """Embedded passes extended to overlap at their joints."""
 
-    Attributes
-    ----------
-    before, beyond : (p,) float64, mm
-        How far each pass begins before its first point, and goes on beyond its last.
-    joints, overlapped : int
-        Ends that come to ink; of these, those closed by an overlap.
-    through : int
-        Stretches that go on from the last one through a node without a stop.
-    open : list of WeakJoint
-        Those without an overlap.
-    shortened : list of WeakJoint
-        Of the overlapped, those with less than asked.
-    brushed : list of BrushedOverlap
-    reorderings : list of (int, int)
-        Elements of which the first, written before the second, would leave room for an overlap.
-    """
-
-    before: FloatArray
-    beyond: FloatArray
-    joints: int = 0
-    overlapped: int = 0
-    through: int = 0
-    open: list[WeakJoint] = field(default_factory=list)
-    shortened: list[WeakJoint] = field(default_factory=list)
+    before: FloatArray  # (p,), mm, how far each pass begins before its first point
+    beyond: FloatArray  # (p,), mm, how far it goes on beyond its last
+    joints: int = 0  # ends that come to ink
+    overlapped: int = 0  # of these, those closed by an overlap
+    through: int = 0  # stretches that go on from the last one through a node without a stop
+    open: list[WeakJoint] = field(default_factory=list)  # without an overlap
+    shortened: list[WeakJoint] = field(default_factory=list)  # with less overlap than requested
     brushed: list[BrushedOverlap] = field(default_factory=list)
+    # Elements of which the first, written before the second, would leave room for an overlap.
     reorderings: list[tuple[int, int]] = field(default_factory=list)

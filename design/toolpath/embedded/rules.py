@@ -2,7 +2,7 @@
 
 With the tip at b the shaft fills all above b within its radius. An element with its axis at a and
 radius r is hit when it lies within shaft and r of b in the plan, and its top is above b. The lower
-one goes first, then. Ink that belongs to a joint is spared (`meetings.outside_joints`).
+one goes first, then. Ink that belongs to a joint is spared (`outside_joints`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
-from design.toolpath.embedded.elements import Elements, ElementSquares, near
+from design.toolpath.embedded.elements import Elements, Squares, near
 from design.toolpath.embedded.needle import (
     ROUNDING_MM,
     Needle,
@@ -26,36 +26,27 @@ from design.toolpath.embedded.needle import (
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-TIPS = 5
+TIPS: Final = 5
 """Places of the tip along an element. Elements are no longer than the shaft's radius R, so
 that a touch between two places is missed by at most R/128, which the clearance covers."""
-THIRDS = 10
-GRAZE = 0.01
+THIRDS: Final = 10
+"""Of a part of an axis dropped in the search for its place nearest to the shaft: to (2/3)^10."""
+GRAZE: Final = 0.01
 """Harm where the needle itself passes by, against that of a crossing: where two elements bar each
 other, the one that the needle would enter is written later."""
 
 
 class Rules(NamedTuple):
-    """Element ``i`` goes before ``after[begin[i] : begin[i + 1]]``.
+    """Element ``i`` goes before ``after[begin[i] : begin[i + 1]]``."""
 
-    Attributes
-    ----------
-    begin : (n + 1,) int64
-    after : (m,) int64
-        Ascending for each element.
-    harm : (m,) float64, mm
-        Harm, were the later one written first: how much of its height the shaft would fill, and
-        a hundredth of that where only the clearance reaches into it.
-    """
-
-    begin: IntArray
-    after: IntArray
+    begin: IntArray  # (n + 1,)
+    after: IntArray  # (m,), ascending for each element
+    # (m,), mm, were the later one written first: how much of its height the shaft would fill, and a
+    # hundredth of that where only the clearance reaches into it.
     harm: FloatArray
 
 
-def find_rules(
-    elements: Elements, squares: ElementSquares, meetings: Meetings, needle: Needle
-) -> Rules:
+def find_rules(elements: Elements, squares: Squares, meetings: Meetings, needle: Needle) -> Rules:
     """All pairs whose order matters; two that say the opposite harm each other in any order."""
     return Rules(*_all_pairs(elements, squares, meetings, needle))
 
@@ -151,37 +142,30 @@ def flat_gap(x: float, y: float, a: FloatArray, b: FloatArray, low: float, high:
 
 @jit
 def depth_at(
-    tip: FloatArray,
-    radius: float,
-    vessel: int,
-    at: float,
-    j: int,
-    elements: Elements,
-    meetings: Meetings,
-    needle: Needle,
-    far: float = np.inf,
-) -> float:
-    """Harm that the shaft above a tip does to element j, joints spared, mm; 0 for none.
+    tip: FloatArray, radius: float, vessel: int, at: float, j: int, elements: Elements,
+    meetings: Meetings, needle: Needle, far: float = np.inf,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Depth to which the shaft above a tip reaches into element j, mm, and the part that counts.
 
-    The tip writes a filament of `radius`, ``at`` mm along a vessel; of one that goes on past an end
-    ``far`` is the other.
+    That is the part (0..1) outside joints. The tip writes a filament of `radius`, ``at`` mm along a
+    vessel; of one that goes on past an end ``far`` is the other.
     """
     a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
     thick = max(elements.radius[j, 0], elements.radius[j, 1])
-    room = _room(tip, a, b, thick, 0.0, 1.0, needle)
-    if room <= 0.0:
-        return 0.0
+    depth = _depth(tip, a, b, thick, 0.0, 1.0, needle)
+    if depth <= 0.0:
+        return 0.0, 0.0, 1.0
     reach = joint_reach(needle, max(thick, radius))
     low, high = outside_joints(vessel, at, j, reach, elements, meetings, far)
     if low >= high:
-        return 0.0
+        return 0.0, low, high
     if low > 0.0 or high < 1.0:
-        room = _room(tip, a, b, thick, low, high, needle)
-    return _harm(room, tip, a, b, thick, low, high, needle)
+        depth = _depth(tip, a, b, thick, low, high, needle)
+    return depth, low, high
 
 
 @jit
-def _room(
+def _depth(
     tip: FloatArray, a: FloatArray, b: FloatArray, thick: float, low: float, high: float,
     needle: Needle,
 ) -> float:  # fmt: skip
@@ -196,18 +180,48 @@ def _room(
 
 
 @jit
-def _harm(
-    room: float, tip: FloatArray, a: FloatArray, b: FloatArray, thick: float, low: float,
-    high: float, needle: Needle,
-) -> float:  # fmt: skip
-    """How much of the height of a part the shaft fills, grazes made light, mm; by its `_room`."""
-    if room <= 0.0:
-        return 0.0
-    top = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick
-    filled = min(top - tip[2], 2.0 * thick)
-    if room < 2.0 * (needle.tip_mm - needle.bare_mm):  # else the bare needle is in it, too
-        room = thick - off_part(tip, a, b, low, high, without_clearance(needle))
-    return filled if room > 0.0 else GRAZE * filled
+def tip_along(i: int, k: int, elements: Elements) -> tuple[FloatArray, float]:
+    """The ``k``-th of `TIPS` places of the tip along an element, and its way along the vessel."""
+    share = k / (TIPS - 1.0)
+    tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
+    return tail + share * (head - tail), elements.arc[i] + share * elements.length[i]
+
+
+@jit
+def entry_mm(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
+    """Depth of the shaft in element j, outside joints, while i is written, mm; 0 for none."""
+    radius, most = max(elements.radius[i, 0], elements.radius[i, 1]), 0.0
+    for k in range(TIPS):
+        tip, at = tip_along(i, k, elements)
+        vessel = elements.vessel[i]
+        most = max(most, depth_at(tip, radius, vessel, at, j, elements, meetings, needle)[0])
+    return most
+
+
+@jit
+def _harm(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
+    """How much of the height of element j the shaft fills while i is written, mm; 0 for none.
+
+    A hundredth of that where the clearance alone reaches into it.
+    """
+    a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
+    thick = max(elements.radius[j, 0], elements.radius[j, 1])
+    radius, most = max(elements.radius[i, 0], elements.radius[i, 1]), 0.0
+    for k in range(TIPS):
+        if most >= 2.0 * thick:
+            break
+        tip, at = tip_along(i, k, elements)
+        depth, low, high = depth_at(
+            tip, radius, elements.vessel[i], at, j, elements, meetings, needle
+        )
+        if depth <= 0.0:
+            continue
+        top = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick
+        filled = min(top - tip[2], 2.0 * thick)
+        if depth < 2.0 * (needle.tip_mm - needle.bare_mm):  # else the bare needle is in it, too
+            depth = thick - off_part(tip, a, b, low, high, without_clearance(needle))
+        most = max(most, filled if depth > 0.0 else GRAZE * filled)
+    return most
 
 
 @jit
@@ -241,25 +255,8 @@ def _off_at(tip: FloatArray, a: FloatArray, b: FloatArray, t: float, needle: Nee
 
 
 @jit
-def _pair_depth(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
-    """Most harm that the shaft does to element j while i is written, mm."""
-    tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
-    radius = max(elements.radius[i, 0], elements.radius[i, 1])
-    most, all_of_it = 0.0, 2.0 * max(elements.radius[j, 0], elements.radius[j, 1])
-    for k in range(TIPS):
-        if most >= all_of_it:
-            break
-        share = k / (TIPS - 1.0)
-        tip = tail + share * (head - tail)
-        at = elements.arc[i] + share * elements.length[i]
-        vessel = elements.vessel[i]
-        most = max(most, depth_at(tip, radius, vessel, at, j, elements, meetings, needle))
-    return most
-
-
-@jit
 def _all_pairs(
-    elements: Elements, squares: ElementSquares, meetings: Meetings, needle: Needle
+    elements: Elements, squares: Squares, meetings: Meetings, needle: Needle
 ) -> tuple[IntArray, IntArray, FloatArray]:
     count = len(elements.end)
     begin = np.zeros(count + 1, dtype=np.int64)
@@ -282,7 +279,7 @@ def _all_pairs(
                 j = squares.member[m]
                 if j == i:
                     continue
-                harm = _pair_depth(i, j, elements, meetings, needle)
+                harm = _harm(i, j, elements, meetings, needle)
                 if harm > 0.0:
                     if total == size:
                         size *= 2
@@ -301,63 +298,65 @@ def _all_pairs(
 # Find where vessels join others (nodes, touching filaments), exempt from needle shaft rules.
 
 SAME_MM: Final = 1e-6
+"""Places of one joint differ by no more along a vessel."""
 
 
 class Meetings(NamedTuple):
-    """Places of each vessel where it meets one, those of ``v`` in ``begin[v]:begin[v + 1]``.
+    """Places of each vessel where it meets one, those of ``v`` in ``begin[v]:begin[v + 1]``."""
 
-    Attributes
+    begin: IntArray  # (v + 1,)
+    other: IntArray  # (m,), the vessel met, ascending for each; the same where it meets itself
+    own: FloatArray  # (m,), way along the vessel, ascending for each other, mm
+    there: FloatArray  # (m,), way along that one, mm
+    wide: FloatArray  # (m,), how far the place reaches to either side, mm; 0 for a node
+    gap: FloatArray  # (m,), from one axis to the other, mm; 0 at a node
+
+
+def find_meetings(ends: IntArray, length: FloatArray, touches: Touches) -> Meetings:
+    """Return each end of a vessel with all others at its node, and the places of touches.
+
+    Parameters
     ----------
-    begin : (v + 1,) int64
-    own : (m,) float64, mm
-        Way along the vessel to the place.
-    other : (m,) int64
-        The vessel met; the same one where it meets itself.
-    there : (m,) float64, mm
-        Way along that one.
-    gap : (m,) float64, mm
-        From one axis to the other; 0 at a node.
+    ends : (v, 2) int64
+        Nodes of each vessel.
+    length : (v,) float64, mm
+    touches : Touches
+        By ways along vessels of these lengths.
     """
+    met: dict[int, list[tuple[int, float]]] = {}
+    for vessel, (tail, head) in enumerate(ends.tolist()):
+        met.setdefault(tail, []).append((vessel, 0.0))
+        met.setdefault(head, []).append((vessel, float(length[vessel])))
+    nodes = [
+        (v, w, a, b, 0.0, 0.0) for at in met.values() for (v, a), (w, b) in permutations(at, 2)
+    ]
+    (u, v), (a, b) = touches.vessel.T, touches.arc.T
+    wide = np.full(len(u), TOUCHING.cell_mm / 2)
+    rows = np.concatenate([
+        np.array(nodes, dtype=np.float64).reshape(-1, 6),
+        np.column_stack([u, v, a, b, wide, touches.gap]),
+        np.column_stack([v, u, b, a, wide, touches.gap]),
+    ])  # fmt: skip
+    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+    count = np.bincount(rows[:, 0].astype(np.int64), minlength=len(ends))
+    begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    columns = (np.ascontiguousarray(column) for column in rows[:, 2:].T)
+    return Meetings(begin, rows[:, 1].astype(np.int64), *columns)
 
-    begin: IntArray
-    own: FloatArray
-    other: IntArray
-    there: FloatArray
-    gap: FloatArray
 
-
-def at_nodes(network: VesselNetwork, elements: Elements) -> Meetings:
-    """Each end of a vessel with all others at its node."""
-    length = np.add.reduceat(elements.length, elements.first[:-1])
-    ends: dict[int, list[tuple[int, float]]] = {}
-    for vessel, (tail, head) in enumerate(network.vessel_nodes.tolist()):
-        ends.setdefault(tail, []).append((vessel, 0.0))
-        ends.setdefault(head, []).append((vessel, float(length[vessel])))
-    rows = [(*a, *b, 0.0) for meet in ends.values() for a, b in permutations(meet, 2)]
-    return _sorted(np.array(rows, dtype=np.float64).reshape(-1, 5), len(length))
-
-
-def with_touches(meetings: Meetings, touches: Touches, elements: Elements) -> Meetings:
-    """The same, and the places where filaments touch, by their way along the elements."""
-    own = np.repeat(np.arange(len(meetings.begin) - 1), np.diff(meetings.begin))
+def along_elements(touches: Touches, elements: Elements) -> Touches:
+    """Return touches by their ways along the elements: curves are a little longer than these."""
     last = elements.first[1:] - 1
     chords = (elements.arc[last] + elements.length[last]) / elements.along[last, 1]
-    (u, v), (a, b) = touches.vessel.T, (touches.arc * chords[touches.vessel]).T
-    rows = np.concatenate([
-        np.column_stack([own, meetings.own, meetings.other, meetings.there, meetings.gap]),
-        np.column_stack([u, a, v, b, touches.gap]),
-        np.column_stack([v, b, u, a, touches.gap]),
-    ])  # fmt: skip
-    return _sorted(rows, len(meetings.begin) - 1)
+    return touches._replace(arc=touches.arc * chords[touches.vessel])
 
 
-def _sorted(rows: FloatArray, vessels: int) -> Meetings:
-    rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
-    count = np.bincount(rows[:, 0].astype(np.int64), minlength=vessels)
-    begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-    columns = (np.ascontiguousarray(column) for column in rows[:, 1:].T)
-    own, other, there, gap = columns
-    return Meetings(begin, own, other.astype(np.int64), there, gap)
+@jit
+def meetings_between(vessel: int, other: int, meetings: Meetings) -> tuple[int, int]:
+    """Range of the places where two vessels meet."""
+    begin, end = meetings.begin[vessel], meetings.begin[vessel + 1]
+    low = begin + np.searchsorted(meetings.other[begin:end], other)
+    return low, begin + np.searchsorted(meetings.other[begin:end], other + 1)
 
 
 @jit
@@ -387,13 +386,13 @@ def outside_joints(
     low, high = start, start + elements.length[j]
     if other == vessel:
         low, high = clipped(low, high, at, reach)
-    begin, end = meetings.begin[vessel], meetings.begin[vessel + 1]
+    begin, end = meetings_between(vessel, other, meetings)
     first = begin + np.searchsorted(meetings.own[begin:end], at - reach)
     for m in range(first, end):
         if meetings.own[m] > at + reach or low >= high:
             break
         near = abs(meetings.own[m] - at) + meetings.gap[m] <= reach
-        if near and meetings.other[m] == other and abs(meetings.own[m] - far) > SAME_MM:
+        if near and abs(meetings.own[m] - far) > SAME_MM:
             low, high = clipped(low, high, meetings.there[m], reach)
     return (low - start) / elements.length[j], (high - start) / elements.length[j]
 
@@ -410,10 +409,10 @@ def of_one_joint(
     """
     if vessel == other and abs(at - there) <= reach:
         return True
-    for m in range(meetings.begin[vessel], meetings.begin[vessel + 1]):
+    low, high = meetings_between(vessel, other, meetings)
+    for m in range(low, high):
         if (
-            meetings.other[m] == other
-            and abs(meetings.there[m] - far) > SAME_MM
+            abs(meetings.there[m] - far) > SAME_MM
             and abs(meetings.own[m] - far_tip) > SAME_MM
             and abs(meetings.own[m] - at) + meetings.gap[m] <= reach
             and abs(meetings.there[m] - there) <= reach
@@ -428,38 +427,34 @@ def of_one_joint(
 # the same ink: spots every half radius of a vessel (0.05 to 0.1 mm), pairs of them that reach a
 # quarter of the thinner radius into each other, further from common nodes than a joint reaches.
 
-BESIDE: Final = 0.7
-"""Filaments touch where they are nearer than this part of the way along vessels: what lies ahead
-on a thick vessel is near, too, but no collision."""
-DEEP: Final = 0.25
-"""Filaments are one body where they reach so far into each other, in radii of the thinner one.
-Where they only brush each other the order still matters."""
-FINEST_MM, COARSEST_MM = 0.05, 0.1
-"""Between spots: half the vessel's least radius, but no less and no more."""
-CELL_MM: Final = 0.05
-CELL_FROM: Final = 0.3183
-"""Places are told by the middles of cells of that size along both vessels, which begin at a part
-of a cell at which no spot of a straight vessel of round length lies."""
+
+class _Touching(NamedTuple):
+    """When filaments count as one body, and where that is looked for."""
+
+    # Nearer than this part of the way along vessels: what lies ahead on a thick vessel is near,
+    # too, but no collision.
+    beside: float = 0.7
+    # Reach into each other, in radii of the thinner one; where they only brush the order matters.
+    deep: float = 0.25
+    finest_mm: float = 0.05  # between spots: half the vessel's least radius, but no less
+    coarsest_mm: float = 0.1  # and no more
+    # Places are told by the middles of cells of that size along both vessels, which begin at a part
+    # of a cell at which no spot of a straight vessel of round length lies.
+    cell_mm: float = 0.05
+    cell_from: float = 0.3183
+    cells: int = 2_000_000  # cubes in which spots are looked up, at most
+
+
+TOUCHING: Final = _Touching()
 
 
 class Touches(NamedTuple):
-    """Pairs of places at which filaments overlap.
+    """Pairs of places at which filaments overlap."""
 
-    Attributes
-    ----------
-    vessel : (k, 2) int64
-    arc : (k, 2) float64, mm
-        Way along either vessel.
-    overlap : (k,) float64, mm
-        By which the two reach into each other.
-    gap : (k,) float64, mm
-        Between the axes.
-    """
-
-    vessel: IntArray
-    arc: FloatArray
-    overlap: FloatArray
-    gap: FloatArray
+    vessel: IntArray  # (k, 2)
+    arc: FloatArray  # (k, 2), way along either vessel, mm
+    overlap: FloatArray  # (k,), by which the two reach into each other, mm
+    gap: FloatArray  # (k,), between the axes, mm
 
 
 class _Spots(NamedTuple):
@@ -479,9 +474,6 @@ class _Cells(NamedTuple):
     shape: IntArray
     begin: IntArray
     member: IntArray
-
-
-MAX_TOUCH_CELLS: Final = 2_000_000
 
 
 def touches(network: VesselNetwork, needle: Needle) -> Touches:
@@ -507,7 +499,7 @@ def arcs_of(network: VesselNetwork) -> tuple[FloatArray, FloatArray]:
 
 def _spots(network: VesselNetwork, arc: FloatArray) -> _Spots:
     least = np.minimum.reduceat(network.radius, network.offset[:-1]) / 2
-    pitch = np.repeat(least.clip(FINEST_MM, COARSEST_MM), np.diff(network.offset))
+    pitch = np.repeat(least.clip(TOUCHING.finest_mm, TOUCHING.coarsest_mm), np.diff(network.offset))
     length = np.append(np.diff(arc), 0.0)
     last = network.offset[1:] - 1
     length[last] = 0.0
@@ -525,7 +517,7 @@ def _spots(network: VesselNetwork, arc: FloatArray) -> _Spots:
 
 def _cells(spots: _Spots) -> _Cells:
     low, size = spots.place.min(axis=0), np.ptp(spots.place, axis=0)
-    pitch = max(2 * float(spots.radius.max()), float(np.cbrt(size.prod() / MAX_TOUCH_CELLS)), 1e-3)
+    pitch = max(2 * float(spots.radius.max()), float(np.cbrt(size.prod() / TOUCHING.cells)), 1e-3)
     pitch = max(pitch, float(size.max()) / 1000)
     at = np.floor((spots.place - low) / pitch).astype(np.int64)
     shape = at.max(axis=0) + 1
@@ -536,11 +528,11 @@ def _cells(spots: _Spots) -> _Cells:
 
 def _in_cells(all_touches: Touches) -> Touches:
     """The nearest of each cell along both vessels, at the cell's middle."""
-    cell = np.floor(all_touches.arc / CELL_MM + CELL_FROM)
+    cell = np.floor(all_touches.arc / TOUCHING.cell_mm + TOUCHING.cell_from)
     order = np.argsort(all_touches.gap, kind="stable")
     key = np.column_stack([all_touches.vessel, cell])[order]
     rows = np.sort(order[np.unique(key, axis=0, return_index=True)[1]])
-    middle = (cell[rows] + 0.5 - CELL_FROM) * CELL_MM
+    middle = (cell[rows] + 0.5 - TOUCHING.cell_from) * TOUCHING.cell_mm
     return Touches(
         all_touches.vessel[rows], middle, all_touches.overlap[rows], all_touches.gap[rows]
     )
@@ -580,7 +572,7 @@ def _reaches(
 ) -> float:
     """How far two spots reach into each other, mm; 0 where it is none, or a joint's."""
     thin, thick = min(spots.radius[i], spots.radius[j]), max(spots.radius[i], spots.radius[j])
-    far, gap = thin + thick - DEEP * thin, 0.0
+    far, gap = thin + thick - TOUCHING.deep * thin, 0.0
     for axis in range(3):
         gap += (spots.place[i, axis] - spots.place[j, axis]) ** 2
     if gap > far * far:
@@ -600,4 +592,4 @@ def _reaches(
             if max(here, there) <= joint:
                 return 0.0
             way = min(way, here + there)
-    return thin + thick - gap if gap < BESIDE * way else 0.0
+    return thin + thick - gap if gap < TOUCHING.beside * way else 0.0

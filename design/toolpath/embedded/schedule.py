@@ -8,7 +8,7 @@ other one must be cut: the one whose part sets most others free.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,10 +165,9 @@ def _forced(rules: Rules, progress: Progress) -> int:
 
 # Choose a part of a vessel to write next if no unwritten vessel may be written whole.
 
-TRIED: Final = 64
-"""Cuts that are tried where all wait for each other, the lowest."""
-FOLLOWED: Final = 64
-"""Stretches that are looked at behind each: what a cut sets free sets others free."""
+TRIED, FOLLOWED = 64, 64
+"""Cuts tried where all wait for each other, the lowest; and stretches looked at behind each, as
+what a cut sets free sets others free."""
 
 
 @jit
@@ -281,17 +280,10 @@ def _freed_by(written: tuple[int, int], watched: IntArray, follows: IntArray, qu
 
 
 class Ends(NamedTuple):
-    """Vessels' ends at each point, those of point p in ``start[begin[p] : begin[p + 1]]``.
+    """Vessels' ends at each point, those of point p in ``start[begin[p] : begin[p + 1]]``."""
 
-    Attributes
-    ----------
-    begin : (p + 1,) int64
-    start : (2 v,) int64
-        Starts that lead away from the point.
-    """
-
-    begin: IntArray
-    start: IntArray
+    begin: IntArray  # (p + 1,)
+    start: IntArray  # (2 v,), starts that lead away from the point
 
 
 def ends_of(elements: Elements) -> Ends:
@@ -402,17 +394,10 @@ def going_on(element: int, step: int, ends: Ends, head: IntArray, elements: Elem
 
 
 class Progress(NamedTuple):
-    """What is written, and for how many unwritten elements each still waits.
+    """What is written, and for how many unwritten elements each still waits."""
 
-    Attributes
-    ----------
-    written : (n,) bool
-    waiting : (n,) int64
-        At most 0 where an element may be written.
-    """
-
-    written: NDArray[np.bool_]
-    waiting: IntArray
+    written: NDArray[np.bool_]  # (n,)
+    waiting: IntArray  # (n,), at most 0 where an element may be written
 
 
 def start_walk(rules: Rules, out: NDArray[np.bool_] | None = None) -> Progress:
@@ -458,31 +443,18 @@ def undo_write(element: int, step: int, count: int, rules: Rules, progress: Prog
 
 # Track unwritten stretches of vessels, and test if each can be written in one stroke.
 
-WHOLE: Final = -1
-UNKNOWN: Final = -2
+WHOLE, UNKNOWN = -1, -2
+"""Values of `Stretches.stop`."""
 
 
 class Stretches(NamedTuple):
-    """Where stretches may be begun: start ``2 e`` goes on from element e, ``2 e + 1`` backward.
+    """Where stretches may be begun: start ``2 e`` goes on from element e, ``2 e + 1`` backward."""
 
-    Attributes
-    ----------
-    live : (2 n,) int64
-        Starts of unwritten stretches, ``size[0]`` of them in no order.
-    place : (2 n,) int64
-        Of each start in `live`; -1 for those that aren't there.
-    size : (1,) int64
-    stop : (2 n,) int64
-        Element at which a stretch would have to wait: `WHOLE` for none, `UNKNOWN` before a look.
-    until : (2 n,) int64
-        Count at the stop's `Progress.waiting` of which another look is worth it.
-    """
-
-    live: IntArray
-    place: IntArray
-    size: IntArray
-    stop: IntArray
-    until: IntArray
+    live: IntArray  # (2 n,), starts of unwritten stretches, ``size[0]`` of them in no order
+    place: IntArray  # (2 n,), of each start in `live`; -1 for those that aren't there
+    size: IntArray  # (1,)
+    stop: IntArray  # (2 n,), element at which a stretch would wait, or `WHOLE`, `UNKNOWN`
+    until: IntArray  # (2 n,), count at the stop's `waiting` of which another look is worth it
 
 
 def none_open(count: int) -> Stretches:

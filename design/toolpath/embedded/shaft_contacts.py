@@ -10,23 +10,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import permutations
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
-from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.needle import Needle, joint_reach, off_shaft_slopes
+from design.toolpath.embedded.elements import Elements, Squares, near, sort_stretches
+from design.toolpath.embedded.needle import ROUNDING_MM, Needle, joint_reach, off_shaft_slopes
 from design.toolpath.embedded.rules import (
-    CELL_MM,
-    TIPS,
+    TOUCHING,
     Meetings,
     Touches,
     arcs_of,
-    off_part,
-    outside_joints,
+    entry_mm,
+    find_meetings,
+    meetings_between,
 )
 from design.toolpath.toolpath import MoveKind, Toolpath
 from kernels import jit
@@ -44,92 +43,54 @@ from kernels.arrays import FloatArray, IntArray
 FINE_MM: Final = 0.001
 """An approach found lies above the least one by no more."""
 DEPTH: Final = 96
+"""Of the halving's stack, two rows for each of 48 halvings: below a nanometre."""
 FOUND: Final = np.dtype([("piece", np.int64), ("vessel", np.int64), ("value", np.float64)])
 
 
 class Ink(NamedTuple):
-    """Pieces of filaments in the order of writing.
+    """Pieces of filaments in the order of writing; values (n, 2) are at both ends."""
 
-    Attributes
-    ----------
-    start, end : (n, 3) float64, mm
-    radius, along : (n, 2) float64, mm
-        At both ends: the filament's, and way along its vessel.
-    share : (n, 2) float64
-        Of the move that writes it, at both ends.
-    vessel, row : (n,) int64
-        And the move.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    radius: FloatArray
-    along: FloatArray
-    share: FloatArray
-    vessel: IntArray
-    row: IntArray
+    start: FloatArray  # (n, 3), mm
+    end: FloatArray  # (n, 3), mm
+    radius: FloatArray  # (n, 2), mm
+    along: FloatArray  # (n, 2), way along its vessel, mm
+    share: FloatArray  # (n, 2), of the move that writes it
+    vessel: IntArray  # (n,)
+    row: IntArray  # (n,), the move
 
 
 class Tips(NamedTuple):
-    """Straight pieces of the tips' motion.
+    """Straight pieces of the tips' motion, and the vessels written or left, and gone to."""
 
-    Attributes
-    ----------
-    start, end : (n, 3) float64, mm
-    row : (n,) int64
-        Move.
-    share : (n, 2) float64
-        Of it, at both ends.
-    vessel : (n, 2) int64
-        Written or left, and gone to; -1 for none.
-    radius : (n, 2) float64, mm
-        Of these filaments.
-    along, since : (n, 2, 2) float64, mm
-        Of these at both ends: way along the vessel, and way from the pass's end or to its start.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    row: IntArray
-    share: FloatArray
-    vessel: IntArray
-    radius: FloatArray
-    along: FloatArray
-    since: FloatArray
-
-
-class InkSquares(NamedTuple):
-    """Ink by squares of the plan, those of square s in ``member[begin[s]:begin[s + 1]]``."""
-
-    origin: FloatArray
-    pitch: float
-    shape: IntArray
-    begin: IntArray
-    member: IntArray
+    start: FloatArray  # (n, 3), mm
+    end: FloatArray  # (n, 3), mm
+    row: IntArray  # (n,), the move
+    share: FloatArray  # (n, 2), of it, at both ends
+    vessel: IntArray  # (n, 2), -1 for none
+    radius: FloatArray  # (n, 2), of these filaments, mm
+    along: FloatArray  # (n, 2, 2), way along these vessels at both ends, mm
+    since: FloatArray  # (n, 2, 2), way from the pass's end or to its start, mm
 
 
 @jit
 def entries(
-    tips: Tips, ink: Ink, squares: InkSquares, spared: MeetingVessels, needle: Needle, look: float
+    tips: Tips, ink: Ink, squares: Squares, spared: Spared, needle: Needle, look: float
 ) -> NDArray[np.void]:
     """The nearest approach below ``look`` mm of each piece of way to each vessel, `FOUND`."""
     piece, vessel, value = [0][:0], [0][:0], [0.0][:0]
     stack = np.empty((DEPTH, 4))
     for i in range(len(tips.row)):
-        x = 0.5 * (tips.start[i, 0] + tips.end[i, 0])
-        y = 0.5 * (tips.start[i, 1] + tips.end[i, 1])
-        column = int(np.floor((x - squares.origin[0]) / squares.pitch))
-        row = int(np.floor((y - squares.origin[1]) / squares.pitch))
-        low_y, high_y = max(0, row - 1), min(squares.shape[1], row + 2)
+        start, end = tips.start[i], tips.end[i]
+        middle, lowest = 0.5 * (start + end), min(start[2], end[2]) - look
+        room = needle.shaft_mm + look + 0.5 * math.hypot(end[0] - start[0], end[1] - start[1])
         first = len(piece)
-        for square in range(max(0, column - 1), min(squares.shape[0], column + 2)):
-            if low_y >= high_y:
-                break
-            begin = squares.begin[square * squares.shape[1] + low_y]
-            end = squares.begin[square * squares.shape[1] + high_y]
-            for m in range(begin, end):
+        for row in range(3):
+            low, high = near(squares, middle, row)
+            for m in range(low, high):
+                x, y, top, reach = squares.around[m]
+                far = (x - middle[0]) ** 2 + (y - middle[1]) ** 2 > (room + reach) ** 2
                 j = squares.member[m]
-                if ink.row[j] > tips.row[i] or _far(i, j, x, y, tips, ink, needle, look):
+                if far or top < lowest or ink.row[j] > tips.row[i]:
                     continue
                 known = -1
                 for k in range(first, len(piece)):
@@ -149,24 +110,6 @@ def entries(
     for k in range(len(piece)):
         out[k].piece, out[k].vessel, out[k].value = piece[k], vessel[k], value[k]
     return out
-
-
-@jit
-def _far(
-    i: int, j: int, x: float, y: float, tips: Tips, ink: Ink, needle: Needle, look: float
-) -> bool:
-    """Whether no place of two pieces can be near."""
-    thick = max(ink.radius[j, 0], ink.radius[j, 1])
-    if max(ink.start[j, 2], ink.end[j, 2]) + thick + look < min(tips.start[i, 2], tips.end[i, 2]):
-        return True
-    dx, dy = (
-        0.5 * (ink.start[j, 0] + ink.end[j, 0]) - x,
-        0.5 * (ink.start[j, 1] + ink.end[j, 1]) - y,
-    )
-    room = needle.shaft_mm + thick + look
-    room += 0.5 * math.hypot(ink.end[j, 0] - ink.start[j, 0], ink.end[j, 1] - ink.start[j, 1])
-    room += 0.5 * math.hypot(tips.end[i, 0] - tips.start[i, 0], tips.end[i, 1] - tips.start[i, 1])
-    return dx * dx + dy * dy > room * room
 
 
 @jit
@@ -199,7 +142,7 @@ def _span(a: FloatArray, b: FloatArray) -> float:
 
 
 @jit
-def _inside(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, spared: MeetingVessels,
+def _inside(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, spared: Spared,
             needle: Needle) -> float:  # fmt: skip
     """How far ink lies inside a joint, or ahead of the tip that writes it, mm."""
     best = -np.inf
@@ -223,7 +166,7 @@ def _inside(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, spared: Me
 
 
 @jit
-def _related(i: int, j: int, tips: Tips, ink: Ink, spared: MeetingVessels) -> bool:
+def _related(i: int, j: int, tips: Tips, ink: Ink, spared: Spared) -> bool:
     """Whether a joint may spare ink at all."""
     if ink.row[j] == tips.row[i]:
         return True
@@ -233,7 +176,7 @@ def _related(i: int, j: int, tips: Tips, ink: Ink, spared: MeetingVessels) -> bo
             continue
         if vessel == ink.vessel[j]:
             return True
-        low, high = meetings_between(vessel, ink.vessel[j], spared)
+        low, high = meetings_between(vessel, ink.vessel[j], spared.meetings)
         if low < high:
             return True
     return False
@@ -251,7 +194,7 @@ def _slope(i: int, tips: Tips) -> float:
 
 
 @jit
-def _nearest(i: int, j: int, limit: float, tips: Tips, ink: Ink, spared: MeetingVessels,
+def _nearest(i: int, j: int, limit: float, tips: Tips, ink: Ink, spared: Spared,
              needle: Needle, stack: FloatArray) -> float:  # fmt: skip
     """Nearest approach of two pieces outside of joints, mm; ``limit`` where none is below it."""
     way, axis = _span(tips.start[i], tips.end[i]), _span(ink.start[j], ink.end[j])
@@ -297,70 +240,24 @@ def _nearest(i: int, j: int, limit: float, tips: Tips, ink: Ink, spared: Meeting
 
 # Compute the length of ink at vessel joints that the needle shaft check leaves out.
 
-PAST_MM: Final = 0.002
-"""Rounding of a place at a vessel's end."""
+
+class Spared(NamedTuple):
+    """Where vessels meet, whose ink there counts as the tip's own."""
+
+    meetings: Meetings  # in the vessels' own lengths
+    lumen_mm: FloatArray  # (v,), radius of a bundle of strands, by which joints reach; else 0
+    length: FloatArray  # (v,), mm
 
 
-class MeetingVessels(NamedTuple):
-    """Where vessels meet, those of vessel ``v`` in ``begin[v]:begin[v + 1]``.
-
-    Attributes
-    ----------
-    begin : (v + 1,) int64
-    other : (m,) int64
-        The vessel met, ascending for each vessel.
-    own, there : (m,) float64, mm
-        Way along the vessel, ascending for each other, and along that one.
-    wide : (m,) float64, mm
-        How far the place reaches to either side: 0 for a node.
-    gap : (m,) float64, mm
-        From one axis to the other: 0 for a node.
-    lumen_mm : (v,) float64, mm
-        Radius of a vessel that is a bundle of strands, by which its joints reach; 0 for others.
-    length : (v,) float64, mm
-    """
-
-    begin: IntArray
-    other: IntArray
-    own: FloatArray
-    there: FloatArray
-    wide: FloatArray
-    gap: FloatArray
-    lumen_mm: FloatArray
-    length: FloatArray
-
-
-def exempt_lengths(
-    network: VesselNetwork, touches: Touches, lumen_mm: FloatArray
-) -> MeetingVessels:
-    """Nodes and touches of a network, in the vessels' own lengths."""
+def exempt_lengths(network: VesselNetwork, touches: Touches, lumen_mm: FloatArray) -> Spared:
+    """Return the nodes and touches of a network, in the vessels' own lengths."""
     length = arcs_of(network)[1]
-    ends: dict[int, list[tuple[int, float]]] = {}
-    for vessel, (tail, head) in enumerate(network.vessel_nodes.tolist()):
-        ends.setdefault(tail, []).append((vessel, 0.0))
-        ends.setdefault(head, []).append((vessel, float(length[vessel])))
-    nodes = [
-        (v, w, a, b, 0.0, 0.0) for met in ends.values() for (v, a), (w, b) in permutations(met, 2)
-    ]
-    (u, v), (a, b) = touches.vessel.T, touches.arc.T
-    wide = np.full(len(u), CELL_MM / 2)
-    rows = np.concatenate([
-        np.array(nodes, dtype=np.float64).reshape(-1, 6),
-        np.column_stack([u, v, a, b, wide, touches.gap]),
-        np.column_stack([v, u, b, a, wide, touches.gap]),
-    ])  # fmt: skip
-    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
-    count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)
-    begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-    own, there, wide, gap = (np.ascontiguousarray(column) for column in rows[:, 2:].T)
-    return MeetingVessels(
-        begin, rows[:, 1].astype(np.int64), own, there, wide, gap, lumen_mm, length
-    )
+    return Spared(find_meetings(network.vessel_nodes, length, touches), lumen_mm, length)
 
 
 @jit
 def reach_of(
-    vessel: int, radius: float, other: int, thick: float, spared: MeetingVessels, needle: Needle
+    vessel: int, radius: float, other: int, thick: float, spared: Spared, needle: Needle
 ) -> float:
     """How far the joint of a filament with another one goes, mm."""
     wide = max(radius, thick, spared.lumen_mm[vessel], spared.lumen_mm[other])
@@ -368,15 +265,7 @@ def reach_of(
 
 
 @jit
-def meetings_between(vessel: int, other: int, spared: MeetingVessels) -> tuple[int, int]:
-    """Range of the places where two vessels meet."""
-    begin, end = spared.begin[vessel], spared.begin[vessel + 1]
-    low = begin + np.searchsorted(spared.other[begin:end], other)
-    return low, begin + np.searchsorted(spared.other[begin:end], other + 1)
-
-
-@jit
-def past_other_end(vessel: int, at: float, end: float, spared: MeetingVessels) -> float:
+def past_other_end(vessel: int, at: float, end: float, spared: Spared) -> float:
     """How far a place lies past the vessel's other end than ``end``, mm; below 0 before it.
 
     What lies past an end lies where another vessel is, and belongs to that end's joint alone.
@@ -392,7 +281,7 @@ def inside_joint(
     other: int,
     there: float,
     reach: float,
-    spared: MeetingVessels,
+    spared: Spared,
 ) -> float:
     """How far inside a joint ink ``there`` along a vessel lies, mm; below 0 it is outside.
 
@@ -400,62 +289,42 @@ def inside_joint(
     way from or to there.
     """
     best = left - abs(there - at) if vessel == other else -np.inf
-    low, high = meetings_between(vessel, other, spared)
-    most = left + CELL_MM
-    for m in range(low + np.searchsorted(spared.own[low:high], at - most), high):
-        if spared.own[m] > at + most:
+    met = spared.meetings
+    low, high = meetings_between(vessel, other, met)
+    most = left + TOUCHING.cell_mm
+    for m in range(low + np.searchsorted(met.own[low:high], at - most), high):
+        if met.own[m] > at + most:
             break
-        tip = left - abs(spared.own[m] - at) - spared.gap[m]
-        here = min(tip, reach - abs(spared.there[m] - there)) + spared.wide[m]
-        if spared.wide[m] == 0.0:
-            past = past_other_end(vessel, at, spared.own[m], spared)
-            past = max(past, past_other_end(other, there, spared.there[m], spared))
-            here = min(here, PAST_MM - past)
+        tip = left - abs(met.own[m] - at) - met.gap[m]
+        here = min(tip, reach - abs(met.there[m] - there)) + met.wide[m]
+        if met.wide[m] == 0.0:
+            past = past_other_end(vessel, at, met.own[m], spared)
+            past = max(past, past_other_end(other, there, met.there[m], spared))
+            here = min(here, ROUNDING_MM - past)
         best = max(best, here)
     return float(best)
 
 
-INK_MM: Final = 0.5
-TIP_MM: Final = 0.2
-"""No piece of ink, and of a way of the tip, is longer."""
-MAX_SQUARES: Final = 1_000_000
+INK_MM, TIP_MM = 0.5, 0.2
+"""No piece of ink, and of a way of the tip, is longer: halving begins with these."""
 
 
 class WrittenMoves(NamedTuple):
-    """What the moves that write lay.
+    """What the moves that write lay, from end to end."""
 
-    Attributes
-    ----------
-    vessel : (w,) int64
-    along, radius : (w, 2) float64, mm
-        Of both ends: way along the vessel (on beyond its end), and the filament's radius.
-    """
-
-    vessel: IntArray
-    along: FloatArray
-    radius: FloatArray
+    vessel: IntArray  # (w,)
+    along: FloatArray  # (w, 2), way along the vessel, on beyond its end, mm
+    radius: FloatArray  # (w, 2), of the filament, mm
 
 
 class Entry(NamedTuple):
-    """A vessel's ink to which a piece of the path comes too near.
+    """A vessel's ink to which a piece of the path comes too near."""
 
-    Attributes
-    ----------
-    move : int
-        Of the toolpath.
-    vessel, through : int
-        Being written, left or gone to; and whose ink.
-    length_mm : float, mm
-        Of the piece of path.
-    depth_mm : float, mm
-        How far the bare shaft reaches into the ink; below 0 it passes at that distance.
-    """
-
-    move: int
-    vessel: int
-    through: int
-    length_mm: float
-    depth_mm: float
+    move: int  # of the toolpath
+    vessel: int  # being written, left or gone to
+    through: int  # whose ink it is
+    length_mm: float  # of the piece of path
+    depth_mm: float  # of the bare shaft in the ink; below 0 it passes at that distance
 
 
 class _Pieces(NamedTuple):
@@ -468,7 +337,7 @@ class _Pieces(NamedTuple):
 def find_shaft_contacts(
     toolpath: Toolpath,
     laid: WrittenMoves,
-    spared: MeetingVessels,
+    spared: Spared,
     needles: Sequence[Needle],
     look_mm: float,
 ) -> list[Entry]:
@@ -479,7 +348,7 @@ def find_shaft_contacts(
     toolpath : Toolpath
     laid : WrittenMoves
         Of its moves that write, in their order.
-    spared : MeetingVessels
+    spared : Spared
     needles : sequence of Needle
         Of each head, bare.
     look_mm : float, mm
@@ -488,11 +357,12 @@ def find_shaft_contacts(
     ink = _ink(toolpath, np.flatnonzero(writes), laid)
     contacts = []
     for tool, needle in enumerate(needles):
-        tips, rows = _tips(toolpath, writes & (toolpath.tool == tool), laid, tool)
-        if len(rows):
-            squares = _squares(ink, needle, look_mm)
+        tips = _tips(toolpath, writes & (toolpath.tool == tool), laid, tool)
+        if len(tips.row):
+            room = needle.shaft_mm + look_mm + TIP_MM / 2
+            squares = sort_stretches(ink.start, ink.end, ink.radius, room)
             hits = entries(tips, ink, squares, spared, needle, look_mm)
-            contacts += _entries(hits, tips, rows)
+            contacts += _entries(hits, tips)
     return contacts
 
 
@@ -526,10 +396,8 @@ def _ink(toolpath: Toolpath, rows: IntArray, laid: WrittenMoves) -> Ink:
     )
 
 
-def _tips(
-    toolpath: Toolpath, writes: NDArray[np.bool_], laid: WrittenMoves, tool: int
-) -> tuple[Tips, IntArray]:
-    """Ways of one head's tip, and the moves that they are of."""
+def _tips(toolpath: Toolpath, writes: NDArray[np.bool_], laid: WrittenMoves, tool: int) -> Tips:
+    """Ways of one head's tip."""
     number = np.cumsum(toolpath.kind == MoveKind.WRITE) - 1
     last, following, since, until = _about(toolpath, writes)
     rows = np.flatnonzero((toolpath.tool == tool) & (toolpath.lengths > 0))
@@ -543,7 +411,7 @@ def _tips(
         for k in (0, 1)
     ])  # fmt: skip
     along[0, own] = laid.along[of[0, own]]
-    tips = Tips(
+    return Tips(
         np.ascontiguousarray(place[:, 0]),
         np.ascontiguousarray(place[:, 1]),
         rows[pieces.row],
@@ -553,7 +421,6 @@ def _tips(
         np.stack([_mixed(one, pieces) for one in along], axis=1),
         np.stack([_mixed(one[rows], pieces) for one in (since, until)], axis=1),
     )
-    return tips, rows
 
 
 def _about(
@@ -579,19 +446,7 @@ def _about(
     return last, following, np.maximum(since, 0.0), np.maximum(until, 0.0)
 
 
-def _squares(ink: Ink, needle: Needle, look_mm: float) -> InkSquares:
-    middle = (ink.start[:, :2] + ink.end[:, :2]) / 2
-    low, size = middle.min(axis=0), np.ptp(middle, axis=0)
-    room = needle.shaft_mm + float(ink.radius.max()) + look_mm + (INK_MM + TIP_MM) / 2
-    pitch = max(room, float(np.sqrt(size.prod() / MAX_SQUARES)), float(size.max()) / 4000)
-    at = np.floor((middle - low) / pitch).astype(np.int64)
-    shape = at.max(axis=0) + 1
-    square = at[:, 0] * shape[1] + at[:, 1]
-    begin = np.concatenate([[0], np.cumsum(np.bincount(square, minlength=int(shape.prod())))])
-    return InkSquares(low, pitch, shape, begin, np.argsort(square, kind="stable"))
-
-
-def _entries(hits: NDArray[np.void], tips: Tips, rows: IntArray) -> list[Entry]:
+def _entries(hits: NDArray[np.void], tips: Tips) -> list[Entry]:
     piece = hits["piece"]
     length = np.linalg.norm(tips.end[piece] - tips.start[piece], axis=1)
     vessel = tips.vessel[piece]
@@ -605,28 +460,8 @@ def _entries(hits: NDArray[np.void], tips: Tips, rows: IntArray) -> list[Entry]:
 
 TOUCH_MM: Final = 0.005
 """Deeper is a crossing, as for the check before a print."""
-CERTAIN_MM: Final = TOUCH_MM - 0.002
+CERTAIN_MM: Final = TOUCH_MM - ROUNDING_MM
 """No deeper is none, either, once the path is rounded to the digits of its G-code."""
-
-
-@jit
-def entry_mm(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
-    """Depth of the shaft in element j, outside joints, while i is written, mm; 0 for none."""
-    tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
-    a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
-    thick = max(elements.radius[j, 0], elements.radius[j, 1])
-    wide = max(thick, max(elements.radius[i, 0], elements.radius[i, 1]))
-    reach, most = joint_reach(needle, wide), 0.0
-    for k in range(TIPS):
-        share = k / (TIPS - 1.0)
-        tip = tail + share * (head - tail)
-        if thick - off_part(tip, a, b, 0.0, 1.0, needle) <= most:
-            continue
-        at = elements.arc[i] + share * elements.length[i]
-        low, high = outside_joints(elements.vessel[i], at, j, reach, elements, meetings)
-        if low < high:
-            most = max(most, thick - off_part(tip, a, b, low, high, needle))
-    return most
 
 
 @jit
@@ -638,38 +473,3 @@ def entries_mm(
     for k in range(len(first)):
         depths[k] = entry_mm(first[k], after[k], elements, meetings, needle)
     return depths
-
-
-@jit
-def near_pairs(v: int, w: int, elements: Elements, needle: Needle) -> IntArray:
-    """Elements of two vessels (k, 2) that the needle may touch together, each pair once."""
-    pairs = [(0, 0)][:0]
-    thick, longest = 0.0, 0.0
-    for vessel in (v, w):
-        for i in range(elements.first[vessel], elements.first[vessel + 1]):
-            thick = max(thick, max(elements.radius[i, 0], elements.radius[i, 1]))
-            longest = max(longest, elements.length[i])
-    room = needle.shaft_mm + thick + longest
-    for i in range(elements.first[v], elements.first[v + 1]):
-        p, q = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
-        for j in range(elements.first[w], elements.first[w + 1]):
-            a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
-            x, y = 0.5 * (p[0] + q[0] - a[0] - b[0]), 0.5 * (p[1] + q[1] - a[1] - b[1])
-            if x * x + y * y < room * room and (v != w or i < j):
-                pairs.append((i, j))
-    out = np.empty((len(pairs), 2), np.int64)
-    for k in range(len(pairs)):
-        out[k, 0], out[k, 1] = pairs[k]
-    return out
-
-
-@jit
-def bar_each_other(pairs: IntArray, elements: Elements, meetings: Meetings, needle: Needle) -> bool:
-    """Whether the needle enters one or the other of some pair of elements in either order."""
-    for k in range(len(pairs)):
-        i, j = pairs[k, 0], pairs[k, 1]
-        if entry_mm(i, j, elements, meetings, needle) > CERTAIN_MM and (
-            entry_mm(j, i, elements, meetings, needle) > CERTAIN_MM
-        ):
-            return True
-    return False

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from design.geometry.polyline import places_along
 from design.toolpath.embedded.elements import (
-    TAPER_STEP,
+    CUTTING,
     Elements,
-    at_places,
     finer_places,
     nearest_along,
     off_chords,
@@ -24,12 +24,12 @@ from design.toolpath.toolpath import ARRAYS, MoveBuilder, MoveKind, Toolpath
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-STEP = 1.5
+RADIUS_STEP: Final = 1.5
 """Where a pass goes on into a vessel by so much thinner or thicker, the plunger relieves and primes
 in place: the pressure that drives a thick filament takes its way to fall, and would swell the thin
 one behind it. A smaller step swells the first half millimetre by 27 % at most
 (`sim.gcode.deposit.lay`)."""
-ROUNDING_MM = 1e-6
+ROUNDING_MM: Final = 1e-6
 """What ends so near to a vessel's end ends there."""
 
 
@@ -51,8 +51,6 @@ class FilamentWriter:
     elements : Elements
     first : Pass
     heads : EmbeddedHeads
-    known : dict of Leg to Stretch, or None
-        Stretches of a writing before; those of this one are added.
     looks : set of int
         Elements before which the path names a place to look.
 
@@ -69,11 +67,9 @@ class FilamentWriter:
         elements: Elements,
         first: Pass,
         heads: EmbeddedHeads,
-        known: dict[Leg, Stretch] | None = None,
         looks: Set[int] = frozenset(),
     ) -> None:
         self._looks = looks
-        self._known = {} if known is None else known
         self._elements, self._heads = elements, heads
         leg = first.legs[0]
         self._head = heads.of(int(elements.vessel[leg.element]))
@@ -115,11 +111,6 @@ class FilamentWriter:
 
     def _stretch(self, leg: Leg) -> Stretch:
         """A leg as few straight moves as its shape and taper need."""
-        if leg not in self._known:
-            self._known[leg] = self._new_stretch(leg)
-        return self._known[leg]
-
-    def _new_stretch(self, leg: Leg) -> Stretch:
         order = leg.elements()
         side = (0, 1) if leg.step > 0 else (1, 0)
         ends, radius = self._elements.end[order], self._elements.radius[order]
@@ -128,10 +119,11 @@ class FilamentWriter:
         way = self._elements.along[order]
         along = np.append(way[:, side[0]], way[-1, side[1]])
         points = self._elements.point[numbers]
-        keep = off_chords(points, thick)
-        points, thick, along = points[keep], thick[keep], along[keep]
-        place = finer_places(points, thick, np.inf, TAPER_STEP)
-        points, thick, along = (at_places(each, place) for each in (points, thick, along))
+        values = np.column_stack([points, thick, along])
+        values = values[off_chords(np.ascontiguousarray(values[:, :4]))]
+        place = finer_places(values[:, :3], values[:, 3], np.inf, CUTTING.taper_step)
+        values = places_along(values, np.arange(len(values), dtype=np.float64), place)
+        points, (thick, along) = values[:, :3].copy(), values[:, 3:].T.copy()
         return Stretch(points, thick, along, int(self._elements.vessel[leg.element]))
 
     def _write(
@@ -239,28 +231,21 @@ class FilamentWriter:
 
 def _is_step(one: Stretch, other: Stretch) -> bool:
     thin, thick = sorted((float(one.radius[-1]), float(other.radius[0])))
-    return thick > STEP * thin
+    return thick > RADIUS_STEP * thin
 
 
 # Height map of written ink over x and y; highest ink under a travel move.
 
-MAX_CELLS = 4_000_000
+MAX_CELLS: Final = 4_000_000
 """Of the map; a larger part gets coarser cells."""
 
 
 class Ground(NamedTuple):
-    """Highest ink that a needle would touch with its tip over each cell, mm; -inf over none.
+    """Highest ink that a needle would touch with its tip over each cell, mm; -inf over none."""
 
-    Attributes
-    ----------
-    origin : (2,) float64, mm
-    cell_mm : float, mm
-    top : (nx, ny) float64, mm
-    """
-
-    origin: FloatArray
+    origin: FloatArray  # (2,), mm
     cell_mm: float
-    top: FloatArray
+    top: FloatArray  # (nx, ny), mm
 
 
 def ground_under(points: FloatArray, shaft_mm: float, thickest_mm: float) -> Ground:
@@ -331,7 +316,7 @@ def _cells(low: float, high: float, ground: Ground, axis: int) -> tuple[int, int
 # the bath's own. Ink written into an open one runs up along it. So before a pass the needle waits,
 # above what it is to write, until every place of the pass has been left by the shaft for that time.
 
-SAMPLES = 2.0
+SAMPLES_PER_RADIUS: Final = 2.0
 """Places looked at for each radius of the shaft along a move."""
 
 
@@ -351,7 +336,7 @@ def add_recovery_dwells(toolpath: Toolpath, recovery_s: float, radius_mm: float)
         return toolpath
     lasts = toolpath.duration_s + _moving_s(toolpath)
     begins = np.concatenate([[0.0], np.cumsum(lasts)[:-1]])
-    places, moves, when = _sampled(toolpath, begins, lasts, radius_mm / SAMPLES)
+    places, moves, when = _sampled(toolpath, begins, lasts, radius_mm / SAMPLES_PER_RADIUS)
     rows: list[int] = []
     waits: list[float] = []
     late = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection
@@ -16,18 +16,10 @@ from kernels.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Contours:
-    """Closed rings, the region always on their left.
+    """Closed rings, the region always on their left."""
 
-    Attributes
-    ----------
-    points : (n, 2) float64, mm
-        The last point of a ring isn't repeated.
-    offset : (rings + 1,) int64
-        Ring k is ``points[offset[k] : offset[k + 1]]``.
-    """
-
-    points: FloatArray
-    offset: IntArray
+    points: FloatArray  # (n, 2), mm, the last point of a ring isn't repeated
+    offset: IntArray  # (rings + 1,), ring k is ``points[offset[k] : offset[k + 1]]``
 
     @property
     def ring(self) -> IntArray:
@@ -37,41 +29,47 @@ class Contours:
     @property
     def next(self) -> IntArray:
         """The point after each one on its ring, (n,)."""
-        after = np.arange(1, len(self.points) + 1)
-        after[self.offset[1:] - 1] = self.offset[:-1]
-        return after
+        return _next(self.offset)
 
     @property
     def hole(self) -> NDArray[np.bool_]:
         """Whether each ring goes round a hole, (rings,)."""
-        a, b = self.points, self.points[self.next]
-        twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        return np.asarray(np.add.reduceat(np.append(twice, 0.0), self.offset[:-1]) < 0)
+        return ring_areas(self.points, self.offset) < 0
 
     def __len__(self) -> int:
         return len(self.offset) - 1
 
 
+def _next(offset: IntArray) -> IntArray:
+    after = np.arange(1, offset[-1] + 1)
+    after[offset[1:] - 1] = offset[:-1]
+    return after
+
+
+def ring_areas(points: FloatArray, offset: IntArray) -> FloatArray:
+    """Twice the signed area of each ring, (rings,), mm²; below 0 for one that runs clockwise."""
+    x, y = points.T
+    after = _next(offset)
+    twice = np.append(x * y[after] - y * x[after], 0.0)
+    return np.asarray(np.add.reduceat(twice, offset[:-1]))
+
+
+def signed_area(ring: FloatArray) -> float:
+    """Area of a ring (k, 2), mm²; below 0 for one that runs clockwise."""
+    x, y = ring.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
 @dataclass(frozen=True)
 class Samples:
-    """Points along contours, none further from the next than was asked for.
+    """Points along contours, none further from the next than the spacing."""
 
-    Attributes
-    ----------
-    contours : Contours
-        The samples themselves as rings.
-    normal : (n, 2) float64
-        Unit vectors into the region; at a corner halfway between its two edges'.
-    miter : (n,) float64
-        How much further the corner of a parallel ring lies than the ring; at most 4.
-    convex : (n,) bool
-        Corners that the region ends in.
-    """
-
-    contours: Contours
+    contours: Contours  # the samples themselves as rings
+    # (n, 2), unit vectors into the region; at a corner halfway between its two edges'
     normal: FloatArray
+    # (n,), how much further the corner of a parallel ring lies than the ring; at most 4
     miter: FloatArray
-    convex: NDArray[np.bool_]
+    convex: NDArray[np.bool_]  # (n,), corners that the region ends in
 
 
 def contours_of(section: CrossSection) -> Contours:
@@ -112,26 +110,15 @@ def sample(contours: Contours, spacing_mm: float) -> Samples:
 
 
 class Cells(NamedTuple):
-    """Edges by the square cells that their bounding boxes touch; kernels take it as it is.
+    """Edges by the square cells that their bounding boxes touch; kernels take it as it is."""
 
-    Attributes
-    ----------
-    start, end : (n, 2) float64, mm
-    low : (2,) float64, mm
-        Corner of the first cell.
-    side : float, mm
-    columns, rows : int
-    offset, edge : int64
-        Edges of cell k are ``edge[offset[k] : offset[k + 1]]``; cells go row by row.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    low: FloatArray
-    side: float
+    start: FloatArray  # (n, 2), mm
+    end: FloatArray  # (n, 2), mm
+    low: FloatArray  # (2,), mm, corner of the first cell
+    side: float  # mm
     columns: int
     rows: int
-    offset: IntArray
+    offset: IntArray  # edges of cell k are ``edge[offset[k] : offset[k + 1]]``; cells go row by row
     edge: IntArray
 
 
@@ -218,8 +205,8 @@ def crossing(a: FloatArray, b: FloatArray, cells: Cells) -> NDArray[np.bool_]:
 # shrinking ball of Ma et al. 2012, doi 10.1007/s00371-012-0689-8, on edges instead of points).
 # Only edges that face p count, so that a corner isn't held to be a narrow place.
 
-#: Two edges face each other when the product of their normals is below this.
-FACING = -0.2
+FACING: Final = -0.2
+"""Two edges face each other when the product of their normals is below this."""
 
 
 @jit

@@ -8,7 +8,7 @@ half the width is written in the half of the strip that lies inside.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import shapely
@@ -17,46 +17,44 @@ from numpy.typing import NDArray
 
 from design.toolpath.fresh.contours import Cells, contours_of, crossing
 from design.toolpath.fresh.paths import Paths, Role, WritingOrder, gather, join
-from design.toolpath.fresh.section import COLLINEAR_MM, rings
+from design.toolpath.fresh.section import SLICING, rings
 from design.toolpath.fresh.walls import build_walls
 from kernels.arrays import FloatArray, IntArray
 
-#: Half lines shorter than this many widths aren't worth a start and a stop.
-SHORTEST_HALF = 2.0
-#: Lines that fill a region wholly differ by no more than this part of their width to fit in it.
-STRETCH = 0.05
-#: Nor whole lines shorter than this.
-SHORTEST_WHOLE = 0.5
+
+class _LineLimits(NamedTuple):
+    """Limits of straight lines and of joints between them, in line widths unless said."""
+
+    whole: float = 0.5  # shortest whole line that is worth a start and a stop
+    half: float = 2.0  # shortest half line
+    curved: float = 2.0  # shortest gyroid line
+    stretch: float = 0.05  # by which lines that fill a region may differ in width to fit in it
+    joint_gap: float = 1.3  # lines further apart aren't joined: the joint would stand off the wall
+    joint_width: float = 0.5  # of the widest line; a joint is no wider than its narrower line
+    rest: float = 0.5  # what must be left of a line between its joints
+    parallel: float = 0.9999  # least cosine between two lines of one direction
+    unequal: float = 0.67  # greatest ratio of a line's width to another's that it goes on as
+
+
+LIMITS: Final = _LineLimits()
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Straight infill lines of a layer.
+    """Straight infill lines of a layer."""
 
-    Attributes
-    ----------
-    start, end : (n, 2) float64, mm
-    width_mm : (n,) float64, mm
-    """
-
-    start: FloatArray
-    end: FloatArray
-    width_mm: FloatArray
+    start: FloatArray  # (n, 2), mm
+    end: FloatArray  # (n, 2), mm
+    width_mm: FloatArray  # (n,), mm
 
 
 @dataclass(frozen=True)
 class Intervals:
-    """Disjoint intervals on scan rows, in order of row and position.
+    """Disjoint intervals on scan rows, in order of row and position."""
 
-    Attributes
-    ----------
-    row : (n,) int64
-    low, high : (n,) float64, mm
-    """
-
-    row: IntArray
-    low: FloatArray
-    high: FloatArray
+    row: IntArray  # (n,)
+    low: FloatArray  # (n,), mm
+    high: FloatArray  # (n,), mm
 
     def where(self, keep: NDArray[np.bool_]) -> Intervals:
         """Return those of ``keep``."""
@@ -72,8 +70,8 @@ def infill_paths(
 ) -> Paths:
     """Lines of ``width_mm`` over ``density`` of the region inside ``contours``; see `fill`.
 
-    Lines that fill it wholly are up to `STRETCH` wider or narrower, so that a whole number of them
-    fits between its lowest and its highest place across them.
+    Lines that fill it wholly are up to `LIMITS.stretch` wider or narrower, so that a whole number
+    of them fits between its lowest and its highest place across them.
     """
     if density >= 1:
         lines = fill(contours, *_fitted(contours, width_mm, angle_deg, origin))
@@ -81,14 +79,10 @@ def infill_paths(
         lines = spaced(contours, width_mm, width_mm / density, angle_deg, origin)
     else:
         lines = fill([], width_mm, angle_deg, origin)
-    count = len(lines.width_mm)
-    return Paths(
+    return _infill(
         np.stack([lines.start, lines.end], axis=1).reshape(-1, 2),
         np.repeat(lines.width_mm, 2),
-        2 * np.arange(count + 1),
-        np.zeros(count, dtype=np.bool_),
-        np.full(count, int(Role.INFILL)),
-        np.zeros(count, dtype=np.int64),
+        2 * np.arange(len(lines.width_mm) + 1),
     )
 
 
@@ -102,7 +96,7 @@ def _fitted(
     place = np.concatenate(contours) @ across
     low, high = float(place.min()), float(place.max())
     fitted = (high - low) / max(round((high - low) / width_mm), 1)
-    if abs(fitted / width_mm - 1) > STRETCH:
+    if abs(fitted / width_mm - 1) > LIMITS.stretch:
         return width_mm, angle_deg, origin
     return fitted, angle_deg, origin + (low - float(origin @ across)) * across
 
@@ -117,7 +111,7 @@ def spaced(
     """Lines further apart than they are wide."""
     turn = _rotation(-angle_deg)
     spans = scan([(ring - origin) @ turn.T for ring in contours], spacing_mm, 0.5 * spacing_mm)
-    spans = _longer(spans, SHORTEST_WHOLE * width_mm)
+    spans = _longer(spans, LIMITS.whole * width_mm)
     height = (spans.row + 0.5) * spacing_mm
     return Lines(
         np.column_stack([spans.low, height]) @ turn + origin,
@@ -146,11 +140,11 @@ def fill(
     middle = scan(turned, width_mm, 0.5 * width_mm)
     upper = scan(turned, width_mm, 0.75 * width_mm)
     lower = scan(turned, width_mm, 0.25 * width_mm)
-    only_upper = _longer(subtract(upper, lower), SHORTEST_HALF * width_mm)
-    only_lower = _longer(subtract(lower, upper), SHORTEST_HALF * width_mm)
+    only_upper = _longer(subtract(upper, lower), LIMITS.half * width_mm)
+    only_lower = _longer(subtract(lower, upper), LIMITS.half * width_mm)
     whole = subtract(subtract(middle, only_upper), only_lower)
     parts = [
-        (_longer(whole, SHORTEST_WHOLE * width_mm), 0.5, 1.0),
+        (_longer(whole, LIMITS.whole * width_mm), 0.5, 1.0),
         (only_upper, 0.75, 0.5),
         (only_lower, 0.25, 0.5),
     ]
@@ -160,10 +154,10 @@ def fill(
         start.append(np.column_stack([spans.low, height]))
         end.append(np.column_stack([spans.high, height]))
         width.append(np.full(len(height), part * width_mm))
-    back = turn  # points @ turn is the inverse rotation, because turn is orthogonal
+    # points @ turn is the inverse rotation, because turn is orthogonal.
     return Lines(
-        np.concatenate(start) @ back + origin,
-        np.concatenate(end) @ back + origin,
+        np.concatenate(start) @ turn + origin,
+        np.concatenate(end) @ turn + origin,
         np.concatenate(width),
     )
 
@@ -223,13 +217,10 @@ def _rotation(angle_deg: float) -> FloatArray:
 
 # Make curved infill paths in a layer's region: gyroid or concentric.
 
-#: Length of a gyroid's lines per area, times its period; the mean over a period of heights.
-_GYROID: Final = 2.4574
-#: Points on a period of a gyroid's line.
-_FINENESS: Final = 24
-#: Gyroid lines shorter than so many widths aren't worth a start and a stop.
-_SHORTEST: Final = 2.0
-_MOST_WALLS: Final = 100_000
+_GYROID_LENGTH: Final = 2.4574
+"""Length of a gyroid's lines per area, times its period; the mean over a period of heights."""
+_POINTS_PER_PERIOD: Final = 24
+"""Of a gyroid's line."""
 
 
 def concentric_paths(
@@ -242,13 +233,13 @@ def concentric_paths(
     if density <= 0:
         return join([])
     if density >= 1:
-        walls = build_walls(inside, width_mm, _MOST_WALLS, least).paths
+        walls = build_walls(inside, width_mm, None, least).paths
         level = np.where(walls.role == Role.WALL, walls.level + first_level, 0)
-        return Paths(walls.points, walls.width_mm, walls.offset, walls.closed, walls.role, level)
+        return walls._replace(level=level)
     parts: list[Paths] = []
     while True:
         inward = (0.5 + len(parts)) * width_mm / density
-        centre = inside.offset(-inward, JoinType.Miter, 2.0).simplify(COLLINEAR_MM)
+        centre = inside.offset(-inward, JoinType.Miter, 2.0).simplify(SLICING.collinear_mm)
         if centre.is_empty():
             return join(parts)
         lines = contours_of(centre)
@@ -268,7 +259,7 @@ def gyroid_paths(
     """
     if density <= 0 or inside.is_empty():
         return join([])
-    period = _GYROID * width_mm / density
+    period = _GYROID_LENGTH * width_mm / density
     region = _polygon(inside)
     low, high = np.array(shapely.bounds(region)).reshape(2, 2) - origin
     lines = gyroid_lines(low, high, z_mm, period)
@@ -277,7 +268,7 @@ def gyroid_paths(
     kept = [
         shapely.get_coordinates(part)
         for part in parts
-        if shapely.get_type_id(part) == 1 and shapely.length(part) >= _SHORTEST * width_mm
+        if shapely.get_type_id(part) == 1 and shapely.length(part) >= LIMITS.curved * width_mm
     ]
     widths = [np.full(len(line), width_mm) for line in kept]
     return gather(kept, widths, closed=False, role=Role.INFILL)
@@ -295,7 +286,7 @@ def gyroid_lines(
     z = turn * z_mm
     upright = abs(np.cos(z)) < np.sqrt(0.5)
     along, across = (1, 0) if upright else (0, 1)
-    count = int(np.ceil((high[along] - low[along]) / period_mm * _FINENESS)) + 1
+    count = int(np.ceil((high[along] - low[along]) / period_mm * _POINTS_PER_PERIOD)) + 1
     u = turn * np.linspace(low[along], high[along], max(count, 2))
     if upright:  # cos y sin x + sin z cos x = -sin y cos z
         size, phase = np.hypot(np.cos(u), np.sin(z)), np.arctan2(np.sin(z), np.cos(u))
@@ -334,34 +325,14 @@ def _polygon(section: CrossSection) -> shapely.Geometry:
 # one beside it, in the same direction, the half one begins as a ramp, long enough not to be merged
 # (`_ramp`).
 
-#: Lines further apart than so many widths aren't joined: the joint would stand off the wall.
-FURTHEST = 1.3
-#: Width of a joint, in widths of the widest line; no wider than the narrower of two that it joins.
-THINNER = 0.5
-#: What must be left of a line between its joints, in widths.
-LEAST_LEFT = 0.5
-#: Least cosine between the directions of two lines of one direction.
-PARALLEL = 0.9999
-#: Greatest ratio of a line's width to another's that it goes on as.
-UNEQUAL = 0.67
 
+class _Joints(NamedTuple):
+    """What could join each line to the next."""
 
-@dataclass(frozen=True)
-class _Joints:
-    """What could join each line to the next, (n - 1,) each.
-
-    Attributes
-    ----------
-    made : bool
-    before, after : float64, mm
-        By how much the line and the next one are shortened.
-    width_mm : float64, mm
-    """
-
-    made: NDArray[np.bool_]
-    before: FloatArray
-    after: FloatArray
-    width_mm: FloatArray
+    made: NDArray[np.bool_]  # (n - 1,)
+    before: FloatArray  # (n - 1,), by how much the line is shortened, mm
+    after: FloatArray  # (n - 1,), by how much the next one is, mm
+    width_mm: FloatArray  # (n - 1,)
 
 
 def zigzag(
@@ -389,12 +360,12 @@ def zigzag(
     made = _joined(
         _as_written(paths, lines, sequence.backward[fills]), obstacle, joint_mm, least_mm
     )
-    count, shift = len(made), len(paths.points)
-    rest = WritingOrder(sequence.path[~fills], sequence.first[~fills], sequence.backward[~fills])
+    shift = len(paths.points)
+    rest = WritingOrder(*(column[~fills] for column in sequence))
     chains = WritingOrder(
-        len(paths) + np.arange(count),
+        paths.number + np.arange(made.number),
         shift + made.offset[:-1],
-        np.zeros(count, dtype=np.bool_),
+        np.zeros(made.number, dtype=np.bool_),
     )
     return join([paths, made]), rest.then(chains)
 
@@ -440,6 +411,7 @@ def _length(lines: Paths) -> FloatArray:
 
 
 def _along(lines: Paths) -> FloatArray:
+    """Unit vectors from the first to the last point of each line."""
     way = lines.points[lines.offset[1:] - 1] - lines.points[lines.offset[:-1]]
     return np.asarray(way / np.maximum(_length(lines), 1e-12)[:, None])
 
@@ -447,7 +419,7 @@ def _along(lines: Paths) -> FloatArray:
 def _least_left(lines: Paths, along: FloatArray, least_mm: float) -> FloatArray:
     """What must be left of each line: a move that isn't merged with the one after it."""
     axis = np.maximum(np.abs(along).max(axis=1), np.sqrt(0.5))
-    return np.maximum(LEAST_LEFT * lines.width_mm[lines.offset[1:] - 1], least_mm / axis)
+    return np.maximum(LIMITS.rest * lines.width_mm[lines.offset[1:] - 1], least_mm / axis)
 
 
 def _joints(lines: Paths, joint_mm: float, least_mm: float) -> _Joints:
@@ -461,13 +433,13 @@ def _joints(lines: Paths, joint_mm: float, least_mm: float) -> _Joints:
     beside = np.abs((ahead * gap).sum(axis=1))
     joint = np.hypot(gap[:, 0], gap[:, 1])
     narrow, most = np.minimum(width[:-1], width[1:]), np.maximum(width[:-1], width[1:])
-    wide = np.minimum(narrow, THINNER * width.max())
+    wide = np.minimum(narrow, LIMITS.joint_width * width.max())
     cosine = (ahead * behind).sum(axis=1)
     near = straight[:-1] & straight[1:] & (joint <= joint_mm) & (apart > 0)
-    turns = near & (cosine < -PARALLEL) & (apart <= FURTHEST * most)
+    turns = near & (cosine < -LIMITS.parallel) & (apart <= LIMITS.joint_gap * most)
     turns &= beside < np.minimum(length[:-1], length[1:])
-    goes_on = near & (cosine > PARALLEL) & (apart < narrow) & (beside < 1e-6 * most)
-    goes_on &= narrow < UNEQUAL * most
+    goes_on = near & (cosine > LIMITS.parallel) & (apart < narrow) & (beside < 1e-6 * most)
+    goes_on &= narrow < LIMITS.unequal * most
     turned = wide * joint / (width[:-1] + width[1:])
     before, after = _ramp(width, apart, _least_left(lines, along, least_mm))
     return _Joints(

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection
-from numpy.typing import NDArray
 
 from design.toolpath.fresh.contours import (
     Cells,
@@ -30,40 +29,53 @@ from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.paths import Paths, Role, WritingOrder, order_paths
 from design.toolpath.toolpath import MoveKind
 from kernels import jit
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 _WRITE, _TRAVEL = int(MoveKind.WRITE), int(MoveKind.TRAVEL)
 _PRIME, _RETRACT = int(MoveKind.PRIME), int(MoveKind.RETRACT)
 
-#: Contours are looked up in cells of so many line widths.
-CELL = 4.0
+CELL_WIDTHS: Final = 4.0
+"""Contours are looked up in cells of so many line widths."""
 
 
-@dataclass(frozen=True)
-class Rows:
-    """Moves of one layer as arrays.
+class LayerMoves(NamedTuple):
+    """Moves of one FRESH layer, or of one head's section of it."""
 
-    Attributes
-    ----------
-    end : (n, 3) float64, mm
-    volume_ul, speed_mm_s, duration_s : (n,) float64
-        As in `Toolpath`.
-    kind : (n,) int64
-    travels, lifted, links : int
-        As in `FreshReport`.
-    """
+    start: FloatArray  # (3,), mm, where the first of them begins
+    end: FloatArray  # (n, 3), mm
+    volume_ul: FloatArray  # (n,), as in `Toolpath`
+    speed_mm_s: FloatArray  # (n,)
+    duration_s: FloatArray  # (n,)
+    kind: IntArray  # (n,)
+    tool: IntArray  # (n,)
+    travels: int = 0  # these four as in `FreshReport`
+    lifted: int = 0
+    links: int = 0
+    changes: int = 0  # one before the layer included
 
-    end: FloatArray
-    volume_ul: FloatArray
-    speed_mm_s: FloatArray
-    duration_s: FloatArray
-    kind: IntArray
-    travels: int
-    lifted: int
-    links: int
+    def where(self, rows: BoolArray) -> LayerMoves:
+        """Only some of the moves, by a mask."""
+        columns = [column[rows] for column in self[1:7]]
+        return LayerMoves._make([self.start, *columns, *self[7:]])
+
+    @staticmethod
+    def joined(parts: Sequence[LayerMoves]) -> LayerMoves:
+        """Moves one after another."""
+        start, *rest = zip(*parts, strict=True)
+        columns = [np.concatenate(column) for column in rest[:6]]
+        return LayerMoves._make([start[0], *columns, *map(sum, rest[6:])])
 
 
-class Care(NamedTuple):
+class _Ways(NamedTuple):
+    """Ways to paths in their order."""
+
+    lead: FloatArray  # (m, 2), where the plunger primes before a path, mm
+    away: FloatArray  # (m, 2), where it relieves after it, mm
+    blocked: BoolArray  # (m,), whether a link from the path before would cross a contour
+    over: BoolArray  # (m,), whether the way from where that was left does
+
+
+class _Settings(NamedTuple):
     """Numbers of `FreshOptions` that the kernels need: mm, mm/s, µL and µL/s."""
 
     z: float
@@ -79,8 +91,9 @@ class Care(NamedTuple):
 
 
 def obstacles(contours: Contours, width_mm: float) -> Cells:
-    """A layer's contours, to ask what crosses them."""
-    return put_in_cells(sample(contours, CELL * width_mm).contours, CELL * width_mm)
+    """Sort a layer's contours into cells, to ask what crosses them."""
+    cell_mm = CELL_WIDTHS * width_mm
+    return put_in_cells(sample(contours, cell_mm).contours, cell_mm)
 
 
 def lay_out(
@@ -90,7 +103,8 @@ def lay_out(
     height_mm: float,
     obstacle: tuple[Cells, Cells],
     options: FreshOptions,
-) -> Rows:
+    head: int = 0,
+) -> LayerMoves:
     """Lay ``paths`` in their order.
 
     Parameters
@@ -104,16 +118,18 @@ def lay_out(
     obstacle : (Cells, Cells)
         The layer's contours, and those of the layer that the needle comes from.
     options : FreshOptions
+    head : int
+        That makes the moves.
     """
     here, below = obstacle
     starts, ends = _ends(paths, sequence)
     lead = _leads(paths, sequence, starts, here, options.lead_mm)
     away = np.where((lead == starts).all(axis=1)[:, None], ends, lead)
-    near = crossing(np.vstack([tip[:2], ends[:-1]]), starts, here)
+    blocked = crossing(np.vstack([tip[:2], ends[:-1]]), starts, here)
     came = np.vstack([tip[:2], away[:-1]])
     over = crossing(came, lead, here)
     over[:1] |= crossing(came[:1], lead[:1], below)
-    care = Care(
+    settings = _Settings(
         height_mm,
         options.layer_height_mm,
         options.link_mm,
@@ -125,22 +141,10 @@ def lay_out(
         options.travel_speed_mm_s,
         options.lift_speed_mm_s,
     )
-    rows, kind, counts = _lay(
-        paths.points,
-        paths.width_mm,
-        paths.offset,
-        paths.closed,
-        sequence.path,
-        sequence.first,
-        sequence.backward,
-        lead,
-        away,
-        near,
-        over,
-        tip,
-        care,
-    )
-    return Rows(rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5], kind, *map(int, counts))
+    rows, kind, counts = _lay(paths, sequence, _Ways(lead, away, blocked, over), tip, settings)
+    tool = np.full(len(kind), head)
+    columns = rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5], kind, tool
+    return LayerMoves(tip, *columns, *map(int, counts))
 
 
 def _ends(paths: Paths, sequence: WritingOrder) -> tuple[FloatArray, FloatArray]:
@@ -203,44 +207,35 @@ def _fly(
     to_x: float,
     to_y: float,
     rise: float,
-    care: Care,
+    settings: _Settings,
 ) -> int:
     """Relieve, go up by ``rise`` above both ends, across and down, and prime."""
-    pause, top = care.relief / care.flow, max(tip_z, care.z) + rise
-    if care.relief > 0:
-        n = _add(rows, kind, n, _RETRACT, x, y, tip_z, -care.relief, 0.0, pause)
+    pause, top = settings.relief / settings.flow, max(tip_z, settings.z) + rise
+    if settings.relief > 0:
+        n = _add(rows, kind, n, _RETRACT, x, y, tip_z, -settings.relief, 0.0, pause)
     if top != tip_z:
-        n = _add(rows, kind, n, _TRAVEL, x, y, top, 0.0, care.rising, 0.0)
+        n = _add(rows, kind, n, _TRAVEL, x, y, top, 0.0, settings.rising, 0.0)
     if to_x != x or to_y != y:
-        n = _add(rows, kind, n, _TRAVEL, to_x, to_y, top, 0.0, care.level, 0.0)
-    if top != care.z:
-        n = _add(rows, kind, n, _TRAVEL, to_x, to_y, care.z, 0.0, care.rising, 0.0)
-    if care.relief > 0:
-        n = _add(rows, kind, n, _PRIME, to_x, to_y, care.z, care.relief, 0.0, pause)
+        n = _add(rows, kind, n, _TRAVEL, to_x, to_y, top, 0.0, settings.level, 0.0)
+    if top != settings.z:
+        n = _add(rows, kind, n, _TRAVEL, to_x, to_y, settings.z, 0.0, settings.rising, 0.0)
+    if settings.relief > 0:
+        n = _add(rows, kind, n, _PRIME, to_x, to_y, settings.z, settings.relief, 0.0, pause)
     return n
 
 
 @jit
 def _lay(
-    points: FloatArray,
-    width: FloatArray,
-    offset: IntArray,
-    closed: NDArray[np.bool_],
-    path: IntArray,
-    first: IntArray,
-    backward: NDArray[np.bool_],
-    lead: FloatArray,
-    away: FloatArray,
-    near: NDArray[np.bool_],
-    over: NDArray[np.bool_],
-    tip: FloatArray,
-    care: Care,
+    paths: Paths, sequence: WritingOrder, ways: _Ways, tip: FloatArray, settings: _Settings
 ) -> tuple[FloatArray, IntArray, IntArray]:
     """Rows of end, volume, speed and duration; kinds; travels, those lifted, and links."""
+    points, width, offset, closed = paths.points, paths.width_mm, paths.offset, paths.closed
+    path, first, backward = sequence.path, sequence.first, sequence.backward
+    lead, away, over = ways.lead, ways.away, ways.over
     most = len(points) + 10 * len(path) + 1
     rows, kind = np.zeros((most, 6)), np.zeros(most, np.int64)
     counts = np.zeros(3, np.int64)
-    n, z, level = 0, care.z, care.level
+    n, z, level = 0, settings.z, settings.level
     x, y, tip_z = tip[0], tip[1], tip[2]
     for k in range(len(path)):
         p = path[k]
@@ -249,7 +244,7 @@ def _lay(
         far = math.hypot(to_x - x, to_y - y)
         if far > 0 or tip_z != z:
             counts[0] += 1
-            if far <= care.link and tip_z == z and not near[k]:
+            if far <= settings.link and tip_z == z and not ways.blocked[k]:
                 counts[2] += 1
                 n = _add(rows, kind, n, _TRAVEL, to_x, to_y, z, 0.0, level, 0.0)
             else:
@@ -258,8 +253,8 @@ def _lay(
                     x, y = away[k - 1, 0], away[k - 1, 1]
                     n = _add(rows, kind, n, _TRAVEL, x, y, tip_z, 0.0, level, 0.0)
                 in_x, in_y = lead[k, 0], lead[k, 1]
-                rise = care.lift if over[k] else care.hop
-                n = _fly(rows, kind, n, x, y, tip_z, in_x, in_y, rise, care)
+                rise = settings.lift if over[k] else settings.hop
+                n = _fly(rows, kind, n, x, y, tip_z, in_x, in_y, rise, settings)
                 if in_x != to_x or in_y != to_y:
                     n = _add(rows, kind, n, _TRAVEL, to_x, to_y, z, 0.0, level, 0.0)
         x, y, tip_z = to_x, to_y, z
@@ -276,8 +271,8 @@ def _lay(
             length = math.hypot(points[i, 0] - x, points[i, 1] - y)
             if length > 0:
                 x, y = points[i, 0], points[i, 1]
-                volume = wide * care.height * length
-                n = _add(rows, kind, n, _WRITE, x, y, z, volume, care.writing, 0.0)
+                volume = wide * settings.height * length
+                n = _add(rows, kind, n, _WRITE, x, y, z, volume, settings.writing, 0.0)
     last = len(path) - 1
     if last >= 0 and (away[last, 0] != x or away[last, 1] != y):
         n = _add(rows, kind, n, _TRAVEL, away[last, 0], away[last, 1], z, 0.0, level, 0.0)
@@ -289,48 +284,19 @@ def _lay(
 # In a layer the head in use writes first, then the others: a layer costs as many changes as it has
 # other heads. What is done at a change is the G-code writer's (up, raise, choose, lower, across,
 # down); the toolpath says where the old head relieves and the new one primes, and both do it beside
-# a lumen's wall in their own material, as for any other way (`layout`).
+# a lumen's wall in their own material, as for any other way.
 
-#: From layer to layer, rad: the golden angle, which spreads any number of seams evenly.
-SEAM_TURN = np.pi * (3 - np.sqrt(5))
+SEAM_TURN: Final = np.pi * (3 - np.sqrt(5))
+"""From layer to layer, rad: the golden angle, which spreads any number of seams evenly."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """What one head writes in a layer.
-
-    Attributes
-    ----------
-    head : int
-    paths : Paths
-    bounds : CrossSection
-        Of its material: a way that leaves it is lifted, and is never a link.
-    """
+    """What one head writes in a layer."""
 
     head: int
     paths: Paths
-    bounds: CrossSection
-
-
-@dataclass(frozen=True)
-class LayerMoves:
-    """Moves of one FRESH layer.
-
-    Attributes
-    ----------
-    start : (3,) float64, mm
-        Where the first of them begins.
-    rows : Rows
-    tool : (n,) int64
-        The head that makes each.
-    changes : int
-        Changes of head, one before the layer included.
-    """
-
-    start: FloatArray
-    rows: Rows
-    tool: IntArray
-    changes: int
+    bounds: CrossSection  # of its material: a way that leaves it is lifted, and is never a link
 
 
 class Carriage:
@@ -356,83 +322,58 @@ class Carriage:
     def write(self, sections: Sequence[Section], tip_mm: float, height_mm: float) -> LayerMoves:
         """Lay sections of a layer with the tip at ``tip_mm``, the one of the head in use first."""
         self._heads = [one.in_layer(height_mm) for one in self._heads]
-        start, changes = self._tip, 0
         self._layers += 1
-        laid: list[Rows] = []
-        tools: list[IntArray] = []
-        for section in sorted(sections, key=lambda one: (one.head != self._active, one.head)):
-            first, before = self._tip is None, self._active
-            rows, tool, begin = self._section(section, tip_mm)
-            changes += not first and before != self._active
-            start = begin if start is None else start
-            laid.append(rows)
-            tools.append(tool)
-        if start is None:
-            start = np.append(self._corner, tip_mm)
-        whole = np.concatenate([np.zeros(0, dtype=np.int64), *tools])
-        return LayerMoves(start, _joined(laid), whole, changes)
+        order = sorted(sections, key=lambda one: (one.head != self._active, one.head))
+        parts = [self._section(section, tip_mm) for section in order]
+        if parts:
+            return LayerMoves.joined(parts)
+        start = np.append(self._corner, tip_mm) if self._tip is None else self._tip
+        none, nothing = np.zeros(0), np.zeros(0, dtype=np.int64)
+        return LayerMoves(start, np.zeros((0, 3)), none, none, none, nothing, nothing)
 
-    def _section(self, section: Section, z: float) -> tuple[Rows, IntArray, FloatArray]:
-        """Rows of one section, the head of each, and where they begin."""
+    def _section(self, section: Section, z: float) -> LayerMoves:
         options, paths = self._heads[section.head], section.paths
         here = obstacles(contours_of(section.bounds), options.line_width_mm)
         at = self._corner if self._tip is None else self._tip[:2]
         sequence = order_paths(paths, at, options.link_mm, SEAM_TURN * self._layers)
         paths, sequence = zigzag(paths, sequence, here, options.joint_mm, options.least_move_mm)
-        if len(paths) and self._tip is None:
+        if paths.number and self._tip is None:
             self._tip = np.append(paths.points[sequence.first[0]], z)
             self._active = section.head
         start = np.append(at, z) if self._tip is None else self._tip
-        changes = len(paths) > 0 and section.head != self._active
+        changes = paths.number > 0 and section.head != self._active
         came = start
         if changes and start[2] == z:
             # From any lower place no way is a link: heads don't change on a level way.
             came = np.array([*start[:2], np.nextafter(z, -np.inf)])
-        rows = lay_out(paths, sequence, came, z, (here, self._below or here), options)
-        tool = np.full(len(rows.kind), section.head)
+        around = here, self._below or here
+        moves = lay_out(paths, sequence, came, z, around, options, section.head)
+        moves = moves._replace(start=start)
         if changes:
-            rows, tool = self._handed_over(rows, section.head, start)
-        if len(rows.end):
-            self._tip, self._active = rows.end[-1], section.head
+            moves = self._handed_over(moves)
+        if len(moves.end):
+            self._tip, self._active = moves.end[-1], section.head
             self._used.add(section.head)
         self._below = here
-        return rows, tool, start
+        return moves
 
-    def _handed_over(self, rows: Rows, new: int, at: FloatArray) -> tuple[Rows, IntArray]:
-        """``rows`` of a new head, relieved of the old one first.
+    def _handed_over(self, moves: LayerMoves) -> LayerMoves:
+        """Moves of a new head, relieved of the old one first.
 
         A head that hasn't written yet has nothing to prime: nothing was relieved in it.
         """
-        writes = np.flatnonzero(rows.kind == MoveKind.WRITE)
-        before = np.arange(len(rows.kind)) < writes[0]
-        gone = before & (rows.kind == MoveKind.RETRACT)
+        new, old = int(moves.tool[0]), self._heads[self._active]
+        before = np.arange(len(moves.kind)) < np.flatnonzero(moves.kind == MoveKind.WRITE)[0]
+        gone = before & (moves.kind == MoveKind.RETRACT)
         if new not in self._used:
-            gone |= before & (rows.kind == MoveKind.PRIME)
-        columns = ("end", "volume_ul", "speed_mm_s", "duration_s", "kind")
-        rest = replace(rows, **{name: getattr(rows, name)[~gone] for name in columns})
-        old = self._heads[self._active]
-        tool = np.full(len(rest.kind), new)
+            gone |= before & (moves.kind == MoveKind.PRIME)
+        rest = moves.where(~gone)._replace(changes=1)
         if old.retract_ul == 0:
-            return rest, tool
-        relieved = Rows(
-            end=at[None],
-            volume_ul=np.array([-old.retract_ul]),
-            speed_mm_s=np.zeros(1),
-            duration_s=np.array([old.retract_ul / old.plunger_ul_s]),
-            kind=np.array([int(MoveKind.RETRACT)]),
-            travels=0,
-            lifted=0,
-            links=0,
+            return rest
+        lasts = np.array([old.retract_ul / old.plunger_ul_s])
+        volume, kind = np.array([-old.retract_ul]), np.array([int(MoveKind.RETRACT)])
+        tool = np.array([self._active])
+        relieved = LayerMoves(
+            moves.start, moves.start[None], volume, np.zeros(1), lasts, kind, tool
         )
-        return _joined([relieved, rest]), np.append([self._active], tool)
-
-
-def _joined(parts: Sequence[Rows]) -> Rows:
-    columns = np.zeros((0, 3)), *np.zeros((3, 0)), np.zeros(0, dtype=np.int64)
-    all_rows: dict[str, Any] = {
-        field.name: np.concatenate([column, *(getattr(one, field.name) for one in parts)])
-        for field, column in zip(fields(Rows), columns, strict=False)
-    }
-    for name in ("travels", "lifted", "links"):
-        all_rows[name] = sum(getattr(one, name) for one in parts)
-    return Rows(**all_rows)
+        return LayerMoves.joined([relieved, rest])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from design.solids.solid import Solid
 from design.toolpath.toolpath import check_fields
 from firmware_profiles.bead import BeadSection
 
-# Options of infill inside a FRESH part's walls: pattern, density, angles.
-
+DENSEST_GYROID: Final = 0.7
+"""A gyroid denser than this would write over itself."""
+MAX_SHRINKAGE_PERCENT: Final = 30.0
+"""More than this isn't shrinkage but a wrong number."""
 Infill = Literal["lines", "concentric", "gyroid"]
 
 
@@ -54,7 +56,7 @@ class Filling:
 
 @dataclass(frozen=True)
 class Compensation:
-    """Shrinkage and wall offset measured on an earlier print.
+    """Shrinkage and wall offset that registration measured on an earlier print.
 
     Attributes
     ----------
@@ -69,10 +71,10 @@ class Compensation:
 
     def __post_init__(self) -> None:
         worst = max(self.shrink_percent, key=abs)
-        if not abs(worst) <= MOST_PERCENT:
+        if not abs(worst) <= MAX_SHRINKAGE_PERCENT:
             raise ToolpathError(
-                f"shrink_percent is {worst:g} (compensation); beyond {MOST_PERCENT:g} % either way "
-                "something else is wrong: measure again"
+                f"shrink_percent is {worst:g} (compensation); beyond {MAX_SHRINKAGE_PERCENT:g} % "
+                "either way something else is wrong: measure again"
             )
         if not abs(self.radial_mm) <= 1.0:
             raise ToolpathError(
@@ -232,16 +234,3 @@ class FreshOptions:
     def smallest_wall_mm(self) -> float:
         """Thinnest wall between two lumens, mm: one line of its own along either."""
         return 2 * self.line_width_mm
-
-
-#: A gyroid denser than this would write over itself.
-DENSEST_GYROID = 0.7
-
-
-# Shrinkage and lumen wall offset of an earlier FRESH print; enlarge a solid against shrinkage.
-#
-# Registration measures both on a print: how much each axis shrank, and by how much every lumen's
-# wall stands inside the designed one.
-
-#: More than this isn't shrinkage but a wrong number, %.
-MOST_PERCENT = 30.0

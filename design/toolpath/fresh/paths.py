@@ -1,13 +1,12 @@
-"""Data class of one layer's paths as flat arrays: points, line widths, role; join several."""
+"""One layer's paths as flat arrays, and their order of writing for short travels."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kernels import jit
 from kernels.arrays import BoolArray, FloatArray, IntArray
@@ -24,32 +23,21 @@ class Role(IntEnum):
     """Inside the walls."""
 
 
-@dataclass(frozen=True)
-class Paths:
-    """Paths, each a run of points.
+class Paths(NamedTuple):
+    """Paths, each a run of points; kernels take it as it is."""
 
-    Attributes
-    ----------
-    points : (n, 2) float64, mm
-    width_mm : (n,) float64, mm
-        Of the line that comes to each point; of a closed path's first point, of the line from
-        its last.
-    offset : (m + 1,) int64
-        Path k is ``points[offset[k] : offset[k + 1]]``.
-    closed : (m,) bool
-        Closed paths don't repeat their first point and may begin anywhere.
-    role, level : (m,) int64
-        A `Role` each, and the wall's number counted from the boundary.
-    """
-
-    points: FloatArray
+    points: FloatArray  # (n, 2), mm
+    # (n,), mm, of the line that comes to each point; of a closed path's first point, of the line
+    # from its last
     width_mm: FloatArray
-    offset: IntArray
-    closed: NDArray[np.bool_]
-    role: IntArray
-    level: IntArray
+    offset: IntArray  # (m + 1,), path k is ``points[offset[k] : offset[k + 1]]``
+    closed: BoolArray  # (m,), closed paths don't repeat their first point and may begin anywhere
+    role: IntArray  # (m,), a `Role` each
+    level: IntArray  # (m,), the wall's number counted from the boundary
 
-    def __len__(self) -> int:
+    @property
+    def number(self) -> int:
+        """How many paths there are."""
         return len(self.closed)
 
 
@@ -75,49 +63,29 @@ def gather(
 
 def join(parts: Sequence[Paths]) -> Paths:
     """All paths, in the order given."""
+    parts = [gather([], [], closed=False, role=Role.WALL), *parts]
     shift = np.cumsum([0, *(len(part.points) for part in parts)])
     offsets = [part.offset[1:] + low for part, low in zip(parts, shift[:-1], strict=True)]
-    return Paths(
-        np.concatenate([np.zeros((0, 2)), *(part.points for part in parts)]),
-        np.concatenate([np.zeros(0), *(part.width_mm for part in parts)]),
-        np.concatenate([np.zeros(1, dtype=np.int64), *offsets]),
-        np.concatenate([np.zeros(0, dtype=np.bool_), *(part.closed for part in parts)]),
-        np.concatenate([np.zeros(0, dtype=np.int64), *(part.role for part in parts)]),
-        np.concatenate([np.zeros(0, dtype=np.int64), *(part.level for part in parts)]),
-    )
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return Paths(*columns)._replace(offset=np.concatenate([np.zeros(1, dtype=np.int64), *offsets]))
 
 
 # Order a layer's paths for short travels: walls from each contour inward, then infill.
 
-#: Beginning a larger ring elsewhere than near by costs more way than it is worth.
-SMALL_RING_MM = 3.0
+SMALL_RING_MM: Final = 3.0
+"""Beginning a larger ring elsewhere than near by costs more way than it is worth."""
 
 
-@dataclass(frozen=True)
-class WritingOrder:
-    """Paths in the order of writing.
+class WritingOrder(NamedTuple):
+    """Paths in the order of writing."""
 
-    Attributes
-    ----------
-    path : (m,) int64
-        Numbers of the paths.
-    first : (m,) int64
-        Point, in `Paths.points`, at which each begins.
-    backward : (m,) bool
-        Whether it is written from its end to its begin.
-    """
-
-    path: IntArray
-    first: IntArray
-    backward: BoolArray
+    path: IntArray  # (m,), numbers of the paths
+    first: IntArray  # (m,), point, in `Paths.points`, at which each begins
+    backward: BoolArray  # (m,), whether it is written from its end to its begin
 
     def then(self, other: WritingOrder) -> WritingOrder:
         """Both, one after the other."""
-        return WritingOrder(
-            np.concatenate([self.path, other.path]),
-            np.concatenate([self.first, other.first]),
-            np.concatenate([self.backward, other.backward]),
-        )
+        return WritingOrder(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
 
 def order_paths(
@@ -156,30 +124,20 @@ def _outlines(paths: Paths, which: IntArray, at: FloatArray, seam_rad: float) ->
     low = np.minimum.reduceat(paths.points, paths.offset[:-1])
     high = np.maximum.reduceat(paths.points, paths.offset[:-1])
     towards = np.array([np.cos(seam_rad), np.sin(seam_rad)])
-    path, first, backward = _nearest_outlines(
-        paths.points,
-        paths.offset,
-        paths.closed,
-        _outer(paths, which, low, high),
-        which,
-        low,
-        high,
-        at,
-        towards,
-    )
-    return WritingOrder(path, first, backward)
+    before = _outer(paths, which, low, high)
+    return WritingOrder(*_nearest_outlines(paths, which, before, low, high, at, towards))
 
 
 def _outer(paths: Paths, which: IntArray, low: FloatArray, high: FloatArray) -> IntArray:
     """The wall that must be written before each path; -1 for none."""
-    before = np.full(len(paths), -1, dtype=np.int64)
+    before = np.full(paths.number, -1, dtype=np.int64)
     walls = which[paths.role[which] == Role.WALL]
     for level in range(1, int(paths.level[walls].max(initial=0)) + 1):
         outer = walls[paths.level[walls] == level - 1]
         inner = walls[paths.level[walls] == level]
         if len(outer) and len(inner):
             starts = paths.points[paths.offset[inner]]
-            before[inner] = _nearest_paths(starts, outer, paths.points, paths.offset, low, high)
+            before[inner] = _nearest_paths(starts, outer, paths, low, high)
     return before
 
 
@@ -191,14 +149,10 @@ def _box_gap(x: float, y: float, low: FloatArray, high: FloatArray) -> float:
 
 @jit
 def _nearest_paths(
-    at: FloatArray,
-    which: IntArray,
-    points: FloatArray,
-    offset: IntArray,
-    low: FloatArray,
-    high: FloatArray,
+    at: FloatArray, which: IntArray, paths: Paths, low: FloatArray, high: FloatArray
 ) -> IntArray:
     """Path of ``which`` that has the point nearest to each of ``at``."""
+    points, offset = paths.points, paths.offset
     nearest = np.empty(len(at), np.int64)
     for j in range(len(at)):
         x, y, best = at[j, 0], at[j, 1], np.inf
@@ -214,16 +168,11 @@ def _nearest_paths(
 
 @jit
 def _nearest_outlines(
-    points: FloatArray,
-    offset: IntArray,
-    closed: BoolArray,
-    before: IntArray,
-    which: IntArray,
-    low: FloatArray,
-    high: FloatArray,
-    at: FloatArray,
-    towards: FloatArray,
-) -> tuple[IntArray, IntArray, BoolArray]:
+    paths: Paths, which: IntArray, before: IntArray, low: FloatArray, high: FloatArray,
+    at: FloatArray, towards: FloatArray,
+) -> tuple[IntArray, IntArray, BoolArray]:  # fmt: skip
+    """Path, first point and direction of each of ``which``, none before the one in ``before``."""
+    points, offset, closed = paths.points, paths.offset, paths.closed
     count = len(which)
     left = which.copy()
     done = np.zeros(len(closed), np.bool_)
@@ -263,8 +212,8 @@ def _nearest_outlines(
 
 # Order infill lines by nearest neighbour into zig-zag chains, then improve them by 2-opt.
 
-#: Improvement rounds of 2-opt; most layers settle in fewer.
-ROUNDS = 20
+MAX_ROUNDS: Final = 20
+"""Improvement rounds of 2-opt; most layers settle in fewer."""
 
 
 def order_lines(
@@ -307,7 +256,7 @@ def order_lines(
         axis=1,
     )
     chain, turned = np.arange(len(first)), np.zeros(len(first), dtype=np.bool_)
-    _two_opt(np.ascontiguousarray(whole), at, chain, turned, ROUNDS)
+    _two_opt(np.ascontiguousarray(whole), at, chain, turned)
     parts = []
     for k in chain.tolist():
         part = order[bounds[k] : bounds[k + 1]]
@@ -377,47 +326,41 @@ def _chained(
 
 
 @jit
-def _gap(ax: float, ay: float, bx: float, by: float) -> float:
-    distance: float = np.sqrt((ax - bx) ** 2 + (ay - by) ** 2)
+def _gap(a: FloatArray, b: FloatArray) -> float:
+    distance: float = np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2)
     return distance
 
 
 @jit
-def _two_opt(
-    ends: FloatArray, at: FloatArray, order: IntArray, flipped: BoolArray, rounds: int
-) -> None:
+def _end(line: int, last: bool, ends: FloatArray, flipped: BoolArray) -> FloatArray:
+    """Where a line begins, or ends, as it is written."""
+    return ends[line, 1 if last != flipped[line] else 0]
+
+
+@jit
+def _two_opt(ends: FloatArray, at: FloatArray, order: IntArray, flipped: BoolArray) -> None:
     """Reverse stretches of the order, each line in them turned, while that saves travel."""
     count = len(order)
-    for _ in range(rounds):
+    for _ in range(MAX_ROUNDS):
         saved = False
         for i in range(count):
-            if i == 0:
-                ax, ay = at[0], at[1]
-            else:
-                before = order[i - 1]
-                side = 0 if flipped[before] else 1
-                ax, ay = ends[before, side, 0], ends[before, side, 1]
-            entry = 1 if flipped[order[i]] else 0
-            bx, by = ends[order[i], entry, 0], ends[order[i], entry, 1]
-            entered = _gap(ax, ay, bx, by)
+            a = at if i == 0 else _end(order[i - 1], True, ends, flipped)
+            b = _end(order[i], False, ends, flipped)
+            entered = _gap(a, b)
             for j in range(i, count):
-                exit_ = 0 if flipped[order[j]] else 1
-                cx, cy = ends[order[j], exit_, 0], ends[order[j], exit_, 1]
-                change = _gap(ax, ay, cx, cy) - entered
+                c = _end(order[j], True, ends, flipped)
+                change = _gap(a, c) - entered
                 if j + 1 < count:
                     if change >= entered and change > 0:
                         continue
-                    after = order[j + 1]
-                    entry = 1 if flipped[after] else 0
-                    dx, dy = ends[after, entry, 0], ends[after, entry, 1]
-                    change += _gap(bx, by, dx, dy) - _gap(cx, cy, dx, dy)
+                    d = _end(order[j + 1], False, ends, flipped)
+                    change += _gap(b, d) - _gap(c, d)
                 if change < -1e-9:
                     order[i : j + 1] = order[i : j + 1][::-1].copy()
                     for k in range(i, j + 1):
                         flipped[order[k]] = not flipped[order[k]]
                     saved = True
-                    entry = 1 if flipped[order[i]] else 0
-                    bx, by = ends[order[i], entry, 0], ends[order[i], entry, 1]
-                    entered = _gap(ax, ay, bx, by)
+                    b = _end(order[i], False, ends, flipped)
+                    entered = _gap(a, b)
         if not saved:
             break

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from manifold3d import CrossSection
@@ -16,7 +17,7 @@ from design.toolpath.fresh.layout import Carriage, LayerMoves, Section
 from design.toolpath.fresh.options import Filling, FreshOptions
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.report import (
-    FINENESS,
+    RASTER_PER_LINE,
     Coverage,
     FreshReport,
     LayerNarrow,
@@ -37,11 +38,11 @@ from design.toolpath.fresh.section import (
     rings,
 )
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in, remove_short_moves
-from design.toolpath.toolpath import MoveKind, Toolpath, join_toolpaths
+from design.toolpath.toolpath import ARRAYS, MoveKind, Toolpath, join_toolpaths
 from kernels.arrays import FloatArray
 
-#: Cover is measured in at most so many layers, evenly spread; in all of a lower part.
-MEASURED = 100
+MEASURED_LAYERS: Final = 100
+"""Cover is measured in at most so many layers, evenly spread; in all of a lower part."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def plan_fresh(
 
 
 class FreshLayers:
-    """The layers of a part, made one by one as they are asked for, from the lowest up.
+    """The layers of a part, made one by one while they are iterated over, from the lowest up.
 
     A line is laid out as the rectangle of its cross-section, `FreshOptions.spacing_mm` wide, in
     material whose boundary is moved inward by `FreshOptions.inset_mm`: there its rectangle ends,
@@ -165,7 +166,7 @@ class FreshLayers:
             coverage = _coverage(layer, laid, heads) if measured else None
             narrow = self._narrow(layer) if measured else None
             self._tally.add_layer(layer, coverage, narrow)
-            lines = sum(len(section.paths) for section in sections)
+            lines = sum(section.paths.number for section in sections)
             if lines:
                 yield self._counted(layer, laid, lines)
         if not self._tally.moves:
@@ -176,7 +177,7 @@ class FreshLayers:
             )
 
     def _measured_every(self) -> int:
-        return max(1, int(np.ceil((len(self.levels) - 1) / MEASURED)))
+        return max(1, int(np.ceil((len(self.levels) - 1) / MEASURED_LAYERS)))
 
     def _inset_mm(self, height_mm: float) -> float:
         return self._options.in_layer(height_mm).inset_mm
@@ -230,7 +231,7 @@ def _sections(
         rectangles = own ^ moved_in(material, heads[head].inset_mm)
         paths = _section_paths(rectangles, layer, cut, heads[head], origin, beside_ink=True)
         sections.append(Section(head, paths, own))
-    return [section for section in sections if len(section.paths)]
+    return [section for section in sections if section.paths.number]
 
 
 def _section_paths(
@@ -268,31 +269,25 @@ def _infill(
 
 
 def _coverage(layer: Layer, laid: LayerMoves, heads: Sequence[FreshOptions]) -> Coverage:
-    rows = laid.rows
-    wrote = rows.kind == MoveKind.WRITE
-    begin = np.vstack([laid.start, rows.end])[:-1][wrote, :2]
-    end = rows.end[wrote, :2]
-    area = rows.volume_ul[wrote] / np.hypot(*(end - begin).T)
+    wrote = laid.kind == MoveKind.WRITE
+    begin = np.vstack([laid.start, laid.end])[:-1][wrote, :2]
+    end = laid.end[wrote, :2]
+    area = laid.volume_ul[wrote] / np.hypot(*(end - begin).T)
     width, height = np.zeros(len(area)), heads[0].layer_height_mm
     for number, options in enumerate(heads):
         own = laid.tool[wrote] == number
         width[own] = options.bead.width(area[own], height)
-    pitch = heads[0].line_width_mm / FINENESS
+    pitch = heads[0].line_width_mm / RASTER_PER_LINE
     return measure_coverage(rings(layer.material), begin, end, width, pitch)
 
 
 def _toolpath(layer: Layer, laid: LayerMoves, *, differs: bool) -> Toolpath:
     """Moves of one layer."""
-    rows = laid.rows
+    columns = laid._asdict()
     return Toolpath(
-        start=np.concatenate([laid.start[None], rows.end[:-1]]),
-        end=rows.end,
-        volume_ul=rows.volume_ul,
-        speed_mm_s=rows.speed_mm_s,
-        duration_s=rows.duration_s,
-        tool=laid.tool,
-        kind=rows.kind,
-        source=np.full(len(rows.kind), layer.index, dtype=np.int64),
+        **{name: columns[name] for name in ARRAYS if name in columns}
+        | {"start": np.concatenate([laid.start[None], laid.end[:-1]])},
+        source=np.full(len(laid.kind), layer.index, dtype=np.int64),
         source_kind="layer",
         layer_height_mm=layer.height_mm,
         heights_mm={layer.index: layer.height_mm} if differs else {},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection
@@ -14,25 +15,26 @@ from design.solids.solid import Solid
 from design.toolpath.fresh.contours import Contours, contours_of, measure_room, sample
 from design.toolpath.fresh.infill import scan
 from design.toolpath.fresh.layout import LayerMoves
-from design.toolpath.fresh.section import BESIDE, CLOSING_MM, Body, Layer, rings
+from design.toolpath.fresh.section import SLICING, Body, Layer, rings
 from design.toolpath.toolpath import MoveKind, Toolpath
 from kernels import jit
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
 # Find walls too thin for any line, and gaps too narrow, within layers and along z.
 
-#: Sides face each other when the product of their normals is below this: corners aren't narrow.
-FACING = -0.7
-#: A narrow place is so many of the least widths long, or a tip of something broader,
-SHORTEST = 4.0
-#: or so much of a whole ring: a hole, a pin.
-WHOLE = 0.7
-#: Columns along each side of a part, at most: its z profile is sampled no finer.
-MAX_COLUMNS = 400
-#: Neighbouring columns of a level place differ in height by less than so much of a layer: 5°.
-PARALLEL = 0.25
-#: Lower places are the mesh's rounding, mm.
-ROUNDING_MM = 1e-3
+
+class _NarrowLimits(NamedTuple):
+    """What counts as a narrow place."""
+
+    facing: float = -0.7  # sides face each other below this product of normals: corners don't
+    length: float = 4.0  # of a place, in least widths, or else it is a tip of something broader,
+    whole: float = 0.7  # or so much of a whole ring: a hole, a pin
+    columns: int = 400  # along each side of a part, at most: its z profile is sampled no finer
+    slope: float = 0.25  # of a layer, between neighbouring columns of a level place: 5°
+    rounding_mm: float = 1e-3  # lower places are the mesh's rounding
+
+
+NARROW: Final = _NarrowLimits()
 
 
 @dataclass(frozen=True)
@@ -81,11 +83,13 @@ def narrow_samples(section: CrossSection, least_mm: float, *, gaps: bool) -> Flo
     length = np.hypot(*way.T)
     normal = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(length, 1e-12)[:, None]
     near = (other >= 0) & (room < 0.5 * least_mm * (1 - 1e-3))
-    narrow = near & ((fine.normal * normal[other]).sum(axis=1) < FACING)
+    narrow = near & ((fine.normal * normal[other]).sum(axis=1) < NARROW.facing)
     ring = fine.contours.ring
-    whole = np.bincount(ring, near) > WHOLE * np.bincount(ring)
+    whole = np.bincount(ring, near) > NARROW.whole * np.bincount(ring)
     run = np.cumsum(~narrow | (np.diff(ring, prepend=-1) > 0))
-    long = np.bincount(run[narrow], length[narrow], minlength=run[-1] + 1) >= SHORTEST * least_mm
+    long = (
+        np.bincount(run[narrow], length[narrow], minlength=run[-1] + 1) >= NARROW.length * least_mm
+    )
     narrow = (narrow & long[run]) | (near & whole[ring])
     middle = points[narrow] + room[narrow, None] * fine.normal[narrow]
     return np.column_stack([2 * room[narrow], middle])
@@ -122,16 +126,16 @@ class LevelPlaces:
     def __init__(self, solids: Sequence[Solid], levels: FloatArray, line_mm: float) -> None:
         corners = np.array([solid.bounds[:, :2] for solid in solids])
         low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
-        count = np.clip(np.ceil((high - low) / line_mm), 1, MAX_COLUMNS).astype(int)
+        count = np.clip(np.ceil((high - low) / line_mm), 1, NARROW.columns).astype(int)
         self._levels, self._step = levels, (high - low) / count
         self._first = low + self._step / 2
         inside = _columns(solids, self._first, self._step, int(count[1]))
         same = (np.diff(inside[:, :2], axis=0) == 0).all(axis=1)
         between = np.column_stack([inside[:-1, :3], inside[1:, 2]])[same]
         between[:, 2] = inside[:-1, 3][same]
-        self._walls = self._level(inside, 1 + 2 * BESIDE, ROUNDING_MM)
-        closed = 2 * CLOSING_MM if len(solids) > 1 else 0.0
-        self._gaps = self._level(between, 1.0, max(ROUNDING_MM, closed))
+        self._walls = self._level(inside, 1 + 2 * SLICING.beside, NARROW.rounding_mm)
+        closed = 2 * SLICING.closing_mm if len(solids) > 1 else 0.0
+        self._gaps = self._level(between, 1.0, max(NARROW.rounding_mm, closed))
         self._in_material, self._written = np.zeros((2, len(self._walls)), dtype=np.bool_)
 
     def add(self, layer: Layer) -> None:
@@ -164,8 +168,8 @@ class LevelPlaces:
         height = self._heights(self._gaps)
         low, high = self._gaps[:, 2:].T
         middle = 0.5 * (self._levels[1:] + self._levels[:-1])
-        first = np.searchsorted(middle, low - BESIDE * height)
-        astride = np.searchsorted(middle, high + BESIDE * height) - first != 1
+        first = np.searchsorted(middle, low - SLICING.beside * height)
+        astride = np.searchsorted(middle, high + SLICING.beside * height) - first != 1
         return self._places(self._gaps[(high - low < 0.99 * height) | astride])
 
     def _heights(self, rows: FloatArray) -> FloatArray:
@@ -181,7 +185,7 @@ class LevelPlaces:
             return rows
         layer, height = self._heights(rows), np.diff(rows[:, 2:])[:, 0]
         places = np.column_stack(
-            [rows[:, :2], rows[:, 2:].mean(axis=1) / layer, height / (PARALLEL * layer)]
+            [rows[:, :2], rows[:, 2:].mean(axis=1) / layer, height / (NARROW.slope * layer)]
         )
         tree = cKDTree(places)
         whole = tree.query_ball_point(places, 1.001, p=np.inf, return_length=True) >= 9
@@ -312,8 +316,8 @@ def _narrow_note(places: NarrowPlaces, what: str, end: str) -> str:
         size, extent = "high", f"over {places.area_mm2:.3g} mm² in all"
         least = (
             f"these layers make is {least}, from one border of layers to the next, and "
-            f"{(1 + 2 * BESIDE) * places.least_mm:.3g} mm elsewhere: make them higher, or write "
-            "lower layers"
+            f"{(1 + 2 * SLICING.beside) * places.least_mm:.3g} mm elsewhere: make them higher, or "
+            "write lower layers"
         )
     else:
         size, extent = "wide", f"in {places.layers:.0%} of the layers"
@@ -354,9 +358,9 @@ class Tally:
         length, wrote = toolpath.lengths, toolpath.kind == MoveKind.WRITE
         self.moves += len(toolpath)
         self._lines += lines
-        self._travels += laid.rows.travels
-        self._lifted += laid.rows.lifted
-        self._links += laid.rows.links
+        self._travels += laid.travels
+        self._lifted += laid.lifted
+        self._links += laid.links
         self._changes += laid.changes
         self._written_mm += float(length[wrote].sum())
         self._travel_mm += float(length[toolpath.kind == MoveKind.TRAVEL].sum())
@@ -380,7 +384,7 @@ class Tally:
             self._measured_mm.append(layer.height_mm)
 
     def report(self) -> FreshReport:
-        """The numbers of the layers so far."""
+        """Return the numbers of the layers so far."""
         material = np.array([layer.material for layer in self._coverage])
         unfilled = np.array([layer.unfilled for layer in self._coverage])
         share = np.dot(unfilled, self._measured_mm) / np.dot(material, self._measured_mm)
@@ -420,8 +424,8 @@ class Tally:
 #
 # Lines count as stadiums: all points within half a width of the centreline.
 
-#: Raster points per line width.
-FINENESS = 10
+RASTER_PER_LINE: Final = 10
+"""Raster points per line width."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection, Error, JoinType, Manifold, Mesh, OpType
@@ -27,18 +27,28 @@ from design.solids.solid import Solid
 from design.toolpath.fresh.options import Adaptive, Compensation, Filling, FreshOptions
 from kernels.arrays import FloatArray, IntArray
 
-#: Vertices nearer than this to the line through their neighbours are dropped, mm. Triangulated
-#: straight walls are cut into many collinear pieces.
-COLLINEAR_MM = 1e-4
-#: The same of sections: a fine mesh has points that no motor step of 12.5 µm could tell apart.
-SECTION_MM = 5e-4
-#: Sections beside the one at mid-layer, in layer heights: 0.56 of a round side's radius.
-BESIDE = 0.28
-#: By how much these are made smaller, over what a bead is wider than its rectangle, one side.
-BEHIND = 0.28 / (1 - np.pi / 4)
-#: Gaps between bodies of one part that are closed, half of their width, mm: where two surfaces that
-#: should meet were made into triangles apart.
-CLOSING_MM = 5e-3
+
+class _Slicing(NamedTuple):
+    """How sections are cut."""
+
+    # Vertices nearer than this to the line through their neighbours are dropped: triangulated
+    # straight walls are cut into many collinear pieces.
+    collinear_mm: float = 1e-4
+    section_mm: float = 5e-4  # the same of sections: no motor step of 12.5 µm could tell them apart
+    beside: float = 0.28  # sections beside the one at mid-layer, in layer heights: 0.56 r
+    # Half the width of gaps that are closed between bodies of one part: where two surfaces that
+    # should meet were made into triangles apart.
+    closing_mm: float = 5e-3
+    level: float = 0.9995  # |n_z| above which faces are floors or ceilings: within 2° of level
+    floor_mm2: float = 0.01  # smaller level faces end no layer
+
+    @property
+    def behind(self) -> float:
+        """By how much the sections beside are smaller, over what a bead exceeds its rectangle."""
+        return self.beside / (1 - np.pi / 4)
+
+
+SLICING: Final = _Slicing()
 
 
 class Body:
@@ -47,7 +57,7 @@ class Body:
     Parameters
     ----------
     solids : sequence of Solid
-        Where there are several, gaps between them up to 2 `CLOSING_MM` wide are closed.
+        Where there are several, gaps between them up to 2 `SLICING.closing_mm` wide are closed.
 
     Raises
     ------
@@ -77,36 +87,21 @@ class Body:
             return self._bodies[0].slice(z_mm)
         cuts = [body.slice(z_mm) for body in self._bodies]
         whole = CrossSection.batch_boolean(cuts, OpType.Add)
-        closed = whole.offset(CLOSING_MM, JoinType.Miter, 2.0)
-        return whole + closed.offset(-CLOSING_MM, JoinType.Miter, 2.0)
+        closed = whole.offset(SLICING.closing_mm, JoinType.Miter, 2.0)
+        return whole + closed.offset(-SLICING.closing_mm, JoinType.Miter, 2.0)
 
 
 @dataclass(frozen=True)
 class Layer:
-    """One layer of the part.
+    """One layer of the part."""
 
-    Attributes
-    ----------
-    index : int
-        0 for the lowest.
-    tip_mm : float, mm
-        The needle's tip while the layer is written: the layer's top.
-    material : CrossSection
-        Section at the middle of the layer.
-    carved : CrossSection
-        The same without what lines would stand in lumens with, above or below their crests.
-    middle_mm : float, mm
-        Height of that section.
-    height_mm : float, mm
-        Of the layer.
-    """
-
-    index: int
-    tip_mm: float
-    material: CrossSection
+    index: int  # 0 for the lowest
+    tip_mm: float  # mm, the needle's tip while the layer is written: the layer's top
+    material: CrossSection  # section at the middle of the layer
+    # The same without what lines would stand in lumens with, above or below their crests
     carved: CrossSection
-    middle_mm: float
-    height_mm: float
+    middle_mm: float  # mm, height of that section
+    height_mm: float  # mm, of the layer
 
 
 def layers(body: Body, levels: FloatArray, inset_mm: Callable[[float], float]) -> Iterator[Layer]:
@@ -122,7 +117,7 @@ def layers(body: Body, levels: FloatArray, inset_mm: Callable[[float], float]) -
     """
     for index, (low, high) in enumerate(pairwise(levels.tolist())):
         middle, height = 0.5 * (low + high), round(high - low, 9)
-        material = body.slice(middle).simplify(SECTION_MM)
+        material = body.slice(middle).simplify(SLICING.section_mm)
         if not material.is_empty():
             carved = _carved(body, material, middle, height, inset_mm(height))
             yield Layer(index, high, material, carved, middle, height)
@@ -132,11 +127,11 @@ def _carved(
     body: Body, material: CrossSection, middle: float, height: float, inset: float
 ) -> CrossSection:
     """The material without the lumens' sections above and below; see the module."""
-    for side in (-BESIDE, BESIDE):
+    for side in (-SLICING.beside, SLICING.beside):
         hollow = _hollow(body.slice(middle + side * height))
         if not hollow.is_empty():
-            material = material - hollow.offset(-BEHIND * inset, JoinType.Miter, 2.0)
-    return material.simplify(SECTION_MM)
+            material = material - hollow.offset(-SLICING.behind * inset, JoinType.Miter, 2.0)
+    return material.simplify(SLICING.section_mm)
 
 
 def _hollow(section: CrossSection) -> CrossSection:
@@ -148,7 +143,7 @@ def _hollow(section: CrossSection) -> CrossSection:
 
 
 def _is_convex(piece: CrossSection) -> bool:
-    return piece.hull().area() - piece.area() < COLLINEAR_MM**2
+    return piece.hull().area() - piece.area() < SLICING.collinear_mm**2
 
 
 def rings(section: CrossSection) -> list[FloatArray]:
@@ -220,14 +215,9 @@ class Region:
 
 @dataclass(frozen=True)
 class RegionSections:
-    """Regions at one height; where several overlap, the last counts.
+    """Regions at one height; where several overlap, the last counts."""
 
-    Attributes
-    ----------
-    regions : tuple of (CrossSection, Region)
-        As they were given.
-    """
-
+    # As they were given.
     regions: tuple[tuple[CrossSection, Region], ...]
 
     def shares(
@@ -292,11 +282,6 @@ class Regions:
 # layers of any height, and the floors and ceilings of lumens the thinnest. Level faces make no
 # stair but an error of height, so a layer ends at each of them.
 
-_LEVEL: Final = 0.9995
-"""Faces with a larger |n_z| (within 2° of level) are floors or ceilings, not slants."""
-_LEAST_FLOOR_MM2: Final = 0.01
-"""Smaller level faces end no layer."""
-
 
 def even_levels(low_mm: float, high_mm: float, layer_height_mm: float) -> FloatArray:
     """Borders of layers all alike, (n + 1,), mm: as many as come nearest to the part's height."""
@@ -352,7 +337,7 @@ def _slopes(
         heights = (corners[:, :, 2] - low) / adaptive.step_mm
         first = np.clip(np.floor(heights.min(axis=1) + 1e-6), 0, count).astype(np.int64)
         last = np.clip(np.ceil(heights.max(axis=1) - 1e-6), 0, count).astype(np.int64)
-        level = slope > _LEVEL
+        level = slope > SLICING.level
         layers.append(_floors(np.rint(heights.mean(axis=1))[level], twice[level] / 2))
         with np.errstate(divide="ignore"):
             bears = np.floor(adaptive.stair_mm / slope / adaptive.step_mm + 1e-6)
@@ -369,7 +354,7 @@ def _slopes(
 def _floors(height: FloatArray, area: FloatArray) -> IntArray:
     """Heights, in steps, that level faces of enough area stand at."""
     at, which = np.unique(height.astype(np.int64), return_inverse=True)
-    return at[np.bincount(which, weights=area, minlength=len(at)) >= _LEAST_FLOOR_MM2]
+    return at[np.bincount(which, weights=area, minlength=len(at)) >= SLICING.floor_mm2]
 
 
 def _ends(floors: IntArray, count: int, least: int) -> list[int]:

@@ -2,39 +2,40 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 import shapely
 from manifold3d import CrossSection, JoinType
-from numpy.typing import NDArray
 
-from design.toolpath.fresh.contours import Contours, Samples, contours_of, measure_room, sample
+from design.toolpath.fresh.contours import (
+    Contours,
+    Samples,
+    contours_of,
+    measure_room,
+    ring_areas,
+    sample,
+    signed_area,
+)
 from design.toolpath.fresh.paths import Paths, Role, gather, join
-from design.toolpath.fresh.section import COLLINEAR_MM
+from design.toolpath.fresh.section import SLICING
 from kernels import jit
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
 class Walls:
-    """Walls of one layer and what they leave.
+    """Walls of one layer and what they leave."""
 
-    Attributes
-    ----------
-    paths : Paths
-        Walls, and lines in the gaps that are too thin for one.
-    inside : CrossSection
-        What the infill must cover.
-    """
-
-    paths: Paths
-    inside: CrossSection
+    paths: Paths  # walls, and lines in the gaps that are too thin for one
+    inside: CrossSection  # what the infill must cover
 
 
-def build_walls(material: CrossSection, width_mm: float, count: int, least: float) -> Walls:
-    """Lay ``count`` walls into ``material``.
+def build_walls(material: CrossSection, width_mm: float, count: int | None, least: float) -> Walls:
+    """Lay ``count`` walls into ``material``, or with None as many as it holds.
 
     The i-th centreline lies (i + ½) w inside the boundary, so the first line's edge *is* the
     boundary and a lumen keeps its size. Places thinner than two walls are shared between them
@@ -43,7 +44,7 @@ def build_walls(material: CrossSection, width_mm: float, count: int, least: floa
     """
     parts: list[Paths] = []
     region = material
-    for level in range(count):
+    for level in itertools.count() if count is None else range(count):
         if region.is_empty():
             break
         centre = _offset(material, -(level + 0.5) * width_mm)
@@ -64,7 +65,7 @@ def clear_of_lumens(material: CrossSection, clear_mm: float) -> CrossSection:
     hole in it and stays.
     """
     rings = material.to_polygons()
-    holes = [ring[::-1] for ring in rings if _signed_area(ring) < 0]
+    holes = [ring[::-1] for ring in rings if signed_area(ring) < 0]
     if not holes or clear_mm == 0:
         return material
     made = CrossSection(holes).offset(clear_mm, JoinType.Miter, 2.0)
@@ -76,11 +77,6 @@ def clear_of_lumens(material: CrossSection, clear_mm: float) -> CrossSection:
 def moved_in(material: CrossSection, by_mm: float) -> CrossSection:
     """The material with its whole boundary moved inward."""
     return material if by_mm == 0 else _offset(material, -by_mm)
-
-
-def _signed_area(ring: FloatArray) -> float:
-    x, y = ring[:, 0], ring[:, 1]
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 def _gaps(
@@ -101,7 +97,7 @@ def _gaps(
 
 def _offset(section: CrossSection, by_mm: float) -> CrossSection:
     # Mitred: a facetted circle keeps its facets, where round joins would add points to each.
-    return section.offset(by_mm, JoinType.Miter, 2.0).simplify(COLLINEAR_MM)
+    return section.offset(by_mm, JoinType.Miter, 2.0).simplify(SLICING.collinear_mm)
 
 
 # Lay narrower wall lines in material too thin for two lines of full width.
@@ -111,19 +107,24 @@ def _offset(section: CrossSection, by_mm: float) -> CrossSection:
 # share what there is; only a lumen's wall keeps its width before an outer one, because the lumen is
 # what the print is for.
 
-#: Samples per line width where the room is measured.
-FINENESS = 4
-#: A line's width may differ by this part from one sample to the next before a point is spent on it.
-STEP = 0.02
-#: Corners between these miters are tips that walls are drawn out into: 78° to 33°. Blunter ones
-#: have no sides that face each other, sharper ones are long enough for a line of their own.
-BLUNTEST, SHARPEST = 1.59, 3.5
-#: Lines in thin places shorter than so many widths aren't worth a start and a stop.
-SHORTEST = 1.0
-#: A place between walls no longer than so many widths gets a straight line,
-SHORT = 3.0
-#: if it fills so much of the narrowest box round it, and is no wider than so many widths.
-FILLED, MOST = 0.6, 1.3
+
+class _ThinPlaces(NamedTuple):
+    """How lines in places thinner than two walls are made; lengths in line widths."""
+
+    samples: int = 4  # per line width, where the clearance is measured
+    width_step: float = 0.02  # part by which widths may differ between samples without a point
+    # Corners between these miters are tips that walls are drawn out into: 78° to 33°. Blunter ones
+    # have no sides that face each other, sharper ones take a line of their own.
+    tip_miter: tuple[float, float] = (1.59, 3.5)
+    shortest: float = 1.0  # line that is worth a start and a stop
+    # A place between walls no longer than this gets a straight line, if it fills so much of the
+    # narrowest box round it and is no wider than that.
+    straight: float = 3.0
+    box_share: float = 0.6
+    widest: float = 1.3
+
+
+THIN: Final = _ThinPlaces()
 
 
 def wall_paths(centre: Contours, width_mm: float, least: float, level: int) -> Paths:
@@ -157,7 +158,7 @@ def wall_paths(centre: Contours, width_mm: float, least: float, level: int) -> P
         )
     ]
     if narrow.any():
-        fine = sample(centre, width_mm / FINENESS)
+        fine = sample(centre, width_mm / THIN.samples)
         parts += _shared(fine, narrow, width_mm, least, level, reach)
     return join(parts)
 
@@ -210,7 +211,8 @@ def _of_lines(made: FloatArray) -> FloatArray:
 
 def _tips(samples: Samples) -> BoolArray:
     """Corners where the material ends in a tip, which its two sides share: no disc faces them."""
-    return samples.convex & (samples.miter > BLUNTEST) & (samples.miter < SHARPEST)
+    blunt, sharp = THIN.tip_miter
+    return samples.convex & (samples.miter > blunt) & (samples.miter < sharp)
 
 
 def gap_paths(region: Contours, width_mm: float, least: float, *, between: bool = False) -> Paths:
@@ -220,7 +222,7 @@ def gap_paths(region: Contours, width_mm: float, least: float, *, between: bool 
     that comes first, so that the middle is written once. ``between`` says that all of them lie
     between walls: short ones are straight lines of their area then, whose ends may lie on a wall.
     """
-    fine = sample(region, width_mm / FINENESS)
+    fine = sample(region, width_mm / THIN.samples)
     room, other = measure_room(fine, 0.75 * width_mm)
     own = np.arange(len(room))
     here = (other > own) & (2 * room >= least * width_mm)
@@ -237,7 +239,7 @@ def gap_paths(region: Contours, width_mm: float, least: float, *, between: bool 
         runs = [np.append(rows, rows[0])] if closed else _runs(rows, here[rows])
         parts = [part for run in runs for part in _unbroken(points[run], run, width_mm)]
         for part in _linked(parts, points, width_mm):
-            if _length(points[part]) >= SHORTEST * width_mm:
+            if _length(points[part]) >= THIN.shortest * width_mm:
                 keep = part[needed_points(points[part], 2 * room[part], width_mm, closed=False)]
                 lines.append(points[keep])
                 widths.append(_of_lines(2 * room[keep]))
@@ -276,7 +278,7 @@ def _straight(ring: FloatArray, width: float, least: float) -> tuple[FloatArray,
 
     It runs along the narrowest box round the place, through its middle, and holds its area.
     """
-    if np.ptp(ring, axis=0).max() > SHORT * width:
+    if np.ptp(ring, axis=0).max() > THIN.straight * width:
         return None
     place = shapely.Polygon(ring)
     box = shapely.get_coordinates(shapely.oriented_envelope(place))
@@ -286,9 +288,9 @@ def _straight(ring: FloatArray, width: float, least: float) -> tuple[FloatArray,
     length = np.hypot(sides[:, 0], sides[:, 1])
     long, short = int(length.argmax()), int(length.argmin())
     made = place.area / length[long]
-    if length[long] < SHORTEST * width or place.area < FILLED * length.prod():
+    if length[long] < THIN.shortest * width or place.area < THIN.box_share * length.prod():
         return None
-    if not least * width <= made <= MOST * width:
+    if not least * width <= made <= THIN.widest * width:
         return None
     across = sides[short] / length[short]
     middle = box[:4].mean(axis=0)
@@ -307,7 +309,7 @@ def needed_points(points: FloatArray, made: FloatArray, width: float, *, closed:
     out = points - before
     off = np.abs(way[:, 0] * out[:, 1] - way[:, 1] * out[:, 0]) / length
     change = np.maximum(np.abs(made - np.roll(made, 1)), np.abs(np.roll(made, -1) - made))
-    needed = (off > 1e-4 * width) | (change > STEP * width)
+    needed = (off > 1e-4 * width) | (change > THIN.width_step * width)
     if not closed:
         needed[[0, -1]] = True
     kept = np.flatnonzero(needed)
@@ -353,23 +355,28 @@ def _unbroken(points: FloatArray, run: IntArray, width: float) -> list[IntArray]
 # but where another ink may lie there. A ring too small for many moves is drawn anew, as the tangent
 # polygon of the most sides.
 
-#: How far a corner may be drawn out, in line widths. The moves beside it stay in their place.
-TOLERANCE = 0.3
-#: How far points that are left out may stand from the path. Long moves beside them tilt by as much.
-DROPPED = 0.03
-#: How far a corner of a tangent polygon may stand off a ring too small for anything else.
-FURTHEST = 0.5
-#: A ring is small when it is no wider than so many least moves.
-_SMALL = 4.0
-_MOST_SIDES, _TURNS = 16, 6
-#: Rounds over a path; each takes at most every other short move away.
-ROUNDS = 12
+WALL: Final = int(Role.WALL)
+
+
+class _ShortMoves(NamedTuple):
+    """How short moves are removed; distances in line widths."""
+
+    drawn_out: float = 0.3  # of a corner, at most; the moves beside it stay in their place
+    left_out: float = 0.03  # off the path of points left out; long moves tilt by as much
+    polygon: float = 0.5  # of a tangent polygon's corner off a ring too small for anything else
+    small_ring: float = 4.0  # a ring no wider than so many least moves is small
+    sides: int = 16  # of a tangent polygon, at most
+    turns: int = 6  # positions tried of each
+    rounds: int = 12  # over a path; each takes at most every other short move away
+
+
+SHORT: Final = _ShortMoves()
 
 
 def remove_short_moves(
     paths: Paths, least_mm: float, width_mm: float, *, beside_ink: bool = False
 ) -> Paths:
-    """Take moves shorter than ``least_mm`` out of the walls, where `TOLERANCE` lets that be.
+    """Take moves shorter than ``least_mm`` out of the walls, where `SHORT.drawn_out` lets that be.
 
     Parameters
     ----------
@@ -382,26 +389,17 @@ def remove_short_moves(
     beside_ink : bool
         Whether another ink lies beside the outside: nothing is drawn out into it then.
     """
-    if least_mm <= 0 or len(paths) == 0:
+    if least_mm <= 0 or paths.number == 0:
         return paths
     paths = _small_rings_redrawn(paths, least_mm, width_mm)
-    points, keep = _coarsened(
-        paths.points.copy(),
-        paths.width_mm,
-        paths.offset,
-        paths.closed,
-        paths.role == Role.WALL,
-        _outer(paths) & (not beside_ink),
-        least_mm,
-        TOLERANCE * width_mm,
-        DROPPED * width_mm,
-    )
+    outer = paths.closed & (ring_areas(paths.points, paths.offset) > 0) & (not beside_ink)
+    points, keep = _coarsened(paths, outer, least_mm, width_mm)
     offset = np.concatenate([[0], np.cumsum(keep)])[paths.offset]
     width = _merged_widths(paths, keep, offset)
-    return replace(paths, points=points[keep], width_mm=width, offset=offset)
+    return paths._replace(points=points[keep], width_mm=width, offset=offset)
 
 
-def _merged_widths(paths: Paths, keep: NDArray[np.bool_], offset: IntArray) -> FloatArray:
+def _merged_widths(paths: Paths, keep: BoolArray, offset: IntArray) -> FloatArray:
     """Mean width, over their lengths, of the lines that became one; (kept,) float64, mm."""
     size, begin = np.diff(paths.offset), paths.offset[:-1]
     before = np.arange(-1, len(keep) - 1)
@@ -422,23 +420,23 @@ def _small_rings_redrawn(paths: Paths, least_mm: float, width_mm: float) -> Path
     widths = np.split(paths.width_mm, paths.offset[1:-1])
     for k in np.flatnonzero(paths.closed & (paths.role == Role.WALL)):
         step = np.abs(np.diff(rings[k], axis=0, append=rings[k][:1])).max(axis=1)
-        small = np.ptp(rings[k], axis=0).max() < _SMALL * least_mm
-        if not small or step.min() >= least_mm or _area(rings[k]) >= 0:
+        small = np.ptp(rings[k], axis=0).max() < SHORT.small_ring * least_mm
+        if not small or step.min() >= least_mm or signed_area(rings[k]) >= 0:
             continue
-        polygon = _tangent_polygon(rings[k], least_mm, FURTHEST * width_mm)
+        polygon = _tangent_polygon(rings[k], least_mm, SHORT.polygon * width_mm)
         if polygon is not None:
             rings[k], widths[k] = polygon, np.full(len(polygon), widths[k].mean())
     offset = np.cumsum([0, *map(len, rings)], dtype=np.int64)
-    return replace(
-        paths, points=np.concatenate(rings), width_mm=np.concatenate(widths), offset=offset
+    return paths._replace(
+        points=np.concatenate(rings), width_mm=np.concatenate(widths), offset=offset
     )
 
 
 def _tangent_polygon(ring: FloatArray, least_mm: float, most_mm: float) -> FloatArray | None:
     """Polygon of the most sides, none too short, whose sides touch the ring from outside."""
-    for sides in range(_MOST_SIDES, 3, -1):
-        for turn in range(_TURNS):
-            angle = -2 * np.pi * (np.arange(sides) + turn / _TURNS) / sides  # clockwise
+    for sides in range(SHORT.sides, 3, -1):
+        for turn in range(SHORT.turns):
+            angle = -2 * np.pi * (np.arange(sides) + turn / SHORT.turns) / sides  # clockwise
             normal = np.column_stack([np.cos(angle), np.sin(angle)])
             reach = (ring @ normal.T).max(axis=0)
             after, beyond = np.roll(normal, -1, axis=0), np.roll(reach, -1)
@@ -456,20 +454,6 @@ def _tangent_polygon(ring: FloatArray, least_mm: float, most_mm: float) -> Float
             if away.max() <= most_mm:
                 return corner
     return None
-
-
-def _outer(paths: Paths) -> NDArray[np.bool_]:
-    """Which paths are walls along the part's outside, (m,)."""
-    x, y = paths.points.T
-    after = np.arange(1, len(x) + 1)
-    after[paths.offset[1:] - 1] = paths.offset[:-1]
-    twice = np.append(x * y[after] - y * x[after], 0.0)
-    return np.asarray(paths.closed & (np.add.reduceat(twice, paths.offset[:-1]) > 0))
-
-
-def _area(ring: FloatArray) -> float:
-    x, y = ring.T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 @jit
@@ -508,16 +492,10 @@ def _drawn_out(
 
 @jit
 def _coarsened(
-    points: FloatArray,
-    width: FloatArray,
-    offset: IntArray,
-    closed: NDArray[np.bool_],
-    wall: NDArray[np.bool_],
-    outer: NDArray[np.bool_],
-    least: float,
-    most: float,
-    dropped: float,
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+    paths: Paths, outer: BoolArray, least: float, line: float
+) -> tuple[FloatArray, BoolArray]:
+    """Points with short moves of walls taken out, and which are kept; ``line`` is a width, mm."""
+    points, width, offset, closed = paths.points.copy(), paths.width_mm, paths.offset, paths.closed
     keep = np.ones(len(points), np.bool_)
     after, before = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
     # How far the points that were left out may stand from the way that begins at each point.
@@ -525,12 +503,12 @@ def _coarsened(
     for p in range(len(closed)):
         low, high = offset[p], offset[p + 1]
         left = high - low
-        if not wall[p] or left < 4:
+        if paths.role[p] != WALL or left < 4:
             continue
         for k in range(low, high):
             after[k], before[k] = k + 1, k - 1
         after[high - 1], before[low] = low, high - 1
-        for _ in range(ROUNDS):
+        for _ in range(SHORT.rounds):
             changed = False
             for b in range(low, high):
                 c = after[b]
@@ -546,16 +524,20 @@ def _coarsened(
                 met, x, y = False, 0.0, 0.0
                 bulges = outer[p] and at_b > 0 and at_c > 0 and width[b] == width[c]
                 if bulges or (at_b < 0 and at_c < 0):
-                    met, x, y = _drawn_out(points, a, b, c, d, most)
+                    met, x, y = _drawn_out(points, a, b, c, d, SHORT.drawn_out * line)
                 if met:
                     points[b, 0], points[b, 1] = x, y
                     off[b] = off[c]
                     gone = c
-                elif min(without_b, without_c) <= dropped:
+                elif min(without_b, without_c) <= SHORT.left_out * line:
                     gone = b if without_b <= without_c else c
                     # Lines that become narrower stay as many as the firmware takes.
                     long = max(abs(points[b, 0] - points[a, 0]), abs(points[b, 1] - points[a, 1]))
-                    if width[b] != width[c] and long >= least and without_c <= dropped:
+                    if (
+                        width[b] != width[c]
+                        and long >= least
+                        and without_c <= SHORT.left_out * line
+                    ):
                         gone = c
                     off[before[gone]] = without_b if gone == b else without_c
                 else:

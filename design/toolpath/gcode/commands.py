@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,46 +15,46 @@ from firmware_profiles import Axes, Printer, Syringe
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-#: One above Marlin's least, because rounding both ends to whole steps can take one away.
-MARGIN_STEPS = 1
+MARGIN_STEPS: Final = 1
+"""One above Marlin's least, because rounding both ends to whole steps can take one away."""
+TRAVEL, WITH_PLUNGER, DWELL = 0, 1, 4
+"""Codes of `MachineMoves`: those of G-code."""
 
 
 @dataclass(frozen=True)
-class Stops:
-    """Where the machine stands after each command, and how it gets there.
+class MachineMoves:
+    """Commands of a job: where the machine stands after each, and how it gets there."""
 
-    Attributes
-    ----------
-    position : (n, 4) float64, mm
-        X, Y, Z in the printer's frame, and plunger travel since the job's begin.
-    speed_mm_s : (n,) float64, mm/s
-        Along XYZ; of the plunger where only that moves.
-    pause_s : (n,) float64, s
-        Of a dwell; 0 elsewhere.
-    code : (n,) int64
-        0 for a travel, 1 where the plunger takes part, 4 for a dwell.
-    source, move : (n,) int64
-        As in `Gcode`.
-    """
-
+    # (n, 4), mm, X, Y, Z in the printer's frame, and plunger travel since the job's begin.
     position: FloatArray
-    speed_mm_s: FloatArray
-    pause_s: FloatArray
-    code: IntArray
-    source: IntArray
-    move: IntArray
+    speed_mm_s: FloatArray  # (n,), mm/s, along XYZ; of the plunger where only that moves
+    pause_s: FloatArray  # (n,), s, of a dwell; 0 elsewhere
+    code: IntArray  # (n,), 0 for a travel, 1 where the plunger takes part, 4 for a dwell
+    source: IntArray  # (n,), as in `Gcode`
+    move: IntArray  # (n,)
 
-    def where(self, rows: NDArray[np.bool_]) -> Stops:
+    def where(self, rows: NDArray[np.bool_]) -> MachineMoves:
         """Return the commands of a mask."""
-        return Stops(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+        return MachineMoves(
+            **{field.name: getattr(self, field.name)[rows] for field in fields(self)}
+        )
 
     @staticmethod
-    def to(position: FloatArray, speed_mm_s: float, code: int) -> Stops:
+    def to(position: FloatArray, speed_mm_s: float, code: int) -> MachineMoves:
         """One move to ``position`` (4,) that the toolpath doesn't know."""
         none = np.array([-1])
-        return Stops(
+        return MachineMoves(
             position[None], np.array([speed_mm_s]), np.zeros(1), np.array([code]), none, none
         )
+
+    @staticmethod
+    def joined(parts: Sequence[MachineMoves]) -> MachineMoves:
+        """Commands one after another."""
+        columns = {
+            field.name: np.concatenate([getattr(part, field.name) for part in parts])
+            for field in fields(MachineMoves)
+        }
+        return MachineMoves(**columns)
 
 
 def plunger_mm_per_ul(printer: Printer, syringe: Syringe) -> float:
@@ -60,14 +62,14 @@ def plunger_mm_per_ul(printer: Printer, syringe: Syringe) -> float:
     return 0.0 if printer.pneumatic else float(4.0 / (np.pi * syringe.inner_mm**2))
 
 
-def stops(
+def machine_moves(
     toolpath: Toolpath,
     printer: Printer,
     syringe: Syringe,
     place_mm: FloatArray,
     flow_factor: float = 1.0,
     before_ul: float = 0.0,
-) -> Stops:
+) -> MachineMoves:
     """Commands of a toolpath, with the moves merged that the firmware would drop.
 
     ``before_ul`` is what the job has pushed before it, µL.
@@ -86,24 +88,15 @@ def stops(
     standing = np.isin(kind, (MoveKind.PRIME, MoveKind.RETRACT))
     duration = np.where(standing, toolpath.duration_s, 1.0)
     along_e = np.abs(toolpath.volume_ul) * per_ul / duration
-    code = np.where(kind == MoveKind.TRAVEL, 0, np.where(kind == MoveKind.DWELL, 4, 1))
-    return Stops(
+    code = np.where(kind == MoveKind.TRAVEL, TRAVEL, WITH_PLUNGER)
+    code = np.where(kind == MoveKind.DWELL, DWELL, code)
+    return MachineMoves(
         position[move],
         np.where(standing, along_e, toolpath.speed_mm_s)[move],
         np.where(kind == MoveKind.DWELL, toolpath.duration_s, 0.0)[move],
         code[move],
         toolpath.source[move],
         move,
-    )
-
-
-def join_stops(parts: list[Stops]) -> Stops:
-    """Commands one after another."""
-    return Stops(
-        **{
-            field.name: np.concatenate([getattr(part, field.name) for part in parts])
-            for field in fields(Stops)
-        }
     )
 
 
@@ -146,8 +139,8 @@ def joint_mm(printer: Printer) -> float:
 # where the firmware likes. Here those vertices stay that leave moves long enough and cut off least
 # in all. Positions and E are absolute, so dropping a vertex loses neither place nor ink.
 
-#: Vertices left out one after the other stand along at most so many least moves, given a choice.
-LONGEST = 10.0
+MAX_MERGED_LEAST_MOVES: Final = 10.0
+"""Vertices left out one after the other stand along at most so many least moves, given a choice."""
 
 
 @jit
@@ -195,7 +188,7 @@ def _merge(
         for u in range(v - 1, begin - 1, -1):
             if u + 2 < v:
                 way += _steps(position[u + 1], position[u + 2])
-            if way > LONGEST * least and best[v - begin] < np.inf:
+            if way > MAX_MERGED_LEAST_MOVES * least and best[v - begin] < np.inf:
                 break
             if best[u - begin] == np.inf or _steps(position[u], position[v]) < least:
                 continue

@@ -31,18 +31,10 @@ from kernels.arrays import IntArray
 
 @dataclass(frozen=True)
 class Marks:
-    """Interruption marks of a job.
+    """Interruption marks of a job."""
 
-    Attributes
-    ----------
-    row : (m,) int64
-        Rows of the table before which each stands, ascending.
-    text : list of str
-        Lines, without their ends.
-    """
-
-    row: IntArray
-    text: list[str]
+    row: IntArray  # (m,), rows of the table before which each stands, ascending
+    text: list[str]  # lines, without their ends
 
     def put_into(self, lines: bytes) -> bytes:
         """The table's rendered text with the marks in their places."""
@@ -54,38 +46,40 @@ class Marks:
             at = place
         return b"".join([*parts, lines[at:]])
 
-    def begun_by(self, comment: str) -> Marks:
-        """The same behind another sign of a comment than the semicolon."""
-        return Marks(self.row, [comment + text[1:] for text in self.text])
+
+def in_order(*groups: Marks) -> Marks:
+    """Return all lines by their rows; at one row those of the earlier groups come first."""
+    row = np.concatenate([one.row for one in groups])
+    order = np.argsort(row, kind="stable")
+    texts = [text for one in groups for text in one.text]
+    return Marks(row[order], [texts[k] for k in order.tolist()])
 
 
-@dataclass(frozen=True)
-class Context:
-    """What marks need to know of the job around a part of its toolpath.
+def marks_of(
+    toolpath: Toolpath, table: Table, before: int | None, *, last: bool, comment: str
+) -> Marks:
+    """Find where the needle stands free between two layers or passes.
 
-    Attributes
+    Parameters
     ----------
+    toolpath : Toolpath
+    table : Table
+        Its commands.
     before : int or None
-        Layer or vessel written last before the part; None where nothing was.
+        Layer or vessel written last before this part of a job; None where nothing was.
     last : bool
-        Whether the job ends with it.
+        Whether the job ends with this part.
+    comment : str
+        How a comment begins.
     """
-
-    before: int | None = None
-    last: bool = True
-
-
-def marks_of(toolpath: Toolpath, table: Table, context: Context | None = None) -> Marks:
-    """Find where the needle stands free between two layers or passes."""
-    context = context or Context()
-    marks = [*_heights(toolpath), *_ends(toolpath, context), *_named(toolpath)]
+    marks = [*_heights(toolpath), *_ends(toolpath, before, last=last), *_named(toolpath)]
     marks.sort(key=lambda mark: mark[0])
     body = np.flatnonzero(table.move >= 0)
     moves = np.array([move for move, _ in marks], dtype=np.int64)
-    before = np.searchsorted(table.move[body], moves, side="right")
-    first = body[0] if len(body) and context.before is None else 0
-    row = np.where(before > 0, body[np.maximum(before - 1, 0)] + 1, first)
-    return Marks(row, [text for _, text in marks])
+    rows_before = np.searchsorted(table.move[body], moves, side="right")
+    first = body[0] if len(body) and before is None else 0
+    row = np.where(rows_before > 0, body[np.maximum(rows_before - 1, 0)] + 1, first)
+    return Marks(row, [comment + text for _, text in marks])
 
 
 def _heights(toolpath: Toolpath) -> list[tuple[int, str]]:
@@ -94,18 +88,18 @@ def _heights(toolpath: Toolpath) -> list[tuple[int, str]]:
     for layer, height in toolpath.heights_mm.items():
         rows = np.flatnonzero(toolpath.source == layer)
         if len(rows):
-            marks.append((int(rows[0]) - 1, f";HEIGHT:{height:.6g}"))
+            marks.append((int(rows[0]) - 1, f"HEIGHT:{height:.6g}"))
     return marks
 
 
-def _ends(toolpath: Toolpath, context: Context) -> list[tuple[int, str]]:
+def _ends(toolpath: Toolpath, before: int | None, *, last: bool) -> list[tuple[int, str]]:
     """Ends of layers or passes: the last move before each, and its text."""
     writes = np.flatnonzero(toolpath.kind == MoveKind.WRITE)
     if not len(writes):  # a calibration may write nothing
         return []
     source = toolpath.source[writes]
-    if context.before is not None:
-        writes, source = np.append(-1, writes), np.append(context.before, source)
+    if before is not None:
+        writes, source = np.append(-1, writes), np.append(before, source)
     layers = toolpath.source_kind == "layer"
     if layers:
         breaks = (np.diff(writes) > 1) & (np.diff(source) != 0)
@@ -116,11 +110,11 @@ def _ends(toolpath: Toolpath, context: Context) -> list[tuple[int, str]]:
     marks: list[tuple[int, str]] = []
     for at in np.flatnonzero(breaks & (source[:-1] >= 0)).tolist():  # a prime line is neither
         free, relieved = _lifted(toolpath, int(writes[at]), int(writes[at + 1]))
-        marks.append((free, f";{name}:{source[at]}"))
+        marks.append((free, f"{name}:{source[at]}"))
         if relieved:
-            marks.append((free, ";RELOAD"))
-    if context.last:
-        marks.append((int(writes[-1]), f";{name}:{source[-1]}"))
+            marks.append((free, "RELOAD"))
+    if last:
+        marks.append((int(writes[-1]), f"{name}:{source[-1]}"))
     return marks
 
 
@@ -144,8 +138,8 @@ def _named(toolpath: Toolpath) -> list[tuple[int, str]]:
     """Reload points, and places to look within a pass, that the toolpath names itself."""
     reloads = np.flatnonzero(toolpath.kind == MoveKind.RELOAD)
     looks = np.flatnonzero(toolpath.kind == MoveKind.LOOK)
-    parts = [(int(move), f";PART_END:{toolpath.source[move]}") for move in looks]
-    return [*((int(move), ";RELOAD") for move in reloads), *parts]
+    parts = [(int(move), f"PART_END:{toolpath.source[move]}") for move in looks]
+    return [*((int(move), "RELOAD") for move in reloads), *parts]
 
 
 # Insert a comment into G-code before the first line of each labelled move.

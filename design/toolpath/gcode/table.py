@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import ToolpathError
-from design.toolpath.gcode.commands import Stops, per_axis
+from design.toolpath.gcode.commands import DWELL, MachineMoves, per_axis
 from firmware_profiles import Printer, ProfileError
 from firmware_profiles.families import family_of
 from firmware_profiles.families.dialect import WORDS, Dialect
@@ -32,25 +33,15 @@ class Decimals:
     """Digits after the point for X, Y, Z and E.
 
     Positions have three, or as many as make the last digit finer than a quarter of a motor step.
-
-    Attributes
-    ----------
-    x, y, z, e : int
-    e_move_mm : float, mm
-        Largest push of one move: so large an E still has, in a float32, a quarter of the first
-        digit finer than a quarter of a motor step.
     """
 
     x: int
     y: int
     z: int
     e: int
+    # Largest push of one move, mm: so large an E still has, in a float32, a quarter of the first
+    # digit finer than a quarter of a motor step.
     e_move_mm: float
-
-    @property
-    def e_limit_quanta(self) -> int:
-        """Largest E, in its last digit, of which float32 still keeps that digit."""
-        return FLOAT32_WHOLE
 
 
 def decimals_for(printer: Printer) -> Decimals:
@@ -84,37 +75,30 @@ def dialect_of(printer: Printer) -> Dialect:
         raise ToolpathError(f"no G-code can be written: {exc}") from exc
 
 
-_X, _Y, _Z, _E, _F, _P = range(6)
-_DWELL, _SET = 4, 92
+_X, _Y, _Z, E_WORD, _F, _P = range(6)
+_SET = 92
 _NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class Table:
-    """Commands ``G<code>`` with words.
+    """Commands ``G<code>`` with words."""
 
-    Attributes
-    ----------
-    code : (n,) int64
-    value : (n, 6) int64
-        X, Y, Z, E, F and P, each in its last digit.
-    given : (n, 6) bool
-        Whether the word is written.
-    source, move : (n,) int64
-        As in `Gcode`.
-    """
-
-    code: IntArray
-    value: IntArray
-    given: NDArray[np.bool_]
-    source: IntArray
-    move: IntArray
+    code: IntArray  # (n,)
+    value: IntArray  # (n, 6), X, Y, Z, E, F and P, each in its last digit
+    given: NDArray[np.bool_]  # (n, 6), whether the word is written
+    source: IntArray  # (n,), as in `Gcode`
+    move: IntArray  # (n,)
 
     def where(self, rows: IntArray | NDArray[np.bool_]) -> Table:
         """Return the rows of a mask or of row numbers."""
-        return Table(
-            self.code[rows], self.value[rows], self.given[rows], self.source[rows], self.move[rows]
-        )
+        return Table(**{name: column[rows] for name, column in vars(self).items()})
+
+    @staticmethod
+    def joined(parts: Sequence[Table]) -> Table:
+        """Return the rows of tables one after another."""
+        names = vars(parts[0])
+        return Table(**{n: np.concatenate([getattr(one, n) for one in parts]) for n in names})
 
 
 _NOTHING = Table(
@@ -124,21 +108,12 @@ _NOTHING = Table(
 
 @dataclass(frozen=True)
 class JobPosition:
-    """Where a job stands between two parts of its toolpath.
+    """Where a job stands between two parts of its toolpath."""
 
-    Attributes
-    ----------
-    quanta : (4,) int64
-        X, Y, Z and the plunger's travel since the job's begin, each in its last digit.
-    feed : int
-        F of the last move, in its last digit; -1 before the first.
-    base : int
-        What E's counting anew has taken off the plunger's travel, in its last digit.
-    """
-
+    # (4,), X, Y, Z and the plunger's travel since the job's begin, each in its last digit
     quanta: IntArray
-    feed: int = -1
-    base: int = 0
+    feed: int = -1  # F of the last move, in its last digit; -1 before the first
+    base: int = 0  # what E's counting anew has taken off the plunger's travel, in its last digit
 
     @staticmethod
     def at(position: FloatArray, printer: Printer) -> JobPosition:
@@ -157,21 +132,21 @@ def counted_from(reached: JobPosition, printer: Printer) -> tuple[Table, JobPosi
     step is lost at a change of head.
     """
     whole = 10 ** decimals_for(printer).e
-    travel = int(reached.quanta[_E])
+    travel = int(reached.quanta[E_WORD])
     base = travel // whole * whole
     words = np.zeros((1, 4), dtype=np.int64)
-    words[0, _E] = travel - base
+    words[0, E_WORD] = travel - base
     row = _with_sets(_NOTHING, np.zeros(1, np.int64), words, position=False, plunger=True)
     return row, JobPosition(reached.quanta, reached.feed, base)
 
 
 def tabulate(
-    stops: Stops, reached: JobPosition, printer: Printer, *, blind: bool = False
+    commands: MachineMoves, reached: JobPosition, printer: Printer, *, blind: bool = False
 ) -> tuple[Table, JobPosition]:
     """Words of a part of a job's commands, and where the job stands after them.
 
     A command that changes nothing in the last digit is left out; positions are absolute, so the
-    next one makes up for it. ``blind`` says that nobody knows where the tip stands: then the first
+    next one makes up for it. With ``blind`` the tip's place is unknown: then the first
     command gives Z alone and the second X and Y.
 
     Raises
@@ -180,24 +155,24 @@ def tabulate(
         When one move pushes more than E can hold.
     """
     digits = decimals_for(printer)
-    quanta = _quanta(stops.position, digits)
+    quanta = _quanta(commands.position, digits)
     changed = np.diff(quanta, axis=0, prepend=reached.quanta[None]) != 0
     if blind:
         changed[0] = [False, False, True, False]
         changed[1] = [True, True, False, False]
-    dwells = (stops.code == _DWELL) & (np.rint(stops.pause_s * 1e3) > 0)
+    dwells = (commands.code == DWELL) & (np.rint(commands.pause_s * 1e3) > 0)
     kept = changed.any(axis=1) | dwells
-    stops, changed = stops.where(kept), changed[kept]
-    value = np.zeros((len(stops.code), 6), dtype=np.int64)
-    given = np.zeros((len(stops.code), 6), dtype=np.bool_)
+    commands, changed = commands.where(kept), changed[kept]
+    value = np.zeros((len(commands.code), 6), dtype=np.int64)
+    given = np.zeros((len(commands.code), 6), dtype=np.bool_)
     value[:, :4], given[:, :4] = quanta[kept], changed
-    value[:, _F] = _feeds(stops, reached, printer, digits)
-    moves = np.flatnonzero(stops.code != _DWELL)
+    value[:, _F] = _feeds(commands, reached, printer, digits)
+    moves = np.flatnonzero(commands.code != DWELL)
     given[moves, _F] = np.diff(value[moves, _F], prepend=reached.feed) != 0
-    value[:, _P] = np.rint(stops.pause_s * 1e3).astype(np.int64)
-    given[:, _P] = stops.code == _DWELL
+    value[:, _P] = np.rint(commands.pause_s * 1e3).astype(np.int64)
+    given[:, _P] = commands.code == DWELL
     feed = int(value[moves[-1], _F]) if len(moves) else reached.feed
-    table, base = Table(stops.code, value, given, stops.source, stops.move), 0
+    table, base = Table(commands.code, value, given, commands.source, commands.move), 0
     if not printer.pneumatic and dialect_of(printer).counts_anew:
         table, base = _counted_anew(table, reached, digits)
     return table, JobPosition(quanta[-1] if len(quanta) else reached.quanta, feed, base)
@@ -231,7 +206,9 @@ def _scale(digits: Decimals) -> FloatArray:
     return 10.0 ** np.array([digits.x, digits.y, digits.z, digits.e])
 
 
-def _feeds(stops: Stops, reached: JobPosition, printer: Printer, digits: Decimals) -> IntArray:
+def _feeds(
+    commands: MachineMoves, reached: JobPosition, printer: Printer, digits: Decimals
+) -> IntArray:
     """F of each command in its last digit, never above an axis' limit.
 
     A move steep in Z or rich in ink goes slower as a whole, so its path and its ink per length
@@ -239,7 +216,7 @@ def _feeds(stops: Stops, reached: JobPosition, printer: Printer, digits: Decimal
     down, but never to nothing.
     """
     scale = _scale(digits)
-    written = np.diff(_quanta(stops.position, digits), axis=0, prepend=reached.quanta[None])
+    written = np.diff(_quanta(commands.position, digits), axis=0, prepend=reached.quanta[None])
     change = np.abs(written) / scale
     length = np.linalg.norm(change[:, :3], axis=1)
     # Where only the plunger moves, F is the plunger's.
@@ -247,7 +224,7 @@ def _feeds(stops: Stops, reached: JobPosition, printer: Printer, digits: Decimal
     with np.errstate(divide="ignore", invalid="ignore"):
         limit = per_axis(printer.max_speed_mm_s) * length[:, None] / change
     limit[change == 0] = np.inf
-    speed = np.minimum(stops.speed_mm_s, limit.min(axis=1))
+    speed = np.minimum(commands.speed_mm_s, limit.min(axis=1))
     dialect = dialect_of(printer)
     quanta = np.floor(speed * dialect.feed_s * 10.0**dialect.feed_decimals * (1 + 1e-9))
     return np.maximum(quanta, 1).astype(np.int64)
@@ -259,16 +236,16 @@ def _counted_anew(table: Table, reached: JobPosition, digits: Decimals) -> tuple
     Only whole millimetres are taken away: whole motor steps on a printer with whole steps per
     mm, so that the firmware's own rounding loses nothing either.
     """
-    travel = np.append(reached.quanta[_E], table.value[:, _E])
+    travel = np.append(reached.quanta[E_WORD], table.value[:, E_WORD])
     rows, bases = _rebase(travel, reached.base, digits)
     value = table.value.copy()
     taken = np.zeros(len(value), dtype=np.int64)
     taken[:1] = reached.base
     taken[rows] += np.diff(bases, prepend=reached.base)
-    value[:, _E] -= np.cumsum(taken)
-    shifted = Table(table.code, value, table.given, table.source, table.move)
+    value[:, E_WORD] -= np.cumsum(taken)
+    shifted = replace(table, value=value)
     words = np.zeros((len(rows), 4), dtype=np.int64)
-    words[:, _E] = travel[rows] - bases
+    words[:, E_WORD] = travel[rows] - bases
     counted = _with_sets(shifted, rows, words, position=False, plunger=True)
     return counted, int(bases[-1]) if len(bases) else reached.base
 
@@ -279,7 +256,7 @@ def _rebase(travel: IntArray, base: int, digits: Decimals) -> tuple[IntArray, In
     ``travel`` (n + 1,) is the plunger's before the first row and after each. A long push leaves E
     above the limit: its last digit is lost, which is little of so large a dose.
     """
-    limit, whole = digits.e_limit_quanta, 10**digits.e
+    limit, whole = FLOAT32_WHOLE, 10**digits.e
     rows: list[int] = []
     bases: list[int] = []
     row = 0
@@ -305,7 +282,7 @@ def _with_sets(
     """Insert G92 lines before ``rows`` with X, Y, Z, E of ``words`` (r, 4)."""
     value = np.pad(words, ((0, 0), (0, 2)))
     given = np.zeros((len(rows), 6), dtype=np.bool_)
-    given[:, _E] = plunger
+    given[:, E_WORD] = plunger
     given[:, [_X, _Y, _Z]] = position
     return Table(
         np.insert(table.code, rows, _SET),
@@ -322,9 +299,10 @@ def _with_sets(
 # exact and nothing depends on how floats are printed.
 
 Bytes = NDArray[np.uint8]
-CHUNK: Final = 65_536
-#: Longest text of a row: six words of a blank, a letter, sign, 19 digits and point; G and end.
-ROW_BYTES: Final = 160
+CHUNK: Final = 2**16
+"""Rows rendered at a time: a buffer of 10 MB."""
+ROW_BYTES: Final = len(WORDS) * len(" X-0.123456789012345678") + len("G92\n")
+"""Longest text of a row: each word a blank, a letter, a sign, 19 digits and a point."""
 
 
 @jit

@@ -11,12 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from design.errors import ToolpathError
 from design.files import atomic_replacement
-from design.toolpath.gcode.heads import HeadsWriter
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.writer import Writer
 from design.toolpath.toolpath import Toolpath
 from firmware_profiles import Printer, Syringe
-from kernels.arrays import FloatArray
 
 
 def write_gcode(
@@ -37,10 +35,10 @@ def write_gcode(
     job may be interrupted (`design.toolpath.gcode.marks`).
 
     A pneumatic head's job has no E: a valve opens before each written path and closes after it,
-    and the speed of each move follows from the flow (`design.toolpath.gcode.writer`).
+    and the speed of each move follows from the flow (`design.toolpath.gcode.pneumatic`).
 
     Of several heads the toolpath says which makes each move, the options what each holds; how they
-    are changed says `design.toolpath.gcode.heads`.
+    are changed says `design.toolpath.gcode.writer`.
 
     Parameters
     ----------
@@ -90,21 +88,16 @@ def stream_gcode(
         As `write_gcode`; when no part comes, or one goes above ``top_mm``.
     """
     place = np.asarray(place_mm, dtype=np.float64)
-    _check_place(place)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise ToolpathError(f"place_mm is {place}; give three finite numbers, mm")
     parts = iter(toolpaths)
     ahead = next(parts, None)
     if ahead is None:
         raise ToolpathError("the toolpath has no moves; there is nothing to write")
-    kind = HeadsWriter if printer.heads else Writer
-    writer = kind(printer, syringe, place, options or GcodeOptions(), top_mm)
+    writer = Writer(printer, syringe, place, options or GcodeOptions(), top_mm)
     while ahead is not None:
         part, ahead = ahead, next(parts, None)
         yield writer.write(part, last=ahead is None)
-
-
-def _check_place(place: FloatArray) -> None:
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise ToolpathError(f"place_mm is {place}; give three finite numbers, mm")
 
 
 # Save a print job: stream its G-code to a file, and the map of its lines to design parts.

@@ -1,19 +1,41 @@
-"""Class that writes a one-head job's G-code part by part, keeping position and plunger state."""
+"""Write a job's G-code part by part, for one head or several: tip offsets, changes of head.
+
+The toolpath says which head makes each move; its places are the tip's. What is written is the
+carriage's place, the tip's less the head's offset (`firmware_profiles.Head.offset_mm`): the header
+tells the firmware to add none, since an offset that is counted twice drives a needle into the dish.
+
+A change of head is always the same: relieve the plunger where the toolpath hasn't, straight up
+until every tip, lowered ones too, is above all that the job writes (and above the dish's wall,
+`safe_z_mm`); there wait, raise the old head, choose the new one, count E from where its own plunger
+stands, lower it; across, straight down to where its first move begins, prime. The toolpath's own
+travels of the new head before that move are left out. A ``;RELOAD`` mark stands where the old head
+is up and relieved: nothing presses in any syringe there.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import ToolpathError
-from design.toolpath.gcode.commands import Stops, join_stops, per_axis, plunger_mm_per_ul, stops
-from design.toolpath.gcode.job import Gcode, GcodeOptions
-from design.toolpath.gcode.marks import Context, Marks, marks_of
+from design.toolpath.gcode.commands import (
+    TRAVEL,
+    WITH_PLUNGER,
+    MachineMoves,
+    machine_moves,
+    plunger_mm_per_ul,
+)
+from design.toolpath.gcode.job import Gcode, GcodeOptions, HeadLoad
+from design.toolpath.gcode.marks import Marks, in_order, marks_of
+from design.toolpath.gcode.pneumatic import at_flow, valve_lines
 from design.toolpath.gcode.table import (
+    E_WORD,
     JobPosition,
     Table,
+    counted_from,
     decimals_for,
     declare_position,
     dialect_of,
@@ -22,12 +44,80 @@ from design.toolpath.gcode.table import (
     tabulate,
 )
 from design.toolpath.toolpath import MoveKind, Toolpath
-from firmware_profiles import Pneumatic, Printer, Syringe
-from firmware_profiles.families.dialect import Dialect
-from kernels.arrays import FloatArray
+from firmware_profiles import Head, Printer, Syringe
+from kernels.arrays import FloatArray, IntArray
 
-#: Room that the link needs on each line: a number, ``N1234567 ``, and a checksum, ``*255``.
-LINK_BYTES = 13
+LINK_BYTES: Final = len("N1234567 ") + len("*255")
+"""What the link adds to each line: a number and a checksum."""
+ROUNDING_MM: Final = 1e-9
+
+
+@dataclass
+class HeadState:
+    """One head, and how far its plunger has come."""
+
+    number: int
+    printer: Printer  # as if it were the only one (`Printer.of_head`)
+    load: HeadLoad
+    head: Head | None  # how it is chosen, raised and lowered; None for a printer of one head
+    pushed_ul: float = 0.0  # µL, what its toolpath has pushed
+    quantum: int = 0  # its plunger's travel as written
+    base: int = 0  # what E's counting anew has taken off it
+    relieved: bool = True  # nothing presses: it has pushed nothing yet, or was relieved since
+    owed_ul: float = 0.0  # µL, relief put in here, to be primed when the head comes back
+
+    @property
+    def offset(self) -> FloatArray:
+        """Of its tip from the first head's, (3,), mm."""
+        return np.zeros(3) if self.head is None else np.array(self.head.offset_mm.mm)
+
+    @property
+    def per_ul(self) -> float:
+        """Plunger travel per volume, mm/µL."""
+        return plunger_mm_per_ul(self.printer, self.load.syringe)
+
+    @property
+    def plunger_mm(self) -> float:
+        """Where its plunger stands, from the job's begin."""
+        return self.pushed_ul * self.per_ul / self.load.flow_factor - self.owed_ul * self.per_ul
+
+    def select(self) -> list[str]:
+        """Command that chooses it."""
+        return [] if self.head is None else [self.head.select]
+
+    def moved(self, *, to_raise: bool) -> list[str]:
+        """Raise or lower it with the motors standing, and wait; nothing where it is fixed."""
+        if self.head is None:
+            return []
+        command = self.head.raises if to_raise else self.head.lowers
+        if command is None:
+            return ["M400"] if to_raise else []
+        wait = [f"G4 P{np.ceil(self.head.moving_s * 1e3):.0f}"] if self.head.moving_s > 0 else []
+        return ["M400", command, *wait]
+
+    def reached(self, at: JobPosition) -> JobPosition:
+        """``at``, with this head's plunger in place of another's."""
+        quanta = at.quanta.copy()
+        quanta[E_WORD] = self.quantum
+        return replace(at, quanta=quanta, base=self.base)
+
+
+@dataclass
+class _Lines:
+    """A part's table rows as they gather, and the commands between them that are no rows."""
+
+    tables: list[Table] = field(default_factory=list)
+    row: list[int] = field(default_factory=list)
+    text: list[str] = field(default_factory=list)
+    rows: int = 0
+
+    def add(self, table: Table) -> None:
+        self.tables.append(table)
+        self.rows += len(table.code)
+
+    def insert(self, *texts: str) -> None:
+        self.row += [self.rows] * len(texts)
+        self.text += texts
 
 
 class Writer:
@@ -42,6 +132,12 @@ class Writer:
     options : GcodeOptions
     top_mm : float, mm
         Highest that the tip goes, in the part's frame.
+
+    Raises
+    ------
+    ToolpathError
+        When the options don't say what each of several heads holds, or the axis ends too low for a
+        change of head.
     """
 
     def __init__(
@@ -52,20 +148,38 @@ class Writer:
         options: GcodeOptions,
         top_mm: float,
     ) -> None:
-        self._printer, self._syringe = printer, syringe
-        self._place, self._options = place_mm, options
+        self._place, self._options, self._syringe = place_mm, options, syringe
         self._path_top = top_mm + float(place_mm[2])
-        cleared = min(self._path_top + options.clearance_mm, printer.z_mm.high)
-        self._top = max(cleared, self._path_top)
+        self._heads = _heads(printer, syringe, options)
+        # The finest plunger's digits for all, so that one job has one writing of E.
+        finest = max(one.printer.steps_per_mm.e for one in self._heads)
+        steps = printer.steps_per_mm.model_copy(update={"e": finest})
+        self._printer = printer.model_copy(update={"steps_per_mm": steps})
         self._dialect = dialect_of(printer)
+        self._top = self._travel_height(printer)
+        self._active = self._heads[0]
         self._begin: JobPosition | None = None
-        self._reached: JobPosition | None = None
-        self._pushed_ul = 0.0
+        self._reached: JobPosition
         self._moves = 0
         self._source: int | None = None
 
+    def _travel_height(self, printer: Printer) -> float:
+        """Return the height of ways in, out and between heads; all lowered tips clear the part."""
+        clear = self._path_top + self._options.clearance_mm
+        if not printer.heads:
+            return max(min(clear, printer.z_mm.high), self._path_top)
+        safe = max(clear, self._options.safe_z_mm or -np.inf)
+        lowest = min(float(one.offset[2]) for one in self._heads)
+        if safe - lowest > printer.z_mm.high + ROUNDING_MM:
+            raise ToolpathError(
+                f"heads are changed with the carriage at {safe - lowest:g} mm, so that every tip "
+                f"is above {safe:g} mm; {printer.name} ends at {printer.z_mm.high:g} mm (z_mm); "
+                "set the part lower, or take a lower dish"
+            )
+        return safe - lowest
+
     def write(self, toolpath: Toolpath, *, last: bool) -> Gcode:
-        """Lines of the next part; the ``last`` one ends the job.
+        """Write the next part; the ``last`` one ends the job.
 
         Raises
         ------
@@ -73,81 +187,162 @@ class Writer:
             As `stream_gcode`.
         """
         self._check(toolpath)
-        begin, reached = self._where(toolpath)
-        first = reached is begin
-        commands = self._stops(toolpath, first=first, last=last)
-        blind = first and self._options.start_mm is None
-        table, self._reached = tabulate(commands, reached, self._printer, blind=blind)
+        first, lines = self._begin is None, _Lines()
+        runs = self._runs(toolpath, chosen=not first)
         if first:
-            declares = not blind and not self._dialect.declares
-            plunger = self._printer.pneumatic is None
-            table = declare_position(table, begin, position=declares, plunger=plunger)
-        marks = self._marks(toolpath, table, last=last)
-        gcode = self._rendered(toolpath, table, marks)
-        self._remember(toolpath)
-        return self._framed(gcode, begin, first=first, last=last)
+            self._begin = self._set_out(toolpath, runs[0], lines)
+        for number, rows in runs:
+            if number != self._active.number:
+                self._change(self._heads[number], toolpath.start[rows[0]], lines)
+            self._write_run(toolpath, rows, lines)
+        if last:
+            self._leave(lines)
+        gcode = self._rendered(toolpath, lines, last=last)
+        self._moves += len(toolpath)
+        writes = np.flatnonzero(toolpath.kind == MoveKind.WRITE)
+        if len(writes):
+            self._source = int(toolpath.source[writes[-1]])
+        return self._framed(gcode, first=first, last=last)
 
     def _check(self, toolpath: Toolpath) -> None:
-        heads = np.unique(toolpath.tool)
-        if len(heads) > 1:
+        tools = np.unique(toolpath.tool)
+        if not self._printer.heads and len(tools) > 1:
             raise ToolpathError(
-                f"toolpath uses heads {heads.tolist()}; {self._printer.name} has one: take a "
+                f"toolpath uses heads {tools.tolist()}; {self._printer.name} has one: take a "
                 "printer whose profile names heads"
             )
-        self._check_height(toolpath)
-
-    def _check_height(self, toolpath: Toolpath) -> None:
+        unknown = np.setdiff1d(tools, np.arange(len(self._heads)))
+        if self._printer.heads and len(unknown):
+            raise ToolpathError(
+                f"toolpath uses head {int(unknown[0])}; {self._printer.name} has "
+                f"{len(self._heads)} (heads)"
+            )
         highest = float(toolpath.end[:, 2].max()) + float(self._place[2])
-        if highest > self._path_top + 1e-9:
+        if highest > self._path_top + ROUNDING_MM:
             raise ToolpathError(
                 f"{toolpath.source_kind} {int(toolpath.source[-1])} goes up to {highest:g} mm, "
                 f"above the {self._path_top:g} mm that the job was begun for (top_mm)"
             )
 
-    def _where(self, toolpath: Toolpath) -> tuple[JobPosition, JobPosition]:
-        """The job's begin, and where it stands now."""
-        if self._begin is None or self._reached is None:
-            place = begin_of(toolpath.start[0] + self._place, self._options)
-            self._begin = self._reached = JobPosition.at(place, self._printer)
-        return self._begin, self._reached
+    def _runs(self, toolpath: Toolpath, *, chosen: bool) -> list[tuple[int, IntArray]]:
+        """Heads in turn, with the rows that each writes."""
+        if not self._printer.heads:
+            return [(0, np.arange(len(toolpath)))]
+        return list(_runs_of_heads(toolpath, self._active.number if chosen else None))
 
-    def _stops(self, toolpath: Toolpath, *, first: bool, last: bool) -> Stops:
-        """Commands of a part, with the ways in and out at the job's ends."""
-        printer, syringe, place, options = self._printer, self._syringe, self._place, self._options
-        body = stops(toolpath, printer, syringe, place, options.flow_factor, self._pushed_ul)
-        if printer.pneumatic:
-            body = at_flow(body, toolpath, printer, place, options)
-        parts = [body]
-        if first:
-            start = toolpath.start[0] + place
-            parts.insert(
-                0, approach_commands(begin_of(start, options), start, self._top, printer, options)
-            )
-        if last:
-            parts.append(
-                departure_commands(body.position[-1], self._top, printer, syringe, options)
-            )
-        return join_stops(parts)
+    # -- parts of a job
 
-    def _marks(self, toolpath: Toolpath, table: Table, *, last: bool) -> Marks:
-        marks = marks_of(toolpath, table, Context(self._source, last))
-        marks = marks.begun_by(self._dialect.comment)
-        head, doses = self._printer.pneumatic, self._options.standing_doses
-        if head is None:
-            return marks
-        return valve_lines(toolpath, table, head, marks, self._dialect, standing_doses=doses)
+    def _set_out(self, toolpath: Toolpath, run: tuple[int, IntArray], lines: _Lines) -> JobPosition:
+        """Go to the first point and return where the job begins.
 
-    def _rendered(self, toolpath: Toolpath, table: Table, marks: Marks) -> Gcode:
-        digits, dialect = decimals_for(self._printer), self._dialect
-        table = replace(table, code=np.where(table.code == 0, dialect.travels, table.code))
+        All but the first head are raised; the first is lowered, as it was touched off so. The way
+        goes straight up or down, across, and down where the first head writes first; a change of
+        head goes down itself. Where the tip's place is unknown, one beside the first point gives
+        the moves a direction.
+        """
+        number, rows = run
+        options = self._options
+        to = toolpath.start[rows[0]] + self._place - self._heads[number].offset
+        blind = options.start_mm is None
+        start = np.append(to - 1.0 if options.start_mm is None else options.start_mm, 0.0)
+        begin = JobPosition.at(start, self._printer)
+        first = self._heads[0]
+        for one in self._heads[1:]:
+            lines.insert(*one.moved(to_raise=True))
+        lines.insert(*first.select(), *first.moved(to_raise=False))
+        high = self._top if blind else max(self._top, float(start[2]))
+        end = np.append(to, 0.0)
+        way = [self._rise(start, high, first), self._across(end, high, first)]
+        if number == 0:
+            way.append(self._rise(end, end[2], first))
+        table, self._reached = tabulate(MachineMoves.joined(way), begin, self._printer, blind=blind)
+        declares = not blind and not self._dialect.declares
+        plunger = self._printer.pneumatic is None
+        lines.add(declare_position(table, begin, position=declares, plunger=plunger))
+        return begin
+
+    def _change(self, new: HeadState, first_mm: FloatArray, lines: _Lines) -> None:
+        """Leave the head in use, take ``new``, and go to where its first move begins."""
+        self._leave(lines)
+        old, self._active = self._active, new
+        reload = [f"{self._dialect.comment}RELOAD"] if old.pushed_ul else []
+        lines.insert(*reload, *old.moved(to_raise=True), *new.select())
+        table, at = counted_from(new.reached(self._reached), self._printer)
+        lines.add(table)
+        lines.insert(*new.moved(to_raise=False))
+        to = np.append(first_mm + self._place - new.offset, new.plunger_mm)
+        way = [self._across(to, self._top, new), self._rise(to, to[2], new)]
+        if new.owed_ul:
+            primed = to + [0.0, 0.0, 0.0, new.owed_ul * new.per_ul]
+            way.append(MachineMoves.to(primed, new.load.plunger_ul_s * new.per_ul, WITH_PLUNGER))
+            new.owed_ul = 0.0
+        self._add(MachineMoves.joined(way), at, lines)
+
+    def _write_run(self, toolpath: Toolpath, rows: IntArray, lines: _Lines) -> None:
+        """Add moves of the head in use."""
+        one, part = self._active, toolpath
+        if len(rows) < len(toolpath):
+            part = toolpath.where(rows)
+        place, load = self._place - one.offset, one.load
+        body = machine_moves(
+            part, one.printer, load.syringe, place, load.flow_factor, one.pushed_ul
+        )
+        if self._printer.pneumatic:
+            body = at_flow(body, part, self._printer, place, self._options)
+        self._add(replace(body, move=rows[body.move]), one.reached(self._reached), lines)
+        one.pushed_ul = float(np.cumsum(np.append(one.pushed_ul, part.volume_ul))[-1])
+        doses = np.flatnonzero(part.volume_ul)
+        if one.head is None:  # a job of one head always relieves at its end
+            one.relieved = False
+        elif len(doses):
+            one.relieved = bool(part.kind[doses[-1]] == MoveKind.RETRACT)
+
+    def _leave(self, lines: _Lines) -> None:
+        """Relieve the plunger, where it presses, and go straight up."""
+        one = self._active
+        at = _with(self._reached.position(self._printer), E_WORD, one.plunger_mm)
+        way: list[MachineMoves] = []
+        if not one.relieved and one.load.relieve_ul > 0:
+            one.owed_ul, one.relieved = one.load.relieve_ul, True
+            at = _with(at, E_WORD, one.plunger_mm)
+            way.append(MachineMoves.to(at, one.load.plunger_ul_s * one.per_ul, WITH_PLUNGER))
+        way.append(self._rise(at, self._top, one))
+        self._add(MachineMoves.joined(way), one.reached(self._reached), lines)
+
+    def _rise(self, place: FloatArray, z_mm: float, one: HeadState) -> MachineMoves:
+        """Straight up or down at a place, (4,)."""
+        speed = min(self._options.travel_speed_mm_s, one.printer.max_speed_mm_s.z)
+        return MachineMoves.to(_with(place, 2, z_mm), speed, TRAVEL)
+
+    def _across(self, place: FloatArray, z_mm: float, one: HeadState) -> MachineMoves:
+        """Level, to above a place, (4,)."""
+        limits = one.printer.max_speed_mm_s
+        speed = min(self._options.travel_speed_mm_s, limits.x, limits.y)
+        return MachineMoves.to(_with(place, 2, z_mm), speed, TRAVEL)
+
+    def _add(self, commands: MachineMoves, at: JobPosition, lines: _Lines) -> None:
+        """Add rows of the head in use, whose plunger's limits hold for them."""
+        one = self._active
+        own = self._printer.model_copy(update={"max_speed_mm_s": one.printer.max_speed_mm_s})
+        table, self._reached = tabulate(commands, at, own)
+        lines.add(table)
+        one.quantum, one.base = int(self._reached.quanta[E_WORD]), self._reached.base
+
+    # -- text
+
+    def _rendered(self, toolpath: Toolpath, lines: _Lines, *, last: bool) -> Gcode:
+        dialect, table = self._dialect, Table.joined(lines.tables)
+        marks = self._with_marks(toolpath, table, lines, last=last)
+        digits = decimals_for(self._printer)
+        table = replace(table, code=np.where(table.code == TRAVEL, dialect.travels, table.code))
         times = (dialect.feed_decimals, dialect.dwell_decimals)
         places = (digits.x, digits.y, digits.z, digits.e, *times)
         text, longest = render(table, places, dialect.words)
-        room = self._printer.max_line_bytes
-        if longest > room - LINK_BYTES:
+        most = self._printer.max_line_bytes
+        if longest > most - LINK_BYTES:
             raise ToolpathError(
                 f"a G-code line of {longest} bytes leaves no room for number and checksum within "
-                f"{room} bytes (profile {self._printer.name!r}: max_line_bytes); use a printer "
+                f"{most} bytes (profile {self._printer.name!r}: max_line_bytes); use a printer "
                 "with longer lines"
             )
         source, move = (np.insert(of, marks.row, -1) for of in (table.source, table.move))
@@ -155,238 +350,79 @@ class Writer:
         move[move >= 0] += self._moves
         return Gcode(marks.put_into(text), source, move, kind, toolpath.source_kind)
 
-    def _remember(self, toolpath: Toolpath) -> None:
-        self._pushed_ul = float(np.cumsum(np.append(self._pushed_ul, toolpath.volume_ul))[-1])
-        self._moves += len(toolpath)
-        writes = np.flatnonzero(toolpath.kind == MoveKind.WRITE)
-        if len(writes):
-            self._source = int(toolpath.source[writes[-1]])
+    def _with_marks(self, toolpath: Toolpath, table: Table, lines: _Lines, *, last: bool) -> Marks:
+        """Return all lines that are no rows; marks come before the lines of a change of head."""
+        marks = marks_of(toolpath, table, self._source, last=last, comment=self._dialect.comment)
+        head, doses = self._printer.pneumatic, self._options.standing_doses
+        if head is not None:
+            return valve_lines(toolpath, table, head, marks, self._dialect, standing_doses=doses)
+        return in_order(marks, Marks(np.array(lines.row, np.int64), lines.text))
 
-    def _framed(self, gcode: Gcode, begin: JobPosition, *, first: bool, last: bool) -> Gcode:
+    def _framed(self, gcode: Gcode, *, first: bool, last: bool) -> Gcode:
         """Put the dialect's header before the first part, its footer behind the last."""
-        known = self._options.start_mm is not None
-        start = place_text(begin, self._printer) if known else None
-        header = self._dialect.header(self._printer, start) if first else []
-        footer = self._dialect.footer() if last else []
-        around = (len(header), len(footer))
+        header, footer = b"", b""
+        if first and self._begin is not None:
+            known = self._options.start_mm is not None
+            start = place_text(self._begin, self._printer) if known else None
+            header = _text_of(self._dialect.header(self._printer, start))
+        if last:
+            footer = _text_of(self._dialect.footer())
+        around = (header.count(b"\n"), footer.count(b"\n"))
         return replace(
             gcode,
-            data=_lines(header) + gcode.data + _lines(footer),
+            data=header + gcode.data + footer,
             line_source=np.pad(gcode.line_source, around, constant_values=-1),
             line_move=np.pad(gcode.line_move, around, constant_values=-1),
             line_kind=np.pad(gcode.line_kind, around, constant_values=-1),
         )
 
 
-def _lines(texts: list[str]) -> bytes:
-    return "".join(f"{line}\n" for line in texts).encode()
+def _heads(printer: Printer, syringe: Syringe, options: GcodeOptions) -> list[HeadState]:
+    """Each head with what it holds: the same in all, where the options name none."""
+    load = HeadLoad(syringe, options.flow_factor, options.relieve_ul, options.plunger_ul_s)
+    if not printer.heads:
+        return [HeadState(0, printer, load, None)]
+    loads = options.heads or (load,) * printer.head_count
+    if len(loads) != printer.head_count:
+        raise ToolpathError(
+            f"{printer.name} has {printer.head_count} heads, and {len(loads)} are said to "
+            "hold something (options: heads); say it of each"
+        )
+    return [
+        HeadState(number, printer.of_head(number), own, head)
+        for number, (head, own) in enumerate(zip(printer.heads, loads, strict=True))
+    ]
 
 
-# Make the commands that travel to a toolpath's first point, and away from its last.
+def _runs_of_heads(toolpath: Toolpath, active: int | None) -> Iterator[tuple[int, IntArray]]:
+    """Rows of each head in turn, without the travels that only lead to a new head's first move.
 
-
-def begin_of(first: FloatArray, options: GcodeOptions) -> FloatArray:
-    """X, Y, Z and plunger before the first command, (4,) mm.
-
-    Made up where nobody knows: any other place than ``first`` (3,) does, it only gives the moves a
-    direction.
+    A travel alone is no reason to change: one that is another head's is made by the head in use,
+    unless that other head's first move follows it.
     """
-    return np.append(first - 1.0 if options.start_mm is None else options.start_mm, 0.0)
+    works = toolpath.kind != MoveKind.TRAVEL
+    kept: list[int] = []
+    leading: list[int] = []
+    for row, (tool, work) in enumerate(zip(toolpath.tool.tolist(), works.tolist(), strict=True)):
+        if active is None:
+            active = tool
+        if tool == active:
+            kept += [*leading, row]
+        elif work:
+            if kept:
+                yield active, np.array(kept, dtype=np.int64)
+            kept, active = [row], tool
+        leading = [*leading, row] if tool != active else []
+    if active is not None and kept + leading:
+        yield active, np.array(kept + leading, dtype=np.int64)
 
 
-def approach_commands(
-    begin: FloatArray, first: FloatArray, top: float, printer: Printer, options: GcodeOptions
-) -> Stops:
-    """Straight up or down to ``top``, across, and down to ``first`` (3,): three commands."""
-    high = top if options.start_mm is None else max(top, float(begin[2]))
-    limits = printer.max_speed_mm_s
-    level = min(options.travel_speed_mm_s, limits.x, limits.y)
-    rise, to = min(options.travel_speed_mm_s, limits.z), np.append(first, 0.0)
-    return join_stops(
-        [
-            Stops.to(at_height(begin, high), rise, 0),
-            Stops.to(at_height(to, high), level, 0),
-            Stops.to(to, rise, 0),
-        ]
-    )
-
-
-def departure_commands(
-    last: FloatArray, top: float, printer: Printer, syringe: Syringe, options: GcodeOptions
-) -> Stops:
-    """Relieve the plunger at ``last`` (4,) and go straight up to ``top``: two commands."""
-    per_ul = plunger_mm_per_ul(printer, syringe)
-    relieved = last - [0.0, 0.0, 0.0, options.relieve_ul * per_ul]
-    rise = min(options.travel_speed_mm_s, printer.max_speed_mm_s.z)
-    return join_stops(
-        [
-            Stops.to(relieved, options.plunger_ul_s * per_ul, 1),
-            Stops.to(at_height(relieved, top), rise, 0),
-        ]
-    )
-
-
-def at_height(position: FloatArray, z_mm: float) -> FloatArray:
-    """The same place, (4,), at another height."""
+def _with(position: FloatArray, axis: int, value_mm: float) -> FloatArray:
+    """Return the place (4,) with another value of one axis."""
     moved = position.copy()
-    moved[2] = z_mm
+    moved[axis] = value_mm
     return moved
 
 
-# Adapt G-code to a pneumatic head: feed rates that suit its flow, valve commands.
-#
-# The pressure fixes the flow Q, so a move of length l that is to lay the volume V must take V/Q:
-# its speed is Q l/V, whatever the toolpath asked for. The valve opens and closes while the head
-# stands (M400, or the dialect's own wait, before each), and the head waits for the valve's delay
-# after each: ink flows before the first move begins, and no more when the needle leaves. What flows
-# while the valve closes is laid on the spot. Primes and retractions are left out: there is no
-# plunger to relieve, a closed valve takes the pressure off.
-
-_DWELL = 4
-_TOLERANCE = 1e-9
-
-
-def at_flow(
-    stops: Stops, toolpath: Toolpath, printer: Printer, place_mm: FloatArray, options: GcodeOptions
-) -> Stops:
-    """Give each writing command the speed at which the flow lays its volume.
-
-    Parameters
-    ----------
-    stops : Stops
-        Of the toolpath alone.
-    toolpath : Toolpath
-    printer : Printer
-    place_mm : (3,) float64, mm
-        From the part's frame to the printer's.
-    options : GcodeOptions
-        The flow, the ink's speeds, and whether primes are doses.
-
-    Raises
-    ------
-    ToolpathError
-        Where a speed is beyond what an axis or the ink bears; names layer or vessel, and place.
-    """
-    flow = _flow(printer, options)
-    kind = toolpath.kind[stops.move]
-    writes = kind == MoveKind.WRITE
-    laid = np.where(toolpath.kind == MoveKind.WRITE, toolpath.volume_ul, 0.0).cumsum()
-    volume = np.diff(laid[stops.move], prepend=0.0)
-    way = _written_way(stops, printer, toolpath.start[0] + place_mm)
-    length = np.linalg.norm(way, axis=1)
-    _refuse_dry(toolpath, stops, writes & (length > 0) & (volume <= 0))
-    speed = stops.speed_mm_s.copy()
-    np.divide(flow * length, volume, out=speed, where=writes & (volume > 0))
-    _refuse_beyond(toolpath, printer, replace(stops, speed_mm_s=speed), way, options)
-    if not options.standing_doses:
-        return replace(stops, speed_mm_s=speed)
-    doses = kind == MoveKind.PRIME
-    return replace(
-        stops,
-        speed_mm_s=speed,
-        code=np.where(doses, _DWELL, stops.code),
-        pause_s=np.where(doses, toolpath.duration_s[stops.move], stops.pause_s),
-    )
-
-
-def _flow(printer: Printer, options: GcodeOptions) -> float:
-    if options.flow_ul_s is None:
-        raise ToolpathError(
-            f"{printer.name} has a pneumatic head, and nobody said its flow (flow_ul_s, µL/s): "
-            "give it, measured or foreseen (firmware_profiles.steady_flow)"
-        )
-    return options.flow_ul_s
-
-
-def _written_way(stops: Stops, printer: Printer, first: FloatArray) -> FloatArray:
-    """Way of each command as its text will say it, (n, 3): rounding is part of the length."""
-    digits = decimals_for(printer)
-    scale = 10.0 ** np.array([digits.x, digits.y, digits.z])
-    return np.diff(np.rint(np.vstack([first, stops.position[:, :3]]) * scale), axis=0) / scale
-
-
-def _of(toolpath: Toolpath, move: int) -> str:
-    x, y, z = toolpath.end[move].tolist()
-    number = int(toolpath.source[move])
-    return f"{toolpath.source_kind} {number}, to ({x:.3f}, {y:.3f}, {z:.3f}) mm of the part"
-
-
-def _refuse_dry(toolpath: Toolpath, stops: Stops, dry: NDArray[np.bool_]) -> None:
-    if dry.any():
-        raise ToolpathError(
-            f"{_of(toolpath, int(stops.move[dry.argmax()]))} writes without ink; a pneumatic head "
-            "lays ink whenever it writes: make it a travel"
-        )
-
-
-def _refuse_beyond(
-    toolpath: Toolpath,
-    printer: Printer,
-    stops: Stops,
-    way: FloatArray,
-    options: GcodeOptions,
-) -> None:
-    """Speeds that an axis or the ink doesn't bear; the first of each sort is named."""
-    length = np.linalg.norm(way, axis=1)
-    writes = (toolpath.kind[stops.move] == MoveKind.WRITE) & (length > 0)
-    share = np.divide(np.abs(way), length[:, None], out=np.zeros_like(way), where=writes[:, None])
-    low, high = options.ink_speed_mm_s or (0.0, np.inf)
-    limits = [
-        (stops.speed_mm_s * share[:, k], 0.0, limit, f"max_speed_mm_s.{axis}")
-        for k, (axis, limit) in enumerate(
-            zip("xyz", per_axis(printer.max_speed_mm_s)[:3].tolist(), strict=True)
-        )
-    ]
-    for speed, least, most, key in [
-        *limits,
-        (stops.speed_mm_s, low, high, "the ink's write_speed_mm_s"),
-    ]:
-        wrong = writes & ((speed > most * (1 + _TOLERANCE)) | (speed < least * (1 - _TOLERANCE)))
-        if wrong.any():
-            row = int(wrong.argmax())
-            raise ToolpathError(
-                f"{_of(toolpath, int(stops.move[row]))}: at {options.flow_ul_s:.4g} µL/s it must "
-                f"be written at {stops.speed_mm_s[row]:.4g} mm/s; its {speed[row]:.4g} mm/s are "
-                f"outside {least:g} to {most:g} mm/s ({printer.name}: {key}), in "
-                f"{int(wrong.sum())} moves; change the pressure, the needle or the line's width"
-            )
-
-
-def valve_lines(
-    toolpath: Toolpath,
-    table: Table,
-    head: Pneumatic,
-    marks: Marks,
-    dialect: Dialect,
-    *,
-    standing_doses: bool,
-) -> Marks:
-    """The valve's commands and the marks, each before its row of the table.
-
-    The valve closes before a mark (where the job may be interrupted) and opens after it.
-    """
-    known = table.move >= 0
-    kind = np.where(known, toolpath.kind[np.maximum(table.move, 0)], -1)
-    doses = (kind == MoveKind.PRIME) & standing_doses
-    flows = (kind == MoveKind.WRITE) | doses
-    before, after = np.roll(flows, 1), np.roll(flows, -1)
-    before[:1], after[-1:] = False, False
-    interrupted = np.isin(np.arange(len(kind)), marks.row)
-    opens = np.flatnonzero(flows & (~before | doses | interrupted))
-    closes = np.flatnonzero(flows & (~after | doses | np.roll(interrupted, -1))) + 1
-    shut = _switch(head, dialect, to_open=False)
-    opened = _switch(head, dialect, to_open=True)
-    lines = [
-        *((row, 0, text) for row in closes.tolist() for text in shut),
-        *((row, 1, text) for row, text in zip(marks.row.tolist(), marks.text, strict=True)),
-        *((row, 2, text) for row in opens.tolist() for text in opened),
-    ]
-    lines.sort(key=lambda entry: entry[:2])
-    return Marks(np.array([row for row, _, _ in lines], np.int64), [text for *_, text in lines])
-
-
-def _switch(head: Pneumatic, dialect: Dialect, *, to_open: bool) -> list[str]:
-    """Wait for the motors, switch, wait for the valve."""
-    delay = head.opening_delay_s if to_open else head.closing_delay_s
-    pause = [dialect.dwell(delay)] if delay > 0 else []
-    return [dialect.waits, head.opens if to_open else head.closes, *pause]
+def _text_of(lines: list[str]) -> bytes:
+    return "".join(f"{line}\n" for line in lines).encode()

@@ -11,14 +11,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
-from design.toolpath.embedded.elements import STRAIGHT_MM, TAPER_STEP, elements_of, squares_of
+from design.toolpath.embedded.elements import CUTTING, elements_of, squares_of
 from design.toolpath.embedded.needle import (
     Needle,
     joint_reach,
     radius_at,
 )
-from design.toolpath.embedded.pass_order import CLIMB, broken_rules, fewest, shorten_travels
-from design.toolpath.embedded.rules import Rules, at_nodes, find_rules, touches, with_touches
+from design.toolpath.embedded.pass_order import TRAVEL, broken_rules, fewest, shorten_travels
+from design.toolpath.embedded.rules import (
+    Rules,
+    along_elements,
+    find_meetings,
+    find_rules,
+    touches,
+)
 from design.toolpath.embedded.schedule import Leg, Pass, schedule_passes
 from tests.design.networks import network, polyline, polylines
 from tests.design.toolpath.shapes import cage, helix, random_tree, ring
@@ -39,11 +45,12 @@ def parts_of(net, options=OPTIONS):
     shaft = options.tip_mm, options.shaft_mm, options.cone_mm, options.overlap_radii
     needle = Needle(bare, bare, *shaft)
     elements, found = elements_of(net, 0.1), touches(net, needle)
+    length = np.add.reduceat(elements.length, elements.first[:-1])
     return SimpleNamespace(
         elements=elements,
         squares=squares_of(elements, needle.shaft_mm),
         touches=found,
-        meetings=with_touches(at_nodes(net, elements), found, elements),
+        meetings=find_meetings(net.vessel_nodes, length, along_elements(found, elements)),
         needle=needle,
     )
 
@@ -85,7 +92,10 @@ def test_vessels_lie_within_2_um_of_elements_that_lose_no_length(net):
     for vessel in range(net.vessel_count):
         own = elements.end[elements.first[vessel] : elements.first[vessel + 1]]
         line = elements.point[np.append(own[:, 0], own[-1, 1])]
-        assert max(gap_to_line(p, line) for p in net.polyline(vessel)[0]) <= STRAIGHT_MM + 1e-12
+        assert (
+            max(gap_to_line(p, line) for p in net.polyline(vessel)[0])
+            <= CUTTING.straight_mm + 1e-12
+        )
 
 
 def test_radii_are_those_along_a_tapered_vessel_in_steps_of_at_most_5_percent():
@@ -95,7 +105,7 @@ def test_radii_are_those_along_a_tapered_vessel_in_steps_of_at_most_5_percent():
     expected = np.interp(arc, [0, 5, 7], [0.3, 0.1, 0.15])
     assert elements.radius == pytest.approx(expected, rel=1e-9)
     # Steps are equal in length, so the thin end's are somewhat more.
-    assert np.abs(np.diff(np.log(elements.radius), axis=1)).max() < 2.2 * TAPER_STEP
+    assert np.abs(np.diff(np.log(elements.radius), axis=1)).max() < 2.2 * CUTTING.taper_step
 
 
 def shaft_gap(places, needle):
@@ -261,7 +271,7 @@ def way_between(passes, elements):
         for e, s in zip(lines, steps, strict=True)
     ]
     return sum(
-        np.hypot(*(a - b)[:2]) + CLIMB * abs((a - b)[2]) for (_, a), (b, _) in pairwise(ends)
+        np.hypot(*(a - b)[:2]) + TRAVEL.climb * abs((a - b)[2]) for (_, a), (b, _) in pairwise(ends)
     )
 
 

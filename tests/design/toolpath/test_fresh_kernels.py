@@ -128,7 +128,7 @@ W = 0.15
 
 def strokes(paths, which=None):
     """Each line's two points and width, path by path."""
-    for k in range(len(paths)) if which is None else which:
+    for k in range(paths.number) if which is None else which:
         rows = np.arange(paths.offset[k], paths.offset[k + 1])
         for a, b in pairwise(np.append(rows, rows[0]) if paths.closed[k] else rows):
             yield paths.points[a], paths.points[b], paths.width_mm[b]
