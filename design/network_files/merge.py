@@ -13,8 +13,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
-from design.geometry.close_pairs import close_pairs
 from design.geometry.polyline import places_along
+from design.geometry.segments import close_pairs
 from design.network import VesselKind, VesselNetwork
 from design.network_files.pieces import (
     TOWARDS_ROOT,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import NetworkError
-from design.geometry.close_pairs import close_pairs
+from design.geometry.segments import close_pairs
 from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray

@@ -15,8 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from design.errors import SolidError
-from design.geometry.close_pairs import close_pairs
 from design.geometry.crossings import find_new_crossings
+from design.geometry.segments import close_pairs
 from design.solids.manifolds import to_manifold, unite
 from design.solids.smooth.fillet import wall_rows
 from design.solids.smooth.layout import End, Layout, absorb_runs, first_piece, keep_clear_of_balls
