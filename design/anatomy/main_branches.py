@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from design.anatomy.curves import curved_network
 from design.anatomy.from_trunks import TrunkPlan
-from design.anatomy.grown import Trees, grow_fitted
+from design.anatomy.organ import Trees, grow_fitted
 from design.anatomy.perforators import pieces_along
 from design.anatomy.trunk_lines import TrunkLines
 from design.errors import GrowthError, WideTrunkError

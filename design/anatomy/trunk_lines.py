@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,13 +45,26 @@ class Layer:
     length: FloatArray
 
     @property
-    def spacing_mm(self) -> float:
-        """Mean length of the shorter edges, mm."""
-        return float(np.percentile(self.length, 25))
+    def begin(self) -> IntArray:
+        """Place (e,) at which each edge begins."""
+        return np.repeat(np.arange(len(self.points)), np.diff(self.first))
+
+    def graph(self, cost: FloatArray) -> csr_matrix:
+        """Return the layer's graph with costs (e,) of its edges."""
+        return csr_matrix((cost, self.to, self.first), shape=(len(self.points),) * 2)
 
     def nearest(self, place: FloatArray) -> int:
-        """The place nearest to ``place`` (3,)."""
-        return int(np.argmin(np.linalg.norm(self.points - place, axis=1)))
+        """Return the place nearest to ``place`` (3,)."""
+        return nearest(self.points, place)
+
+    def below(self, entry: FloatArray, inward: FloatArray) -> int:
+        """Return the place below one (3,) of the surface, two short edges along ``inward``."""
+        return self.nearest(entry + 2.0 * float(np.percentile(self.length, 25)) * inward)
+
+
+def nearest(points: FloatArray, place: FloatArray) -> int:
+    """Return which of ``points`` (n, 3) is nearest to ``place`` (3,)."""
+    return int(np.argmin(np.linalg.norm(points - place, axis=1)))
 
 
 def join_layer(tissue: Tissue, points: FloatArray, least_depth_mm: float) -> Layer:
@@ -107,10 +121,52 @@ def _too_few(count: int) -> GrowthError:
     )
 
 
-# Grow trunk vessels along a graph of points below a surface, each branch by the cheapest path.
+# Grow trunk vessels along that graph, rank by rank, each branch by the cheapest path.
 
 BESIDE = 3.0
 """Cost of going on beside a tree, over going away from it."""
+
+
+class Zone(NamedTuple):
+    """Size of a zone, mm to the power of its ``dimension``, over which places are spread."""
+
+    size: float
+    dimension: int
+
+    @staticmethod
+    def of(layer: Layer, dimension: int) -> Zone:
+        """Return the area, or the volume, that a layer's places have at random."""
+        near = float(cKDTree(layer.points).query(layer.points, 2)[0][:, 1].mean())
+        # The nearest neighbour's mean distance is 0.5 of an area's root, 0.554 of a volume's.
+        cell = (2.0 * near) ** 2 if dimension == 2 else (near / 0.554) ** 3
+        return Zone(len(layer.points) * cell, dimension)
+
+    def spacing_mm(self, count: int) -> float:
+        """Return the edge of the square, or cube, that each of ``count`` places has."""
+        return float((self.size / count) ** (1.0 / self.dimension))
+
+
+class Rank(NamedTuple):
+    """Branches of one rank of an organ's trunks.
+
+    Attributes
+    ----------
+    balance : float
+        0 to 1: how much the way back to the inlet counts beside a branch's own length. The
+        cosine of the angle at which branches leave long straight trunks (Cuntz et al. 2010,
+        doi 10.1371/journal.pcbi.1000877, balancing factor).
+    spacing : float
+        Least distance of a new end from the trees, over the spacing of all ends of this rank.
+    ends : int
+        How many; 0 for as many as the organ's trunks have.
+    offered : int
+        Places that are tried for each end.
+    """
+
+    balance: float
+    spacing: float = 0.62
+    ends: int = 0
+    offered: int = 1
 
 
 @dataclass
@@ -120,14 +176,6 @@ class LayerForest:
     Attributes
     ----------
     layer : Layer
-    balance : float
-        0 to 1: how much the way back to the inlet counts beside a branch's own length. The
-        cosine of the angle at which branches leave long straight trunks (Cuntz et al. 2010,
-        doi 10.1371/journal.pcbi.1000877, balancing factor).
-    cost : (e,) float64
-        Of each edge of the layer.
-    apart : float, mm
-        Least distance of a new branch's end from the trees as they stand.
     parent, tree : (n,) int64
         Of each place; -2 and -1 where no tree has come.
     way : (n,) float64, mm
@@ -137,9 +185,6 @@ class LayerForest:
     """
 
     layer: Layer
-    balance: float
-    cost: FloatArray
-    apart: float
     parent: IntArray = field(init=False)
     tree: IntArray = field(init=False)
     way: FloatArray = field(init=False)
@@ -151,6 +196,11 @@ class LayerForest:
         self.tree = np.full(count, -1, dtype=np.int64)
         self.way = np.zeros(count)
         self.away = np.full(count, np.inf)
+
+    @property
+    def taken(self) -> FloatArray:
+        """Places (k, 3) that have a tree."""
+        return self.layer.points[self.parent > -2]
 
     def plant(self, tree: int, place: int) -> None:
         """Begin a tree at a place."""
@@ -165,19 +215,48 @@ class LayerForest:
         for before, here in pairwise(rest):
             self._take(here, before, int(self.tree[before]))
 
-    def join(self, sites: IntArray) -> None:
-        """Join all of ``sites`` that are ``apart`` from the trees, the cheapest first."""
-        left = sites[self.away[sites] > self.apart]
+    def grow(
+        self,
+        rank: Rank,
+        ends: int,
+        zone: Zone,
+        among: IntArray | None = None,
+        cost: FloatArray | None = None,
+        far_from: FloatArray | None = None,
+    ) -> None:
+        """Grow branches of one rank.
+
+        Parameters
+        ----------
+        ends : int
+            Of the organ's trunks.
+        among : (k,) int64, optional
+            Places of the layer that may be ends.
+        cost : (e,) float64, optional
+            Of each edge of the layer; its length by default.
+        far_from : (k, 3) float64, mm, optional
+            Places from which ends lie far; the trees by default.
+        """
+        among = np.arange(len(self.layer.points)) if among is None else among
+        far_from = self.taken if far_from is None else far_from
+        ends = rank.ends or ends
+        sites = spread_sites(self.layer.points[among], rank.offered * ends, far_from)
+        cost = self.layer.length if cost is None else cost
+        self.join(among[sites], rank.spacing * zone.spacing_mm(ends), rank.balance, cost)
+
+    def join(self, sites: IntArray, spacing_mm: float, balance: float, cost: FloatArray) -> None:
+        """Join all of ``sites`` that are ``spacing_mm`` from the trees, the cheapest first."""
+        left = sites[self.away[sites] > spacing_mm]
         while len(left):
-            cost, before = self._ways()
-            best = int(left[np.argmin(cost[left])])
-            if not np.isfinite(cost[best]):
+            costs, before = self._ways(spacing_mm, balance, cost)
+            best = int(left[np.argmin(costs[left])])
+            if not np.isfinite(costs[best]):
                 return
             path = [best]
             while self.parent[path[-1]] == -2:
                 path.append(int(before[path[-1]]))
             self.extend(np.array(path[::-1], dtype=np.int64))
-            left = left[self.away[left] > self.apart]
+            left = left[self.away[left] > spacing_mm]
 
     def _take(self, place: int, parent: int, tree: int) -> None:
         points = self.layer.points
@@ -188,17 +267,19 @@ class LayerForest:
             )
         self.away = np.minimum(self.away, np.linalg.norm(points - points[place], axis=1))
 
-    def _ways(self) -> tuple[FloatArray, IntArray]:
+    def _ways(
+        self, spacing_mm: float, balance: float, cost: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
         """Cost of joining each place, and the place before it on the way from the trees."""
         layer, count = self.layer, len(self.layer.points)
-        begin = np.repeat(np.arange(count), np.diff(layer.first))
-        near = np.minimum(self.away[begin], self.away[layer.to]) < 0.6 * self.apart
-        cost = self.cost * np.where(near, BESIDE, 1.0)
+        near = np.minimum(self.away[layer.begin], self.away[layer.to]) < 0.6 * spacing_mm
         taken = np.flatnonzero(self.parent > -2)
         # All trees hang on one more place, each of theirs by its part of the way.
         first = np.append(layer.first, layer.first[-1] + len(taken))
         to = np.concatenate([layer.to, taken])
-        weight = np.concatenate([cost, self.balance * self.way[taken] + 1e-9])
+        weight = np.concatenate(
+            [cost * np.where(near, BESIDE, 1.0), balance * self.way[taken] + 1e-9]
+        )
         graph = csr_matrix((weight, to, first), shape=(count + 1,) * 2)
         costs, before = dijkstra(graph, indices=count, return_predecessors=True)
         return costs[:count], before[:count].astype(np.int64)
@@ -209,10 +290,8 @@ def cheapest_path(layer: Layer, weight: FloatArray, start: int, end: int) -> Int
 
     An edge's weight is the mean of its ends'.
     """
-    begin = np.repeat(np.arange(len(layer.points)), np.diff(layer.first))
-    cost = layer.length * 0.5 * (weight[begin] + weight[layer.to])
-    graph = csr_matrix((cost, layer.to, layer.first), shape=(len(layer.points),) * 2)
-    before = dijkstra(graph, indices=start, return_predecessors=True)[1]
+    cost = layer.length * 0.5 * (weight[layer.begin] + weight[layer.to])
+    before = dijkstra(layer.graph(cost), indices=start, return_predecessors=True)[1]
     path = [end]
     while path[-1] != start:
         path.append(int(before[path[-1]]))
@@ -230,14 +309,6 @@ def spread_sites(points: FloatArray, count: int, taken: FloatArray) -> IntArray:
         sites.append(site)
         away = np.minimum(away, np.linalg.norm(points - points[site], axis=1))
     return np.array(sites, dtype=np.int64)
-
-
-def apart_for(layer: Layer, ends: int) -> float:
-    """Distance of branches at which so many ends cover the layer, mm."""
-    near = cKDTree(layer.points).query(layer.points, 2)[0][:, 1]
-    # A place of a random pattern has its nearest neighbour half the root of its area away.
-    area = len(layer.points) * (2.0 * float(near.mean())) ** 2
-    return 0.62 * float(np.sqrt(area / ends))
 
 
 SMOOTHING_STEPS = 40

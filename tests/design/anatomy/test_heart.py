@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from design.anatomy.from_trunks import clear_trunks
-from design.anatomy.grown import PRESETS, AnatomicTrees, grow_or_advise, trunk_ends
+from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, trunk_ends
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.heart_places import _across_rims, find_heart_places
 from design.anatomy.openness import sample_surface

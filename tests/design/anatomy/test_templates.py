@@ -14,7 +14,7 @@ from design.anatomy import kidney as kidney_template
 from design.anatomy import liver as liver_template
 from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.curves import curved_network
-from design.anatomy.grown import AnatomicTrees
+from design.anatomy.organ import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, find_kidney_places, grow_kidney
 from design.anatomy.liver import LiverAnatomy, grow_liver

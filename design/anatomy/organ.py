@@ -12,19 +12,29 @@ from scipy.spatial import cKDTree
 
 from design.anatomy.fit_apart import SPARE, SPARE_APART, fitted_apart, fitted_trees, with_flow
 from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
+from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.side_by_side import Companion, side_by_side, tube_options
 from design.anatomy.trunk_lines import spread_sites
-from design.errors import LEAST_TERMINALS, CrowdedError, GrowthError, NoRoomError, WideTrunkError
+from design.errors import (
+    LEAST_IN_CORTEX,
+    LEAST_TERMINALS,
+    CrowdedError,
+    GrowthError,
+    NoRoomError,
+    WideTrunkError,
+)
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.tissue.tissue import Demand
 from design.units import PA_PER_MMHG
-from design.vasculature.growth.supply import demand_points
+from design.vasculature.growth.parts import check_inlet
+from design.vasculature.growth.supply import check_one_part, demand_points
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 
 Trees = tuple[VesselTree, ...]
+Place = tuple[float, float, float]
 ATTEMPTS = 5
 """Growths with more room between trunks, where too many vessels don't fit."""
 _MORE_ROOM = 0.15
@@ -398,11 +408,11 @@ def uneven_notes(tissue: Tissue, ends: FloatArray, seed: int = 1) -> tuple[str, 
     )
 
 
-# Defaults of each organ: Murray exponent, pressure drop, number of trunk ends.
+# Templates of organs: what is known before the shape is.
 
 
 @dataclass(frozen=True)
-class Preset:
+class Template:
     """Growth by a template.
 
     Attributes
@@ -410,57 +420,113 @@ class Preset:
     murray_exponent : float
     pressure_drop_mmhg : float
         From the inlet to the terminals; sets how slender vessels are.
+    cavities : bool
+        Whether walls of closed cavities may guide vessels; a kidney's cyst must not.
+    volume_places : int
+        Places all over the tissue by which shares of trunks are measured.
+    least_terminals : int
+        As many for each of six trunk ends.
     """
 
     murray_exponent: float
     pressure_drop_mmhg: float
+    cavities: bool = False
+    volume_places: int = 30_000
+    least_terminals: int = LEAST_TERMINALS
 
 
 PRESETS: Final = {
     # Between Murray's 3 and the 7/3 that Huo and Kassab find in coronary casts (PMC4913552). With
     # 7.3 mmHg elements are as slender as those of Kassab et al. 1993 (measures/published/).
-    "heart": Preset(2.5, 7.3),
+    "heart": Template(2.5, 7.3, True, 20_000),
     # Nordsletten et al. 2006 find Murray's law. The drop is ours: no figure was confirmed.
-    "kidney": Preset(3.0, 20.0),
+    "kidney": Template(3.0, 20.0),
     # Of the portal vein, to its terminals. Ours: no figure of these was confirmed.
-    "liver": Preset(3.0, 5.0),
+    "liver": Template(3.0, 5.0),
     # Helthuis et al. 2019 (Anat Rec 302:1434, PMC6767475) find Murray's law in human cerebral
     # arteries of 0.1 to 1 mm radius. The drop is ours.
-    "cortex": Preset(3.0, 20.0),
+    "cortex": Template(3.0, 20.0, True, 20_000, LEAST_IN_CORTEX),
 }
+_SURFACE_PLACES: Final = 12_000
+_LAYER_PLACES: Final = 6_000
+_LEAST_ENDS: Final = 6
 
 
-# Limit the number of an organ's trunk ends by its number of terminals; refuse too few.
+@dataclass(frozen=True)
+class Survey:
+    """Places of a tissue by which an organ's trunks are planned.
 
-_FEWEST: Final = 6
+    Attributes
+    ----------
+    tissue : Tissue
+    samples : SurfaceSamples
+    volume : (n, 3) float64, mm
+        All over the tissue.
+    ends : int
+        Of the trunks.
+    given : of each inlet's name, (3,) float64, mm
+        Places that are given.
+    """
+
+    tissue: Tissue
+    samples: SurfaceSamples
+    volume: FloatArray
+    ends: int
+    given: dict[str, FloatArray]
+
+    def places(self, inside: BoolArray | bool, depth_mm: float) -> FloatArray:
+        """Return places (k, 3) of the volume deeper than ``depth_mm``, where ``inside`` (n,)."""
+        deep = -self.tissue.grid.distance(self.volume) > depth_mm
+        return self.volume[inside & deep][:_LAYER_PLACES]
+
+
+def survey(
+    organ: str,
+    tissue: Tissue,
+    options: GrowthOptions,
+    ends: int,
+    given: dict[str, Place | None],
+) -> Survey:
+    """Sample an organ's surface and volume, once the request is checked.
+
+    Raises
+    ------
+    GrowthError
+        For fewer terminals or ends than the template needs.
+    TissueError
+        For a tissue of several parts, or an inlet far from it.
+    """
+    template = PRESETS[organ]
+    ends = trunk_ends(ends, options.terminals, organ, template.least_terminals)
+    check_one_part(tissue)
+    for name, place in given.items():
+        check_inlet(tissue, name, place)
+    samples = sample_surface(tissue, _SURFACE_PLACES, options.seed, template.cavities)
+    volume, _ = demand_points(tissue, template.volume_places, options.seed)
+    near = {name: np.array(place) for name, place in given.items() if place is not None}
+    return Survey(tissue, samples, volume, ends, near)
+
+
+def say(vector: FloatArray) -> str:
+    """Return a place or direction (3,) as notes say it."""
+    return "({:.3g}, {:.3g}, {:.3g})".format(*vector)
 
 
 def trunk_ends(wanted: int, terminals: int, organ: str, least: int = LEAST_TERMINALS) -> int:
     """Return the number of trunk ends: as wanted, or what the terminals are enough for.
 
-    Parameters
-    ----------
-    wanted : int
-        By the recipe.
-    terminals : int
-    organ : str
-        For the message.
-    least : int
-        Terminals that the template takes at least: as many for each of six ends.
-
     Raises
     ------
     GrowthError
-        For fewer terminals or ends.
+        For fewer than ``least`` terminals, or too few ends.
     """
-    if terminals < least:
-        raise GrowthError(
-            f"{terminals} terminals are too few for the template of a {organ}; "
-            f"ask for {least} at least"
-        )
-    if wanted < _FEWEST:
-        raise GrowthError(
-            f"{wanted} trunk_ends are too few for the template of a {organ}; "
-            f"ask for {_FEWEST} at least"
-        )
-    return min(wanted, terminals * _FEWEST // least)
+    for count, fewest, what in (
+        (terminals, least, "terminals"),
+        (wanted, _LEAST_ENDS, "trunk_ends"),
+    ):
+        if count < fewest:
+            raise GrowthError(
+                f"{count} {what} are too few for the template of a {organ}; "
+                f"ask for {fewest} at least"
+            )
+    return min(wanted, terminals * _LEAST_ENDS // least)
