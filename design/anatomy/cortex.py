@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import TrunkPlan, clear_trunks
-from design.anatomy.openness import SurfaceSamples
-from design.anatomy.organ import AnatomicTrees, Place, Survey, grow_apart, say, survey
+from design.anatomy.openness import SurfaceSamples, way_through
+from design.anatomy.organ import AnatomicTrees, Place, Survey, grow_trees, say, survey
 from design.anatomy.trunk_lines import (
     LayerForest,
     Rank,
@@ -36,23 +36,14 @@ _GOLDEN = 0.6180339887498949
 
 
 class _Trunks(NamedTuple):
-    """How a cortex's pial arteries and arterioles are laid.
-
-    Attributes
-    ----------
-    pial : Rank
-    shallowest, deepest : float
-        Depths to which arterioles go, over the thickness, spread evenly. Duvernoy et al. 1981
-        (doi 10.1016/0361-9230(81)90007-1) tell five groups by depth, but no shares: these are ours.
-    disk : float
-        Of places drawn at least s apart there are about 0.7 / s² (random sequential adsorption's
-        0.547 for disks of diameter s is 0.70 / s² in number).
-    """
+    """How a cortex's pial arteries and arterioles are laid."""
 
     pial: Rank = Rank(balance=0.25, offered=3)
+    # Depths to which arterioles go, over the thickness, spread evenly. Duvernoy et al. 1981
+    # (doi 10.1016/0361-9230(81)90007-1) tell five groups by depth, but no shares: these are ours.
     shallowest: float = 0.3
     deepest: float = 0.9
-    disk: float = 0.7
+    disk: float = 0.7  # number of places drawn at least s apart, times s² (random adsorption)
 
 
 TRUNKS = _Trunks()
@@ -115,10 +106,10 @@ def grow_cortex(
     looks = "all ways" if places.closed else f"towards {say(places.outward)}"
     notes = (
         f"the pial side was taken to look {looks}; the artery enters at {say(entry)} mm",
-        f"the grey matter is {places.thickness_mm:.3g} mm thick; {rule.count:.2g} arterioles per "
+        f"the grey matter is {places.thickness_mm:.3g} mm thick; {rule.per_mm2:.2g} arterioles per "
         "mm² were asked for",
     )
-    trees = grow_apart(tissue, plan, options)
+    trees = grow_trees(tissue, plan, options)
     return AnatomicTrees(trees, (VesselKind.ARTERY,), ("pial_artery",), notes)
 
 
@@ -142,20 +133,11 @@ def _pial_lines(
 
 
 class ArterioleRule(NamedTuple):
-    """Where arterioles leave.
+    """Where arterioles leave."""
 
-    Attributes
-    ----------
-    spacing_mm : float
-        Between each other.
-    thickness_mm : float
-        Of the cortex.
-    count : float, 1/mm²
-    """
-
-    spacing_mm: float
-    thickness_mm: float
-    count: float
+    spacing_mm: float  # between each other
+    thickness_mm: float  # of the cortex
+    per_mm2: float
 
 
 def _rule(
@@ -185,7 +167,7 @@ def _with_arterioles(
     tissue = shape.tissue
     nodes = _spaced_nodes(lines, rule.spacing_mm)
     inward = -outward(tissue, lines.points[nodes])
-    thick = depth_along_normal(tissue, lines.points[nodes], inward)
+    thick = way_through(tissue, lines.points[nodes], inward)
     even = (_GOLDEN * np.arange(len(nodes))) % 1.0
     part = TRUNKS.shallowest + (TRUNKS.deepest - TRUNKS.shallowest) * even
     long = part * np.minimum(thick, rule.thickness_mm)
@@ -227,26 +209,13 @@ def _spaced_nodes(lines: TrunkLines, spacing_mm: float) -> IntArray:
 
 
 class _Shape(NamedTuple):
-    """How a cortex's sides are found in its shape.
-
-    Attributes
-    ----------
-    neighbours : int
-    same_side : float
-        Cosine between normals of neighbours on one side; rims are sharper.
-    sheet : float
-        Thickness over the extent above which a shape is no sheet: all its surface is pial.
-    all_ways : float
-        Length of a side's mean normal below which it looks all ways.
-    alike : float
-        Share of the larger side from which on two count as equally large.
-    """
+    """How a cortex's sides are found in its shape."""
 
     neighbours: int = 12
-    same_side: float = 0.7
-    sheet: float = 0.2
-    all_ways: float = 0.1
-    alike: float = 0.95
+    same_side: float = 0.7  # cosine between normals of neighbours on one side; rims are sharper
+    sheet: float = 0.2  # thickness over the extent above which all of the surface is pial
+    all_ways: float = 0.1  # length of a side's mean normal below which it looks all ways
+    alike: float = 0.95  # size over the larger side's from which on two count as equally large
 
 
 SHAPE = _Shape()
@@ -296,7 +265,7 @@ def find_cortex_places(
     TissueError
         When the sides can't be told apart.
     """
-    every = depth_along_normal(tissue, samples.points, samples.inward)
+    every = way_through(tissue, samples.points, samples.inward)
     sides = _sides(samples, every)
     if not all(len(side) for side in sides):
         raise TissueError(
@@ -319,21 +288,6 @@ def find_cortex_places(
         float(np.median(deep)) if thickness_mm is None else thickness_mm,
         length < SHAPE.all_ways * len(pial),
     )
-
-
-def depth_along_normal(tissue: Tissue, points: FloatArray, inward: FloatArray) -> FloatArray:
-    """Way (n,) from surface points (n, 3) along ``inward`` (n, 3) to where they leave, mm."""
-    least = 0.25 * tissue.grid.spacing_mm
-    low, high = tissue.bounds
-    far = float(np.linalg.norm(high - low))
-    gone = np.full(len(points), 4.0 * least)
-    going = np.arange(len(points))
-    while len(going):
-        room = -tissue.grid.distance(points[going] + gone[going, None] * inward[going])
-        on = (room > 0.0) & (gone[going] < far)
-        gone[going[on]] += np.maximum(room[on], least)
-        going = going[on]
-    return gone
 
 
 def _sides(samples: SurfaceSamples, deep: FloatArray) -> list[IntArray]:

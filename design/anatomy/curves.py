@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,45 +15,30 @@ from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
 from kernels.arrays import FloatArray, IntArray
 
-REACH = 0.42
-"""Part of a vessel on either side of a node that its curve may take."""
 
-STRAIGHT = np.radians(9.0)
-"""Turns below this stay as they are."""
+class _Curves(NamedTuple):
+    """How far curves reach, and which turns they leave; angles in rad."""
 
-TAKE_OFF = np.radians(20.0)
-"""Turn by which each of two equal children leaves its parent."""
+    reach: float = 0.42  # part of a vessel on either side of a node that its curve may take
+    straight: float = float(np.radians(9.0))  # turns below this stay as they are
+    take_off: float = float(np.radians(20.0))  # by which each of two equal children leaves
+    joint: float = 3.0  # radii about a joint within which pieces are few: there walls are joined
+    near: float = float(np.radians(18.0))  # turns that stay as they are there
+    passes: int = 3  # corner cuttings (Chaikin 1974, doi 10.1016/0146-664X(74)90028-8)
 
-ROOM = 3.0
-"""Radii about a joint within which curves are made of few pieces: there walls are joined."""
 
-NEAR = np.radians(18.0)
-"""Turns that stay as they are there."""
-
-PASSES = 3
-"""Corner cuttings (Chaikin 1974, doi 10.1016/0146-664X(74)90028-8); each halves the turns."""
+CURVES = _Curves()
+STRAIGHT = CURVES.straight
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Nodes of a tree, whose vessels are pieces between a node and its parent.
+    """Nodes of a tree, whose vessels are pieces between a node and its parent; 0 is the inlet."""
 
-    Attributes
-    ----------
-    points : (n, 3) float64, mm
-        Node 0 is the inlet.
-    parent : (n,) int64
-        -1 for the inlet; parents stand before their children.
-    origin : (n,) int64
-        Segment of the tree that the piece which ends at a node comes from; -1 for the inlet.
-    corner : (n,) int64
-        Node of the tree whose curve a node belongs to, or -1.
-    """
-
-    points: FloatArray
-    parent: IntArray
-    origin: IntArray
-    corner: IntArray
+    points: FloatArray  # (n, 3), mm
+    parent: IntArray  # -1 for the inlet; parents stand before their children
+    origin: IntArray  # segment of the tree that the piece which ends at a node comes from, or -1
+    corner: IntArray  # node of the tree whose curve a node belongs to, or -1
 
 
 def curve_tree(
@@ -86,10 +72,10 @@ def curve_tree(
     Lines
         Where each of its segments comes from; segment ``i`` ends at node ``i + 1``.
     """
-    room = ROOM * tree_radii(tree)
+    room = CURVES.joint * tree_radii(tree)
     room = np.where(tree.parent >= 0, room[np.maximum(tree.parent, 0)], room)
     lines = _cut_joints(tree, main, forked, reach, least, room)
-    for _ in range(PASSES):
+    for _ in range(CURVES.passes):
         lines = _cut_bends(lines, _main_nodes(lines), least, room)
     return _rebuilt(tree, lines), lines
 
@@ -127,8 +113,8 @@ def _cut_joints(
     way = (tree.distal - tree.proximal) / length[:, None]
     upper = np.flatnonzero((main >= 0) & ~forked)
     lower = main[upper]
-    cut = REACH * reach[upper] * np.minimum(length[upper], length[lower])
-    low = np.where(cut < room[upper], np.maximum(least[upper], NEAR), least[upper])
+    cut = CURVES.reach * reach[upper] * np.minimum(length[upper], length[lower])
+    low = np.where(cut < room[upper], np.maximum(least[upper], CURVES.near), least[upper])
     bends = _angle(way[upper], way[lower]) > low
     upper, lower, cut = upper[bends], lower[bends], cut[bends]
     # Nodes beside a joint: before it on the upper segment, after it on a lower one.
@@ -139,8 +125,8 @@ def _cut_joints(
     node[upper] = 0.5 * (before[upper] + after[lower])
     fork = np.flatnonzero(forked)
     for child in tree.children[fork].T:
-        leaves = _turned(way[fork], way[child], TAKE_OFF)
-        step = REACH * reach[fork] * length[tree.children[fork]].min(axis=1)
+        leaves = _turned(way[fork], way[child], CURVES.take_off)
+        step = CURVES.reach * reach[fork] * length[tree.children[fork]].min(axis=1)
         after[child] = tree.distal[fork] + step[:, None] * leaves
     corner_here = np.zeros(count, dtype=np.bool_)
     corner_here[upper] = True
@@ -187,7 +173,7 @@ def _main_nodes(lines: Lines) -> IntArray:
 def _cut_bends(lines: Lines, only: IntArray, least: FloatArray, room: FloatArray) -> Lines:
     """Put two nodes in place of each that is no joint and turns.
 
-    Nodes nearer than ``room`` (s,), mm, to a joint turn by `NEAR` before they are.
+    Nodes nearer than ``room`` (s,), mm, to a joint turn by ``CURVES.near`` before they are.
     """
     at = np.flatnonzero((only >= 0) & (lines.parent >= 0))
     here = lines.points[at]
@@ -197,7 +183,7 @@ def _cut_bends(lines: Lines, only: IntArray, least: FloatArray, room: FloatArray
     near = joint[lines.parent[at]] & (np.linalg.norm(before, axis=1) < wide)
     near |= joint[only[at]] & (np.linalg.norm(after, axis=1) < wide)
     low = least[lines.origin[at]]
-    turning = _angle(before, after) > np.where(near, np.maximum(low, NEAR), low)
+    turning = _angle(before, after) > np.where(near, np.maximum(low, CURVES.near), low)
     at, here, before, after = at[turning], here[turning], before[turning], after[turning]
     length = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
     step = 0.25 * length[:, None]

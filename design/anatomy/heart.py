@@ -11,7 +11,7 @@ import numpy as np
 from design.anatomy.from_trunks import DEPTH_MARGIN, TrunkPlan
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
 from design.anatomy.main_branches import (
-    LAID,
+    MATCH,
     MainBranch,
     line_pieces,
     lost_branch,
@@ -20,7 +20,8 @@ from design.anatomy.main_branches import (
     trunks_mm,
     with_published_radii,
 )
-from design.anatomy.organ import AnatomicTrees, Place, Survey, Trees, grow_fitted, say, survey
+from design.anatomy.openness import way_through
+from design.anatomy.organ import AnatomicTrees, Place, Survey, Trees, grow_trees, say, survey
 from design.anatomy.perforators import with_perforators
 from design.anatomy.trunk_lines import (
     Layer,
@@ -49,56 +50,27 @@ LEFT, RIGHT = 0, 1
 
 
 class _Trunks(NamedTuple):
-    """How a heart's coronaries are laid; angles are about the base's direction, rad.
+    """How a heart's coronaries are laid; angles are about the base's direction, rad."""
 
-    Attributes
-    ----------
-    below_rim : float
-        How far the atrioventricular groove lies below the epicardium's rim, over its height.
-    left_begins, right_begins : float
-        From the anterior groove.
-    circumflex_ends : float
-        Before the posterior groove, which the right coronary reaches (right dominance).
-    posterior_ends : float
-        Part of the way from base to apex that the posterior interventricular branch goes.
-    waypoint : float
-        Between the stops of a way along the atrioventricular groove.
-    strict : float
-        Cost of leaving a groove by the epicardium's height.
-    narrow : float
-        Cost of a main branch's way where the wall has no room for it, over that elsewhere.
-    spacing : float
-        Least distance of a side branch's end from the trunks, over the spacing of all ends.
-    offered : int
-        Places that are tried for each end.
-    coarse : tuple of float
-        Distances of side branches, over the last: the longest branches come first, so that a main
-        branch parts into some nearly as wide, not into many narrow ones along one long way.
-    drops, highest : int, float
-        Times that the drop is raised at most where trunks are too wide for the wall, and how high,
-        over the given one; as in `published_match`.
-    widest : float
-        Radius over the root's at which branches of the trunks take on no more terminals while there
-        are few: they may still widen to a fifth, where a trunk begins. Ours.
-    least_fed : int
-        Terminals that such a branch may feed however few there are.
-    """
-
-    below_rim: float = 0.07
-    left_begins: float = float(np.radians(18.0))
+    below_rim: float = 0.07  # atrioventricular groove below the epicardium's rim, over its height
+    left_begins: float = float(np.radians(18.0))  # from the anterior groove
     right_begins: float = float(np.radians(38.0))
-    circumflex_ends: float = float(np.radians(35.0))
-    posterior_ends: float = 0.72
-    waypoint: float = float(np.radians(30.0))
-    strict: float = 25.0
-    narrow: float = 6.0
-    spacing: float = 0.62
-    offered: int = 3
+    circumflex_ends: float = float(np.radians(35.0))  # before the posterior groove: right dominance
+    posterior_ends: float = 0.72  # of the way from base to apex
+    waypoint: float = float(np.radians(30.0))  # between stops in the atrioventricular groove
+    strict: float = 25.0  # cost of leaving a groove by the epicardium's height
+    narrow: float = 6.0  # cost of a main branch's way where the wall has no room for it
+    spacing: float = 0.62  # of side branches' ends, over the spacing of all ends
+    offered: int = 3  # places that are tried for each end
+    # Spacing of side branches over the last: long ones come first, so that a main branch parts into
+    # some nearly as wide, not into many narrow ones along one long way.
     coarse: tuple[float, ...] = (8.0, 4.0, 2.0, 1.0)
-    drops: int = 3
-    highest: float = 7.0
+    drops: int = 3  # times that the drop is raised at most where trunks are too wide for the wall
+    highest: float = 7.0  # pressure drop over the given one, as in `published_match`
+    # Radius over the root's at which branches of trunks take on no more terminals while there are
+    # few: they may still widen to a fifth, where a trunk begins. Ours.
     widest: float = 0.17
-    least_fed: int = 4
+    least_fed: int = 4  # terminals that such a branch may feed however few there are
 
 
 TRUNKS = _Trunks()
@@ -182,13 +154,14 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
     plan = TrunkPlan(
         lines,
         anatomy.trunk_depth_mm,
-        branches=lambda *laid: with_perforators(tissue, *laid, shape.volume, options),
-        branches_are_trunks=False,
+        branches=lambda lines, radius: with_perforators(
+            tissue, lines, radius, shape.volume, options
+        ),
         widest_branch=float(max(TRUNKS.widest, few)),
         main=frozenset(place.tobytes() for one in branches for place in one.line),
         lost=lambda lines, radius: lost_branch(branches, line_pieces(lines, radius)),
     )
-    trees = grow_fitted(tissue, plan, options)
+    trees = grow_trees(tissue, plan, options)
     lost = lost_branch(branches, trunk_pieces(trees))
     if lost is not None:
         raise lost
@@ -229,7 +202,7 @@ def _left_out_note(lines: TrunkLines, trees: Trees) -> tuple[str, ...]:
     ends = np.flatnonzero(lines.parent >= 0)
     pieces = lines.points[ends] - lines.points[lines.parent[ends]]
     planned, laid = float(np.linalg.norm(pieces, axis=1).sum()), trunks_mm(trees)
-    if laid > LAID * planned:
+    if laid > MATCH.laid * planned:
         return ()
     return (
         f"trunks are {laid:.0f} mm long, {planned:.0f} mm were planned: branches that didn't fit "
@@ -377,28 +350,14 @@ def _main_trunks(
 
 
 class _Wall(NamedTuple):
-    """How deep trunks are planned.
+    """How deep trunks are planned."""
 
-    Attributes
-    ----------
-    guide_mm : float
-        Where walls allow it.
-    shallower : float
-        Depth that is tried next where they don't, over the one before.
-    covered, least_covered : float
-        Of the epicardium, what must be so deep; and at the least depth.
-    deep : float
-        Of a main branch's depth, what a place must have.
-    places_across : int
-        By which the thickness of a wall is measured.
-    """
-
-    guide_mm: float = 1.0
-    shallower: float = 0.8
-    covered: float = 0.8
-    least_covered: float = 0.5
-    deep: float = 0.95
-    places_across: int = 41
+    guide_mm: float = 1.0  # where walls allow it
+    shallower: float = 0.8  # depth that is tried next, over the one before
+    covered: float = 0.8  # of the epicardium, what must be so deep
+    least_covered: float = 0.5  # the same at the least depth
+    deep: float = 0.95  # of a main branch's depth, what a place must have
+    to_ostium: float = 12.0  # way from a coronary's begin to its ostium, at most, over its depth
 
 
 WALL = _Wall()
@@ -426,10 +385,7 @@ def _too_thin(
     tissue: Tissue, points: FloatArray, inward: FloatArray, depth_mm: float, covered: float
 ) -> TissueError:
     """What is said of walls below whose ``points`` (n, 3) no trunk fits at a depth."""
-    across = np.linspace(0.0, 2.0 * depth_mm, WALL.places_across)[1:]
-    along = points[:, None] + across[:, None] * inward[:, None]
-    out = tissue.grid.distance(along.reshape(-1, 3)).reshape(len(points), -1) >= 0.0
-    thick = np.where(out.any(axis=1), across[out.argmax(axis=1)], across[-1])
+    thick = np.minimum(way_through(tissue, points, inward), 2.0 * depth_mm)
     middle = int(np.argsort(thick)[len(thick) // 2])
     x, y, z = points[middle]
     return TissueError(
@@ -448,17 +404,15 @@ def _narrow_places(tissue: Tissue, layer: Layer, depth_mm: float) -> BoolArray:
 
 
 def ostium_above(tissue: Tissue, place: FloatArray, up: FloatArray) -> FloatArray:
-    """Where a line from a place of the layer towards the base leaves the tissue, (3,), mm.
+    """Return where a line from a place towards the base leaves the tissue, (3,), mm.
 
     Where that is far, the nearest place of the surface.
     """
-    step = 0.25 * tissue.grid.spacing_mm
     depth = -float(tissue.grid.distance(place[None])[0])
-    for direction in (up, outward(tissue, place[None])[0]):
-        along = place + step * np.arange(1, 1 + int(12.0 * depth / step))[:, None] * direction
-        out = np.flatnonzero(tissue.grid.distance(along) >= 0.0)
-        if len(out):
-            ostium: FloatArray = along[out[0]]
+    for direction in (up[None], outward(tissue, place[None])):
+        far = way_through(tissue, place[None], direction)[0]
+        if far <= WALL.to_ostium * depth:
+            ostium: FloatArray = place + far * direction[0]
             return ostium
     raise GrowthError("no way out to the surface was found at a coronary's begin; give its place")
 

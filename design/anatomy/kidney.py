@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import TrunkPlan
-from design.anatomy.organ import AnatomicTrees, Place, Survey, grow_fitted, grow_pair, say, survey
+from design.anatomy.organ import AnatomicTrees, Place, Survey, grow_trees, say, survey
+from design.anatomy.side_by_side import side_by_side, tube_options
 from design.anatomy.trunk_lines import (
     LayerForest,
     Rank,
@@ -52,25 +53,13 @@ class KidneyAnatomy:
 
 
 class _Trunks(NamedTuple):
-    """How a kidney's trunks are laid.
+    """How a kidney's trunks are laid."""
 
-    Attributes
-    ----------
-    lobes, arcs : Rank
-        Branches to lobes, as straight as can be; then those along the cortex's border.
-    zone : float
-        Depth of the arcs' zone below the capsule, over the cortex's thickness.
-    leaving : float
-        Cost for arcs of leaving that zone.
-    least_depth : float
-        Over the cube root of the kidney's volume: 0.3 mm in a man's.
-    """
-
-    lobes: Rank = Rank(balance=0.6, spacing=0.3, ends=9)
-    arcs: Rank = Rank(balance=0.3, offered=3)
-    zone: float = 1.3
-    leaving: float = 2.5
-    least_depth: float = 0.0055
+    lobes: Rank = Rank(balance=0.6, spacing=0.3, ends=9)  # as straight as can be
+    arcs: Rank = Rank(balance=0.3, offered=3)  # along the cortex's inner border
+    zone: float = 1.3  # depth of the arcs below the capsule over the cortex's thickness
+    leaving: float = 2.5  # cost for arcs of leaving that zone
+    least_depth: float = 0.0055  # over the cube root of the volume: 0.3 mm in a man's kidney
 
 
 TRUNKS = _Trunks()
@@ -104,12 +93,13 @@ def grow_kidney(
         f"{say(places.entry)} mm",
         f"the cortex is {places.cortex_mm:.3g} mm thick",
     )
-    if anatomy.vein == "beside":
-        kinds = (VesselKind.ARTERY, VesselKind.VEIN)
-        trees = grow_pair(tissue, plan, options)
-        return AnatomicTrees(trees, kinds, ("artery", "vein"), notes, tissue.demand)
-    trees = grow_fitted(tissue, plan, options)
-    return AnatomicTrees(trees, (VesselKind.ARTERY,), ("artery",), notes, tissue.demand)
+    if anatomy.vein == "none":
+        trees = grow_trees(tissue, plan, options)
+        return AnatomicTrees(trees, (VesselKind.ARTERY,), ("artery",), notes, tissue.demand)
+    tubes = (tube_options(options),)
+    trees = grow_trees(tissue, plan, options, tubes, lambda made: side_by_side(made[0], options))
+    kinds = (VesselKind.ARTERY, VesselKind.VEIN)
+    return AnatomicTrees(trees, kinds, ("artery", "vein"), notes, tissue.demand)
 
 
 def _trunk_lines(shape: Survey, places: KidneyPlaces, least_mm: float) -> TrunkLines:

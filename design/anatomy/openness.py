@@ -114,3 +114,18 @@ def _even(points: FloatArray, inward: FloatArray, values: FloatArray) -> FloatAr
     same = np.einsum("nkx,nx->nk", inward[near], inward) > 0.3
     mean: FloatArray = (values[near] * same).sum(axis=1) / same.sum(axis=1)
     return mean
+
+
+def way_through(tissue: Tissue, points: FloatArray, way: FloatArray) -> FloatArray:
+    """Return how far (n,) lines from points (n, 3) run along ``way`` (n, 3) in the tissue, mm."""
+    least = 0.25 * tissue.grid.spacing_mm
+    low, high = tissue.bounds
+    far = float(np.linalg.norm(high - low))
+    gone = np.full(len(points), 4.0 * least)
+    going = np.arange(len(points))
+    while len(going):
+        room = -tissue.grid.distance(points[going] + gone[going, None] * way[going])
+        on = (room > 0.0) & (gone[going] < far)
+        gone[going[on]] += np.maximum(room[on], least)
+        going = going[on]
+    return gone

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,43 +43,33 @@ class Companion:
 VEIN = Companion(drop=0.5, flow=1.0, tube=2.1)
 """A vein beside its artery, then 1.19 times as wide. Half of the pressure drop is ours."""
 
-_GAP = 1.2
-"""Room between artery and vein over the clearance."""
 
-_APART = 1.05
-"""Room for each vessel over its radius: where both bend or twist, they come nearer."""
+class _Sides(NamedTuple):
+    """How two vessels lie side by side."""
 
-_INLETS = 1.1
-"""Room between the inlets, over that further on: they stay where they are put."""
+    gap: float = 1.2  # room between them over the clearance
+    wider: float = 1.05  # room for each over its radius: where both bend they come nearer
+    inlets: float = 1.1  # room between the inlets over that further on: they aren't moved
+    turn: float = float(np.radians(15.0))  # twist from piece to piece
+    steepest: float = 0.8  # way round the tube over the way along it, at most
+    straight: float = 0.1  # sine of the branches' angles to their trunk below which none has a side
+    merge: float = 1.3  # way along a branch, over its trunk's radius, on which both come together
+    merge_steps: int = 3
 
-_TURN = np.radians(15.0)
-"""Twist from piece to piece."""
 
-_STEEPEST = 0.8
-"""Way round the tube over the way along it, at most."""
-
-_STRAIGHT_ON = 0.1
-"""Sine of the branches' angles to their trunk below which they have no plane."""
-
-_MERGE = 1.3
-"""Way along a branch, over its trunk's radius, on which its vessels come together."""
-
-_MERGE_STEPS = 3
+SIDES = _Sides()
 
 
 @dataclass
 class _Lines:
-    """Nodes of the tubes' axes, with the side on which the vein lies, (n, 3), unit vectors.
-
-    ``parent`` (n,) is -1 for the inlet, ``origin`` (n,) the tube's segment that ends there.
-    """
+    """Nodes of the tubes' axes, with the side (3,) on which the vein lies, unit vectors."""
 
     points: list[FloatArray]
     side: list[FloatArray]
     artery: list[float]
     vein: list[float]
-    parent: list[int]
-    origin: list[int]
+    parent: list[int]  # -1 for the inlet
+    origin: list[int]  # segment of the tubes that ends there
 
     def add(self, point: FloatArray, side: FloatArray, away: FloatArray, up: int, of: int) -> int:
         """Add a node; return its number."""
@@ -96,7 +87,7 @@ def tube_options(options: GrowthOptions, beside: Companion = VEIN) -> GrowthOpti
     return replace(
         options,
         pressure_drop_pa=options.pressure_drop_pa / beside.tube**4,
-        clearance_mm=(1.0 + _GAP) * options.clearance_mm,
+        clearance_mm=(1.0 + SIDES.gap) * options.clearance_mm,
     )
 
 
@@ -130,9 +121,11 @@ def _laid(
     tubes: VesselTree, options: GrowthOptions, artery: FloatArray, beside: Companion
 ) -> tuple[VesselTree, VesselTree]:
     """The two with room for arteries of these radii (n,), mm, and their veins."""
-    half = 0.5 * _GAP * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
+    half = 0.5 * SIDES.gap * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
     vein = beside.radius * artery
-    lines = _Sheet(tubes, np.column_stack([_APART * artery, _APART * vein]) + half[:, None]).lines()
+    lines = _Sheet(
+        tubes, np.column_stack([SIDES.wider * artery, SIDES.wider * vein]) + half[:, None]
+    ).lines()
     side, points = np.array(lines.side), np.array(lines.points)
     drop = options.pressure_drop_pa
     return (
@@ -179,11 +172,11 @@ class _Sheet:
         own = self.away[run[0]]
         if above < 0:
             side = self._first_side(run)
-            up = self.found.add(self.tubes.proximal[run[0]], side, _INLETS * own, -1, -1)
+            up = self.found.add(self.tubes.proximal[run[0]], side, SIDES.inlets * own, -1, -1)
             before, merge = own, 0.0
         else:
             side, up = _across(self.end_side[above], self.way[run[0]]), int(self.node[above])
-            before, merge = self.away[above], _MERGE * float(self.radius[above])
+            before, merge = self.away[above], SIDES.merge * float(self.radius[above])
         sides = [side]
         for one, two in pairwise(run):
             sides.append(_across(_carried(sides[-1], self.way[one], self.way[two]), self.way[two]))
@@ -213,9 +206,9 @@ class _Sheet:
         """Pieces for one of a vessel's: as its twist and the way to its own place ask for."""
         long = float(self.length[s])
         begin, end = ((at - merge) / (total - merge) for at in (gone, gone + long))
-        parts = 1 + int(abs(twist) * (_smooth(end) - _smooth(begin)) / _TURN)
+        parts = 1 + int(abs(twist) * (_smooth(end) - _smooth(begin)) / SIDES.turn)
         if gone < merge:
-            parts = max(parts, 1 + int(_MERGE_STEPS * min(long, merge - gone) / merge))
+            parts = max(parts, 1 + int(SIDES.merge_steps * min(long, merge - gone) / merge))
         return parts
 
     def _twist(self, last: int, side: FloatArray, total: float, apart: float) -> float:
@@ -226,7 +219,7 @@ class _Sheet:
         way = self.way[last]
         angle = float(np.arctan2(np.cross(side, wanted) @ way, side @ wanted))
         angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
-        most = _STEEPEST * total / apart
+        most = SIDES.steepest * total / apart
         return float(np.clip(angle, -most, most))
 
     def _joint_normal(self, last: int) -> FloatArray | None:
@@ -242,7 +235,7 @@ class _Sheet:
         one = _across(np.eye(3)[int(np.argmin(np.abs(way)))], way)
         frame = np.array([one, np.cross(way, one)])
         across = headings @ frame.T
-        if (across**2).sum() < _STRAIGHT_ON**2:
+        if (across**2).sum() < SIDES.straight**2:
             return None
         _, vectors = np.linalg.eigh(across.T @ across)
         normal: FloatArray = vectors[:, 0] @ frame

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
@@ -17,13 +16,27 @@ from design.anatomy.curves import children_of
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.growth.trunk import Trunk, straighten_line
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 # Graph of neighbouring points below a tissue's surface, along which trunk vessels are laid.
 
-_LINKS = 14
-_LONGEST = 2.6
-"""Longest edge over the mean distance of neighbours."""
+
+class _Layers(NamedTuple):
+    """How places are joined to a layer, and trunks are laid along it."""
+
+    links: int = 14  # neighbours that a place is joined to
+    longest: float = 2.6  # edge over the mean distance of neighbours
+    least: int = 10  # places that hang together
+    beside: float = 3.0  # cost of going on beside a tree, over going away from it
+    near: float = 0.6  # of the spacing, up to which a place is beside a tree
+    smoothing: int = 40  # steps: bends of up to some six places are evened out, larger ones stay
+
+
+LAYER = _Layers()
+_TOO_FEW = (
+    "the guiding layer has {} places that hang together; the tissue is too thin there for these "
+    "vessels: ask for fewer terminals, a lower depth or a higher pressure drop"
+)
 
 
 @dataclass(frozen=True)
@@ -77,10 +90,10 @@ def join_layer(tissue: Tissue, points: FloatArray, least_depth_mm: float) -> Lay
     GrowthError
         When fewer than ten places hang together.
     """
-    if len(points) < 10:
-        raise _too_few(len(points))
-    away, near = cKDTree(points).query(points, min(_LINKS + 1, len(points)))
-    reach = _LONGEST * float(away[:, 1:4].mean())
+    if len(points) < LAYER.least:
+        raise GrowthError(_TOO_FEW.format(len(points)))
+    away, near = cKDTree(points).query(points, min(LAYER.links + 1, len(points)))
+    reach = LAYER.longest * float(away[:, 1:4].mean())
     start = np.repeat(np.arange(len(points)), near.shape[1] - 1)
     end, length = near[:, 1:].ravel(), away[:, 1:].ravel()
     kept = (length <= reach) & (length > 0.0)
@@ -94,8 +107,8 @@ def join_layer(tissue: Tissue, points: FloatArray, least_depth_mm: float) -> Lay
     links = links.maximum(links.T)
     number = connected_components(links, directed=False)[1]
     largest = np.flatnonzero(number == np.argmax(np.bincount(number)))
-    if len(largest) < 10:
-        raise _too_few(len(largest))
+    if len(largest) < LAYER.least:
+        raise GrowthError(_TOO_FEW.format(len(largest)))
     links = links[largest][:, largest].tocsr()
     links.sort_indices()
     return Layer(
@@ -108,23 +121,13 @@ def join_layer(tissue: Tissue, points: FloatArray, least_depth_mm: float) -> Lay
 
 def below_surface(
     tissue: Tissue, points: FloatArray, inward: FloatArray, depth_mm: float
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """Places ``depth_mm`` below ``points`` (n, 3), and which of them are indeed that deep."""
     below: FloatArray = points + depth_mm * inward
     return below, -tissue.grid.distance(below) >= 0.85 * depth_mm
 
 
-def _too_few(count: int) -> GrowthError:
-    return GrowthError(
-        f"the guiding layer has {count} places that hang together; the tissue is too thin there "
-        "for these vessels: ask for fewer terminals, a lower depth or a higher pressure drop"
-    )
-
-
 # Grow trunk vessels along that graph, rank by rank, each branch by the cheapest path.
-
-BESIDE = 3.0
-"""Cost of going on beside a tree, over going away from it."""
 
 
 class Zone(NamedTuple):
@@ -272,13 +275,13 @@ class LayerForest:
     ) -> tuple[FloatArray, IntArray]:
         """Cost of joining each place, and the place before it on the way from the trees."""
         layer, count = self.layer, len(self.layer.points)
-        near = np.minimum(self.away[layer.begin], self.away[layer.to]) < 0.6 * spacing_mm
+        near = np.minimum(self.away[layer.begin], self.away[layer.to]) < LAYER.near * spacing_mm
         taken = np.flatnonzero(self.parent > -2)
         # All trees hang on one more place, each of theirs by its part of the way.
         first = np.append(layer.first, layer.first[-1] + len(taken))
         to = np.concatenate([layer.to, taken])
         weight = np.concatenate(
-            [cost * np.where(near, BESIDE, 1.0), balance * self.way[taken] + 1e-9]
+            [cost * np.where(near, LAYER.beside, 1.0), balance * self.way[taken] + 1e-9]
         )
         graph = csr_matrix((weight, to, first), shape=(count + 1,) * 2)
         costs, before = dijkstra(graph, indices=count, return_predecessors=True)
@@ -311,20 +314,15 @@ def spread_sites(points: FloatArray, count: int, taken: FloatArray) -> IntArray:
     return np.array(sites, dtype=np.int64)
 
 
-SMOOTHING_STEPS = 40
-"""Smoothing steps: bends of up to some six places are evened out, larger ones stay."""
-
-
-@dataclass
+@dataclass(frozen=True)
 class TrunkLines:
     """Trunks as trees of nodes, several in one, parents before their children.
 
     Attributes
     ----------
     points : (n, 3) float64, mm
-    parent : (n,) int64
-        -1 for an inlet.
-    tree : (n,) int64
+    parent, tree : (n,) int64
+        The parent of an inlet is -1.
     share : (n,) float64
         Of the tissue's volume that lies nearest to a node or one downstream of it.
     """
@@ -350,7 +348,7 @@ class TrunkLines:
 
 
 def lines_of(forest: LayerForest, ostia: dict[int, FloatArray], volume: FloatArray) -> TrunkLines:
-    """The trees' nodes in order, parents first, each tree's ostium before its first place.
+    """Return the trees' nodes in order, parents first, each tree's ostium before its first place.
 
     A place of three children or more is parted into several along its main child's edge.
 
@@ -362,20 +360,18 @@ def lines_of(forest: LayerForest, ostia: dict[int, FloatArray], volume: FloatArr
         Points all over the tissue, by which shares are measured.
     """
     used = np.flatnonzero(forest.parent > -2)
-    order = used[np.argsort(forest.way[used], kind="stable")]
-    number = np.full(len(forest.parent), -1, dtype=np.int64)
-    first = len(ostia)
-    number[order] = first + np.arange(len(order))
-    up, trees = forest.parent[order], forest.tree[order]
-    enters = np.array([sorted(ostia).index(tree) for tree in trees.tolist()], dtype=np.int64)
     # Parents have shorter ways, so that they stand first.
+    order = used[np.argsort(forest.way[used], kind="stable")]
+    inlets = np.array(sorted(ostia))
+    number = np.full(len(forest.parent), -1, dtype=np.int64)
+    number[order] = len(inlets) + np.arange(len(order))
+    up, trees = forest.parent[order], forest.tree[order]
+    enters = np.searchsorted(inlets, trees)
     lines = TrunkLines(
-        np.concatenate(
-            [np.array([ostia[tree] for tree in sorted(ostia)]), forest.layer.points[order]]
-        ),
-        np.concatenate([np.full(first, -1), np.where(up >= 0, number[np.maximum(up, 0)], enters)]),
-        np.concatenate([np.array(sorted(ostia)), trees]),
-        np.zeros(first + len(order)),
+        np.concatenate([[ostia[tree] for tree in inlets], forest.layer.points[order]]),
+        np.concatenate([np.full(len(inlets), -1), np.where(up >= 0, number[up], enters)]),
+        np.concatenate([inlets, trees]),
+        np.zeros(len(inlets) + len(order)),
     )
     return with_shares(_binary(with_shares(lines, volume)), volume)
 
@@ -387,7 +383,7 @@ def with_shares(lines: TrunkLines, volume: FloatArray) -> TrunkLines:
     for i in range(len(share) - 1, -1, -1):
         if lines.parent[i] >= 0:
             share[lines.parent[i]] += share[i]
-    return TrunkLines(lines.points, lines.parent, lines.tree, share / len(volume))
+    return replace(lines, share=share / len(volume))
 
 
 def _binary(lines: TrunkLines) -> TrunkLines:
@@ -414,33 +410,31 @@ def _binary(lines: TrunkLines) -> TrunkLines:
 
 
 def in_order(lines: TrunkLines) -> tuple[IntArray, TrunkLines]:
-    """Lines of nodes in any order, put so that parents come before children; and their order."""
+    """Return the order of nodes in which parents come before children, and the lines so put."""
     depth = np.zeros(len(lines.parent), dtype=np.int64)
     above = lines.parent.copy()
     while (above >= 0).any():
         depth += above >= 0
-        above = np.where(above >= 0, lines.parent[np.maximum(above, 0)], -1)
+        above = np.where(above >= 0, lines.parent[above], -1)
     order = np.argsort(depth, kind="stable")
-    number = np.empty(len(order), dtype=np.int64)
-    number[order] = np.arange(len(order))
-    up = lines.parent[order]
-    parent = np.where(up >= 0, number[np.maximum(up, 0)], -1)
-    return order, TrunkLines(lines.points[order], parent, lines.tree[order], lines.share[order])
+    return order, _chosen(lines, order, lines.parent)
 
 
-def without(lines: TrunkLines, gone: NDArray[np.bool_]) -> TrunkLines:
-    """The lines without some nodes; all below these must be among them."""
-    number = np.cumsum(~gone) - 1
-    kept = ~gone
-    parent = np.where(lines.parent[kept] >= 0, number[lines.parent[kept]], -1)
-    return TrunkLines(lines.points[kept], parent, lines.tree[kept], lines.share[kept])
+def without(lines: TrunkLines, gone: BoolArray) -> TrunkLines:
+    """Return the lines without some nodes; all below these must be among them."""
+    return _chosen(lines, np.flatnonzero(~gone), lines.parent)
 
 
-def smooth_lines(
-    tissue: Tissue,
-    lines: TrunkLines,
-    keep: Callable[[FloatArray], FloatArray],
-) -> TrunkLines:
+def _chosen(lines: TrunkLines, nodes: IntArray, parent: IntArray) -> TrunkLines:
+    """Some nodes in their order, each with its ``parent`` (n,) among them."""
+    number = np.full(len(parent) + 1, -1, dtype=np.int64)  # the last one stands for no parent
+    number[nodes] = np.arange(len(nodes))
+    return TrunkLines(
+        lines.points[nodes], number[parent[nodes]], lines.tree[nodes], lines.share[nodes]
+    )
+
+
+def smooth_lines(lines: TrunkLines, keep: Callable[[FloatArray], FloatArray]) -> TrunkLines:
     """Even out bends: each node moves halfway to the middle of its parent and main child.
 
     Parameters
@@ -451,15 +445,15 @@ def smooth_lines(
     main = lines.main_child()
     inner = np.flatnonzero((lines.parent >= 0) & (main >= 0))
     points = lines.points.copy()
-    for _ in range(SMOOTHING_STEPS):
+    for _ in range(LAYER.smoothing):
         middle = 0.5 * (points[lines.parent[inner]] + points[main[inner]])
         points[inner] += 0.5 * (middle - points[inner])
         points = keep(points)
-    return TrunkLines(points, lines.parent, lines.tree, lines.share)
+    return replace(lines, points=points)
 
 
 def thinned(lines: TrunkLines, tolerance_mm: FloatArray) -> TrunkLines:
-    """The lines without nodes that lie within a tolerance (n,) of the straight beside them.
+    """Return the lines without nodes that lie within a tolerance (n,) of the straight beside them.
 
     Inlets, joints and tips stay; of each run between them Douglas and Peucker's points.
     """
@@ -474,27 +468,29 @@ def thinned(lines: TrunkLines, tolerance_mm: FloatArray) -> TrunkLines:
             stays, _ = straighten_line(lines.points[run], float(tolerance_mm[run].min()))
             kept[np.array(run)[stays]] = True
     above = lines.parent.copy()
-    while True:
-        skip = (above >= 0) & ~kept[np.maximum(above, 0)]
-        if not skip.any():
-            break
+    while (skip := (above >= 0) & ~kept[above]).any():
         above[skip] = lines.parent[above[skip]]
-    number = np.cumsum(kept) - 1
-    parent = np.where(above[kept] >= 0, number[np.maximum(above[kept], 0)], -1)
-    return TrunkLines(lines.points[kept], parent, lines.tree[kept], lines.share[kept])
+    return _chosen(lines, np.flatnonzero(kept), above)
 
 
 def kept_at_depth(
-    tissue: Tissue, depth_mm: FloatArray, fixed: NDArray[np.bool_], exactly: bool = True
+    tissue: Tissue,
+    depth_mm: FloatArray,
+    fixed: BoolArray,
+    exactly: bool = True,
+    zone: Callable[[FloatArray], FloatArray] | None = None,
 ) -> Callable[[FloatArray], FloatArray]:
-    """Function that brings nodes (n, 3) to a depth (n,) below the surface, or at least there."""
+    """Return a function that brings nodes (n, 3) to a depth (n,), or at least there; into a zone.
+
+    Nodes that are ``fixed`` (n,) stay.
+    """
 
     def keep(points: FloatArray) -> FloatArray:
         for _ in range(2):
             off = -tissue.grid.distance(points) - depth_mm
             off = np.where(fixed, 0.0, off if exactly else np.minimum(off, 0.0))
             points = points + off[:, None] * outward(tissue, points)
-        return points
+        return points if zone is None else np.where(fixed[:, None], points, zone(points))
 
     return keep
 
@@ -516,12 +512,11 @@ def outward(tissue: Tissue, points: FloatArray) -> FloatArray:
 def trunk_from(lines: TrunkLines, tree: int, root_radius_mm: float) -> Trunk:
     """One tree of the lines as a trunk: a segment for each node but the inlet."""
     mine = np.flatnonzero((lines.tree == tree) & (lines.parent >= 0))
-    number = np.full(len(lines.parent), -1, dtype=np.int64)
-    number[mine] = np.arange(len(mine))
-    parent = number[lines.parent[mine]]
+    own = _chosen(lines, mine, lines.parent)
+    parent = own.parent
     return Trunk(
         np.ascontiguousarray(lines.points[lines.parent[mine]]),
-        np.ascontiguousarray(lines.points[mine]),
+        np.ascontiguousarray(own.points),
         parent,
         children_of(parent),
         np.ones(len(mine)),

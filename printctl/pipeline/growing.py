@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from design.anatomy.cortex import CortexAnatomy, grow_cortex
-from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, uneven_notes
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.liver import LiverAnatomy, grow_liver
+from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, uneven_notes
 from design.errors import LEAST_IN_CORTEX, LEAST_TERMINALS
 from design.hemodynamics import FlowConditions, balance
 from design.network import VesselKind, VesselNetwork

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from design.anatomy.curves import curved_network
-from design.anatomy.fit_apart import KINK, curve_trees, kinks
+from design.anatomy.fit import KINK, Clearance, curve_trees, kinks
 from design.errors import GrowthError
 from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
@@ -150,10 +150,9 @@ def curved(tissue: Tissue, grown: GrownParts, part: GrownNetwork) -> GrownParts:
     GrowthError
         When even the shortest curves have no room.
     """
-    trees, (pairs, outside) = curve_trees(
-        tissue, grown.trees, part.clearance_mm, part.clearance_ratio
-    )
-    if pairs or len(outside):
+    clearance = Clearance(part.clearance_mm, part.clearance_ratio)
+    trees, (pairs, outside) = curve_trees(tissue, grown.trees, clearance)
+    if len(pairs) or len(outside):
         raise GrowthError(
             f"curves: {len(pairs)} pairs of vessels would come nearer than the clearance and "
             f"{len(outside)} pieces leave the tissue; leave curves out, or grow with more "

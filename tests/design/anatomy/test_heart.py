@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from design.anatomy.fit import Clearance, check_trunks, push_apart
 from design.anatomy.from_trunks import clear_trunks
-from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, trunk_ends
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.heart_places import _across_rims, find_heart_places
 from design.anatomy.openness import sample_surface
-from design.anatomy.trunk_depth import check_trunks, sink_trunk
+from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of
 from design.errors import (
     LEAST_TERMINALS,
@@ -171,10 +171,10 @@ def test_a_trunk_too_wide_for_the_wall_fits_with_the_drop_that_is_advised():
     """Fewer terminals were advised, which leave the trunk as wide as it is."""
     tissue, wide = kept_tissue(block((60.0, 20.0, THICK))), trunk(WIDE_PA)
     assert 0.5 * THICK - CLEARANCE < tree_radii(wide)[0] < 0.5 * THICK + CLEARANCE
-    sunk = sink_trunk(tissue, wide, CLEARANCE)
+    pushed = push_apart(tissue, (wide,), Clearance(CLEARANCE, 0.0))
     everywhere = np.arange(1, len(wide.parent))
     with pytest.raises(WideTrunkError, match=r"room for 2\.\d+ mm") as refused:
-        check_trunks(tissue, (sunk,), everywhere, CLEARANCE)
+        check_trunks(tissue, pushed, everywhere, CLEARANCE)
     thinner = trunk(WIDE_PA * refused.value.drop_factor)
     assert tree_radii(thinner)[0] < 0.5 * THICK - CLEARANCE
     assert refused.value.drop_factor < 3.0
