@@ -13,7 +13,7 @@ from design.network import VesselKind, VesselNetwork
 from design.vasculature.growth.forest import joined_networks
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 
 class _Curves(NamedTuple):
@@ -41,29 +41,20 @@ class Lines:
     corner: IntArray  # node of the tree whose curve a node belongs to, or -1
 
 
-def curve_tree(
-    tree: VesselTree,
-    reach: FloatArray,
-    main: IntArray,
-    forked: NDArray[np.bool_],
-    least: FloatArray,
-) -> tuple[VesselTree, Lines]:
-    """The tree with its bends and main lines rounded, radii derived anew.
+class Bends(NamedTuple):
+    """How the main line at the end of each segment (s,) of a tree is curved."""
+
+    reach: FloatArray  # of the curve over what it may: 0 to 1
+    main: IntArray  # child that goes on, -1 for none (`main_children`)
+    forked: BoolArray  # whether both children are as wide: both leave by a small turn
+    least: FloatArray  # turn that stays as it is, rad
+
+
+def curve_tree(tree: VesselTree, bends: Bends) -> tuple[VesselTree, Lines]:
+    """Return the tree with its bends and main lines rounded, radii derived anew.
 
     Lengths change a little, and with them the radii that give each terminal its flow: they are
     derived from the curved tree, so that flows and Murray's law stay exact.
-
-    Parameters
-    ----------
-    tree : VesselTree
-    reach : (s,) float64
-        How far the curve at the far end of each segment reaches, over what it may: 0 to 1.
-    main : (s,) int64
-        Child that goes on from each segment, -1 for none (`main_children`).
-    forked : (s,) bool
-        Segments whose two children are as wide: both leave by a small turn.
-    least : (s,) float64, rad
-        Turns of each segment that stay as they are.
 
     Returns
     -------
@@ -73,11 +64,12 @@ def curve_tree(
         Where each of its segments comes from; segment ``i`` ends at node ``i + 1``.
     """
     room = CURVES.joint * tree_radii(tree)
-    room = np.where(tree.parent >= 0, room[np.maximum(tree.parent, 0)], room)
-    lines = _cut_joints(tree, main, forked, reach, least, room)
+    room = np.where(tree.parent >= 0, room[tree.parent], room)
+    lines = _cut_joints(tree, bends, room)
     for _ in range(CURVES.passes):
-        lines = _cut_bends(lines, _main_nodes(lines), least, room)
-    return _rebuilt(tree, lines), lines
+        lines = _cut_bends(lines, bends.least, room)
+    points, up = lines.points, lines.parent[1:]
+    return derived_tree(tree, points[up], points[1:], up - 1, origin=lines.origin[1:]), lines
 
 
 def main_children(tree: VesselTree, radius: FloatArray | None = None) -> IntArray:
@@ -96,27 +88,21 @@ def turns(tree: VesselTree) -> tuple[IntArray, FloatArray]:
     return upper, _angle(way[upper], way[main[upper]])
 
 
-def _cut_joints(
-    tree: VesselTree,
-    main: IntArray,
-    forked: NDArray[np.bool_],
-    reach: FloatArray,
-    least: FloatArray,
-    room: FloatArray,
-) -> Lines:
+def _cut_joints(tree: VesselTree, bends: Bends, room: FloatArray) -> Lines:
     """Cut the corner at each node where the main line turns; the node moves onto the cut.
 
     At a fork the node stays, and each child begins by a small turn.
     """
     count = len(tree.parent)
+    reach, main, forked, least = bends
     length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
     way = (tree.distal - tree.proximal) / length[:, None]
     upper = np.flatnonzero((main >= 0) & ~forked)
     lower = main[upper]
     cut = CURVES.reach * reach[upper] * np.minimum(length[upper], length[lower])
     low = np.where(cut < room[upper], np.maximum(least[upper], CURVES.near), least[upper])
-    bends = _angle(way[upper], way[lower]) > low
-    upper, lower, cut = upper[bends], lower[bends], cut[bends]
+    turning = _angle(way[upper], way[lower]) > low
+    upper, lower, cut = upper[turning], lower[turning], cut[turning]
     # Nodes beside a joint: before it on the upper segment, after it on a lower one.
     before, after = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
     before[upper] = tree.distal[upper] - cut[:, None] * way[upper]
@@ -161,56 +147,36 @@ def _turned(one: FloatArray, two: FloatArray, most: float) -> FloatArray:
     return turned
 
 
-def _main_nodes(lines: Lines) -> IntArray:
-    """The one child of each node with exactly one; else -1."""
-    below = np.flatnonzero(lines.parent >= 0)
-    count = np.bincount(lines.parent[below], minlength=len(lines.parent))
-    only = np.full(len(lines.parent), -1, dtype=np.int64)
-    only[lines.parent[below]] = below
-    return np.where(count == 1, only, -1)
-
-
-def _cut_bends(lines: Lines, only: IntArray, least: FloatArray, room: FloatArray) -> Lines:
+def _cut_bends(lines: Lines, least: FloatArray, room: FloatArray) -> Lines:
     """Put two nodes in place of each that is no joint and turns.
 
     Nodes nearer than ``room`` (s,), mm, to a joint turn by ``CURVES.near`` before they are.
     """
-    at = np.flatnonzero((only >= 0) & (lines.parent >= 0))
-    here = lines.points[at]
-    before, after = here - lines.points[lines.parent[at]], lines.points[only[at]] - here
-    joint = np.bincount(lines.parent[lines.parent >= 0], minlength=len(lines.parent)) > 1
-    wide = room[lines.origin[at]]
-    near = joint[lines.parent[at]] & (np.linalg.norm(before, axis=1) < wide)
-    near |= joint[only[at]] & (np.linalg.norm(after, axis=1) < wide)
-    low = least[lines.origin[at]]
+    inner = np.flatnonzero(lines.parent >= 0)
+    count = np.bincount(lines.parent[inner], minlength=len(lines.parent))
+    child = np.full(len(lines.parent), -1, dtype=np.int64)
+    child[lines.parent[inner]] = inner
+    at = np.flatnonzero((count == 1) & (lines.parent >= 0))
+    here, up, down = lines.points[at], lines.parent[at], child[at]
+    before, after = here - lines.points[up], lines.points[down] - here
+    long_before, long_after = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
+    wide, low = room[lines.origin[at]], least[lines.origin[at]]
+    near = ((count[up] > 1) & (long_before < wide)) | ((count[down] > 1) & (long_after < wide))
     turning = _angle(before, after) > np.where(near, np.maximum(low, CURVES.near), low)
-    at, here, before, after = at[turning], here[turning], before[turning], after[turning]
-    length = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
-    step = 0.25 * length[:, None]
-    first = here - step * before / np.linalg.norm(before, axis=1)[:, None]
-    second = here + step * after / np.linalg.norm(after, axis=1)[:, None]
-    extra = np.zeros(len(lines.parent), dtype=np.int64)
-    extra[at] = 1
-    last = np.cumsum(1 + extra) - 1
-    size = int(last[-1]) + 1
-    points, parent = np.empty((size, 3)), np.empty(size, dtype=np.int64)
-    origin, corner = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
-    begin = last - extra
-    points[begin] = lines.points
-    parent[begin] = np.where(lines.parent >= 0, last[np.maximum(lines.parent, 0)], -1)
-    for nodes in (begin, last):
-        origin[nodes], corner[nodes] = lines.origin, lines.corner
-    points[begin[at]], points[last[at]] = first, second
-    parent[last[at]] = begin[at]
+    step = 0.25 * np.minimum(long_before, long_after)[:, None]
+    first = here - step * before / long_before[:, None]
+    second = here + step * after / long_after[:, None]
+    at, first, second = at[turning], first[turning], second[turning]
+    copies = np.ones(len(lines.parent), dtype=np.int64)
+    copies[at] = 2
+    old, last = np.repeat(np.arange(len(copies)), copies), np.cumsum(copies) - 1
+    points, origin, corner = lines.points[old], lines.origin[old], lines.corner[old]
+    parent = np.where(lines.parent[old] >= 0, last[lines.parent[old]], -1)
+    points[last[at] - 1], points[last[at]] = first, second
+    parent[last[at]] = last[at] - 1
     # The upper part of what was the lower piece belongs to the lower piece's segment.
-    origin[last[at]] = lines.origin[only[at]]
+    origin[last[at]] = lines.origin[child[at]]
     return Lines(points, parent, origin, corner)
-
-
-def _rebuilt(tree: VesselTree, lines: Lines) -> VesselTree:
-    parent = lines.parent[1:] - 1
-    points = lines.points
-    return derived_tree(tree, points[lines.parent[1:]], points[1:], parent, origin=lines.origin[1:])
 
 
 def derived_tree(

@@ -9,7 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from design.anatomy.curves import STRAIGHT, Lines, curve_tree, derived_tree, main_children, turns
+from design.anatomy.curves import (
+    STRAIGHT,
+    Bends,
+    Lines,
+    curve_tree,
+    derived_tree,
+    main_children,
+    turns,
+)
 from design.anatomy.trunk_lines import outward
 from design.errors import CrowdedError, GrowthError, WideTrunkError
 from design.network import VesselNetwork
@@ -263,32 +271,36 @@ def curve_trees(
     Misfits
         What is left.
     """
-    reach = [np.ones(len(tree.parent)) for tree in trees]
-    main = [main_children(tree) for tree in trees]
-    forked = [np.zeros(len(tree.parent), dtype=np.bool_) for tree in trees]
-    wide = [tree_radii(tree) / tree_radii(tree)[0] >= FIT.fine for tree in trees]
-    turn = [np.where(each, least, max(least, narrow)) for each in wide]
+    bends = [_first_bends(tree, least, narrow) for tree in trees]
     left: list[int] = []
     for n in range(FIT.halvings):
-        curved = [curve_tree(*each) for each in zip(trees, reach, main, forked, turn, strict=True)]
+        curved = [curve_tree(*each) for each in zip(trees, bends, strict=True)]
         done = tuple(tree for tree, _ in curved)
         bad = misfits(tissue, done, clearance, FIT.joint)
         wider = [_wider(*each) for each in zip(trees, curved, strict=True)]
-        turned = [(a != b) & ~c for a, b, c in zip(main, wider, forked, strict=True)]
+        turned = [(b.main != c) & ~b.forked for b, c in zip(bends, wider, strict=True)]
         if not bad.total and not any(some.any() for some in turned):
             break
         left.append(bad.total)
         if clearance.room > 1.0 and n >= FIT.stuck and left[-1] >= left[-1 - FIT.stuck]:
             break  # what is left is pushed apart next
-        # Where the curve itself makes the other child wider, both are alike.
-        forked = [a | b if n > 0 else a for a, b in zip(forked, turned, strict=True)]
-        main = wider
-        first = np.cumsum([0, *(len(tree.parent) for tree in done)])
-        touched = np.zeros(first[-1], dtype=np.bool_)
+        touched = np.zeros(sum(len(tree.parent) for tree in done), dtype=np.bool_)
         touched[bad.out] = touched[bad.pairs] = True
-        for k, (tree, (_, lines)) in enumerate(zip(trees, curved, strict=True)):
-            _shorten(tree, lines, touched[first[k] : first[k + 1]], reach[k])
+        first = 0
+        for k, (tree, lines) in enumerate(curved):
+            _shorten(trees[k], lines, touched[first : first + len(tree.parent)], bends[k].reach)
+            # Where the curve itself makes the other child wider, both are alike.
+            forked = bends[k].forked | (turned[k] & (n > 0))
+            bends[k] = bends[k]._replace(main=wider[k], forked=forked)
+            first += len(tree.parent)
     return done, misfits(tissue, done, clearance)
+
+
+def _first_bends(tree: VesselTree, least: float, narrow: float) -> Bends:
+    """Curves that reach as far as they may."""
+    radius, count = tree_radii(tree), len(tree.parent)
+    turn = np.where(radius >= FIT.fine * radius[0], least, max(least, narrow))
+    return Bends(np.ones(count), main_children(tree), np.zeros(count, dtype=np.bool_), turn)
 
 
 def _shorten(tree: VesselTree, lines: Lines, bad: BoolArray, reach: FloatArray) -> None:

@@ -31,16 +31,14 @@ from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
-DEPTH_MARGIN = 1.03
-"""Depth of a trunk's axis over its radius, beside the clearance: radii rise a little while trees
-grow and are curved."""
-WIDER = 1.15
-"""See `TrunkPlan`."""
-
 
 class _Laying(NamedTuple):
     """How trunks are laid for the radii that they get."""
 
+    # Depth of a trunk's axis over its radius, beside the clearance: radii rise a little while trees
+    # grow and are curved.
+    depth_margin: float = 1.03
+    wider: float = 1.15  # see `TrunkPlan`
     radius_margin: float = 1.05  # radii of the second growth over those of the first
     growths: int = 2  # at most
     straighter: float = 0.12  # how far lines may be straightened, over their radius
@@ -57,40 +55,22 @@ LAYING = _Laying()
 
 @dataclass(frozen=True)
 class TrunkPlan:
-    """Where trunks run, before radii are known.
-
-    Attributes
-    ----------
-    lines : TrunkLines
-    shallow_mm : float
-        Least depth of the trunks' axes.
-    exactly : bool
-        Whether trunks keep to their depth; else they may lie deeper.
-    wider : float
-        Radii by which trunks are kept clear of each other, over those they are laid for.
-    keep : function of (n, 3) to (n, 3), optional
-        Brings nodes back to a zone, after they were brought to their depth.
-    branches : function of lines and radii to both, optional
-        Adds branches that leave the laid trunks.
-    widest_branch : float, optional
-        See `Trunk`; by default these branches count as trunks in the grown trees.
-    tries : int
-        Growths from the same trunks at most, where one gets stuck.
-    main : frozenset of bytes
-        Nodes, as bytes, that stay where others are in their way, however thin they are.
-    lost : function of lines and radii, optional
-        What is to be raised where the laid trunks lack a branch that the organ needs.
-    """
+    """Where trunks run, before radii are known."""
 
     lines: TrunkLines
-    shallow_mm: float
-    exactly: bool = True
-    wider: float = WIDER
+    shallow_mm: float  # least depth of the trunks' axes
+    exactly: bool = True  # whether trunks keep to their depth; else they may lie deeper
+    wider: float = (
+        LAYING.wider
+    )  # radii by which trunks are kept clear of each other, over their own
+    # Brings nodes (n, 3) back to a zone, after they were brought to their depth.
     keep: Callable[[FloatArray], FloatArray] | None = None
+    # Adds branches that leave the laid lines, whose nodes have radii (n,).
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
-    widest_branch: float | None = None
-    tries: int = len(SPREADS)
-    main: frozenset[bytes] = frozenset()
+    widest_branch: float | None = None  # see `Trunk`; by default branches count as trunks
+    tries: int = len(SPREADS)  # growths from the same trunks at most, where one gets stuck
+    main: frozenset[bytes] = frozenset()  # nodes that stay where others are in their way
+    # What is to be raised where the laid trunks lack a branch that the organ needs.
     lost: Callable[[TrunkLines, FloatArray], WideTrunkError | None] | None = None
 
     @property
@@ -215,7 +195,7 @@ def laid(
     Branches that are in each other's way fork later or are left away.
     """
     for number in itertools.count():
-        deep = np.maximum(DEPTH_MARGIN * radius + options.clearance_mm, plan.shallow_mm)
+        deep = np.maximum(LAYING.depth_margin * radius + options.clearance_mm, plan.shallow_mm)
         keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly, plan.keep)
         smooth = smooth_lines(lines, keep)
         later = number < LAYING.later
@@ -239,22 +219,18 @@ def clear_trunks(
     later: bool = True,
     main: frozenset[bytes] = frozenset(),
 ) -> tuple[TrunkLines, FloatArray] | None:
-    """Lines and radii with less in each other's way; None where nothing is.
+    """Return lines and radii with less in each other's way; None where nothing is.
 
-    Two branches that are too near just after their fork fork a node later. Of other pairs the
-    thinner is left away with all below it, as is what leaves the tissue.
+    Two branches that are too near just after their fork fork a node later, if they may. Of other
+    pairs the thinner is left away with all below it, as is what leaves the tissue.
 
     Parameters
     ----------
-    laid : TrunkLines
-        Where the nodes lie.
-    lines : TrunkLines
-        The same nodes, of which the result is made.
+    laid, lines : TrunkLines
+        Where the nodes lie; the same nodes, of which the result is made.
     radius : (n,) float64, mm
     wider : float
         Radii by which trunks are kept apart, over theirs.
-    later : bool
-        Whether branches may fork later.
     main : frozenset of bytes
         Nodes of ``lines``, as bytes, that stay rather than others, however thin they are.
 

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from design.anatomy.from_trunks import DEPTH_MARGIN, TrunkPlan
+from design.anatomy.from_trunks import LAYING, TrunkPlan
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
 from design.anatomy.main_branches import (
     MATCH,
@@ -60,6 +60,7 @@ class _Trunks(NamedTuple):
     waypoint: float = float(np.radians(30.0))  # between stops in the atrioventricular groove
     strict: float = 25.0  # cost of leaving a groove by the epicardium's height
     narrow: float = 6.0  # cost of a main branch's way where the wall has no room for it
+    balance: float = 0.5  # of side branches, see `Rank`
     spacing: float = 0.62  # of side branches' ends, over the spacing of all ends
     offered: int = 3  # places that are tried for each end
     # Spacing of side branches over the last: long ones come first, so that a main branch parts into
@@ -90,8 +91,6 @@ class HeartAnatomy:
         How many ends the epicardial vessels have, at about.
     trunk_depth_mm : float, mm
         Least depth of their axes.
-    balance : float
-        See `Rank`.
     published_radii : bool
         Change the pressure drop as little as brings all orders' diameters, lengths and ratios
         within the published spread (Kassab et al. 1993), as far as one drop can.
@@ -103,7 +102,6 @@ class HeartAnatomy:
     right_ostium_mm: Place | None = None
     trunk_ends: int = 600
     trunk_depth_mm: float = 0.3
-    balance: float = 0.5
     published_radii: bool = False
 
 
@@ -219,13 +217,13 @@ def _trunk_lines(
     depth = guide_depth(tissue, points, inward, anatomy.trunk_depth_mm)
     below, deep = below_surface(tissue, points, inward, depth)
     layer = join_layer(tissue, below[deep], 0.5 * depth)
-    wide = DEPTH_MARGIN * likely_radius(tissue, options) + options.clearance_mm
+    wide = LAYING.depth_margin * likely_radius(tissue, options) + options.clearance_mm
     epi = _Epicardium.of(layer, places, _narrow_places(tissue, layer, wide))
     forest, branches = _main_trunks(epi, places, shape.given)
     spacing = TRUNKS.spacing * Zone.of(layer, 2).spacing_mm(shape.ends)
     sites = spread_sites(layer.points, TRUNKS.offered * shape.ends, forest.taken)
     for coarse in TRUNKS.coarse:
-        forest.join(sites, coarse * spacing, anatomy.balance, layer.length)
+        forest.join(sites, coarse * spacing, TRUNKS.balance, layer.length)
     begins = [_begin(forest, tree, shape.given) for tree in (LEFT, RIGHT)]
     ostia = {t: ostium_above(tissue, layer.points[i], places.base) for t, i in enumerate(begins)}
     guess = (

@@ -41,35 +41,21 @@ FOLLOWED = _Followed()
 
 
 class MainBranch(NamedTuple):
-    """A branch with a name of its own.
-
-    Attributes
-    ----------
-    name : str
-    tree : int
-        That it belongs to.
-    line : (n, 3) float64, mm
-        Its planned way.
-    needed : bool
-        Whether the organ can't be without it.
-    """
+    """A branch with a name of its own."""
 
     name: str
-    tree: int
-    line: FloatArray
-    needed: bool = False
+    tree: int  # that it belongs to
+    line: FloatArray  # (n, 3), mm, its planned way
+    needed: bool = False  # whether the organ can't be without it
 
 
 class Pieces(NamedTuple):
-    """Pieces of a tree's trunks: where they begin and end (n, 3), radii (n,), mm, and parents (n,).
+    """Pieces of a tree's trunks, parents before their children."""
 
-    A parent is the number of the piece before, -1 where there is none; parents come first.
-    """
-
-    begin: FloatArray
+    begin: FloatArray  # (n, 3), mm
     end: FloatArray
-    radius: FloatArray
-    parent: IntArray
+    radius: FloatArray  # (n,), mm
+    parent: IntArray  # (n,), the piece before, -1 where there is none
 
 
 def trunk_pieces(trees: Trees) -> list[Pieces]:

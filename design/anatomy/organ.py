@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.fit import Clearance, fit_trees, with_flows
-from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
+from design.anatomy.from_trunks import LAYING, TrunkPlan, grow_from_plan
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.trunk_lines import spread_sites
 from design.errors import (
@@ -114,7 +114,7 @@ def grow_trees(
     room, more = 0, 1.0
     for attempt in range(SEARCH.attempts):
         each = tuple(replace(one, terminals=ceil(more * one.terminals)) for one in grown)
-        wider = replace(plan, wider=WIDER * (1.0 + SEARCH.more_room * room))
+        wider = replace(plan, wider=LAYING.wider * (1.0 + SEARCH.more_room * room))
         try:
             trees = grow_from_plan(tissue, wider, each)
         except GrowthError as failed:

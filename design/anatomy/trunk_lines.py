@@ -43,19 +43,13 @@ _TOO_FEW = (
 class Layer:
     """Places that trunks may run through.
 
-    Attributes
-    ----------
-    points : (n, 3) float64, mm
-    first : (n + 1,) int64
-        Edges of place ``i`` are ``first[i]:first[i + 1]`` of the arrays below.
-    to : (e,) int64
-    length : (e,) float64, mm
+    Edges of place ``i`` are ``first[i]:first[i + 1]`` of the arrays ``to`` and ``length``.
     """
 
-    points: FloatArray
-    first: IntArray
-    to: IntArray
-    length: FloatArray
+    points: FloatArray  # (n, 3), mm
+    first: IntArray  # (n + 1,)
+    to: IntArray  # (e,)
+    length: FloatArray  # (e,), mm
 
     @property
     def begin(self) -> IntArray:
@@ -150,48 +144,26 @@ class Zone(NamedTuple):
 
 
 class Rank(NamedTuple):
-    """Branches of one rank of an organ's trunks.
+    """Branches of one rank of an organ's trunks."""
 
-    Attributes
-    ----------
-    balance : float
-        0 to 1: how much the way back to the inlet counts beside a branch's own length. The
-        cosine of the angle at which branches leave long straight trunks (Cuntz et al. 2010,
-        doi 10.1371/journal.pcbi.1000877, balancing factor).
-    spacing : float
-        Least distance of a new end from the trees, over the spacing of all ends of this rank.
-    ends : int
-        How many; 0 for as many as the organ's trunks have.
-    offered : int
-        Places that are tried for each end.
-    """
-
+    # 0 to 1: how much the way back to the inlet counts beside a branch's own length. The cosine of
+    # the angle at which branches leave long straight trunks (Cuntz et al. 2010,
+    # doi 10.1371/journal.pcbi.1000877, balancing factor).
     balance: float
-    spacing: float = 0.62
-    ends: int = 0
-    offered: int = 1
+    spacing: float = 0.62  # least distance of a new end from the trees over that of all ends
+    ends: int = 0  # how many; 0 for as many as the organ's trunks have
+    offered: int = 1  # places that are tried for each end
 
 
 @dataclass
 class LayerForest:
-    """Trees of places of a layer, one tree for each inlet.
-
-    Attributes
-    ----------
-    layer : Layer
-    parent, tree : (n,) int64
-        Of each place; -2 and -1 where no tree has come.
-    way : (n,) float64, mm
-        From the inlet, along the tree.
-    away : (n,) float64, mm
-        Distance of each place from the nearest that has a tree.
-    """
+    """Trees of places of a layer, one tree for each inlet."""
 
     layer: Layer
-    parent: IntArray = field(init=False)
-    tree: IntArray = field(init=False)
-    way: FloatArray = field(init=False)
-    away: FloatArray = field(init=False)
+    parent: IntArray = field(init=False)  # (n,), -2 where no tree has come
+    tree: IntArray = field(init=False)  # (n,), -1 where no tree has come
+    way: FloatArray = field(init=False)  # (n,), mm, from the inlet along the tree
+    away: FloatArray = field(init=False)  # (n,), mm, from the nearest place that has a tree
 
     def __post_init__(self) -> None:
         count = len(self.layer.points)
@@ -316,21 +288,12 @@ def spread_sites(points: FloatArray, count: int, taken: FloatArray) -> IntArray:
 
 @dataclass(frozen=True)
 class TrunkLines:
-    """Trunks as trees of nodes, several in one, parents before their children.
+    """Trunks as trees of nodes, several in one, parents before their children."""
 
-    Attributes
-    ----------
-    points : (n, 3) float64, mm
-    parent, tree : (n,) int64
-        The parent of an inlet is -1.
-    share : (n,) float64
-        Of the tissue's volume that lies nearest to a node or one downstream of it.
-    """
-
-    points: FloatArray
-    parent: IntArray
+    points: FloatArray  # (n, 3), mm
+    parent: IntArray  # -1 for an inlet
     tree: IntArray
-    share: FloatArray
+    share: FloatArray  # of the tissue's volume nearest to a node or one downstream of it
 
     def main_child(self) -> IntArray:
         """The child of each node with the largest share; -1 at tips."""
@@ -352,12 +315,8 @@ def lines_of(forest: LayerForest, ostia: dict[int, FloatArray], volume: FloatArr
 
     A place of three children or more is parted into several along its main child's edge.
 
-    Parameters
-    ----------
-    ostia : of each tree's number, (3,) float64, mm
-        Where it enters.
-    volume : (k, 3) float64, mm
-        Points all over the tissue, by which shares are measured.
+    Each tree's number has its ostium (3,), mm; shares are measured by points ``volume`` (k, 3)
+    all over the tissue.
     """
     used = np.flatnonzero(forest.parent > -2)
     # Parents have shorter ways, so that they stand first.
@@ -437,10 +396,7 @@ def _chosen(lines: TrunkLines, nodes: IntArray, parent: IntArray) -> TrunkLines:
 def smooth_lines(lines: TrunkLines, keep: Callable[[FloatArray], FloatArray]) -> TrunkLines:
     """Even out bends: each node moves halfway to the middle of its parent and main child.
 
-    Parameters
-    ----------
-    keep : function of (n, 3) to (n, 3)
-        Brings nodes back to where they must be: to the layer's depth, or into the tissue.
+    Then ``keep`` brings nodes back to the layer's depth, or into the tissue.
     """
     main = lines.main_child()
     inner = np.flatnonzero((lines.parent >= 0) & (main >= 0))
