@@ -51,7 +51,7 @@ TRUNKS = _Trunks()
 
 @dataclass(frozen=True)
 class CortexAnatomy:
-    """What a cortex's vessels are told; what isn't is found in its shape.
+    """Options of a cortex's vessels; what isn't given is found in its shape.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ def _with_arterioles(
     rule: ArterioleRule,
     options: GrowthOptions,
 ) -> tuple[TrunkLines, FloatArray]:
-    """Pial lines with arterioles that leave them at right angles to the surface, and their radii.
+    """Return pial lines with arterioles at right angles to the surface, and their radii.
 
     All ends of pial arteries dive, and as many other places as are far enough from those.
     Arterioles in each other's way are left out.
@@ -191,7 +191,7 @@ def _with_arterioles(
 
 
 def _spaced_nodes(lines: TrunkLines, spacing_mm: float) -> IntArray:
-    """Nodes of at most one child, ends first, each so far from the others."""
+    """Return nodes of at most one child, ends first, each so far from the others."""
     count = lines.child_count()
     free = np.flatnonzero((lines.parent >= 0) & (count <= 1))
     order = free[np.argsort(count[free], kind="stable")]
@@ -223,24 +223,12 @@ SHAPE = _Shape()
 
 @dataclass(frozen=True)
 class CortexPlaces:
-    """Places of a cortex.
+    """The pial side of a cortex."""
 
-    Attributes
-    ----------
-    pial : (k,) int64
-        Numbers of the surface samples on the pial side.
-    outward : (3,) float64
-        Mean normal of that side, a unit vector.
-    thickness_mm : float
-        Median along the normal, or as it is given.
-    closed : bool
-        Whether that side looks all ways, as a hemisphere's does: it has no mean normal.
-    """
-
-    pial: IntArray
-    outward: FloatArray
-    thickness_mm: float
-    closed: bool = False
+    pial: IntArray  # numbers of the surface samples on it
+    outward: FloatArray  # its mean normal, a unit vector
+    thickness_mm: float  # median along the normal, or as it is given
+    closed: bool = False  # whether it looks all ways, as a hemisphere's does: no mean normal
 
 
 def find_cortex_places(
@@ -291,7 +279,7 @@ def find_cortex_places(
 
 
 def _sides(samples: SurfaceSamples, deep: FloatArray) -> list[IntArray]:
-    """Samples of each side of a sheet; of a solid body all samples, as one."""
+    """Return samples of each side of a sheet; of a solid body all samples, as one."""
     points, inward = samples.points, samples.inward
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     if np.median(deep) > SHAPE.sheet * extent:

@@ -73,7 +73,7 @@ def curve_tree(tree: VesselTree, bends: Bends) -> tuple[VesselTree, Lines]:
 
 
 def main_children(tree: VesselTree, radius: FloatArray | None = None) -> IntArray:
-    """The wider child of each segment, by its own radii or others (s,); -1 for a terminal."""
+    """Return the wider child of each segment, by its own or other radii (s,); -1 for none."""
     radius = tree_radii(tree) if radius is None else radius
     a, b = tree.children.T.astype(np.int64)
     wider = np.where((b >= 0) & (radius[np.maximum(b, 0)] > radius[np.maximum(a, 0)]), b, a)
@@ -81,7 +81,7 @@ def main_children(tree: VesselTree, radius: FloatArray | None = None) -> IntArra
 
 
 def turns(tree: VesselTree) -> tuple[IntArray, FloatArray]:
-    """Segments with a child, and the angle (rad) between each and its main child."""
+    """Return segments with a child, and the angle (rad) between each and its main child."""
     main = main_children(tree)
     upper = np.flatnonzero(main >= 0)
     way = tree.distal - tree.proximal
@@ -138,7 +138,7 @@ def _cut_joints(tree: VesselTree, bends: Bends, room: FloatArray) -> Lines:
 
 
 def _turned(one: FloatArray, two: FloatArray, most: float) -> FloatArray:
-    """Unit vectors ``one`` (n, 3) turned towards ``two`` by the angle between, or ``most``."""
+    """Turn unit vectors ``one`` (n, 3) towards ``two`` by the angle between, or ``most``."""
     across = two - np.einsum("ij,ij->i", one, two)[:, None] * one
     size = np.linalg.norm(across, axis=1)
     across = across / np.where(size > 0, size, np.inf)[:, None]
@@ -239,7 +239,7 @@ def _angle(one: FloatArray, two: FloatArray) -> FloatArray:
 
 
 def curved_network(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> VesselNetwork:
-    """All trees as one network; a vessel reaches from joint to joint, through all its bends.
+    """Return all trees as one network; a vessel reaches from joint to joint, through all its bends.
 
     Veins and lymph flow from terminals to root.
     """

@@ -154,7 +154,7 @@ def with_flows(trees: Trees, terminals: int, shared: bool) -> Trees:
 
 
 def _cleared(tissue: Tissue, trees: Trees, clearance: Clearance, shallow_mm: float | None) -> Trees:
-    """The trees pushed apart, without what then doesn't fit."""
+    """Return the trees pushed apart, without what then doesn't fit."""
     for _ in range(FIT.rounds):
         trees = push_apart(tissue, trees, clearance, shallow_mm)
         bad = misfits(tissue, trees, clearance)
@@ -297,7 +297,7 @@ def curve_trees(
 
 
 def _first_bends(tree: VesselTree, least: float, narrow: float) -> Bends:
-    """Curves that reach as far as they may."""
+    """Return curves that reach as far as they may."""
     radius, count = tree_radii(tree), len(tree.parent)
     turn = np.where(radius >= FIT.fine * radius[0], least, max(least, narrow))
     return Bends(np.ones(count), main_children(tree), np.zeros(count, dtype=np.bool_), turn)
@@ -313,7 +313,7 @@ def _shorten(tree: VesselTree, lines: Lines, bad: BoolArray, reach: FloatArray) 
 
 
 def _wider(tree: VesselTree, curved: tuple[VesselTree, Lines]) -> IntArray:
-    """The wider child of each segment once its tree is curved."""
+    """Return the wider child of each segment once its tree is curved."""
     radius = np.zeros(len(tree.parent))
     radius[curved[1].origin[1:]] = tree_radii(curved[0])
     return main_children(tree, radius)
@@ -325,7 +325,7 @@ def kinks(trees: Sequence[VesselTree], of_root: float = FIT.wide) -> int:
 
 
 def _kinked(tree: VesselTree, of_root: float = FIT.wide) -> IntArray:
-    """Segments at whose end a main line has a kink."""
+    """Return segments at whose end a main line has a kink."""
     upper, turn = turns(tree)
     radius = tree_radii(tree)
     sharp = (turn > np.radians(FIT.kink)) & (radius[upper] > of_root * float(radius[0]))
@@ -375,7 +375,7 @@ def moved_tree(tree: VesselTree, distal: FloatArray) -> VesselTree:
 def _pushes(
     network: VesselNetwork, every: _Segments, clearance: Clearance
 ) -> tuple[FloatArray, float]:
-    """How far the end of each segment is to move for what is near, (n, 3), mm.
+    """Return how far the end of each segment is to move for what is near, (n, 3), mm.
 
     And how much the nearest pair lacks, mm; at most 0 where all are clear.
     """
@@ -404,7 +404,7 @@ def _pushes(
 
 
 def _back(tissue: Tissue, every: _Segments, mm: float) -> FloatArray:
-    """How far the end of each segment is to move into the tissue, (n, 3), mm."""
+    """Return how far the end of each segment is to move into the tissue, (n, 3), mm."""
     out = _reaching_out(tissue, every, mm)
     wanted, shift = np.zeros(len(every.radius)), np.zeros_like(every.end)
     for nodes in (out, every.parent[out]):
@@ -417,7 +417,7 @@ def _back(tissue: Tissue, every: _Segments, mm: float) -> FloatArray:
 
 
 def _rise(tissue: Tissue, every: _Segments, clearance: Clearance, shallow_mm: float) -> FloatArray:
-    """How far the end of each segment rises, (n, 3), mm: those of trunks that lie too deep."""
+    """Return how far ends (n, 3), mm, of trunks that lie too deep are to rise."""
     nodes = np.flatnonzero(every.given & (every.parent >= 0))
     room = FIT.wider * every.radius[nodes] + clearance.room * clearance.mm
     deeper = -tissue.grid.distance(every.end[nodes]) - np.maximum(room, shallow_mm)
@@ -427,7 +427,7 @@ def _rise(tissue: Tissue, every: _Segments, clearance: Clearance, shallow_mm: fl
 
 
 def _spread(parent: IntArray, shift: FloatArray) -> FloatArray:
-    """Pushes (n, 3) of nodes spread over their neighbours; what is pushed goes as far."""
+    """Return pushes (n, 3) of nodes spread over their neighbours; what is pushed goes as far."""
     up = np.flatnonzero(parent >= 0)
     pushed = np.linalg.norm(shift, axis=1)[:, None] > 0.0
     spread = shift
@@ -445,7 +445,7 @@ def _spread(parent: IntArray, shift: FloatArray) -> FloatArray:
 
 
 def _without(trees: Trees, bad: Misfits) -> Trees:
-    """The trees without what feeds fewer terminals of each pair, and without what is out."""
+    """Return the trees without what feeds fewer terminals of each pair, and without what is out."""
     every = _Segments.of(trees)
     a, b = bad.pairs.T
     a_goes = (every.fed[a] < every.fed[b]) | ((every.fed[a] == every.fed[b]) & (a < b))
@@ -488,7 +488,7 @@ def without_terminals(tree: VesselTree, gone: BoolArray) -> VesselTree:
 
 
 def _kept_segments(tree: VesselTree, gone: BoolArray) -> BoolArray:
-    """Which segments (n,) lead to a terminal that stays; the order of the rest doesn't change."""
+    """Return which segments (n,) lead to a terminal that stays."""
     kept = (tree.children[:, 0] < 0) & ~gone
     for i in downward_order(tree.children)[::-1]:
         if tree.parent[i] >= 0:
@@ -506,7 +506,7 @@ def terminals_below(tree: VesselTree, segments: BoolArray) -> BoolArray:
 
 
 def _trimmed(trees: Trees, terminals: int, spare: int, shared: bool) -> Trees:
-    """The trees with so many terminals, each or together, and to spare where they have them."""
+    """Return trees with so many terminals, each or together, and some to spare."""
     counts = np.array([int(tree.terminals[0]) for tree in trees])
     have = int(counts.sum()) if shared else int(counts.min())
     if have < terminals:
@@ -521,7 +521,7 @@ def _trimmed(trees: Trees, terminals: int, spare: int, shared: bool) -> Trees:
 
 
 def _fewer(tree: VesselTree, many: int) -> VesselTree:
-    """The tree without so many terminals; where it had no kinks it has none, as far as can be.
+    """Remove so many terminals of a tree; where it had no kinks it gets none, if possible.
 
     A vessel goes on in its wider child, and of two nearly alike the other one may become the
     wider when terminals go: those of the wider one stay there, and others go.
@@ -543,7 +543,7 @@ def _fewer(tree: VesselTree, many: int) -> VesselTree:
 
 
 def _side_tips(tree: VesselTree) -> IntArray:
-    """Terminals by how little is lost with them: first those that leave a wider vessel.
+    """Return terminals by how little is lost with them: first those that leave a wider vessel.
 
     Of these, and of the others, the shortest first; a trunk's ends last.
     """

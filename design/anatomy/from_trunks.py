@@ -125,7 +125,7 @@ def _roots(
     plan: TrunkPlan,
     each: Sequence[GrowthOptions],
 ) -> list[RootSpec]:
-    """One root for each tree: for the whole tissue, or its territory's share of the terminals.
+    """Return a root for each tree: for the whole tissue, or its share of the terminals.
 
     Of lines with radii (n,), straightened. What ends at no node of ``trunks`` is a branch.
     """
@@ -151,7 +151,7 @@ def _roots(
 
 
 def _nearest_tree(lines: TrunkLines, tree: int) -> Callable[[FloatArray], BoolArray]:
-    """Function that tells which points are nearest to a node of this tree."""
+    """Return a function that finds which points are nearest to a node of this tree."""
     index, number = cKDTree(lines.points), lines.tree
 
     def owns(points: FloatArray) -> BoolArray:
@@ -161,7 +161,7 @@ def _nearest_tree(lines: TrunkLines, tree: int) -> Callable[[FloatArray], BoolAr
 
 
 def trunk_radii(lines: TrunkLines, trees: Sequence[VesselTree]) -> FloatArray:
-    """Greatest radius that the trees gave to the piece that ends at each node, (n,), mm."""
+    """Return the greatest radius (n,), mm, that trees gave to the piece that ends at each node."""
     radius = np.zeros(len(lines.parent))
     pieces = np.flatnonzero(lines.parent >= 0)
     begin, end = lines.points[lines.parent[pieces]], lines.points[pieces]
@@ -190,7 +190,7 @@ def laid(
     radius: FloatArray,
     options: GrowthOptions,
 ) -> tuple[TrunkLines, TrunkLines, FloatArray]:
-    """The lines, smooth, at the depth that their radii (n,) ask for; they as given; their radii.
+    """Smooth lines at the depth that their radii (n,) need; return also those given, and radii.
 
     Branches that are in each other's way fork later or are left away.
     """
@@ -342,7 +342,7 @@ class _Forks:
         self.radius[node] = (self.radius[node] ** n + self.radius[branch] ** n) ** (1.0 / n)
 
     def _ancestors(self, node: int) -> list[int]:
-        """The node and all above it, in the lines as they were given or were joined since."""
+        """Return the node and all above it."""
         above = []
         while node >= 0:
             above.append(node)
@@ -378,7 +378,7 @@ def _clashes(
 
 
 def _whole_branches(lines: TrunkLines, gone: BoolArray) -> BoolArray:
-    """All that lies below what is gone, and stubs of less than `LAYING.stub` nodes above it."""
+    """Mark all below what is gone, and stubs of fewer than `LAYING.stub` nodes above it."""
     if not gone.any():
         return gone
     gone = gone.copy()

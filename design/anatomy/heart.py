@@ -79,7 +79,7 @@ TRUNKS = _Trunks()
 
 @dataclass(frozen=True)
 class HeartAnatomy:
-    """What a heart's coronaries are told; what isn't is found in its shape.
+    """Options of a heart's coronaries; what isn't given is found in its shape.
 
     Attributes
     ----------
@@ -131,8 +131,8 @@ def grow_heart(
             drop = narrower.pressure_drop_pa * error.drop_factor
             if not (free and left and drop <= highest and error.nearer_than(before)):
                 raised = narrower.pressure_drop_pa / options.pressure_drop_pa
-                told = "" if narrower is options else f" ({_mmhg(narrower)} mmHg were tried last)"
-                raise error.around(after=told).beyond(raised) from error
+                tried = "" if narrower is options else f" ({_mmhg(narrower)} mmHg were tried last)"
+                raise error.around(after=tried).beyond(raised) from error
             narrower, before = replace(narrower, pressure_drop_pa=drop), error
     return replace(made, notes=(*made.notes, *_drop_note(made.trees[0], options, narrower)))
 
@@ -142,7 +142,7 @@ def _mmhg(options: GrowthOptions) -> str:
 
 
 def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> AnatomicTrees:
-    """The coronaries with the options' pressure drop, or another nearer to published radii."""
+    """Grow the coronaries with the options' pressure drop, or one nearer to published radii."""
     given = dict(zip(NAMES, (anatomy.left_ostium_mm, anatomy.right_ostium_mm), strict=True))
     shape = survey("heart", tissue, options, anatomy.trunk_ends, given)
     places = find_heart_places(shape.samples, _vector(anatomy.base), _vector(anatomy.right))
@@ -180,7 +180,7 @@ def _vector(place: Place | None) -> FloatArray | None:
 def _drop_note(
     tree: VesselTree, options: GrowthOptions, narrower: GrowthOptions
 ) -> tuple[str, ...]:
-    """What is said of a pressure drop that was changed for thin walls or for published radii."""
+    """Note a pressure drop that was changed for thin walls or for published radii."""
     ours, before = tree.pressure_drop_pa, options.pressure_drop_pa
     if abs(ours / before - 1.0) < 1e-9:
         return ()
@@ -196,7 +196,7 @@ def _drop_note(
 
 
 def _left_out_note(lines: TrunkLines, trees: Trees) -> tuple[str, ...]:
-    """What is said of trunks' branches that don't fit."""
+    """Note branches of trunks that don't fit."""
     ends = np.flatnonzero(lines.parent >= 0)
     pieces = lines.points[ends] - lines.points[lines.parent[ends]]
     planned, laid = float(np.linalg.norm(pieces, axis=1).sum()), trunks_mm(trees)
@@ -242,7 +242,7 @@ def _trunk_lines(
 
 
 def _begin(forest: LayerForest, tree: int, given: dict[str, FloatArray]) -> int:
-    """Number of the place in the layer where a coronary begins."""
+    """Return the number of the place in the layer where a coronary begins."""
     places = np.flatnonzero((forest.parent == -1) & (forest.tree == tree))
     if len(places) == 0:
         text = ", ".join(f"{name} near {tuple(at.tolist())}" for name, at in given.items())
@@ -382,7 +382,7 @@ def guide_depth(tissue: Tissue, points: FloatArray, inward: FloatArray, least_mm
 def _too_thin(
     tissue: Tissue, points: FloatArray, inward: FloatArray, depth_mm: float, covered: float
 ) -> TissueError:
-    """What is said of walls below whose ``points`` (n, 3) no trunk fits at a depth."""
+    """Return the error for walls below whose ``points`` (n, 3) no trunk fits at a depth."""
     thick = np.minimum(way_through(tissue, points, inward), 2.0 * depth_mm)
     middle = int(np.argsort(thick)[len(thick) // 2])
     x, y, z = points[middle]
@@ -395,7 +395,7 @@ def _too_thin(
 
 
 def _narrow_places(tissue: Tissue, layer: Layer, depth_mm: float) -> BoolArray:
-    """Places (n,) of the layer below which the tissue isn't so deep."""
+    """Return places (n,) of the layer below which the tissue isn't so deep."""
     deeper = depth_mm + tissue.grid.distance(layer.points)
     below = layer.points - deeper[:, None] * outward(tissue, layer.points)
     return np.asarray(-tissue.grid.distance(below) < WALL.deep * depth_mm)
@@ -428,7 +428,7 @@ def _extend_free(forest: LayerForest, path: IntArray) -> None:
 
 
 def _rim(height: FloatArray, angle: FloatArray, sectors: int = 36) -> FloatArray:
-    """Height of the epicardium's upper rim at each angle, evened over three sectors."""
+    """Return height of the epicardium's upper rim at each angle, evened over three sectors."""
     sector = np.floor((angle + np.pi) / (2 * np.pi) * sectors).astype(np.int64) % sectors
     top = np.full(sectors, np.nan)
     for n in range(sectors):

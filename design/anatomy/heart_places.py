@@ -61,7 +61,7 @@ _BY_SHAPE = (
     "wall isn't thinner on that side; where it isn't the right one, give right_direction: "
     "[x, y, z], from the left ventricle to the right one"
 )
-_UNTOLD = (
+_UNKNOWN = (
     "the left ventricle can't be told from the right one, neither by the wall's thickness nor by "
     "the cavities' shapes, so that the right side may be the left one; give right_direction: "
     "[x, y, z], from the left ventricle to the right one"
@@ -70,42 +70,25 @@ _UNTOLD = (
 
 @dataclass(frozen=True)
 class HeartPlaces:
-    """Directions and places of a heart.
+    """Directions (unit vectors) and places of a heart."""
 
-    Attributes
-    ----------
-    middle : (3,) float64, mm
-        Of the ventricles' cavities.
-    base : (3,) float64
-        Unit vector from the apex to the base.
-    right : (3,) float64
-        Unit vector across it, towards the right ventricle.
-    anterior : (3,) float64
-        Unit vector across both.
-    grooves : (float, float), rad
-        Angles of the anterior and posterior interventricular grooves, from ``right`` towards
-        ``anterior``: between 0 and π, and between -π and 0.
-    epicardium : (k,) int64
-        Numbers of the surface samples that are epicardium.
-    doubts : tuple of str
-        Notes on directions that are guessed, with the remedy.
-    """
-
-    middle: FloatArray
-    base: FloatArray
-    right: FloatArray
-    anterior: FloatArray
+    middle: FloatArray  # (3,), mm, of the ventricles' cavities
+    base: FloatArray  # from the apex to the base
+    right: FloatArray  # across it, towards the right ventricle
+    anterior: FloatArray  # across both
+    # Angles of the anterior and posterior interventricular grooves from ``right`` towards
+    # ``anterior``, rad: between 0 and π, and between -π and 0.
     grooves: tuple[float, float]
-    epicardium: NDArray[np.int64]
-    doubts: tuple[str, ...] = ()
+    epicardium: NDArray[np.int64]  # numbers of the surface samples that are epicardium
+    doubts: tuple[str, ...] = ()  # notes on directions that are guessed, with the remedy
 
     def height(self, points: FloatArray) -> FloatArray:
-        """Along the base's direction from the middle, mm."""
+        """Return along the base's direction from the middle, mm."""
         height: FloatArray = (points - self.middle) @ self.base
         return height
 
     def angle(self, points: FloatArray) -> FloatArray:
-        """About the base's direction, from ``right`` towards ``anterior``, rad."""
+        """Return about the base's direction, from ``right`` towards ``anterior``, rad."""
         along = points - self.middle
         angle: FloatArray = np.arctan2(along @ self.anterior, along @ self.right)
         return angle
@@ -156,14 +139,14 @@ def find_heart_places(
 
 
 def _thin_side(points: FloatArray, up: FloatArray, wall: FloatArray) -> FloatArray | None:
-    """Unit vector (3,) across ``up`` to where the wall is thinner; None where it is even."""
+    """Return the unit vector (3,) across ``up`` to the thinner wall; None where it is even."""
     across = points - np.outer(points @ up, up)
     thin = (across * (wall.mean() - wall)[:, None]).sum(axis=0)
     return _unit(thin) if wall.std() > SHAPE.uneven * wall.mean() else None
 
 
 def _is_left(samples: SurfaceSamples, places: HeartPlaces, cavities: Cavities) -> FloatArray:
-    """1 for each epicardial place that is nearer to the left cavity than to the right one."""
+    """Return 1 for each epicardial place nearer to the left cavity than to the right one."""
     points = samples.points[places.epicardium]
     one, two = samples.points[cavities.one], samples.points[cavities.two]
     if (two.mean(axis=0) - one.mean(axis=0)) @ places.right < 0.0:
@@ -178,26 +161,26 @@ def _right_side(
     thin: FloatArray | None,
     cavities: Cavities | None,
 ) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """Direction (3,) of the right ventricle, if any tells, and notes on what makes it doubtful.
+    """Return the right ventricle's direction (3,), if it is found, and notes on doubts.
 
     Where the wall is thinner; from the left cavity to the right one where that is another side, or
     the wall is as thick everywhere.
     """
     if cavities is None:
-        return thin, () if thin is not None else (_UNTOLD,)
+        return thin, () if thin is not None else (_UNKNOWN,)
     apart = samples.points[cavities.two].mean(axis=0) - samples.points[cavities.one].mean(axis=0)
     apart = _unit(apart - (apart @ up) * up)
     along = 0.0 if thin is None else float(thin @ apart)
-    if abs(along) > SHAPE.agree and (along > 0.0 or not cavities.told):
+    if abs(along) > SHAPE.agree and (along > 0.0 or not cavities.known):
         return thin, ()
-    if cavities.told:
+    if cavities.known:
         return apart, (_BY_SHAPE,)
     reach = [(samples.points[each] @ up).min() for each in (cavities.one, cavities.two)]
-    return apart if reach[0] <= reach[1] else -apart, (_UNTOLD,)
+    return apart if reach[0] <= reach[1] else -apart, (_UNKNOWN,)
 
 
 def _wall(samples: SurfaceSamples, epicardium: NDArray[np.int64]) -> FloatArray:
-    """Thickness of the wall below each epicardial sample, mm; even over its surroundings."""
+    """Return thickness of the wall below each epicardial sample, mm; even over its surroundings."""
     inner = samples.points[~samples.outer]
     points = samples.points[epicardium]
     if len(inner) < FEWEST * len(samples.points):
@@ -209,7 +192,7 @@ def _wall(samples: SurfaceSamples, epicardium: NDArray[np.int64]) -> FloatArray:
 
 
 def _grooves(angle: FloatArray, wall: FloatArray) -> tuple[float, float]:
-    """Angles on either side of 0 at which the wall becomes thick."""
+    """Return angles on either side of 0 at which the wall becomes thick."""
     sector = (
         np.floor((angle + np.pi) / (2 * np.pi) * SHAPE.sectors).astype(np.int64) % SHAPE.sectors
     )
@@ -231,7 +214,7 @@ def _grooves(angle: FloatArray, wall: FloatArray) -> tuple[float, float]:
 
 
 def _widest_across(points: FloatArray, axis: FloatArray) -> FloatArray:
-    """The direction across an axis in which points reach furthest."""
+    """Return the direction across an axis in which points reach furthest."""
     across = points - np.outer(points @ axis, axis)
     _, vectors = np.linalg.eigh(across.T @ across)
     widest = vectors[:, -1]
@@ -248,7 +231,7 @@ def _unit(vector: FloatArray) -> FloatArray:
 
 
 def find_base(samples: SurfaceSamples, middle: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-    """Unit vector (3,) from the apex to the base, and notes on what makes it doubtful.
+    """Return the unit vector (3,) from the apex to the base, and notes on what makes it doubtful.
 
     Across the cavities' rims where these lie in a plane; else the one flat side; else the mean of
     where cavities open, and of apex to middle. A right ventricle that is cut low opens sideways,
@@ -286,7 +269,7 @@ def find_base(samples: SurfaceSamples, middle: FloatArray) -> tuple[FloatArray, 
 def _closed_base(
     samples: SurfaceSamples, middle: FloatArray, hollow: bool
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """The base of a heart no cavity of which opens: its flat side."""
+    """Return the base of a heart no cavity of which opens: its flat side."""
     side = _flat_side(samples)
     if side is not None:
         return side, (f"no cavity opens: {_FLAT_SIDE}",)
@@ -301,7 +284,7 @@ def _closed_base(
 
 
 def _flat_side(samples: SurfaceSamples) -> FloatArray | None:
-    """Outward normal (3,) of the outer surface's flat side; None where there isn't just one."""
+    """Return the outward normal (3,) of the one flat side; None where there isn't just one."""
     points, normal = samples.points[samples.outer], -samples.inward[samples.outer]
     reach = float(np.sqrt(2.0 - 2.0 * SHAPE.alike))
     alike = cKDTree(normal).query_ball_point(normal, reach, return_length=True)
@@ -318,7 +301,7 @@ def _flat_side(samples: SurfaceSamples) -> FloatArray | None:
 
 
 def _across_rims(samples: SurfaceSamples, middle: FloatArray, up: FloatArray) -> FloatArray:
-    """Unit normal of the plane in which the cavities' rims lie, 0 where they don't lie in one.
+    """Return the unit normal of the plane of the cavities' rims, 0 where they lie in none.
 
     Clefts below the middle, as between two apices, are no rims of theirs.
     """
@@ -333,7 +316,7 @@ def _across_rims(samples: SurfaceSamples, middle: FloatArray, up: FloatArray) ->
 
 
 def _at_outer(samples: SurfaceSamples) -> BoolArray:
-    """Which places (k,) in cavities have an outer one near; not those beyond a thin wall."""
+    """Return which places (k,) in cavities have an outer one near; not those beyond a thin wall."""
     inner = ~samples.outer
     reach = SHAPE.rim * way_between(samples.points)
     index = cKDTree(samples.points[samples.outer])
@@ -348,23 +331,15 @@ def _at_outer(samples: SurfaceSamples) -> BoolArray:
 
 @dataclass(frozen=True)
 class Cavities:
-    """The two cavities of a heart.
+    """Surface samples in the two cavities of a heart."""
 
-    Attributes
-    ----------
-    one, two : (k,) int64
-        Numbers of the surface samples in each; where ``told``, in the left and the right one.
-    told : bool
-        Whether their shapes tell which is which: the septum bulges into the right one.
-    """
-
-    one: IntArray
+    one: IntArray  # where ``known``, in the left ventricle
     two: IntArray
-    told: bool
+    known: bool  # whether their shapes tell which is which: the septum bulges into the right one
 
 
 def find_cavities(samples: SurfaceSamples) -> Cavities | None:
-    """The two largest cavities; None where there is one, or none."""
+    """Return the two largest cavities; None where there is one, or none."""
     inner = np.flatnonzero(~samples.outer)
     if len(inner) <= SHAPE.links:
         return None
@@ -378,19 +353,19 @@ def find_cavities(samples: SurfaceSamples) -> Cavities | None:
     hollow_one, hollow_two = _hollowness(samples.points[one]), _hollowness(samples.points[two])
     if hollow_one > hollow_two:
         one, two, hollow_one, hollow_two = two, one, hollow_two, hollow_one
-    told = hollow_two > SHAPE.hollow and hollow_two - hollow_one > SHAPE.clear * (
+    known = hollow_two > SHAPE.hollow and hollow_two - hollow_one > SHAPE.clear * (
         hollow_one + hollow_two
     )
-    return Cavities(one, two, bool(told))
+    return Cavities(one, two, bool(known))
 
 
 def way_between(points: FloatArray) -> float:
-    """Median way from each place (n, 3) to the nearest other one, mm."""
+    """Return the median way from each place (n, 3) to the nearest other one, mm."""
     return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
 
 
 def _parts(points: FloatArray, inward: FloatArray, between: float) -> NDArray[np.int32]:
-    """Number of the part (n,) of each place; links that lead through the wall join none."""
+    """Return the number of the part (n,) of each place; links through the wall join none."""
     away, near = cKDTree(points).query(points, SHAPE.links + 1)
     a, b, length = np.repeat(np.arange(len(points)), SHAPE.links), near[:, 1:].ravel(), away[:, 1:]
     length = np.maximum(length.ravel(), 1e-12)
@@ -404,7 +379,7 @@ def _parts(points: FloatArray, inward: FloatArray, between: float) -> NDArray[np
 
 
 def _hollowness(points: FloatArray) -> float:
-    """Mean depth of places (n, 3) in their convex hull, over the cube root of its volume."""
+    """Return the mean depth of places (n, 3) in their hull, over the cube root of its volume."""
     some = points[:: max(1, len(points) // SHAPE.hull)]
     hull = ConvexHull(some)
     depth = -np.max(some @ hull.equations[:, :3].T + hull.equations[:, 3], axis=1)

@@ -29,7 +29,7 @@ from kernels.arrays import FloatArray
 
 @dataclass(frozen=True)
 class KidneyAnatomy:
-    """What a kidney's vessels are told; what isn't is found in its shape.
+    """Options of a kidney's vessels; what isn't given is found in its shape.
 
     Attributes
     ----------
@@ -140,32 +140,21 @@ CORTEX = 1.0 / 3.0
 
 @dataclass(frozen=True)
 class KidneyPlaces:
-    """Places of a kidney.
+    """Places of a kidney, mm, and unit vectors."""
 
-    Attributes
-    ----------
-    entry, inward : (3,) float64
-        Where the vessels enter, mm, on the wall of the sinus; and which way, a unit vector.
-    hilum : (3,) float64
-        Unit vector out of the hilum.
-    capsule : (k, 3) float64, mm
-        Places of the outer surface.
-    cortex_mm : float, mm
-    """
-
-    entry: FloatArray
-    inward: FloatArray
-    hilum: FloatArray
-    capsule: FloatArray
+    entry: FloatArray  # where the vessels enter, on the wall of the sinus
+    inward: FloatArray  # the way into the kidney there
+    hilum: FloatArray  # out of the hilum
+    capsule: FloatArray  # (k, 3), places of the outer surface
     cortex_mm: float
 
     def below_capsule(self, points: FloatArray) -> FloatArray:
-        """Depth (n,) of points (n, 3) below the capsule, the sinus's wall left out of account."""
+        """Return the depth (n,) of points (n, 3) below the capsule, mm."""
         depth: FloatArray = cKDTree(self.capsule).query(points)[0]
         return depth
 
     def kept_in_medulla(self, points: FloatArray) -> FloatArray:
-        """Points (n, 3), those in the cortex moved to its inner border."""
+        """Return points (n, 3), those in the cortex moved to its inner border."""
         away, near = cKDTree(self.capsule).query(points)
         from_there = points - self.capsule[near]
         short = np.maximum(self.cortex_mm - away, 0.0)

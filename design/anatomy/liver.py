@@ -39,7 +39,7 @@ NOTE: Final = "portal vein and hepatic artery both stand as arteries in the netw
 
 @dataclass(frozen=True)
 class LiverAnatomy:
-    """What a liver's vessels are told; what isn't is found in its shape.
+    """Options of a liver's vessels; what isn't given is found in its shape.
 
     Attributes
     ----------
@@ -152,23 +152,13 @@ SHAPE = _Shape()
 
 @dataclass(frozen=True)
 class LiverPlaces:
-    """Places of a liver.
+    """Places (3,) of a liver, mm, and unit vectors."""
 
-    Attributes
-    ----------
-    porta, porta_inward : (3,) float64
-        Where portal vein and hepatic artery enter, mm; and which way, a unit vector.
-    cava, cava_inward : (3,) float64
-        Where the hepatic veins leave to the vena cava, and the way into the liver there.
-    up : (3,) float64
-        Unit vector from the visceral side to the diaphragm.
-    """
-
-    porta: FloatArray
-    porta_inward: FloatArray
-    cava: FloatArray
+    porta: FloatArray  # where portal vein and hepatic artery enter
+    porta_inward: FloatArray  # the way into the liver there
+    cava: FloatArray  # where the hepatic veins leave to the vena cava
     cava_inward: FloatArray
-    up: FloatArray
+    up: FloatArray  # from the visceral side to the diaphragm
 
 
 def find_liver_places(shape: Survey) -> LiverPlaces:
@@ -206,7 +196,7 @@ def find_liver_places(shape: Survey) -> LiverPlaces:
 
 
 def _highest_groove(shape: Survey, porta: FloatArray, up: FloatArray) -> FloatArray:
-    """Middle (3,) of the highest part of the grooves, the porta's left out."""
+    """Return the middle (3,) of the highest part of the grooves, the porta's left out."""
     samples, size = shape.samples, float(np.cbrt(shape.tissue.volume_mm3))
     away = np.linalg.norm(samples.points - porta, axis=1)
     openness = samples.openness

@@ -90,7 +90,7 @@ def _pieces(
 
 
 def _followed(pieces: Pieces, places: FloatArray, near_mm: float) -> float:
-    """Greatest part of a line's places (k, 3) that one way from root to tip goes along.
+    """Return the greatest part of a line's places (k, 3) that one way from root to tip goes along.
 
     Where its wall lies within ``near_mm`` of a place and it leads the same way at about.
     """
@@ -147,7 +147,7 @@ def lost_branch(branches: tuple[MainBranch, ...], laid: list[Pieces]) -> WideTru
 
 
 def _shares(branches: tuple[MainBranch, ...], trunks: list[Pieces]) -> list[_Share]:
-    """How much of each branch of some length is laid."""
+    """Return how much of each branch of some length is laid."""
     ways = [branch.line for branch in branches if len(branch.line) > 1]
     if not ways:
         return []
@@ -187,7 +187,7 @@ def with_published_radii(
     branches: tuple[MainBranch, ...],
     volume: FloatArray,
 ) -> Trees:
-    """Trees as they are where their radii are the published ones, else grown with another drop.
+    """Return trees whose radii are the published ones, else others grown with another drop.
 
     Trees that don't fit then, lack trunks, a main branch or supply of some places of ``volume``, or
     are farther from the table aren't taken; half of the change is tried then. There are some
@@ -219,7 +219,7 @@ def with_published_radii(
 
 
 def _reach_mm(volume: FloatArray, trees: Trees) -> float:
-    """Way, mm, from the nearest terminal within which 99 % of places (n, 3) lie."""
+    """Return the way, mm, from the nearest terminal within which 99 % of places (n, 3) lie."""
     ends = np.concatenate([tree.distal[tree.children[:, 0] < 0] for tree in trees])
     return float(np.percentile(cKDTree(ends).query(volume)[0], 99.0))
 
@@ -229,7 +229,7 @@ def _missing(branches: tuple[MainBranch, ...], trees: Trees) -> int:
 
 
 def _grown_with(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees | None:
-    """Trees, or None where they don't fit."""
+    """Return trees, or None where they don't fit."""
     try:
         return grow_trees(tissue, plan, options)
     except GrowthError:
@@ -242,6 +242,6 @@ def _published_match(trees: Sequence[VesselTree]) -> PublishedMatch:
 
 
 def trunks_mm(trees: Trees) -> float:
-    """Length of all trunks, mm."""
+    """Return the length of all trunks, mm."""
     pieces = np.concatenate([(tree.distal - tree.proximal)[tree.given] for tree in trees])
     return float(np.linalg.norm(pieces, axis=1).sum())

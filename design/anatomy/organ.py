@@ -140,14 +140,14 @@ def grow_trees(
 
 
 def _given_up(error: GrowthError, best: CrowdedError | None) -> GrowthError:
-    """What is raised after all attempts: the one in which most terminals fitted, or the last."""
+    """Return the error of the attempt in which most terminals fitted, or of the last."""
     if best is not None:
         return CrowdedError(best.fit, best.asked, f" (best of {SEARCH.attempts} attempts)")
     return _no_room(error).around(after=f" (last of {SEARCH.attempts} attempts)")
 
 
 def _with_spare(options: GrowthOptions, spare: float) -> GrowthOptions:
-    """Options of growth: more terminals and clearance than are kept once vessels are curved."""
+    """Return options with more terminals and clearance than curved vessels keep."""
     return replace(
         options,
         terminals=ceil(spare * options.terminals) + 8,
@@ -157,7 +157,7 @@ def _with_spare(options: GrowthOptions, spare: float) -> GrowthOptions:
 
 
 def _unplanned(error: GrowthError, asked: GrowthOptions, grown: GrowthOptions) -> NoRoomError:
-    """What is raised where no trees grow from the trunks."""
+    """Return what is raised where no trees grow from the trunks."""
     if isinstance(error, WideTrunkError):
         return error
     return _no_room(error).around(
@@ -168,7 +168,7 @@ def _unplanned(error: GrowthError, asked: GrowthOptions, grown: GrowthOptions) -
 
 
 def _no_room(error: GrowthError) -> NoRoomError:
-    """What a growth was refused for: whatever it is, narrower vessels may fit."""
+    """Return what a growth was refused for: whatever it is, narrower vessels may fit."""
     return error if isinstance(error, NoRoomError) else NoRoomError(str(error))
 
 
@@ -209,7 +209,7 @@ def grow_or_advise(
 def _with_fewer(
     crowded: CrowdedError, grow: Grow, options: GrowthOptions, least: int
 ) -> CrowdedError:
-    """The error, with what came of fewer terminals, then of narrower vessels."""
+    """Return the error, with what came of fewer terminals, then of narrower vessels."""
     counts: list[int] = []
     for part in SEARCH.fewer:
         if int(part * crowded.fit) < least:
@@ -226,7 +226,7 @@ def _with_fewer(
 
 
 def _with_narrower(narrow: NoRoomError, grow: Grow, options: GrowthOptions) -> NoRoomError:
-    """The error, with what came of narrower vessels and, where they don't help, of less room."""
+    """Return the error with what came of narrower vessels and then of less room."""
     way = "less" if options.smallest_radius_mm else "more (radii fall by its fourth root)"
     failed, narrower = narrow, options
     tried: list[str] = []
@@ -251,7 +251,7 @@ def _with_narrower(narrow: NoRoomError, grow: Grow, options: GrowthOptions) -> N
 
 
 def _narrower(options: GrowthOptions, drop_factor: float) -> tuple[GrowthOptions, str]:
-    """The options with narrower vessels, and the key and value that a recipe gives for it."""
+    """Return options with narrower vessels, and the recipe's key and value for them."""
     if options.smallest_radius_mm is not None:
         diameter = _rounded(2.0 * options.smallest_radius_mm * drop_factor**-0.25, floor)
         narrower = replace(options, smallest_radius_mm=diameter / 2)
@@ -262,7 +262,7 @@ def _narrower(options: GrowthOptions, drop_factor: float) -> tuple[GrowthOptions
 
 
 def _rounded(value: float, towards: Callable[[float], int]) -> float:
-    """To two digits; 0 stays."""
+    """Return to two digits; 0 stays."""
     if value <= 0.0:
         return 0.0
     step = 10.0 ** (floor(log10(value)) - 1)
@@ -271,7 +271,7 @@ def _rounded(value: float, towards: Callable[[float], int]) -> float:
 
 
 def _refusal(grow: Grow, options: GrowthOptions) -> NoRoomError | None:
-    """Why it doesn't grow; None where it does."""
+    """Return why it doesn't grow; None where it does."""
     try:
         grow(options)
     except GrowthError as error:
@@ -295,7 +295,7 @@ REGIONS = _Regions()
 
 
 def uneven_notes(tissue: Tissue, ends: FloatArray, seed: int = 1) -> tuple[str, ...]:
-    """A sentence on the place that gets least, where it gets under half of its share.
+    """Return a sentence on the place that gets least, where it gets under half of its share.
 
     Parameters
     ----------

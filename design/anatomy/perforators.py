@@ -100,7 +100,7 @@ def with_perforators(
 
 
 def _beside(room: Room, ways: Ways, sites: IntArray) -> FloatArray | None:
-    """A perforator that is laid to the farthest of ``sites`` (k,) to which one fits, if any."""
+    """Lay a perforator to the farthest of ``sites`` (k,) to which one fits, if any."""
     crowded = PERFORATORS.crowded
     while len(sites := sites[ways.away[sites] > crowded * room.need_mm]):
         site = int(sites[np.argmax(ways.away[sites])])
@@ -195,7 +195,7 @@ class Room:
         return None
 
     def _smooth(self, paths: FloatArray) -> FloatArray:
-        """Paths (k, n, 3) made smooth, as far from the surface as they need if they can be."""
+        """Smooth paths (k, n, 3), as far from the surface as they need if they can be."""
         for _ in range(PERFORATORS.bends if paths.size else 0):
             paths[:, 1:-1] = 0.5 * paths[:, 1:-1] + 0.25 * (paths[:, :-2] + paths[:, 2:])
             inner = paths[:, 1:-1].reshape(-1, 3)
@@ -205,7 +205,7 @@ class Room:
         return paths
 
     def _fits(self, start: int, path: FloatArray) -> bool:
-        """Whether a perforator lies in the tissue, clear of all that it doesn't begin beside."""
+        """Return whether a perforator is in the tissue, clear of all but what it begins beside."""
         given = PERFORATORS
         places, _ = pieces_along(path[:-1], path[1:], given.step * self.narrow_mm)
         begin, near = np.linalg.norm(places - path[0], axis=1), float(self.radius[start])

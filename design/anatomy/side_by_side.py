@@ -83,7 +83,7 @@ class _Lines:
 
 
 def tube_options(options: GrowthOptions, beside: Companion = VEIN) -> GrowthOptions:
-    """Options with which a tree of tubes grows that have room for two vessels each."""
+    """Return options with which a tree of tubes grows that have room for two vessels each."""
     return replace(
         options,
         pressure_drop_pa=options.pressure_drop_pa / beside.tube**4,
@@ -94,7 +94,7 @@ def tube_options(options: GrowthOptions, beside: Companion = VEIN) -> GrowthOpti
 def side_by_side(
     tubes: VesselTree, options: GrowthOptions, beside: Companion = VEIN
 ) -> tuple[VesselTree, VesselTree]:
-    """An artery and a vein along a tree of tubes, each with its own radii by its own lengths.
+    """Lay an artery and a vein along a tree of tubes, each with radii by its own lengths.
 
     The vein lies on one side of a sheet through the tubes' axes, the artery on the other. At
     each joint the sheet holds both branches, so that neither crosses the other vessel; between
@@ -120,7 +120,7 @@ def side_by_side(
 def _laid(
     tubes: VesselTree, options: GrowthOptions, artery: FloatArray, beside: Companion
 ) -> tuple[VesselTree, VesselTree]:
-    """The two with room for arteries of these radii (n,), mm, and their veins."""
+    """Return the two with room for arteries of these radii (n,), mm, and their veins."""
     half = 0.5 * SIDES.gap * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
     vein = beside.radius * artery
     lines = _Sheet(
@@ -155,7 +155,7 @@ class _Sheet:
         self.found = _Lines([], [], [], [], [], [])
 
     def lines(self) -> _Lines:
-        """All nodes, parents before their children."""
+        """Return all nodes, parents before their children."""
         children = self.tubes.children
         for s in downward_order(children).tolist():
             above = int(self.tubes.parent[s])
@@ -203,7 +203,7 @@ class _Sheet:
         self.node[last], self.end_side[last] = up, self.found.side[up]
 
     def _parts(self, s: int, twist: float, total: float, gone: float, merge: float) -> int:
-        """Pieces for one of a vessel's: as its twist and the way to its own place ask for."""
+        """Count pieces for one of a vessel's: as its twist and the way to its place need."""
         long = float(self.length[s])
         begin, end = ((at - merge) / (total - merge) for at in (gone, gone + long))
         parts = 1 + int(abs(twist) * (_smooth(end) - _smooth(begin)) / SIDES.turn)
@@ -212,7 +212,7 @@ class _Sheet:
         return parts
 
     def _twist(self, last: int, side: FloatArray, total: float, apart: float) -> float:
-        """Angle by which the sheet turns on the last ``total`` mm to hold the joint at the end."""
+        """Return the angle by which the sheet turns on ``total`` mm to hold the joint."""
         wanted = self._joint_normal(last)
         if wanted is None:
             return 0.0
@@ -223,7 +223,7 @@ class _Sheet:
         return float(np.clip(angle, -most, most))
 
     def _joint_normal(self, last: int) -> FloatArray | None:
-        """Unit vector across a vessel to which the branches at its end are as normal as can be.
+        """Return the unit vector across a vessel most normal to the branches at its end.
 
         None at terminals, and where both branches go straight on.
         """
@@ -242,7 +242,7 @@ class _Sheet:
         return normal
 
     def _heading(self, s: int, reach: float) -> FloatArray:
-        """Direction from a segment's begin to where its vessel is ``reach`` further on."""
+        """Return direction from a segment's begin to where its vessel is ``reach`` further on."""
         begin, gone = self.tubes.proximal[s], 0.0
         while gone + self.length[s] < reach:
             a, b = self.tubes.children[s].tolist()
@@ -256,7 +256,7 @@ class _Sheet:
         return heading
 
     def _first_side(self, run: list[int]) -> FloatArray:
-        """The first joint's normal, brought up to the inlet."""
+        """Return the first joint's normal, brought up to the inlet."""
         side = self._joint_normal(run[-1])
         if side is None:
             side = _across(self.way[run[-1]][[1, 2, 0]], self.way[run[-1]])
@@ -282,13 +282,13 @@ def _tree(
 
 
 def _smooth(part: float) -> float:
-    """0 to 1 without slope at either end."""
+    """Return 0 to 1 without slope at either end."""
     part = min(max(part, 0.0), 1.0)
     return part * part * (3.0 - 2.0 * part)
 
 
 def _across(vector: FloatArray, way: FloatArray) -> FloatArray:
-    """Unit vector across ``way``, as near to ``vector`` as can be."""
+    """Return the unit vector across ``way``, as near to ``vector`` as can be."""
     across = vector - (vector @ way) * way
     size = float(np.linalg.norm(across))
     if size < 1e-6:
@@ -299,7 +299,7 @@ def _across(vector: FloatArray, way: FloatArray) -> FloatArray:
 
 
 def _carried(vector: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray:
-    """A vector turned as ``one`` turns to ``two`` by the shortest way (parallel transport)."""
+    """Turn a vector as ``one`` turns to ``two`` by the shortest way (parallel transport)."""
     axis = np.cross(one, two)
     carried: FloatArray = (
         vector + np.cross(axis, vector) + np.cross(axis, np.cross(axis, vector)) / (1.0 + one @ two)
@@ -308,6 +308,6 @@ def _carried(vector: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray
 
 
 def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
-    """A vector across an axis turned about it."""
+    """Return a vector across an axis turned about it."""
     turned: FloatArray = np.cos(angle) * vector + np.sin(angle) * np.cross(axis, vector)
     return turned

@@ -116,7 +116,7 @@ def join_layer(tissue: Tissue, points: FloatArray, least_depth_mm: float) -> Lay
 def below_surface(
     tissue: Tissue, points: FloatArray, inward: FloatArray, depth_mm: float
 ) -> tuple[FloatArray, BoolArray]:
-    """Places ``depth_mm`` below ``points`` (n, 3), and which of them are indeed that deep."""
+    """Return places ``depth_mm`` below ``points`` (n, 3), and which are indeed that deep."""
     below: FloatArray = points + depth_mm * inward
     return below, -tissue.grid.distance(below) >= 0.85 * depth_mm
 
@@ -245,7 +245,7 @@ class LayerForest:
     def _ways(
         self, spacing_mm: float, balance: float, cost: FloatArray
     ) -> tuple[FloatArray, IntArray]:
-        """Cost of joining each place, and the place before it on the way from the trees."""
+        """Return cost of joining each place, and the place before it on the way from the trees."""
         layer, count = self.layer, len(self.layer.points)
         near = np.minimum(self.away[layer.begin], self.away[layer.to]) < LAYER.near * spacing_mm
         taken = np.flatnonzero(self.parent > -2)
@@ -261,7 +261,7 @@ class LayerForest:
 
 
 def cheapest_path(layer: Layer, weight: FloatArray, start: int, end: int) -> IntArray:
-    """Places from ``start`` to ``end`` where each edge's length times ``weight`` (n,) costs least.
+    """Return places of the path whose edges' lengths times ``weight`` (n,) cost least.
 
     An edge's weight is the mean of its ends'.
     """
@@ -274,7 +274,7 @@ def cheapest_path(layer: Layer, weight: FloatArray, start: int, end: int) -> Int
 
 
 def spread_sites(points: FloatArray, count: int, taken: FloatArray) -> IntArray:
-    """So many of ``points`` (n, 3), each as far as can be from the others and from ``taken``."""
+    """Choose so many of ``points`` (n, 3), far from each other and from ``taken`` (k, 3)."""
     away = np.full(len(points), np.inf)
     for place in taken:
         away = np.minimum(away, np.linalg.norm(points - place, axis=1))
@@ -296,7 +296,7 @@ class TrunkLines:
     share: FloatArray  # of the tissue's volume nearest to a node or one downstream of it
 
     def main_child(self) -> IntArray:
-        """The child of each node with the largest share; -1 at tips."""
+        """Return the child of each node with the largest share; -1 at tips."""
         main = np.full(len(self.parent), -1, dtype=np.int64)
         # Last to be written is the largest; equal ones by number.
         for i in np.argsort(self.share, kind="stable"):
@@ -305,7 +305,7 @@ class TrunkLines:
         return main
 
     def child_count(self) -> IntArray:
-        """How many children each node has."""
+        """Return how many children each node has."""
         below = self.parent[self.parent >= 0]
         return np.bincount(below, minlength=len(self.parent))
 
@@ -336,7 +336,7 @@ def lines_of(forest: LayerForest, ostia: dict[int, FloatArray], volume: FloatArr
 
 
 def with_shares(lines: TrunkLines, volume: FloatArray) -> TrunkLines:
-    """The lines with their shares of ``volume`` (k, 3) measured."""
+    """Return the lines with their shares of ``volume`` (k, 3) measured."""
     own = np.bincount(cKDTree(lines.points).query(volume)[1], minlength=len(lines.points))
     share = own.astype(np.float64)
     for i in range(len(share) - 1, -1, -1):
@@ -346,7 +346,7 @@ def with_shares(lines: TrunkLines, volume: FloatArray) -> TrunkLines:
 
 
 def _binary(lines: TrunkLines) -> TrunkLines:
-    """Part places of three children or more: all but two move down the main child's edge."""
+    """Return part places of three children or more: all but two move down the main child's edge."""
     main, count = lines.main_child(), lines.child_count()
     points, parent, tree = lines.points.tolist(), lines.parent.copy(), lines.tree.tolist()
     more: list[int] = []
@@ -385,7 +385,7 @@ def without(lines: TrunkLines, gone: BoolArray) -> TrunkLines:
 
 
 def _chosen(lines: TrunkLines, nodes: IntArray, parent: IntArray) -> TrunkLines:
-    """Some nodes in their order, each with its ``parent`` (n,) among them."""
+    """Return some nodes in their order, each with its ``parent`` (n,) among them."""
     number = np.full(len(parent) + 1, -1, dtype=np.int64)  # the last one stands for no parent
     number[nodes] = np.arange(len(nodes))
     return TrunkLines(
@@ -452,7 +452,7 @@ def kept_at_depth(
 
 
 def outward(tissue: Tissue, points: FloatArray) -> FloatArray:
-    """Directions (n, 3) in which the signed distance rises, unit vectors; 0 where it is flat."""
+    """Return unit vectors (n, 3) in which the signed distance rises; 0 where it is flat."""
     h = tissue.grid.spacing_mm
     slope = np.empty_like(points)
     for axis in range(3):
@@ -466,7 +466,7 @@ def outward(tissue: Tissue, points: FloatArray) -> FloatArray:
 
 
 def trunk_from(lines: TrunkLines, tree: int, root_radius_mm: float) -> Trunk:
-    """One tree of the lines as a trunk: a segment for each node but the inlet."""
+    """Return one tree of the lines as a trunk: a segment for each node but the inlet."""
     mine = np.flatnonzero((lines.tree == tree) & (lines.parent >= 0))
     own = _chosen(lines, mine, lines.parent)
     parent = own.parent
