@@ -88,25 +88,23 @@ class Misfits(NamedTuple):
         return len(self.pairs) + len(self.out)
 
 
-def fit_trees(
-    tissue: Tissue,
-    trees: Trees,
-    clearance: Clearance,
-    terminals: int,
-    shared: bool,
-    shallow_mm: float | None = None,
-) -> Trees:
-    """Push trees apart, curve and prune them until all fits, without kinks.
+class Goal(NamedTuple):
+    """What fitted trees have: all vessels clear of each other and in the tissue, and no kinks."""
+
+    clearance: Clearance
+    terminals: int  # of each tree
+    shared: bool = False  # whether all trees have these together
+    shallow_mm: float | None = None  # depth above which no trunk rises; by default none rises
+
+
+def fit_trees(tissue: Tissue, trees: Trees, goal: Goal) -> Trees:
+    """Push trees apart, curve and prune them until the goal is reached.
 
     Parameters
     ----------
     trees : tuple of VesselTree
         With some terminals to spare and the flow that they keep (`with_flows`), grown with more
         clearance than is kept.
-    terminals : int
-        In the end, of each tree; of all together where they have them ``shared``.
-    shallow_mm : float, optional
-        Trunks rise to where their radii allow, but no higher than this depth.
 
     Raises
     ------
@@ -117,17 +115,17 @@ def fit_trees(
     GrowthError
         When something doesn't fit after all rounds.
     """
-    closer = clearance._replace(room=FIT.room)
+    clearance, closer = goal.clearance, goal.clearance._replace(room=FIT.room)
     # What is pruned for good goes before vessels are curved and fit closely.
-    done, least = _cleared(tissue, trees, closer, shallow_mm), STRAIGHT
-    spare, fewest = ceil(FIT.spare * terminals), ceil(FIT.least_spare * terminals)
+    done, least = _cleared(tissue, trees, closer, goal.shallow_mm), STRAIGHT
+    spare, fewest = (ceil(part * goal.terminals) for part in (FIT.spare, FIT.least_spare))
     for _ in range(FIT.rounds):
-        done = _cleared(tissue, _trimmed(done, terminals, spare, shared), closer, shallow_mm)
+        done = _cleared(tissue, _trimmed(done, goal, spare), closer, goal.shallow_mm)
         done, bad = curve_trees(tissue, done, closer, least, FIT.again)
         least, final = FIT.again, done
         if bad.total:
             continue
-        final = _trimmed(done, terminals, 0, shared)
+        final = _trimmed(done, goal, 0)
         if misfits(tissue, final, clearance).total:
             final = push_apart(tissue, final, clearance)
             if kinks(final):
@@ -143,12 +141,12 @@ def fit_trees(
     )
 
 
-def with_flows(trees: Trees, terminals: int, shared: bool) -> Trees:
-    """Return trees whose terminals have the flow of so many, as those to spare go in the end."""
+def with_flows(trees: Trees, goal: Goal) -> Trees:
+    """Return trees whose terminals have the flow that is theirs when those to spare are gone."""
     inflow = [float(tree.flow_ul_s[0]) for tree in trees]
-    flows = [sum(inflow) if shared else one for one in inflow]
+    flows = [sum(inflow) if goal.shared else one for one in inflow]
     return tuple(
-        replace(tree, terminal_flow_ul_s=flow / terminals)
+        replace(tree, terminal_flow_ul_s=flow / goal.terminals)
         for tree, flow in zip(trees, flows, strict=True)
     )
 
@@ -505,18 +503,18 @@ def terminals_below(tree: VesselTree, segments: BoolArray) -> BoolArray:
     return np.asarray(below & (tree.children[:, 0] < 0))
 
 
-def _trimmed(trees: Trees, terminals: int, spare: int, shared: bool) -> Trees:
-    """Return trees with so many terminals, each or together, and some to spare."""
+def _trimmed(trees: Trees, goal: Goal, spare: int) -> Trees:
+    """Return trees with as many terminals as are wanted, and some to spare where they have them."""
     counts = np.array([int(tree.terminals[0]) for tree in trees])
-    have = int(counts.sum()) if shared else int(counts.min())
-    if have < terminals:
-        raise CrowdedError(have, terminals)
-    if shared:  # each tree gives in proportion to what it has
-        extra = max(have - terminals - spare, 0)
+    have = int(counts.sum()) if goal.shared else int(counts.min())
+    if have < goal.terminals:
+        raise CrowdedError(have, goal.terminals)
+    if goal.shared:  # each tree gives in proportion to what it has
+        extra = max(have - goal.terminals - spare, 0)
         goes = np.floor(extra * counts / have).astype(np.int64)
         goes[np.argmax(counts)] += extra - int(goes.sum())
     else:
-        goes = np.maximum(counts - terminals - spare, 0)
+        goes = np.maximum(counts - goal.terminals - spare, 0)
     return tuple(_fewer(tree, many) for tree, many in zip(trees, goes.tolist(), strict=True))
 
 

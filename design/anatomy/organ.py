@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from design.anatomy.fit import Clearance, fit_trees, with_flows
+from design.anatomy.fit import Clearance, Goal, fit_trees, with_flows
 from design.anatomy.from_trunks import LAYING, TrunkPlan, grow_from_plan
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.trunk_lines import spread_sites
@@ -109,6 +109,7 @@ def grow_trees(
     grown = tuple(_with_spare(one, spare) for one in tubes or (options,))
     shared = len(grown) < len(np.unique(plan.lines.tree))
     clearance = Clearance(options.clearance_mm, options.clearance_ratio)
+    goal = Goal(clearance, options.terminals, shared, plan.rises_to_mm)
     error = GrowthError("not tried")
     best: CrowdedError | None = None
     room, more = 0, 1.0
@@ -123,8 +124,7 @@ def grow_trees(
                 break
             raise _unplanned(failed, options, each[0]) from failed
         try:
-            trees = lay(with_flows(trees, options.terminals, shared))
-            return fit_trees(tissue, trees, clearance, options.terminals, shared, plan.rises_to_mm)
+            return fit_trees(tissue, lay(with_flows(trees, goal)), goal)
         except CrowdedError as failed:
             best, error = max((best or failed, failed), key=lambda one: one.fit), failed
             room += failed.fit < SEARCH.nearly * failed.asked
