@@ -195,26 +195,29 @@ def with_published_radii(
     """
     once, least = replace(plan, tries=1), MATCH.laid * trunks_mm(trees)
     most_mm = MATCH.reach * _reach_mm(volume, trees)
+    missing = len(missing_branches(branches, trunk_pieces(trees)))
     match = _published_match(trees)
     factor = match.factor
     for _ in range(MATCH.drops):
         if factor == 1.0:
             break
         drop = trees[0].pressure_drop_pa / factor**4
-        other = _grown_with(tissue, once, replace(options, pressure_drop_pa=drop))
-        found = match if other is None else _published_match(other)
+        factor = factor**0.5
+        try:
+            other = grow_trees(tissue, once, replace(options, pressure_drop_pa=drop))
+        except GrowthError:
+            continue
+        found, laid = _published_match(other), trunk_pieces(other)
+        lost = len(missing_branches(branches, laid))
         # Wider trunks that cost many branches aren't worth nearer figures.
         if (
-            other is None
-            or lost_branch(branches, trunk_pieces(other)) is not None
-            or trunks_mm(other) <= least
-            or _reach_mm(volume, other) > most_mm
-            or found.farthest_sd >= match.farthest_sd
-            or _missing(branches, other) > _missing(branches, trees)
+            lost_branch(branches, laid) is None
+            and trunks_mm(other) > least
+            and _reach_mm(volume, other) <= most_mm
+            and found.farthest_sd < match.farthest_sd
+            and lost <= missing
         ):
-            factor = factor**0.5
-        else:
-            trees, match, factor = other, found, found.factor
+            trees, match, factor, missing = other, found, found.factor, lost
     return trees
 
 
@@ -222,18 +225,6 @@ def _reach_mm(volume: FloatArray, trees: Trees) -> float:
     """Return the way, mm, from the nearest terminal within which 99 % of places (n, 3) lie."""
     ends = np.concatenate([tree.distal[tree.children[:, 0] < 0] for tree in trees])
     return float(np.percentile(cKDTree(ends).query(volume)[0], 99.0))
-
-
-def _missing(branches: tuple[MainBranch, ...], trees: Trees) -> int:
-    return len(missing_branches(branches, trunk_pieces(trees)))
-
-
-def _grown_with(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees | None:
-    """Return trees, or None where they don't fit."""
-    try:
-        return grow_trees(tissue, plan, options)
-    except GrowthError:
-        return None
 
 
 def _published_match(trees: Sequence[VesselTree]) -> PublishedMatch:

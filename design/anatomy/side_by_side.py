@@ -60,26 +60,14 @@ class _Sides(NamedTuple):
 SIDES = _Sides()
 
 
-@dataclass
-class _Lines:
-    """Nodes of the tubes' axes, with the side (3,) on which the vein lies, unit vectors."""
+class _Node(NamedTuple):
+    """A node of the tubes' axes, between the two vessels."""
 
-    points: list[FloatArray]
-    side: list[FloatArray]
-    artery: list[float]
-    vein: list[float]
-    parent: list[int]  # -1 for the inlet
-    origin: list[int]  # segment of the tubes that ends there
-
-    def add(self, point: FloatArray, side: FloatArray, away: FloatArray, up: int, of: int) -> int:
-        """Add a node; return its number."""
-        self.points.append(point)
-        self.side.append(side)
-        self.artery.append(float(away[0]))
-        self.vein.append(float(away[1]))
-        self.parent.append(up)
-        self.origin.append(of)
-        return len(self.parent) - 1
+    point: FloatArray
+    side: FloatArray  # unit vector to where the vein lies
+    away: FloatArray  # (2,), mm, of artery and vein from it
+    parent: int  # -1 for the inlet
+    origin: int  # segment of the tubes that ends there
 
 
 def tube_options(options: GrowthOptions, beside: Companion = VEIN) -> GrowthOptions:
@@ -122,21 +110,27 @@ def _laid(
 ) -> tuple[VesselTree, VesselTree]:
     """Return the two with room for arteries of these radii (n,), mm, and their veins."""
     half = 0.5 * SIDES.gap * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
-    vein = beside.radius * artery
-    lines = _Sheet(
-        tubes, np.column_stack([SIDES.wider * artery, SIDES.wider * vein]) + half[:, None]
-    ).lines()
-    side, points = np.array(lines.side), np.array(lines.points)
-    drop = options.pressure_drop_pa
-    return (
-        _tree(tubes, lines, points - np.array(lines.artery)[:, None] * side, drop),
-        _tree(
+    wide = np.column_stack([SIDES.wider * artery, SIDES.wider * (beside.radius * artery)])
+    nodes = _Sheet(tubes, wide + half[:, None]).laid()
+    points, side, away, parent, origin = (np.array(one) for one in zip(*nodes, strict=True))
+    up, inflow = parent[1:], float(tubes.flow_ul_s[0])
+
+    def vessel(points: FloatArray, drop: float, flow: float) -> VesselTree:
+        drop_pa = drop * options.pressure_drop_pa
+        made = derived_tree(
             tubes,
-            lines,
-            points + np.array(lines.vein)[:, None] * side,
-            beside.drop * drop,
-            beside.flow,
-        ),
+            points[up],
+            points[1:],
+            up - 1,
+            origin=origin[1:],
+            flow_ul_s=flow * inflow,
+            pressure_drop_pa=drop_pa,
+        )
+        return replace(made, notes=())
+
+    return (
+        vessel(points - away[:, :1] * side, 1.0, 1.0),
+        vessel(points + away[:, 1:] * side, beside.drop, beside.flow),
     )
 
 
@@ -152,9 +146,9 @@ class _Sheet:
         self.way = way / self.length[:, None]
         self.node = np.zeros(len(self.length), dtype=np.int64)
         self.end_side = np.zeros((len(self.length), 3))
-        self.found = _Lines([], [], [], [], [], [])
+        self.nodes: list[_Node] = []
 
-    def lines(self) -> _Lines:
+    def laid(self) -> list[_Node]:
         """Return all nodes, parents before their children."""
         children = self.tubes.children
         for s in downward_order(children).tolist():
@@ -165,14 +159,14 @@ class _Sheet:
             while children[run[-1], 0] >= 0 and children[run[-1], 1] < 0:
                 run.append(int(children[run[-1], 0]))
             self._lay(run, above)
-        return self.found
+        return self.nodes
 
     def _lay(self, run: list[int], above: int) -> None:
         """Lay the sheet along one vessel."""
         own = self.away[run[0]]
         if above < 0:
             side = self._first_side(run)
-            up = self.found.add(self.tubes.proximal[run[0]], side, SIDES.inlets * own, -1, -1)
+            up = self._add(_Node(self.tubes.proximal[run[0]], side, SIDES.inlets * own, -1, -1))
             before, merge = own, 0.0
         else:
             side, up = _across(self.end_side[above], self.way[run[0]]), int(self.node[above])
@@ -197,10 +191,15 @@ class _Sheet:
                 turned = _turned(normal, self.way[s], twist * part)
                 here = own + (before - own) * (1.0 - _smooth(at / merge) if merge > 0 else 0.0)
                 point = self.tubes.proximal[s] + k / parts * self.length[s] * self.way[s]
-                up = self.found.add(point, turned, here, up, s)
+                up = self._add(_Node(point, turned, here, up, s))
             gone += float(self.length[s])
         last = run[-1]
-        self.node[last], self.end_side[last] = up, self.found.side[up]
+        self.node[last], self.end_side[last] = up, self.nodes[up].side
+
+    def _add(self, node: _Node) -> int:
+        """Add a node; return its number."""
+        self.nodes.append(node)
+        return len(self.nodes) - 1
 
     def _parts(self, s: int, twist: float, total: float, gone: float, merge: float) -> int:
         """Count pieces for one of a vessel's: as its twist and the way to its place need."""
@@ -263,22 +262,6 @@ class _Sheet:
         for one, two in zip(run[:0:-1], run[-2::-1], strict=True):
             side = _across(_carried(side, self.way[one], self.way[two]), self.way[two])
         return side
-
-
-def _tree(
-    tubes: VesselTree, lines: _Lines, points: FloatArray, drop_pa: float, flow: float = 1.0
-) -> VesselTree:
-    up, origin = np.array(lines.parent[1:]), np.array(lines.origin[1:])
-    made = derived_tree(
-        tubes,
-        points[up],
-        points[1:],
-        up - 1,
-        origin=origin,
-        flow_ul_s=flow * float(tubes.flow_ul_s[0]),
-        pressure_drop_pa=drop_pa,
-    )
-    return replace(made, notes=())
 
 
 def _smooth(part: float) -> float:
