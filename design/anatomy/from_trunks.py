@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 from design.anatomy.trunk_lines import (
     TrunkLines,
     in_order,
-    kept_at_depth,
     smooth_lines,
     thinned,
     trunk_from,
@@ -196,8 +195,7 @@ def laid(
     """
     for number in itertools.count():
         deep = np.maximum(LAYING.depth_margin * radius + options.clearance_mm, plan.shallow_mm)
-        keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly, plan.keep)
-        smooth = smooth_lines(lines, keep)
+        smooth = smooth_lines(tissue, lines, deep, plan.exactly, plan.keep)
         later = number < LAYING.later
         clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later, plan.main)
         if clearer is None:

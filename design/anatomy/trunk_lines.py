@@ -393,18 +393,29 @@ def _chosen(lines: TrunkLines, nodes: IntArray, parent: IntArray) -> TrunkLines:
     )
 
 
-def smooth_lines(lines: TrunkLines, keep: Callable[[FloatArray], FloatArray]) -> TrunkLines:
+def smooth_lines(
+    tissue: Tissue,
+    lines: TrunkLines,
+    depth_mm: FloatArray,
+    exactly: bool = True,
+    zone: Callable[[FloatArray], FloatArray] | None = None,
+) -> TrunkLines:
     """Even out bends: each node moves halfway to the middle of its parent and main child.
 
-    Then ``keep`` brings nodes back to the layer's depth, or into the tissue.
+    Each time nodes but inlets are brought to a depth (n,), or at least there; and into a zone.
     """
     main = lines.main_child()
     inner = np.flatnonzero((lines.parent >= 0) & (main >= 0))
-    points = lines.points.copy()
+    points, inlet = lines.points.copy(), lines.parent < 0
     for _ in range(LAYER.smoothing):
         middle = 0.5 * (points[lines.parent[inner]] + points[main[inner]])
         points[inner] += 0.5 * (middle - points[inner])
-        points = keep(points)
+        for _ in range(2):
+            off = -tissue.grid.distance(points) - depth_mm
+            off = np.where(inlet, 0.0, off if exactly else np.minimum(off, 0.0))
+            points = points + off[:, None] * outward(tissue, points)
+        if zone is not None:
+            points = np.where(inlet[:, None], points, zone(points))
     return replace(lines, points=points)
 
 
@@ -427,28 +438,6 @@ def thinned(lines: TrunkLines, tolerance_mm: FloatArray) -> TrunkLines:
     while (skip := (above >= 0) & ~kept[above]).any():
         above[skip] = lines.parent[above[skip]]
     return _chosen(lines, np.flatnonzero(kept), above)
-
-
-def kept_at_depth(
-    tissue: Tissue,
-    depth_mm: FloatArray,
-    fixed: BoolArray,
-    exactly: bool = True,
-    zone: Callable[[FloatArray], FloatArray] | None = None,
-) -> Callable[[FloatArray], FloatArray]:
-    """Return a function that brings nodes (n, 3) to a depth (n,), or at least there; into a zone.
-
-    Nodes that are ``fixed`` (n,) stay.
-    """
-
-    def keep(points: FloatArray) -> FloatArray:
-        for _ in range(2):
-            off = -tissue.grid.distance(points) - depth_mm
-            off = np.where(fixed, 0.0, off if exactly else np.minimum(off, 0.0))
-            points = points + off[:, None] * outward(tissue, points)
-        return points if zone is None else np.where(fixed[:, None], points, zone(points))
-
-    return keep
 
 
 def outward(tissue: Tissue, points: FloatArray) -> FloatArray:
