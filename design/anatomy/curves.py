@@ -248,41 +248,36 @@ def curved_network(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> 
     )
 
 
+def tree_runs(tree: VesselTree) -> list[IntArray]:
+    """Return a tree's segments from joint to joint, each run after the one that it leaves."""
+    order = downward_order(tree.children)
+    # A bend's one child comes next.
+    ends = np.flatnonzero((tree.children[order, 0] < 0) | (tree.children[order, 1] >= 0))
+    return np.split(order.astype(np.int64), ends[:-1] + 1)
+
+
 def _of_tree(tree: VesselTree, kind: VesselKind, number: int) -> VesselNetwork:
-    bend = (tree.children[:, 0] >= 0) & (tree.children[:, 1] < 0)
-    radius = tree_radii(tree)
-    node_of = np.full(len(tree.parent), -1, dtype=np.int64)
-    nodes, ends, lines, radii = [tree.proximal[0]], [], [], []
-    open_runs: dict[int, tuple[int, list[FloatArray], list[float]]] = {}
-    for s in downward_order(tree.children).tolist():
-        above = int(tree.parent[s])
-        if above >= 0 and bend[above]:
-            run = open_runs.pop(above)
-        else:
-            begin = 0 if above < 0 else int(node_of[above])
-            run = (begin, [nodes[begin]], [])
-        run[1].append(tree.distal[s])
-        run[2].append(radius[s])
-        if bend[s]:
-            open_runs[s] = run
-            continue
-        nodes.append(tree.distal[s])
-        node_of[s] = len(nodes) - 1
-        ends.append((run[0], len(nodes) - 1))
-        lines.append(np.array(run[1]))
-        # One radius from joint to joint, to the last digit.
-        radii.append(np.full(len(run[1]), run[2][0]))
-    drains = kind in (VesselKind.VEIN, VesselKind.LYMPH)
-    if drains:
-        ends = [(end, begin) for begin, end in ends]
+    runs = tree_runs(tree)
+    first, last = np.array([[run[0], run[-1]] for run in runs]).T
+    nodes = np.concatenate([tree.proximal[:1], tree.distal[last]])
+    node = np.zeros(len(tree.parent) + 1, dtype=np.int64)  # the last one stands for no parent
+    node[last] = 1 + np.arange(len(runs))
+    ends = np.column_stack([node[tree.parent[first]], node[last]])
+    lines = [
+        np.concatenate([nodes[begin][None], tree.distal[run]])
+        for begin, run in zip(ends[:, 0], runs, strict=True)
+    ]
+    if kind in (VesselKind.VEIN, VesselKind.LYMPH):
+        ends = np.ascontiguousarray(ends[:, ::-1])
         lines = [line[::-1] for line in lines]
-    count = len(ends)
+    sizes = [len(line) for line in lines]
     return VesselNetwork(
-        np.array(nodes),
-        np.array(ends, dtype=np.int64),
-        np.full(count, int(kind), dtype=np.int64),
-        np.full(count, number, dtype=np.int64),
-        np.concatenate([[0], np.cumsum([len(line) for line in lines])]).astype(np.int64),
+        nodes,
+        ends,
+        np.full(len(runs), int(kind), dtype=np.int64),
+        np.full(len(runs), number, dtype=np.int64),
+        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
         np.concatenate(lines),
-        np.concatenate(radii),
+        # One radius from joint to joint, to the last digit.
+        np.repeat(tree_radii(tree)[first], sizes),
     )

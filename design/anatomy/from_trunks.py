@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from design.anatomy.main_branches import MainBranch, check_main_branches, line_pieces
 from design.anatomy.trunk_lines import (
     TrunkLines,
     in_order,
@@ -68,9 +69,8 @@ class TrunkPlan:
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
     widest_branch: float | None = None  # see `Trunk`; by default branches count as trunks
     tries: int = len(SPREADS)  # growths from the same trunks at most, where one gets stuck
-    main: frozenset[bytes] = frozenset()  # nodes that stay where others are in their way
-    # What is to be raised where the laid trunks lack a branch that the organ needs.
-    lost: Callable[[TrunkLines, FloatArray], WideTrunkError | None] | None = None
+    # Branches whose nodes stay where others are in their way; some of them mustn't be lost.
+    main: tuple[MainBranch, ...] = ()
 
     @property
     def rises_to_mm(self) -> float | None:
@@ -103,9 +103,7 @@ def grow_from_plan(
     radius = root * lines.share ** (1 / options.murray_exponent)
     for left in range(LAYING.growths - 1, -1, -1):
         smooth, lines, radius = laid(tissue, plan, lines, radius, options)
-        lost = plan.lost(smooth, radius) if plan.lost else None
-        if lost is not None:
-            raise lost
+        check_main_branches(plan.main, line_pieces(smooth, radius))
         whole, wide = plan.branches(smooth, radius) if plan.branches else (smooth, radius)
         roots = _roots(whole, wide, smooth, plan, each)
         trees = grow_forest(tissue, roots, attempts=plan.tries)
@@ -193,11 +191,12 @@ def laid(
 
     Branches that are in each other's way fork later or are left away.
     """
+    main = frozenset(place.tobytes() for one in plan.main for place in one.line)
     for number in itertools.count():
         deep = np.maximum(LAYING.depth_margin * radius + options.clearance_mm, plan.shallow_mm)
         smooth = smooth_lines(tissue, lines, deep, plan.exactly, plan.keep)
         later = number < LAYING.later
-        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later, plan.main)
+        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later, main)
         if clearer is None:
             break
         lines, radius = clearer

@@ -10,19 +10,11 @@ import numpy as np
 
 from design.anatomy.from_trunks import LAYING, TrunkPlan
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
-from design.anatomy.main_branches import (
-    MATCH,
-    MainBranch,
-    line_pieces,
-    lost_branch,
-    missing_branches,
-    trunk_pieces,
-    trunks_mm,
-    with_published_radii,
-)
+from design.anatomy.main_branches import MainBranch, missing_branches, trunk_pieces
 from design.anatomy.openness import way_through
 from design.anatomy.organ import AnatomicTrees, Place, Survey, Trees, grow_trees, say, survey
 from design.anatomy.perforators import with_perforators
+from design.anatomy.published_radii import MATCH, trunks_mm, with_published_radii
 from design.anatomy.trunk_lines import (
     Layer,
     LayerForest,
@@ -156,15 +148,11 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
             tissue, lines, radius, shape.volume, options
         ),
         widest_branch=float(max(TRUNKS.widest, few)),
-        main=frozenset(place.tobytes() for one in branches for place in one.line),
-        lost=lambda lines, radius: lost_branch(branches, line_pieces(lines, radius)),
+        main=branches,
     )
     trees = grow_trees(tissue, plan, options)
-    lost = lost_branch(branches, trunk_pieces(trees))
-    if lost is not None:
-        raise lost
     if anatomy.published_radii:
-        trees = with_published_radii(trees, tissue, plan, options, branches, shape.volume)
+        trees = with_published_radii(trees, tissue, plan, options, shape.volume)
     notes = (
         *notes,
         *_left_out_note(plan.lines, trees),

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from design.anatomy.fit import Clearance, Goal, fit_trees, with_flows
 from design.anatomy.from_trunks import LAYING, TrunkPlan, grow_from_plan
+from design.anatomy.main_branches import check_main_branches, trunk_pieces
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.trunk_lines import spread_sites
 from design.errors import (
@@ -124,7 +125,7 @@ def grow_trees(
                 break
             raise _unplanned(failed, options, each[0]) from failed
         try:
-            return fit_trees(tissue, lay(with_flows(trees, goal)), goal)
+            trees = fit_trees(tissue, lay(with_flows(trees, goal)), goal)
         except CrowdedError as failed:
             best, error = max((best or failed, failed), key=lambda one: one.fit), failed
             room += failed.fit < SEARCH.nearly * failed.asked
@@ -136,6 +137,9 @@ def grow_trees(
                 raise  # neither room nor terminals to spare help
             error = failed
             room += 1
+        else:
+            check_main_branches(plan.main, trunk_pieces(trees))
+            return trees
     raise _given_up(error, best) from error
 
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from design.anatomy.curves import derived_tree
+from design.anatomy.curves import derived_tree, tree_runs
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import downward_order, tree_radii
+from design.vasculature.treemath import tree_radii
 from kernels.arrays import FloatArray
 
 
@@ -150,15 +150,8 @@ class _Sheet:
 
     def laid(self) -> list[_Node]:
         """Return all nodes, parents before their children."""
-        children = self.tubes.children
-        for s in downward_order(children).tolist():
-            above = int(self.tubes.parent[s])
-            if above >= 0 and children[above, 1] < 0:
-                continue  # a later piece of a run
-            run = [s]
-            while children[run[-1], 0] >= 0 and children[run[-1], 1] < 0:
-                run.append(int(children[run[-1], 0]))
-            self._lay(run, above)
+        for run in tree_runs(self.tubes):
+            self._lay(run.tolist(), int(self.tubes.parent[run[0]]))
         return self.nodes
 
     def _lay(self, run: list[int], above: int) -> None:

@@ -34,7 +34,7 @@ from tests.design.tissue.kept import kept_tissue
 def grown_with_matches(monkeypatch, sd_then):
     """A heart whose radii are found 2 sd away from the published ones, then so many."""
     matches = iter([PublishedMatch(2.0, 1.1), *(PublishedMatch(sd, 1.0) for sd in sd_then)])
-    monkeypatch.setattr("design.anatomy.main_branches.published_match", lambda *_: next(matches))
+    monkeypatch.setattr("design.anatomy.published_radii.published_match", lambda *_: next(matches))
     few = replace(HEART, terminals=40)
     return grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
 
@@ -56,7 +56,7 @@ def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_ra
 def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     """A heart of 80 mm lost 29 % of its trunks to radii nearer to the published ones."""
     lengths = iter([100.0, 80.0, 80.0, 80.0])
-    monkeypatch.setattr("design.anatomy.main_branches.trunks_mm", lambda _: next(lengths))
+    monkeypatch.setattr("design.anatomy.published_radii.trunks_mm", lambda _: next(lengths))
     made = grown_with_matches(monkeypatch, (0.9,) * 3)
     drops = [tree.pressure_drop_pa for tree in made.trees]
     assert drops == pytest.approx([HEART.pressure_drop_pa] * 2)
