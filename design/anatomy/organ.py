@@ -95,11 +95,9 @@ def grow_trees(
     Parameters
     ----------
     options : GrowthOptions
-        Of each tree, with so many terminals; where several share the tissue, of all together.
-    tubes : sequence of GrowthOptions, optional
-        Of each tree, where vessels are laid along them.
-    lay : function of trees to trees
-        Lays these vessels.
+        Of each tree, or of all together where several share the tissue.
+    tubes, lay : sequence of GrowthOptions, function of trees to trees, optional
+        Of each tree, where vessels are laid along them; and what lays these.
 
     Raises
     ------
