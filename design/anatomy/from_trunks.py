@@ -60,9 +60,7 @@ class TrunkPlan:
     lines: TrunkLines
     shallow_mm: float  # least depth of the trunks' axes
     exactly: bool = True  # whether trunks keep to their depth; else they may lie deeper
-    wider: float = (
-        LAYING.wider
-    )  # radii by which trunks are kept clear of each other, over their own
+    wider: float = LAYING.wider  # radii by which trunks are kept apart, over their own
     # Brings nodes (n, 3) back to a zone, after they were brought to their depth.
     keep: Callable[[FloatArray], FloatArray] | None = None
     # Adds branches that leave the laid lines, whose nodes have radii (n,).
@@ -97,10 +95,9 @@ def grow_from_plan(
         As `grow_forest`; and when trunks don't fit with the radii that they get.
     """
     lines, options = plan.lines, each[0]
-    root = np.array([likely_radius(tissue, one) for one in each])[
-        np.minimum(lines.tree, len(each) - 1)
-    ]
-    radius = root * lines.share ** (1 / options.murray_exponent)
+    root = np.array([likely_radius(tissue, one) for one in each])
+    own = np.minimum(lines.tree, len(each) - 1)
+    radius = root[own] * lines.share ** (1 / options.murray_exponent)
     for left in range(LAYING.growths - 1, -1, -1):
         smooth, lines, radius = laid(tissue, plan, lines, radius, options)
         check_main_branches(plan.main, line_pieces(smooth, radius))
