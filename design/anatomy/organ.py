@@ -1,4 +1,4 @@
-"""Grow an organ's vessel trees from planned trunks; retry until enough terminals fit."""
+"""Organ templates: survey a shape, grow trees from planned trunks until they fit."""
 
 from __future__ import annotations
 
@@ -35,6 +35,107 @@ from kernels.arrays import BoolArray, FloatArray
 
 Trees = tuple[VesselTree, ...]
 Place = tuple[float, float, float]
+
+# Templates of organs: what is known before the shape is.
+
+
+class Template(NamedTuple):
+    """Growth by a template."""
+
+    murray_exponent: float
+    pressure_drop_mmhg: float  # from the inlet to the terminals; sets how slender vessels are
+    cavities: bool = False  # whether walls of closed cavities guide vessels; a cyst must not
+    volume_places: int = 30_000  # all over the tissue, by which trunks' shares are measured
+    least_terminals: int = LEAST_TERMINALS  # as many for each of six trunk ends
+    surface_places: int = 12_000
+
+
+PRESETS: Final = {
+    # Between Murray's 3 and the 7/3 that Huo and Kassab find in coronary casts (PMC4913552). With
+    # 7.3 mmHg elements are as slender as those of Kassab et al. 1993 (measures/published/).
+    "heart": Template(2.5, 7.3, True, 20_000),
+    # Nordsletten et al. 2006 find Murray's law. The drop is ours: no figure was confirmed.
+    "kidney": Template(3.0, 20.0),
+    # Of the portal vein, to its terminals. Ours: no figure of these was confirmed.
+    "liver": Template(3.0, 5.0),
+    # Helthuis et al. 2019 (Anat Rec 302:1434, PMC6767475) find Murray's law in human cerebral
+    # arteries of 0.1 to 1 mm radius. The drop is ours.
+    "cortex": Template(3.0, 20.0, True, 20_000, LEAST_IN_CORTEX),
+}
+LAYER_PLACES: Final = 6_000
+"""Of a volume, between which trunks run."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Places of a tissue by which an organ's trunks are planned."""
+
+    tissue: Tissue
+    samples: SurfaceSamples
+    volume: FloatArray  # (n, 3), mm, all over the tissue
+    ends: int  # of the trunks
+    given: dict[str, FloatArray]  # places (3,), mm, of inlets that are given
+
+    def places(self, inside: BoolArray | bool, depth_mm: float) -> FloatArray:
+        """Return places (k, 3) of the volume deeper than ``depth_mm``, where ``inside`` (n,)."""
+        deep = -self.tissue.grid.distance(self.volume) > depth_mm
+        return self.volume[inside & deep][:LAYER_PLACES]
+
+
+def survey(
+    organ: str,
+    tissue: Tissue,
+    options: GrowthOptions,
+    ends: int,
+    given: dict[str, Place | None],
+) -> Survey:
+    """Sample an organ's surface and volume, once the request is checked.
+
+    Raises
+    ------
+    GrowthError
+        For fewer terminals or ends than the template needs.
+    TissueError
+        For a tissue of several parts, or an inlet far from it.
+    """
+    template = PRESETS[organ]
+    ends = trunk_ends(ends, options.terminals, organ, template.least_terminals)
+    check_one_part(tissue)
+    for name, place in given.items():
+        check_inlet(tissue, name, place)
+    samples = sample_surface(tissue, template.surface_places, options.seed, template.cavities)
+    volume, _ = demand_points(tissue, template.volume_places, options.seed)
+    near = {name: np.array(place) for name, place in given.items() if place is not None}
+    return Survey(tissue, samples, volume, ends, near)
+
+
+def say(vector: FloatArray) -> str:
+    """Return a place or direction (3,) as notes say it."""
+    return "({:.3g}, {:.3g}, {:.3g})".format(*vector)
+
+
+def trunk_ends(wanted: int, terminals: int, organ: str, least: int = LEAST_TERMINALS) -> int:
+    """Return the number of trunk ends: as wanted, or what the terminals are enough for.
+
+    Raises
+    ------
+    GrowthError
+        For fewer than ``least`` terminals, or than six ends.
+    """
+    ends = 6
+    for count, fewest, what in (
+        (terminals, least, "terminals"),
+        (wanted, ends, "trunk_ends"),
+    ):
+        if count < fewest:
+            raise GrowthError(
+                f"{count} {what} are too few for the template of a {organ}; "
+                f"ask for {fewest} at least"
+            )
+    return min(wanted, terminals * ends // least)
+
+
+# Grow trees from planned trunks until enough terminals fit.
 
 
 class _Search(NamedTuple):
@@ -324,104 +425,3 @@ def uneven_notes(tissue: Tissue, ends: FloatArray, seed: int = 1) -> tuple[str, 
         f"volume asks for {asked[worst]:.0f}: trunks are far from it; more trunk_ends or a higher "
         "pressure_drop_mmhg may help",
     )
-
-
-# Templates of organs: what is known before the shape is.
-
-
-class Template(NamedTuple):
-    """Growth by a template."""
-
-    murray_exponent: float
-    pressure_drop_mmhg: float  # from the inlet to the terminals; sets how slender vessels are
-    cavities: bool = False  # whether walls of closed cavities guide vessels; a cyst must not
-    volume_places: int = 30_000  # all over the tissue, by which trunks' shares are measured
-    least_terminals: int = LEAST_TERMINALS  # as many for each of six trunk ends
-    surface_places: int = 12_000
-
-
-PRESETS: Final = {
-    # Between Murray's 3 and the 7/3 that Huo and Kassab find in coronary casts (PMC4913552). With
-    # 7.3 mmHg elements are as slender as those of Kassab et al. 1993 (measures/published/).
-    "heart": Template(2.5, 7.3, True, 20_000),
-    # Nordsletten et al. 2006 find Murray's law. The drop is ours: no figure was confirmed.
-    "kidney": Template(3.0, 20.0),
-    # Of the portal vein, to its terminals. Ours: no figure of these was confirmed.
-    "liver": Template(3.0, 5.0),
-    # Helthuis et al. 2019 (Anat Rec 302:1434, PMC6767475) find Murray's law in human cerebral
-    # arteries of 0.1 to 1 mm radius. The drop is ours.
-    "cortex": Template(3.0, 20.0, True, 20_000, LEAST_IN_CORTEX),
-}
-
-
-LAYER_PLACES: Final = 6_000
-"""Of a volume, between which trunks run."""
-
-
-@dataclass(frozen=True)
-class Survey:
-    """Places of a tissue by which an organ's trunks are planned."""
-
-    tissue: Tissue
-    samples: SurfaceSamples
-    volume: FloatArray  # (n, 3), mm, all over the tissue
-    ends: int  # of the trunks
-    given: dict[str, FloatArray]  # places (3,), mm, of inlets that are given
-
-    def places(self, inside: BoolArray | bool, depth_mm: float) -> FloatArray:
-        """Return places (k, 3) of the volume deeper than ``depth_mm``, where ``inside`` (n,)."""
-        deep = -self.tissue.grid.distance(self.volume) > depth_mm
-        return self.volume[inside & deep][:LAYER_PLACES]
-
-
-def survey(
-    organ: str,
-    tissue: Tissue,
-    options: GrowthOptions,
-    ends: int,
-    given: dict[str, Place | None],
-) -> Survey:
-    """Sample an organ's surface and volume, once the request is checked.
-
-    Raises
-    ------
-    GrowthError
-        For fewer terminals or ends than the template needs.
-    TissueError
-        For a tissue of several parts, or an inlet far from it.
-    """
-    template = PRESETS[organ]
-    ends = trunk_ends(ends, options.terminals, organ, template.least_terminals)
-    check_one_part(tissue)
-    for name, place in given.items():
-        check_inlet(tissue, name, place)
-    samples = sample_surface(tissue, template.surface_places, options.seed, template.cavities)
-    volume, _ = demand_points(tissue, template.volume_places, options.seed)
-    near = {name: np.array(place) for name, place in given.items() if place is not None}
-    return Survey(tissue, samples, volume, ends, near)
-
-
-def say(vector: FloatArray) -> str:
-    """Return a place or direction (3,) as notes say it."""
-    return "({:.3g}, {:.3g}, {:.3g})".format(*vector)
-
-
-def trunk_ends(wanted: int, terminals: int, organ: str, least: int = LEAST_TERMINALS) -> int:
-    """Return the number of trunk ends: as wanted, or what the terminals are enough for.
-
-    Raises
-    ------
-    GrowthError
-        For fewer than ``least`` terminals, or than six ends.
-    """
-    ends = 6
-    for count, fewest, what in (
-        (terminals, least, "terminals"),
-        (wanted, ends, "trunk_ends"),
-    ):
-        if count < fewest:
-            raise GrowthError(
-                f"{count} {what} are too few for the template of a {organ}; "
-                f"ask for {fewest} at least"
-            )
-    return min(wanted, terminals * ends // least)
