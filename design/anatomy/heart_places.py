@@ -79,7 +79,7 @@ class HeartPlaces:
     # Angles of the anterior and posterior interventricular grooves from ``right`` towards
     # ``anterior``, rad: between 0 and π, and between -π and 0.
     grooves: tuple[float, float]
-    epicardium: NDArray[np.int64]  # numbers of the surface samples that are epicardium
+    epicardium: IntArray  # numbers of the surface samples that are epicardium
     doubts: tuple[str, ...] = ()  # notes on directions that are guessed, with the remedy
 
     def height(self, points: FloatArray) -> FloatArray:
@@ -179,7 +179,7 @@ def _right_side(
     return apart if reach[0] <= reach[1] else -apart, (_UNKNOWN,)
 
 
-def _wall(samples: SurfaceSamples, epicardium: NDArray[np.int64]) -> FloatArray:
+def _wall(samples: SurfaceSamples, epicardium: IntArray) -> FloatArray:
     """Return thickness of the wall below each epicardial sample, mm; even over its surroundings."""
     inner = samples.points[~samples.outer]
     points = samples.points[epicardium]

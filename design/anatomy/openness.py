@@ -7,13 +7,12 @@ from math import pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.geometry.polyline import vectors_across
 from design.tissue import Tissue, without_cavities
 from design.vasculature.growth.root import surface_points
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 
 
 class _Rays(NamedTuple):
@@ -42,7 +41,7 @@ class SurfaceSamples:
     way_out: FloatArray  # (n, 3), sum of the rays that leave, over all rays
 
     @property
-    def outer(self) -> NDArray[np.bool_]:
+    def outer(self) -> BoolArray:
         """Which places belong to the outer surface."""
         return self.openness > RAYS.outer
 
