@@ -41,7 +41,7 @@ from pathlib import Path
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.curves import curved_network
-from design.anatomy.grown import PRESETS
+from design.anatomy.organ import PRESETS
 from design.network_files.csv_format import write_network_csv
 from design.tissue import load_tissue
 from design.units import PA_PER_MMHG

@@ -3,51 +3,55 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import TrunkPlan, clear_trunks
-from design.anatomy.grown import AnatomicTrees, grow_apart, trunk_ends
-from design.anatomy.openness import SurfaceSamples, sample_surface
+from design.anatomy.openness import SurfaceSamples, way_through
+from design.anatomy.organ import AnatomicTrees, Place, Survey, grow_trees, say, survey
 from design.anatomy.trunk_lines import (
-    Layer,
     LayerForest,
+    Rank,
     TrunkLines,
-    apart_for,
+    Zone,
     below_surface,
     join_layer,
     lines_of,
+    nearest,
     outward,
-    spread_sites,
     with_shares,
 )
-from design.errors import LEAST_IN_CORTEX, TissueError
+from design.errors import TissueError
 from design.network import VesselKind
 from design.tissue import Tissue
-from design.vasculature.growth.parts import check_inlet
-from design.vasculature.growth.supply import check_one_part, demand_points
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray, IntArray
 
-Place = tuple[float, float, float]
 ARTERIOLES_PER_MM2 = 1.0
 """Precortical arteries of the human brain, of some 60 µm, serve 1 mm² of its surface each
 (Akima et al. 2003, doi 10.1046/j.1440-1789.2003.00487.x, abstract)."""
-SHALLOWEST, DEEPEST = 0.3, 0.9
-"""Depths to which arterioles go, over the thickness, spread evenly. Duvernoy et al. 1981
-(doi 10.1016/0361-9230(81)90007-1) tell five groups by depth, but no shares: these are ours."""
-_SAMPLES = 12_000
-_VOLUME = 20_000
 _GOLDEN = 0.6180339887498949
-_DISK = 0.7
-"""Of places drawn at least s apart there are about 0.7 / s² (random sequential adsorption's 0.547
-for disks of diameter s is 0.70 / s² in number)."""
+
+
+class _Trunks(NamedTuple):
+    """How a cortex's pial arteries and arterioles are laid."""
+
+    pial: Rank = Rank(balance=0.25, offered=3)
+    # Depths to which arterioles go, over the thickness, spread evenly. Duvernoy et al. 1981
+    # (doi 10.1016/0361-9230(81)90007-1) tell five groups by depth, but no shares: these are ours.
+    shallowest: float = 0.3
+    deepest: float = 0.9
+    disk: float = 0.7  # number of places drawn at least s apart, times s² (random adsorption)
+
+
+TRUNKS = _Trunks()
 
 
 @dataclass(frozen=True)
 class CortexAnatomy:
-    """What a cortex's vessels are told; what isn't is found in its shape.
+    """Options of a cortex's vessels; what isn't given is found in its shape.
 
     Attributes
     ----------
@@ -88,74 +92,84 @@ def grow_cortex(
         Where no trunk or tree fits.
     """
     anatomy = anatomy or CortexAnatomy()
-    ends = trunk_ends(anatomy.trunk_ends, options.terminals, "cortex", least=LEAST_IN_CORTEX)
-    check_inlet(tissue, "pial_artery", anatomy.entry_mm)
-    check_one_part(tissue)
-    samples = sample_surface(tissue, _SAMPLES, options.seed)
+    given = {"pial_artery": anatomy.entry_mm}
+    shape = survey("cortex", tissue, options, anatomy.trunk_ends, given)
     way = None if anatomy.pial_direction is None else np.array(anatomy.pial_direction)
-    places = find_cortex_places(tissue, samples, way, anatomy.thickness_mm)
+    places = find_cortex_places(tissue, shape.samples, way, anatomy.thickness_mm)
+    lines, entry = _pial_lines(shape, places, anatomy.trunk_depth_mm)
+    rule = _rule(shape, places, anatomy, options)
+    plan = TrunkPlan(
+        lines,
+        anatomy.trunk_depth_mm,
+        branches=lambda lines, radius: _with_arterioles(shape, lines, radius, rule, options),
+    )
+    looks = "all ways" if places.closed else f"towards {say(places.outward)}"
+    notes = (
+        f"the pial side was taken to look {looks}; the artery enters at {say(entry)} mm",
+        f"the grey matter is {places.thickness_mm:.3g} mm thick; {rule.per_mm2:.2g} arterioles per "
+        "mm² were asked for",
+    )
+    trees = grow_trees(tissue, plan, options)
+    return AnatomicTrees(trees, (VesselKind.ARTERY,), ("pial_artery",), notes)
+
+
+def _pial_lines(
+    shape: Survey, places: CortexPlaces, depth_mm: float
+) -> tuple[TrunkLines, FloatArray]:
+    """Lay one tree below the pial side, from the given place or the far end; where it enters."""
+    tissue, samples = shape.tissue, shape.samples
     points, inward = samples.points[places.pial], samples.inward[places.pial]
-    depth = max(2.0 * tissue.grid.spacing_mm, anatomy.trunk_depth_mm)
+    depth = max(2.0 * tissue.grid.spacing_mm, depth_mm)
     below, deep = below_surface(tissue, points, inward, depth)
     layer = join_layer(tissue, below[deep], 0.5 * depth)
-    begin = _begin(layer, anatomy.entry_mm)
-    forest = LayerForest(layer, 0.25, layer.length.copy(), apart_for(layer, ends))
+    away = np.linalg.norm(layer.points - layer.points.mean(axis=0), axis=1)
+    given = shape.given.get("pial_artery")
+    begin = int(np.argmax(away)) if given is None else layer.nearest(given)
+    forest = LayerForest(layer)
     forest.plant(0, begin)
-    forest.join(spread_sites(layer.points, 3 * ends, layer.points[begin][None]))
-    volume, _ = demand_points(tissue, _VOLUME, options.seed)
-    place = layer.points[begin]
-    entry = points[int(np.argmin(np.linalg.norm(points - place, axis=1)))]
-    rule = _rule(tissue, places, len(points) / len(samples.points), anatomy, options)
-    plan = TrunkPlan(
-        lines_of(forest, {0: entry}, volume),
-        anatomy.trunk_depth_mm,
-        branches=lambda lines, radius: with_arterioles(
-            tissue, lines, radius, rule, volume, options
-        ),
-    )
-    trees = grow_apart(tissue, plan, options)
-    return AnatomicTrees(trees, (VesselKind.ARTERY,), ("pial_artery",), _notes(places, rule, entry))
+    forest.grow(TRUNKS.pial, shape.ends, Zone.of(layer, 2))
+    entry = points[nearest(points, layer.points[begin])]
+    return lines_of(forest, {0: entry}, shape.volume), entry
 
 
-@dataclass(frozen=True)
-class ArterioleRule:
-    """Where arterioles leave: ``apart_mm`` from each other; and the cortex's thickness, mm."""
+class ArterioleRule(NamedTuple):
+    """Where arterioles leave."""
 
-    apart_mm: float
-    thickness_mm: float
-    count: float
+    spacing_mm: float  # between each other
+    thickness_mm: float  # of the cortex
+    per_mm2: float
 
 
 def _rule(
-    tissue: Tissue,
-    places: CortexPlaces,
-    part: float,
-    anatomy: CortexAnatomy,
-    options: GrowthOptions,
+    shape: Survey, places: CortexPlaces, anatomy: CortexAnatomy, options: GrowthOptions
 ) -> ArterioleRule:
-    corners = tissue.surface.vertices[tissue.surface.faces]
+    corners = shape.tissue.surface.vertices[shape.tissue.surface.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = part * float(0.5 * np.linalg.norm(across, axis=1).sum())
+    pial = len(places.pial) / len(shape.samples.points)
+    area = pial * float(0.5 * np.linalg.norm(across, axis=1).sum())
     count = min(anatomy.arterioles_per_mm2 * area, options.terminals / 3.0)
-    return ArterioleRule(float(np.sqrt(_DISK * area / count)), places.thickness_mm, count / area)
+    spacing = float(np.sqrt(TRUNKS.disk * area / count))
+    return ArterioleRule(spacing, places.thickness_mm, count / area)
 
 
-def with_arterioles(
-    tissue: Tissue,
+def _with_arterioles(
+    shape: Survey,
     lines: TrunkLines,
     radius: FloatArray,
     rule: ArterioleRule,
-    volume: FloatArray,
     options: GrowthOptions,
 ) -> tuple[TrunkLines, FloatArray]:
-    """Pial lines with arterioles that leave them at right angles to the surface, and their radii.
+    """Return pial lines with arterioles at right angles to the surface, and their radii.
 
-    All ends of pial arteries dive, and as many other places as are ``apart_mm`` from those.
+    All ends of pial arteries dive, and as many other places as are far enough from those.
+    Arterioles in each other's way are left out.
     """
-    nodes = _apart(lines, rule.apart_mm)
+    tissue = shape.tissue
+    nodes = _spaced_nodes(lines, rule.spacing_mm)
     inward = -outward(tissue, lines.points[nodes])
-    thick = depth_along_normal(tissue, lines.points[nodes], inward)
-    part = SHALLOWEST + (DEEPEST - SHALLOWEST) * ((_GOLDEN * np.arange(len(nodes))) % 1.0)
+    thick = way_through(tissue, lines.points[nodes], inward)
+    even = (_GOLDEN * np.arange(len(nodes))) % 1.0
+    part = TRUNKS.shallowest + (TRUNKS.deepest - TRUNKS.shallowest) * even
     long = part * np.minimum(thick, rule.thickness_mm)
     kept = long > 3.0 * tissue.grid.spacing_mm
     nodes, inward, long = nodes[kept], inward[kept], long[kept]
@@ -168,27 +182,20 @@ def with_arterioles(
         np.concatenate([lines.tree, lines.tree[nodes], lines.tree[nodes]]),
         np.zeros(count + 2 * more),
     )
-    whole = with_shares(whole, volume)
+    whole = with_shares(whole, shape.volume)
     own = radius.max() * whole.share[count:] ** (1.0 / options.murray_exponent)
-    return _without_those_in_the_way(tissue, whole, np.concatenate([radius, own]), options)
+    radius = np.concatenate([radius, own])
+    while (clearer := clear_trunks(tissue, whole, whole, radius, options, later=False)) is not None:
+        whole, radius = clearer
+    return whole, radius
 
 
-def _without_those_in_the_way(
-    tissue: Tissue, lines: TrunkLines, radius: FloatArray, options: GrowthOptions
-) -> tuple[TrunkLines, FloatArray]:
-    while True:
-        clearer = clear_trunks(tissue, lines, lines, radius, options, later=False)
-        if clearer is None:
-            return lines, radius
-        lines, radius = clearer
-
-
-def _apart(lines: TrunkLines, apart_mm: float) -> IntArray:
-    """Nodes of at most one child, ends first, each so far from the others."""
+def _spaced_nodes(lines: TrunkLines, spacing_mm: float) -> IntArray:
+    """Return nodes of at most one child, ends first, each so far from the others."""
     count = lines.child_count()
     free = np.flatnonzero((lines.parent >= 0) & (count <= 1))
     order = free[np.argsort(count[free], kind="stable")]
-    near = cKDTree(lines.points[order]).query_ball_point(lines.points[order], apart_mm)
+    near = cKDTree(lines.points[order]).query_ball_point(lines.points[order], spacing_mm)
     taken = np.zeros(len(order), dtype=np.bool_)
     gone = np.zeros(len(order), dtype=np.bool_)
     for n in range(len(order)):
@@ -198,57 +205,30 @@ def _apart(lines: TrunkLines, apart_mm: float) -> IntArray:
     return np.asarray(order[taken], dtype=np.int64)
 
 
-def _begin(layer: Layer, entry: Place | None) -> int:
-    """The place of the layer where the pial artery begins."""
-    if entry is not None:
-        return layer.nearest(np.array(entry))
-    away = np.linalg.norm(layer.points - layer.points.mean(axis=0), axis=1)
-    return int(np.argmax(away))
-
-
-def _notes(places: CortexPlaces, rule: ArterioleRule, entry: FloatArray) -> tuple[str, ...]:
-    say = "({:.3g}, {:.3g}, {:.3g})"
-    way = "all ways" if places.closed else f"towards {say.format(*places.outward)}"
-    return (
-        f"the pial side was taken to look {way}; the artery enters at {say.format(*entry)} mm",
-        f"the grey matter is {places.thickness_mm:.3g} mm thick; {rule.count:.2g} arterioles per "
-        "mm² were asked for",
-    )
-
-
 # Find a cortex's pial (outer) side, its mean outward direction and thickness from its shape.
 
-_NEIGHBOURS = 12
-_SAME_SIDE = 0.7
-"""Cosine between normals of neighbours on one side; rims are sharper."""
-_SHEET = 0.2
-"""Thickness over the extent above which a shape is no sheet: all its surface is pial."""
-_ALL_WAYS = 0.1
-"""Length of a side's mean normal below which it looks all ways."""
-_ALIKE = 0.95
-"""Share of the larger side from which on two count as equally large."""
+
+class _Shape(NamedTuple):
+    """How a cortex's sides are found in its shape."""
+
+    neighbours: int = 12
+    same_side: float = 0.7  # cosine between normals of neighbours on one side; rims are sharper
+    sheet: float = 0.2  # thickness over the extent above which all of the surface is pial
+    all_ways: float = 0.1  # length of a side's mean normal below which it looks all ways
+    alike: float = 0.95  # size over the larger side's from which on two count as equally large
+
+
+SHAPE = _Shape()
 
 
 @dataclass(frozen=True)
 class CortexPlaces:
-    """Places of a cortex.
+    """The pial side of a cortex."""
 
-    Attributes
-    ----------
-    pial : (k,) int64
-        Numbers of the surface samples on the pial side.
-    outward : (3,) float64
-        Mean normal of that side, a unit vector.
-    thickness_mm : float
-        Median along the normal, or as it is given.
-    closed : bool
-        Whether that side looks all ways, as a hemisphere's does: it has no mean normal.
-    """
-
-    pial: IntArray
-    outward: FloatArray
-    thickness_mm: float
-    closed: bool = False
+    pial: IntArray  # numbers of the surface samples on it
+    outward: FloatArray  # its mean normal, a unit vector
+    thickness_mm: float  # median along the normal, or as it is given
+    closed: bool = False  # whether it looks all ways, as a hemisphere's does: no mean normal
 
 
 def find_cortex_places(
@@ -273,7 +253,7 @@ def find_cortex_places(
     TissueError
         When the sides can't be told apart.
     """
-    every = depth_along_normal(tissue, samples.points, samples.inward)
+    every = way_through(tissue, samples.points, samples.inward)
     sides = _sides(samples, every)
     if not all(len(side) for side in sides):
         raise TissueError(
@@ -284,7 +264,7 @@ def find_cortex_places(
         best = int(np.argmax([each @ direction for each in normal]))
     else:
         size = np.array([len(side) for side in sides])
-        alike = size >= _ALIKE * size.max()
+        alike = size >= SHAPE.alike * size.max()
         best = int(np.argmax(np.where(alike, [each[2] for each in normal], -np.inf)))
     pial = sides[best]
     deep = every[pial]
@@ -294,34 +274,19 @@ def find_cortex_places(
         pial,
         outward / max(length, 1e-12),
         float(np.median(deep)) if thickness_mm is None else thickness_mm,
-        length < _ALL_WAYS * len(pial),
+        length < SHAPE.all_ways * len(pial),
     )
 
 
-def depth_along_normal(tissue: Tissue, points: FloatArray, inward: FloatArray) -> FloatArray:
-    """Way (n,) from surface points (n, 3) along ``inward`` (n, 3) to where they leave, mm."""
-    least = 0.25 * tissue.grid.spacing_mm
-    low, high = tissue.bounds
-    far = float(np.linalg.norm(high - low))
-    gone = np.full(len(points), 4.0 * least)
-    going = np.arange(len(points))
-    while len(going):
-        room = -tissue.grid.distance(points[going] + gone[going, None] * inward[going])
-        on = (room > 0.0) & (gone[going] < far)
-        gone[going[on]] += np.maximum(room[on], least)
-        going = going[on]
-    return gone
-
-
 def _sides(samples: SurfaceSamples, deep: FloatArray) -> list[IntArray]:
-    """Samples of each side of a sheet; of a solid body all samples, as one."""
+    """Return samples of each side of a sheet; of a solid body all samples, as one."""
     points, inward = samples.points, samples.inward
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
-    if np.median(deep) > _SHEET * extent:
+    if np.median(deep) > SHAPE.sheet * extent:
         return [np.arange(len(points))]
     index = cKDTree(points)
-    near = index.query(points, _NEIGHBOURS)[1]
-    same = np.einsum("nkx,nx->nk", inward[near], inward) > _SAME_SIDE
+    near = index.query(points, SHAPE.neighbours)[1]
+    same = np.einsum("nkx,nx->nk", inward[near], inward) > SHAPE.same_side
     away, across = index.query(points + deep[:, None] * inward)
     facing = np.einsum("nx,nx->n", inward, inward[across])
     # From the place that faces its other side best, on both sides at once: rims come last.
@@ -337,7 +302,7 @@ def _sides(samples: SurfaceSamples, deep: FloatArray) -> list[IntArray]:
             side[there] = side[here]
             queue.append(there)
             other = int(across[there])
-            if not side[other] and facing[there] < -_SAME_SIDE:
+            if not side[other] and facing[there] < -SHAPE.same_side:
                 side[other] = -side[here]
                 queue.append(other)
     return [np.flatnonzero(side == 1), np.flatnonzero(side == -1)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,72 +13,48 @@ from design.network import VesselKind, VesselNetwork
 from design.vasculature.growth.forest import joined_networks
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
-REACH = 0.42
-"""Part of a vessel on either side of a node that its curve may take."""
 
-STRAIGHT = np.radians(9.0)
-"""Turns below this stay as they are."""
+class _Curves(NamedTuple):
+    """How far curves reach, and which turns they leave; angles in rad."""
 
-TAKE_OFF = np.radians(20.0)
-"""Turn by which each of two equal children leaves its parent."""
+    reach: float = 0.42  # part of a vessel on either side of a node that its curve may take
+    straight: float = float(np.radians(9.0))  # turns below this stay as they are
+    take_off: float = float(np.radians(20.0))  # by which each of two equal children leaves
+    joint: float = 3.0  # radii about a joint within which pieces are few: there walls are joined
+    near: float = float(np.radians(18.0))  # turns that stay as they are there
+    passes: int = 3  # corner cuttings (Chaikin 1974, doi 10.1016/0146-664X(74)90028-8)
 
-ROOM = 3.0
-"""Radii about a joint within which curves are made of few pieces: there walls are joined."""
 
-NEAR = np.radians(18.0)
-"""Turns that stay as they are there."""
-
-PASSES = 3
-"""Corner cuttings (Chaikin 1974, doi 10.1016/0146-664X(74)90028-8); each halves the turns."""
+CURVES = _Curves()
+STRAIGHT = CURVES.straight
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Nodes of a tree, whose vessels are pieces between a node and its parent.
+    """Nodes of a tree, whose vessels are pieces between a node and its parent; 0 is the inlet."""
 
-    Attributes
-    ----------
-    points : (n, 3) float64, mm
-        Node 0 is the inlet.
-    parent : (n,) int64
-        -1 for the inlet; parents stand before their children.
-    origin : (n,) int64
-        Segment of the tree that the piece which ends at a node comes from; -1 for the inlet.
-    corner : (n,) int64
-        Node of the tree whose curve a node belongs to, or -1.
-    """
-
-    points: FloatArray
-    parent: IntArray
-    origin: IntArray
-    corner: IntArray
+    points: FloatArray  # (n, 3), mm
+    parent: IntArray  # -1 for the inlet; parents stand before their children
+    origin: IntArray  # segment of the tree that the piece which ends at a node comes from, or -1
+    corner: IntArray  # node of the tree whose curve a node belongs to, or -1
 
 
-def curve_tree(
-    tree: VesselTree,
-    reach: FloatArray,
-    main: IntArray,
-    forked: NDArray[np.bool_],
-    least: FloatArray,
-) -> tuple[VesselTree, Lines]:
-    """The tree with its bends and main lines rounded, radii derived anew.
+class Bends(NamedTuple):
+    """How the main line at the end of each segment (s,) of a tree is curved."""
+
+    reach: FloatArray  # of the curve over what it may: 0 to 1
+    main: IntArray  # child that goes on, -1 for none (`main_children`)
+    forked: BoolArray  # whether both children are as wide: both leave by a small turn
+    least: FloatArray  # turn that stays as it is, rad
+
+
+def curve_tree(tree: VesselTree, bends: Bends) -> tuple[VesselTree, Lines]:
+    """Return the tree with its bends and main lines rounded, radii derived anew.
 
     Lengths change a little, and with them the radii that give each terminal its flow: they are
     derived from the curved tree, so that flows and Murray's law stay exact.
-
-    Parameters
-    ----------
-    tree : VesselTree
-    reach : (s,) float64
-        How far the curve at the far end of each segment reaches, over what it may: 0 to 1.
-    main : (s,) int64
-        Child that goes on from each segment, -1 for none (`main_children`).
-    forked : (s,) bool
-        Segments whose two children are as wide: both leave by a small turn.
-    least : (s,) float64, rad
-        Turns of each segment that stay as they are.
 
     Returns
     -------
@@ -86,16 +63,17 @@ def curve_tree(
     Lines
         Where each of its segments comes from; segment ``i`` ends at node ``i + 1``.
     """
-    room = ROOM * tree_radii(tree)
-    room = np.where(tree.parent >= 0, room[np.maximum(tree.parent, 0)], room)
-    lines = _cut_joints(tree, main, forked, reach, least, room)
-    for _ in range(PASSES):
-        lines = _cut_bends(lines, _main_nodes(lines), least, room)
-    return _rebuilt(tree, lines), lines
+    room = CURVES.joint * tree_radii(tree)
+    room = np.where(tree.parent >= 0, room[tree.parent], room)
+    lines = _cut_joints(tree, bends, room)
+    for _ in range(CURVES.passes):
+        lines = _cut_bends(lines, bends.least, room)
+    points, up = lines.points, lines.parent[1:]
+    return derived_tree(tree, points[up], points[1:], up - 1, origin=lines.origin[1:]), lines
 
 
 def main_children(tree: VesselTree, radius: FloatArray | None = None) -> IntArray:
-    """The wider child of each segment, by its own radii or others (s,); -1 for a terminal."""
+    """Return the wider child of each segment, by its own or other radii (s,); -1 for none."""
     radius = tree_radii(tree) if radius is None else radius
     a, b = tree.children.T.astype(np.int64)
     wider = np.where((b >= 0) & (radius[np.maximum(b, 0)] > radius[np.maximum(a, 0)]), b, a)
@@ -103,34 +81,28 @@ def main_children(tree: VesselTree, radius: FloatArray | None = None) -> IntArra
 
 
 def turns(tree: VesselTree) -> tuple[IntArray, FloatArray]:
-    """Segments with a child, and the angle (rad) between each and its main child."""
+    """Return segments with a child, and the angle (rad) between each and its main child."""
     main = main_children(tree)
     upper = np.flatnonzero(main >= 0)
     way = tree.distal - tree.proximal
     return upper, _angle(way[upper], way[main[upper]])
 
 
-def _cut_joints(
-    tree: VesselTree,
-    main: IntArray,
-    forked: NDArray[np.bool_],
-    reach: FloatArray,
-    least: FloatArray,
-    room: FloatArray,
-) -> Lines:
+def _cut_joints(tree: VesselTree, bends: Bends, room: FloatArray) -> Lines:
     """Cut the corner at each node where the main line turns; the node moves onto the cut.
 
     At a fork the node stays, and each child begins by a small turn.
     """
     count = len(tree.parent)
+    reach, main, forked, least = bends
     length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
     way = (tree.distal - tree.proximal) / length[:, None]
     upper = np.flatnonzero((main >= 0) & ~forked)
     lower = main[upper]
-    cut = REACH * reach[upper] * np.minimum(length[upper], length[lower])
-    low = np.where(cut < room[upper], np.maximum(least[upper], NEAR), least[upper])
-    bends = _angle(way[upper], way[lower]) > low
-    upper, lower, cut = upper[bends], lower[bends], cut[bends]
+    cut = CURVES.reach * reach[upper] * np.minimum(length[upper], length[lower])
+    low = np.where(cut < room[upper], np.maximum(least[upper], CURVES.near), least[upper])
+    turning = _angle(way[upper], way[lower]) > low
+    upper, lower, cut = upper[turning], lower[turning], cut[turning]
     # Nodes beside a joint: before it on the upper segment, after it on a lower one.
     before, after = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
     before[upper] = tree.distal[upper] - cut[:, None] * way[upper]
@@ -139,8 +111,8 @@ def _cut_joints(
     node[upper] = 0.5 * (before[upper] + after[lower])
     fork = np.flatnonzero(forked)
     for child in tree.children[fork].T:
-        leaves = _turned(way[fork], way[child], TAKE_OFF)
-        step = REACH * reach[fork] * length[tree.children[fork]].min(axis=1)
+        leaves = _turned(way[fork], way[child], CURVES.take_off)
+        step = CURVES.reach * reach[fork] * length[tree.children[fork]].min(axis=1)
         after[child] = tree.distal[fork] + step[:, None] * leaves
     corner_here = np.zeros(count, dtype=np.bool_)
     corner_here[upper] = True
@@ -166,7 +138,7 @@ def _cut_joints(
 
 
 def _turned(one: FloatArray, two: FloatArray, most: float) -> FloatArray:
-    """Unit vectors ``one`` (n, 3) turned towards ``two`` by the angle between, or ``most``."""
+    """Turn unit vectors ``one`` (n, 3) towards ``two`` by the angle between, or ``most``."""
     across = two - np.einsum("ij,ij->i", one, two)[:, None] * one
     size = np.linalg.norm(across, axis=1)
     across = across / np.where(size > 0, size, np.inf)[:, None]
@@ -175,56 +147,36 @@ def _turned(one: FloatArray, two: FloatArray, most: float) -> FloatArray:
     return turned
 
 
-def _main_nodes(lines: Lines) -> IntArray:
-    """The one child of each node with exactly one; else -1."""
-    below = np.flatnonzero(lines.parent >= 0)
-    count = np.bincount(lines.parent[below], minlength=len(lines.parent))
-    only = np.full(len(lines.parent), -1, dtype=np.int64)
-    only[lines.parent[below]] = below
-    return np.where(count == 1, only, -1)
-
-
-def _cut_bends(lines: Lines, only: IntArray, least: FloatArray, room: FloatArray) -> Lines:
+def _cut_bends(lines: Lines, least: FloatArray, room: FloatArray) -> Lines:
     """Put two nodes in place of each that is no joint and turns.
 
-    Nodes nearer than ``room`` (s,), mm, to a joint turn by `NEAR` before they are.
+    Nodes nearer than ``room`` (s,), mm, to a joint turn by ``CURVES.near`` before they are.
     """
-    at = np.flatnonzero((only >= 0) & (lines.parent >= 0))
-    here = lines.points[at]
-    before, after = here - lines.points[lines.parent[at]], lines.points[only[at]] - here
-    joint = np.bincount(lines.parent[lines.parent >= 0], minlength=len(lines.parent)) > 1
-    wide = room[lines.origin[at]]
-    near = joint[lines.parent[at]] & (np.linalg.norm(before, axis=1) < wide)
-    near |= joint[only[at]] & (np.linalg.norm(after, axis=1) < wide)
-    low = least[lines.origin[at]]
-    turning = _angle(before, after) > np.where(near, np.maximum(low, NEAR), low)
-    at, here, before, after = at[turning], here[turning], before[turning], after[turning]
-    length = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
-    step = 0.25 * length[:, None]
-    first = here - step * before / np.linalg.norm(before, axis=1)[:, None]
-    second = here + step * after / np.linalg.norm(after, axis=1)[:, None]
-    extra = np.zeros(len(lines.parent), dtype=np.int64)
-    extra[at] = 1
-    last = np.cumsum(1 + extra) - 1
-    size = int(last[-1]) + 1
-    points, parent = np.empty((size, 3)), np.empty(size, dtype=np.int64)
-    origin, corner = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
-    begin = last - extra
-    points[begin] = lines.points
-    parent[begin] = np.where(lines.parent >= 0, last[np.maximum(lines.parent, 0)], -1)
-    for nodes in (begin, last):
-        origin[nodes], corner[nodes] = lines.origin, lines.corner
-    points[begin[at]], points[last[at]] = first, second
-    parent[last[at]] = begin[at]
+    inner = np.flatnonzero(lines.parent >= 0)
+    count = np.bincount(lines.parent[inner], minlength=len(lines.parent))
+    child = np.full(len(lines.parent), -1, dtype=np.int64)
+    child[lines.parent[inner]] = inner
+    at = np.flatnonzero((count == 1) & (lines.parent >= 0))
+    here, up, down = lines.points[at], lines.parent[at], child[at]
+    before, after = here - lines.points[up], lines.points[down] - here
+    long_before, long_after = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
+    wide, low = room[lines.origin[at]], least[lines.origin[at]]
+    near = ((count[up] > 1) & (long_before < wide)) | ((count[down] > 1) & (long_after < wide))
+    turning = _angle(before, after) > np.where(near, np.maximum(low, CURVES.near), low)
+    step = 0.25 * np.minimum(long_before, long_after)[:, None]
+    first = here - step * before / long_before[:, None]
+    second = here + step * after / long_after[:, None]
+    at, first, second = at[turning], first[turning], second[turning]
+    copies = np.ones(len(lines.parent), dtype=np.int64)
+    copies[at] = 2
+    old, last = np.repeat(np.arange(len(copies)), copies), np.cumsum(copies) - 1
+    points, origin, corner = lines.points[old], lines.origin[old], lines.corner[old]
+    parent = np.where(lines.parent[old] >= 0, last[lines.parent[old]], -1)
+    points[last[at] - 1], points[last[at]] = first, second
+    parent[last[at]] = last[at] - 1
     # The upper part of what was the lower piece belongs to the lower piece's segment.
-    origin[last[at]] = lines.origin[only[at]]
+    origin[last[at]] = lines.origin[child[at]]
     return Lines(points, parent, origin, corner)
-
-
-def _rebuilt(tree: VesselTree, lines: Lines) -> VesselTree:
-    parent = lines.parent[1:] - 1
-    points = lines.points
-    return derived_tree(tree, points[lines.parent[1:]], points[1:], parent, origin=lines.origin[1:])
 
 
 def derived_tree(
@@ -287,7 +239,7 @@ def _angle(one: FloatArray, two: FloatArray) -> FloatArray:
 
 
 def curved_network(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> VesselNetwork:
-    """All trees as one network; a vessel reaches from joint to joint, through all its bends.
+    """Return all trees as one network; a vessel reaches from joint to joint, through all its bends.
 
     Veins and lymph flow from terminals to root.
     """
@@ -296,41 +248,36 @@ def curved_network(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> 
     )
 
 
+def tree_runs(tree: VesselTree) -> list[IntArray]:
+    """Return a tree's segments from joint to joint, each run after the one that it leaves."""
+    order = downward_order(tree.children)
+    # A bend's one child comes next.
+    ends = np.flatnonzero((tree.children[order, 0] < 0) | (tree.children[order, 1] >= 0))
+    return np.split(order.astype(np.int64), ends[:-1] + 1)
+
+
 def _of_tree(tree: VesselTree, kind: VesselKind, number: int) -> VesselNetwork:
-    bend = (tree.children[:, 0] >= 0) & (tree.children[:, 1] < 0)
-    radius = tree_radii(tree)
-    node_of = np.full(len(tree.parent), -1, dtype=np.int64)
-    nodes, ends, lines, radii = [tree.proximal[0]], [], [], []
-    open_runs: dict[int, tuple[int, list[FloatArray], list[float]]] = {}
-    for s in downward_order(tree.children).tolist():
-        above = int(tree.parent[s])
-        if above >= 0 and bend[above]:
-            run = open_runs.pop(above)
-        else:
-            begin = 0 if above < 0 else int(node_of[above])
-            run = (begin, [nodes[begin]], [])
-        run[1].append(tree.distal[s])
-        run[2].append(radius[s])
-        if bend[s]:
-            open_runs[s] = run
-            continue
-        nodes.append(tree.distal[s])
-        node_of[s] = len(nodes) - 1
-        ends.append((run[0], len(nodes) - 1))
-        lines.append(np.array(run[1]))
-        # One radius from joint to joint, to the last digit.
-        radii.append(np.full(len(run[1]), run[2][0]))
-    drains = kind in (VesselKind.VEIN, VesselKind.LYMPH)
-    if drains:
-        ends = [(end, begin) for begin, end in ends]
+    runs = tree_runs(tree)
+    first, last = np.array([[run[0], run[-1]] for run in runs]).T
+    nodes = np.concatenate([tree.proximal[:1], tree.distal[last]])
+    node = np.zeros(len(tree.parent) + 1, dtype=np.int64)  # the last one stands for no parent
+    node[last] = 1 + np.arange(len(runs))
+    ends = np.column_stack([node[tree.parent[first]], node[last]])
+    lines = [
+        np.concatenate([nodes[begin][None], tree.distal[run]])
+        for begin, run in zip(ends[:, 0], runs, strict=True)
+    ]
+    if kind in (VesselKind.VEIN, VesselKind.LYMPH):
+        ends = np.ascontiguousarray(ends[:, ::-1])
         lines = [line[::-1] for line in lines]
-    count = len(ends)
+    sizes = [len(line) for line in lines]
     return VesselNetwork(
-        np.array(nodes),
-        np.array(ends, dtype=np.int64),
-        np.full(count, int(kind), dtype=np.int64),
-        np.full(count, number, dtype=np.int64),
-        np.concatenate([[0], np.cumsum([len(line) for line in lines])]).astype(np.int64),
+        nodes,
+        ends,
+        np.full(len(runs), int(kind), dtype=np.int64),
+        np.full(len(runs), number, dtype=np.int64),
+        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
         np.concatenate(lines),
-        np.concatenate(radii),
+        # One radius from joint to joint, to the last digit.
+        np.repeat(tree_radii(tree)[first], sizes),
     )

@@ -5,15 +5,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from design.anatomy.main_branches import MainBranch, check_main_branches, line_pieces
 from design.anatomy.trunk_lines import (
     TrunkLines,
     in_order,
-    kept_at_depth,
     smooth_lines,
     thinned,
     trunk_from,
@@ -29,119 +29,133 @@ from design.vasculature.growth.tree import SPREADS
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
-DEPTH_MARGIN = 1.03
-"""Depth of a trunk's axis over its radius, beside the clearance: radii rise a little while trees
-grow and are curved."""
 
-RADIUS_MARGIN = 1.05
-"""Radii that trunks are laid for, over those that they got last time."""
+class _Laying(NamedTuple):
+    """How trunks are laid for the radii that they get."""
 
-STRAIGHTER = 0.12
-"""How far trunk lines may be straightened, over their radius; curves come last."""
+    # Depth of a trunk's axis over its radius, beside the clearance: radii rise a little while trees
+    # grow and are curved.
+    depth_margin: float = 1.03
+    wider: float = 1.15  # see `TrunkPlan`
+    radius_margin: float = 1.05  # radii of the second growth over those of the first
+    growths: int = 2  # at most
+    straighter: float = 0.12  # how far lines may be straightened, over their radius
+    later: int = 60  # rounds in which branches may fork later; some ten do
+    stub: int = 4  # nodes of a branch left over that is too short to stay
+    spacing: float = 1.25  # room between trunks over what radii and clearance ask for
+    # Way from a fork to where its branches are too near, over their radii, within which they fork
+    # later rather than one is left away.
+    fork: float = 6.0
 
-WIDER = 1.15
-"""See `TrunkPlan`."""
 
-_ROUNDS = 2
-
-_LATER = 60
-"""Rounds in which branches may fork later; some ten do."""
+LAYING = _Laying()
 
 
 @dataclass(frozen=True)
 class TrunkPlan:
-    """Where trunks run, before radii are known.
-
-    Attributes
-    ----------
-    lines : TrunkLines
-    shallow_mm : float
-        Least depth of the trunks' axes.
-    exactly : bool
-        Whether trunks keep to their depth; else they may lie deeper.
-    wider : float
-        Radii by which trunks are kept clear of each other, over those they are laid for.
-    keep : function of (n, 3) to (n, 3), optional
-        Brings nodes back to a zone, after they were brought to their depth.
-    branches : function of lines and radii to both, optional
-        Adds branches that leave the laid trunks.
-    branches_are_trunks : bool
-        Whether they count as trunks in the grown trees.
-    widest_branch : float
-        See `Trunk`, where they don't.
-    each : tuple of GrowthOptions
-        Of each tree, where all of them serve the whole tissue; else they share it.
-    tries : int
-        Growths from the same trunks at most, where one gets stuck.
-    main : frozenset of bytes
-        Nodes, as bytes, that stay where others are in their way, however thin they are.
-    lost : function of lines and radii, optional
-        What is to be raised where the laid trunks lack a branch that the organ needs.
-    """
+    """Where trunks run, before radii are known."""
 
     lines: TrunkLines
-    shallow_mm: float
-    exactly: bool = True
-    wider: float = WIDER
+    shallow_mm: float  # least depth of the trunks' axes
+    exactly: bool = True  # whether trunks keep to their depth; else they may lie deeper
+    wider: float = LAYING.wider  # radii by which trunks are kept apart, over their own
+    # Brings nodes (n, 3) back to a zone, after they were brought to their depth.
     keep: Callable[[FloatArray], FloatArray] | None = None
+    # Adds branches that leave the laid lines, whose nodes have radii (n,).
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
-    branches_are_trunks: bool = True
-    widest_branch: float = np.inf
-    each: tuple[GrowthOptions, ...] = ()
-    tries: int = len(SPREADS)
-    main: frozenset[bytes] = frozenset()
-    lost: Callable[[TrunkLines, FloatArray], WideTrunkError | None] | None = None
+    widest_branch: float | None = None  # see `Trunk`; by default branches count as trunks
+    tries: int = len(SPREADS)  # growths from the same trunks at most, where one gets stuck
+    # Branches whose nodes stay where others are in their way; some of them mustn't be lost.
+    main: tuple[MainBranch, ...] = ()
+
+    @property
+    def rises_to_mm(self) -> float | None:
+        """Depth to which grown trunks rise; None where branches count as trunks, or lie deeper."""
+        return self.shallow_mm if self.exactly and self.widest_branch is not None else None
 
 
 def grow_from_plan(
-    tissue: Tissue, plan: TrunkPlan, options: GrowthOptions
-) -> tuple[tuple[VesselTree, ...], TrunkLines]:
+    tissue: Tissue, plan: TrunkPlan, each: Sequence[GrowthOptions]
+) -> tuple[VesselTree, ...]:
     """Lay the trunks as deep as their radii ask for, and grow trees from them.
 
     Radii are known once the trees are grown: trunks that come out wider than was thought are laid
     deeper, and the trees grown again.
+
+    Parameters
+    ----------
+    each : sequence of GrowthOptions
+        Of each tree, all of which serve the whole tissue; or one for all, which share it.
 
     Raises
     ------
     TissueError, GrowthError
         As `grow_forest`; and when trunks don't fit with the radii that they get.
     """
-    lines = plan.lines
-    wide = np.array([likely_radius(tissue, one) for one in plan.each or (options,)])
-    root = wide[lines.tree] if plan.each else wide[0]
-    radius = root * lines.share ** (1 / options.murray_exponent)
-    for left in range(_ROUNDS - 1, -1, -1):
+    lines, options = plan.lines, each[0]
+    root = np.array([likely_radius(tissue, one) for one in each])
+    own = np.minimum(lines.tree, len(each) - 1)
+    radius = root[own] * lines.share ** (1 / options.murray_exponent)
+    for left in range(LAYING.growths - 1, -1, -1):
         smooth, lines, radius = laid(tissue, plan, lines, radius, options)
-        lost = plan.lost(smooth, radius) if plan.lost else None
-        if lost is not None:
-            raise lost
+        check_main_branches(plan.main, line_pieces(smooth, radius))
         whole, wide = plan.branches(smooth, radius) if plan.branches else (smooth, radius)
-        thin = thinned(whole, STRAIGHTER * wide)
-        roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)
-        if not plan.branches_are_trunks:
-            roots = [kept_narrow(root, smooth.points, plan.widest_branch) for root in roots]
+        roots = _roots(whole, wide, smooth, plan, each)
         trees = grow_forest(tissue, roots, attempts=plan.tries)
         grown = trunk_radii(smooth, trees)
         if left == 0 or (grown <= radius).all():
             break
         # Which trunk feeds what differs a little from one growth to the next.
-        radius = RADIUS_MARGIN * grown
-    return trees, smooth
+        radius = LAYING.radius_margin * grown
+    return trees
 
 
-def kept_narrow(root: RootSpec, trunks: FloatArray, widest: float) -> RootSpec:
-    """The root, with all that doesn't end at a node of trunks (n, 3) planned as branches."""
-    assert root.trunk is not None
-    nodes = {place.tobytes() for place in trunks}
-    planned = np.array([place.tobytes() not in nodes for place in root.trunk.distal])
-    trunk = replace(root.trunk, planned=planned, widest_branch=widest)
-    return replace(root, trunk=trunk)
+def _roots(
+    whole: TrunkLines,
+    radius: FloatArray,
+    trunks: TrunkLines,
+    plan: TrunkPlan,
+    each: Sequence[GrowthOptions],
+) -> list[RootSpec]:
+    """Return a root for each tree: for the whole tissue, or its share of the terminals.
+
+    Of lines with radii (n,), straightened. What ends at no node of ``trunks`` is a branch.
+    """
+    lines = thinned(whole, LAYING.straighter * radius)
+    first = lines.share[lines.parent < 0]
+    total, shared = each[0].terminals, len(each) < len(first)
+    counts = np.floor(first / first.sum() * total).astype(np.int64)
+    counts[np.argmax(first)] += total - int(counts.sum())
+    nodes = {place.tobytes() for place in trunks.points}
+    roots = []
+    for tree, count in enumerate(counts.tolist()):
+        # The flow follows the terminals exactly, so that all have the same.
+        own = replace(each[0], terminals=count) if shared else each[tree]
+        owns = _nearest_tree(lines, tree) if shared else None
+        around = Surroundings(owns=owns, share=count / total if shared else 1.0)
+        wide = radius if shared else radius[whole.tree == tree]
+        trunk = trunk_from(lines, tree, float(wide.max()))
+        if plan.widest_branch is not None:
+            planned = np.array([place.tobytes() not in nodes for place in trunk.distal])
+            trunk = replace(trunk, planned=planned, widest_branch=plan.widest_branch)
+        roots.append(RootSpec(own, VesselKind.ARTERY, trunk, around))
+    return roots
+
+
+def _nearest_tree(lines: TrunkLines, tree: int) -> Callable[[FloatArray], BoolArray]:
+    """Return a function that finds which points are nearest to a node of this tree."""
+    index, number = cKDTree(lines.points), lines.tree
+
+    def owns(points: FloatArray) -> BoolArray:
+        return np.asarray(number[index.query(points)[1]] == tree)
+
+    return owns
 
 
 def trunk_radii(lines: TrunkLines, trees: Sequence[VesselTree]) -> FloatArray:
-    """Greatest radius that the trees gave to the piece that ends at each node, (n,), mm."""
+    """Return the greatest radius (n,), mm, that trees gave to the piece that ends at each node."""
     radius = np.zeros(len(lines.parent))
     pieces = np.flatnonzero(lines.parent >= 0)
     begin, end = lines.points[lines.parent[pieces]], lines.points[pieces]
@@ -170,97 +184,23 @@ def laid(
     radius: FloatArray,
     options: GrowthOptions,
 ) -> tuple[TrunkLines, TrunkLines, FloatArray]:
-    """The lines, smooth, at the depth that their radii (n,) ask for; they as given; their radii.
+    """Smooth lines at the depth that their radii (n,) need; return also those given, and radii.
 
     Branches that are in each other's way fork later or are left away.
     """
+    main = frozenset(place.tobytes() for one in plan.main for place in one.line)
     for number in itertools.count():
-        deep = np.maximum(DEPTH_MARGIN * radius + options.clearance_mm, plan.shallow_mm)
-        keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly)
-        smooth = smooth_lines(tissue, lines, _both(keep, plan.keep, lines.parent < 0))
-        later = number < _LATER
-        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later, plan.main)
+        deep = np.maximum(LAYING.depth_margin * radius + options.clearance_mm, plan.shallow_mm)
+        smooth = smooth_lines(tissue, lines, deep, plan.exactly, plan.keep)
+        later = number < LAYING.later
+        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later, main)
         if clearer is None:
             break
         lines, radius = clearer
     return smooth, lines, radius
 
 
-def _both(
-    one: Callable[[FloatArray], FloatArray],
-    two: Callable[[FloatArray], FloatArray] | None,
-    fixed: NDArray[np.bool_],
-) -> Callable[[FloatArray], FloatArray]:
-    """One function after the other; the second doesn't move what is fixed."""
-    if two is None:
-        return one
-    after = two
-
-    def keep(points: FloatArray) -> FloatArray:
-        points = one(points)
-        return np.where(fixed[:, None], points, after(points))
-
-    return keep
-
-
-def roots_of(lines: TrunkLines, radius: FloatArray, options: GrowthOptions) -> list[RootSpec]:
-    """One root for each tree of the lines, with its territory and its share of the terminals."""
-    trees = np.unique(lines.tree)
-    starts = [int(np.flatnonzero((lines.tree == t) & (lines.parent < 0))[0]) for t in trees]
-    share = lines.share[starts] / lines.share[starts].sum()
-    counts = np.floor(share * options.terminals).astype(np.int64)
-    counts[np.argmax(share)] += options.terminals - int(counts.sum())
-    roots = []
-    for tree, count in zip(trees.tolist(), counts.tolist(), strict=True):
-        part = count / options.terminals
-        owns = None if len(trees) == 1 else _nearest_tree(lines, tree)
-        roots.append(
-            RootSpec(
-                replace(options, terminals=int(count)),
-                VesselKind.ARTERY,
-                trunk_from(lines, tree, float(radius.max())),
-                # The flow follows the terminals exactly, so that all have the same.
-                Surroundings(owns=owns, share=part),
-            )
-        )
-    return roots
-
-
-def _pervading(
-    lines: TrunkLines, radius: FloatArray, whole: TrunkLines, plan: TrunkPlan
-) -> list[RootSpec]:
-    """One root for each tree, all of them with the whole tissue; radii are those of ``whole``."""
-    return [
-        RootSpec(
-            options,
-            VesselKind.ARTERY,
-            trunk_from(lines, tree, float(radius[whole.tree == tree].max())),
-            Surroundings(),
-        )
-        for tree, options in enumerate(plan.each)
-    ]
-
-
-def _nearest_tree(lines: TrunkLines, tree: int) -> Callable[[FloatArray], NDArray[np.bool_]]:
-    """Function that tells which points are nearest to a node of this tree."""
-    index, number = cKDTree(lines.points), lines.tree
-
-    def owns(points: FloatArray) -> NDArray[np.bool_]:
-        mine: NDArray[np.bool_] = number[index.query(points)[1]] == tree
-        return mine
-
-    return owns
-
-
 # Resolve overlaps of planned trunks: fork later, or drop thinner branches.
-
-_STUB = 4
-_SPACING = 1.25
-"""Room between trunks over what their radii and clearance ask for."""
-
-_FORK = 6.0
-"""Way from a fork to where its two branches are too near, over their radii, within which they fork
-later rather than one is left away."""
 
 
 def clear_trunks(
@@ -273,22 +213,18 @@ def clear_trunks(
     later: bool = True,
     main: frozenset[bytes] = frozenset(),
 ) -> tuple[TrunkLines, FloatArray] | None:
-    """Lines and radii with less in each other's way; None where nothing is.
+    """Return lines and radii with less in each other's way; None where nothing is.
 
-    Two branches that are too near just after their fork fork a node later. Of other pairs the
-    thinner is left away with all below it, as is what leaves the tissue.
+    Two branches that are too near just after their fork fork a node later, if they may. Of other
+    pairs the thinner is left away with all below it, as is what leaves the tissue.
 
     Parameters
     ----------
-    laid : TrunkLines
-        Where the nodes lie.
-    lines : TrunkLines
-        The same nodes, of which the result is made.
+    laid, lines : TrunkLines
+        Where the nodes lie; the same nodes, of which the result is made.
     radius : (n,) float64, mm
     wider : float
         Radii by which trunks are kept apart, over theirs.
-    later : bool
-        Whether branches may fork later.
     main : frozenset of bytes
         Nodes of ``lines``, as bytes, that stay rather than others, however thin they are.
 
@@ -300,96 +236,96 @@ def clear_trunks(
     pairs, outside = _clashes(tissue, laid, wider * radius, options)
     if not len(pairs) + len(outside):
         return None
-    tree = _Branches(lines, laid.points, radius, options.murray_exponent)
-    gone = np.zeros(len(radius), dtype=np.bool_)
+    forks = _Forks(lines, laid.points, radius, options.murray_exponent)
+    stuck = [(a, b) for a, b in pairs.tolist() if not (later and forks.fork_later(a, b))]
+    gone = np.zeros(len(forks.parent), dtype=np.bool_)
     gone[outside] = True
-    stuck: list[tuple[int, int]] = []
-    for a, b in pairs.tolist():
-        if not (later and tree.fork_later(a, b)):
-            stuck.append((a, b))
     for a, b in stuck:
         first, second = (lines.points[node].tobytes() in main for node in (a, b))
         a_goes = second if first != second else radius[a] < radius[b]
         thinner = a if a_goes else b
         # What feeds more by now, as another branch was joined on it, is judged once laid anew.
-        gone[thinner] |= tree.radius[thinner] <= radius[thinner]
-    order, lines = in_order(TrunkLines(tree.points, tree.parent, tree.tree, tree.share))
-    gone = np.append(gone, np.zeros(len(order) - len(gone), dtype=np.bool_))
-    dropped, gone, radius = tree.dropped[order], gone[order], tree.radius[order]
-    lines, gone, radius = without(lines, dropped), gone[~dropped], radius[~dropped]
+        gone[thinner] |= forks.radius[thinner] <= radius[thinner]
+    order, lines = in_order(forks.lines())
+    stays = np.array([node not in forks.dropped for node in order.tolist()])
+    lines, gone = without(lines, ~stays), gone[order][stays]
+    radius = np.array(forks.radius)[order][stays]
     gone = _whole_branches(lines, gone)
     return without(lines, gone), radius[~gone]
 
 
-class _Branches:
-    """Trunk lines whose branches can be joined on elsewhere."""
+class _Forks:
+    """Trunk lines whose branches can be joined on elsewhere; a fork is moved once a round."""
 
     def __init__(
         self, lines: TrunkLines, laid: FloatArray, radius: FloatArray, exponent: float
     ) -> None:
-        self.points, self.laid, self.tree = lines.points, laid, lines.tree
-        self.parent, self.share = lines.parent.copy(), lines.share.copy()
-        self.count = lines.child_count()
-        self.child = lines.main_child()
-        self.radius, self.exponent = radius.copy(), exponent
-        self.touched = np.zeros(len(radius), dtype=np.bool_)
-        self.dropped = np.zeros(len(radius), dtype=np.bool_)
+        self.points, self.laid = list(lines.points), list(laid)
+        self.parent, self.tree = lines.parent.tolist(), lines.tree.tolist()
+        self.share, self.radius = lines.share.tolist(), radius.tolist()
+        self.count, self.child = lines.child_count().tolist(), lines.main_child().tolist()
+        self.exponent = exponent
+        self.touched: set[int] = set()
+        self.dropped: set[int] = set()
+
+    def lines(self) -> TrunkLines:
+        """Return all lines, dropped nodes among them, in any order."""
+        return TrunkLines(
+            np.array(self.points), np.array(self.parent), np.array(self.tree), np.array(self.share)
+        )
 
     def fork_later(self, a: int, b: int) -> bool:
-        """Join the branch that ends at node ``a`` or ``b`` on a node later; whether it could be.
-
-        A fork is moved once a round.
-        """
+        """Join the branch that ends at node ``a`` or ``b`` on a node later; whether it could be."""
         up_a, up_b = self._ancestors(a), self._ancestors(b)
         below = set(up_b)
         fork = next((node for node in up_a if node in below), -1)
         if fork in (-1, a, b):
             return False
-        one, two = up_a[up_a.index(fork) - 1], up_b[up_b.index(fork) - 1]
-        reach = _FORK * float(self.radius[a] + self.radius[b])
-        if max(self._way(up_a, fork), self._way(up_b, fork)) > reach:
+        up_a, up_b = (up[: up.index(fork) + 1] for up in (up_a, up_b))
+        reach = LAYING.fork * (self.radius[a] + self.radius[b])
+        if max(self._length(up_a), self._length(up_b)) > reach:
             return False
+        one, two = up_a[-2], up_b[-2]
         main, branch = (one, two) if self.share[one] >= self.share[two] else (two, one)
-        if self.touched[[fork, main, branch]].any():
+        if self.touched & {fork, main, branch}:
             return True
         if self.count[main] > 1 and self.count[branch] > 1:
-            return self._join_below(fork, main, branch)
+            heir = self.child[main]
+            if heir not in self.touched:
+                node = self._split(main, heir)
+                self._join_on(node, branch)
+                self._carry(main, branch)
+                self.touched |= {fork, main, branch, heir, node}
+            return True
         if self.count[main] != 1:
             main, branch = branch, main
         if self.count[main] != 1 or self.count[branch] == 0:
             return False
         self._join_on(main, branch)
-        self.touched[[fork, main, branch]] = True
+        self.touched |= {fork, main, branch}
         return True
 
-    def _join_below(self, fork: int, main: int, branch: int) -> bool:
-        """Let the branch leave midway from ``main``, itself a fork, to its wider child."""
-        heir = int(self.child[main])
-        if self.touched[heir]:
-            return True
-        node = len(self.parent)
-        for name in ("points", "laid"):
-            places = getattr(self, name)
-            middle = 0.5 * (places[main] + places[heir])
-            setattr(self, name, np.append(places, middle[None], axis=0))
-        for name, value in (("parent", main), ("count", 1), ("child", heir)):
-            setattr(self, name, np.append(getattr(self, name), value))
-        for name in ("tree", "share", "radius", "touched", "dropped"):
-            values = getattr(self, name)
-            setattr(self, name, np.append(values, values[heir]))
-        self.parent[heir] = node
-        self._join_on(node, branch)
-        self._carry(main, branch)
-        self.touched[[fork, main, branch, heir, node]] = True
-        return True
+    def _split(self, node: int, child: int) -> int:
+        """Put a node midway between a node and its child; its number."""
+        middle = len(self.parent)
+        for places in (self.points, self.laid):
+            places.append(0.5 * (places[node] + places[child]))
+        self.tree.append(self.tree[child])
+        for values in (self.share, self.radius):
+            values.append(values[child])
+        self.parent.append(node)
+        self.count.append(1)
+        self.child.append(child)
+        self.parent[child] = middle
+        return middle
 
     def _join_on(self, main: int, branch: int) -> None:
         """Let the branch leave from ``main``, without its first node where that is no fork."""
         first = branch
         if self.count[branch] == 1:
-            first = int(self.child[branch])
-            self.dropped[branch] = True
-            self.touched[first] = True
+            first = self.child[branch]
+            self.dropped.add(branch)
+            self.touched.add(first)
         self.parent[first] = main
         self._carry(main, first)
 
@@ -400,16 +336,16 @@ class _Branches:
         self.radius[node] = (self.radius[node] ** n + self.radius[branch] ** n) ** (1.0 / n)
 
     def _ancestors(self, node: int) -> list[int]:
-        """The node and all above it, in the lines as they were given or were joined since."""
+        """Return the node and all above it."""
         above = []
         while node >= 0:
             above.append(node)
-            node = int(self.parent[node])
+            node = self.parent[node]
         return above
 
-    def _way(self, above: list[int], fork: int) -> float:
-        path = self.laid[above[: above.index(fork) + 1]]
-        return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    def _length(self, nodes: list[int]) -> float:
+        way = np.array([self.laid[node] for node in nodes])
+        return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
 
 
 def _clashes(
@@ -424,8 +360,8 @@ def _clashes(
         np.full(len(piece), int(VesselKind.ARTERY)),
         lines.tree[piece],
     )
-    clear = _SPACING * options.clearance_mm
-    near = collisions(network, clear, _SPACING * options.clearance_ratio)
+    clear = LAYING.spacing * options.clearance_mm
+    near = collisions(network, clear, LAYING.spacing * options.clearance_ratio)
     pairs = piece[near.vessels] if near.count else np.empty((0, 2), dtype=np.int64)
     # What lacks a little is sunk once its radius is known.
     inside = tissue.grid.capsule_inside(
@@ -435,8 +371,8 @@ def _clashes(
     return pairs, piece[~inside & ~enters]
 
 
-def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """All that lies below what is gone, and stubs of less than `_STUB` nodes above it."""
+def _whole_branches(lines: TrunkLines, gone: BoolArray) -> BoolArray:
+    """Mark all below what is gone, and stubs of fewer than `LAYING.stub` nodes above it."""
     if not gone.any():
         return gone
     gone = gone.copy()
@@ -450,7 +386,7 @@ def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bo
         while above >= 0 and not gone[above] and count[above] == 1 and lines.parent[above] >= 0:
             stub.append(above)
             above = int(lines.parent[above])
-        if len(stub) < _STUB:
+        if len(stub) < LAYING.stub:
             gone[stub] = True
     trees = np.unique(lines.tree[~gone & (lines.parent >= 0)])
     if gone[lines.parent < 0].any() or len(trees) < len(np.unique(lines.tree)):

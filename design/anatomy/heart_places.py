@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +15,53 @@ from design.anatomy.openness import SurfaceSamples
 from design.errors import TissueError
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
-_BASAL = 0.5
-"""Cosine of the outward normal to the base's direction beyond which a place is the base, not the
-epicardium."""
-_SECTORS = 36
-_AGREE = 0.7
-"""Cosine of two directions of the right side, up to which they contradict each other."""
-_UNEVEN = 0.1
-"""Standard deviation of the wall's thickness over its mean, from which on it tells a side."""
+
+class _Shape(NamedTuple):
+    """Shares, cosines and ratios by which a heart's directions are found in its shape."""
+
+    # Epicardium, wall and grooves.
+    basal: float = 0.5  # cosine of outward normal and base's direction above which a place is base
+    sectors: int = 36  # of a turn about the base's direction
+    agree: float = 0.7  # cosine of two directions of the right side above which they agree
+    uneven: float = 0.1  # deviation of the wall's thickness over its mean that tells a side
+    # Rims of the cavities.
+    opens: float = 1e-3  # share of a cavity's rays that leave where it opens at all
+    rim: float = 2.0  # distance from the outer surface over that between places, at a rim
+    beside: int = 12  # outer places among which a rim's place has one near
+    opposite: float = -0.5  # cosine between the normals on both sides of a wall, at most
+    least_rim: int = 12  # places of a rim
+    plane: float = 0.2  # deviation of rims off a plane over the lesser one in it
+    likely: float = 0.5  # cosine of that plane's normal to the way out, at least
+    # The base as the one flat side.
+    alike: float = 0.99  # cosine between normals of one flat side
+    lid: float = 0.06  # share of the outer surface; a round one has 0.005 within that angle
+    other: float = 0.5  # size of another flat side, over the largest, that makes it doubtful
+    elsewhere: float = 0.9  # cosine below which a normal belongs to another side
+    flat: float = 0.1  # deviation across a flat side over the lesser one along it
+    # Two cavities.
+    links: int = 8  # neighbours of a place
+    longest: float = 5.0  # link over the distance between places
+    through: float = 0.5  # cosine of a link to the normal above which it leads through the wall
+    least_cavity: float = 0.1  # places in the smaller cavity, of all in cavities
+    hull: int = 1000  # places by which a cavity's convex hull is judged
+    # Mean depth in the hull over the cube root of its volume, above which another body bulges in.
+    # The septum makes it 0.028 to 0.071 in the right ventricle of 38 hearts, two of them real; the
+    # left one has 0.016 at most, 0.023 with an aneurysm.
+    hollow: float = 0.015
+    clear: float = 0.25  # difference of the two depths over their sum that tells them apart
+
+
+SHAPE = _Shape()
+FEWEST: Final = 0.03
+"""Share of the surface that isn't outer below which there are no cavities to go by."""
+GIVE: Final = "give base_direction: [x, y, z], from the apex to the base"
+_FLAT_SIDE: Final = f"the heart's one flat side was taken for its base; where it isn't, {GIVE}"
 _BY_SHAPE = (
     "the right ventricle was told by its cavity's shape, a crescent about the left one's, as the "
     "wall isn't thinner on that side; where it isn't the right one, give right_direction: "
     "[x, y, z], from the left ventricle to the right one"
 )
-_UNTOLD = (
+_UNKNOWN = (
     "the left ventricle can't be told from the right one, neither by the wall's thickness nor by "
     "the cavities' shapes, so that the right side may be the left one; give right_direction: "
     "[x, y, z], from the left ventricle to the right one"
@@ -37,42 +70,25 @@ _UNTOLD = (
 
 @dataclass(frozen=True)
 class HeartPlaces:
-    """Directions and places of a heart.
+    """Directions (unit vectors) and places of a heart."""
 
-    Attributes
-    ----------
-    middle : (3,) float64, mm
-        Of the ventricles' cavities.
-    base : (3,) float64
-        Unit vector from the apex to the base.
-    right : (3,) float64
-        Unit vector across it, towards the right ventricle.
-    anterior : (3,) float64
-        Unit vector across both.
-    grooves : (float, float), rad
-        Angles of the anterior and posterior interventricular grooves, from ``right`` towards
-        ``anterior``: between 0 and π, and between -π and 0.
-    epicardium : (k,) int64
-        Numbers of the surface samples that are epicardium.
-    doubts : tuple of str
-        Notes on directions that are guessed, with the remedy.
-    """
-
-    middle: FloatArray
-    base: FloatArray
-    right: FloatArray
-    anterior: FloatArray
+    middle: FloatArray  # (3,), mm, of the ventricles' cavities
+    base: FloatArray  # from the apex to the base
+    right: FloatArray  # across it, towards the right ventricle
+    anterior: FloatArray  # across both
+    # Angles of the anterior and posterior interventricular grooves from ``right`` towards
+    # ``anterior``, rad: between 0 and π, and between -π and 0.
     grooves: tuple[float, float]
-    epicardium: NDArray[np.int64]
-    doubts: tuple[str, ...] = ()
+    epicardium: IntArray  # numbers of the surface samples that are epicardium
+    doubts: tuple[str, ...] = ()  # notes on directions that are guessed, with the remedy
 
     def height(self, points: FloatArray) -> FloatArray:
-        """Along the base's direction from the middle, mm."""
+        """Return along the base's direction from the middle, mm."""
         height: FloatArray = (points - self.middle) @ self.base
         return height
 
     def angle(self, points: FloatArray) -> FloatArray:
-        """About the base's direction, from ``right`` towards ``anterior``, rad."""
+        """Return about the base's direction, from ``right`` towards ``anterior``, rad."""
         along = points - self.middle
         angle: FloatArray = np.arctan2(along @ self.anterior, along @ self.right)
         return angle
@@ -99,7 +115,7 @@ def find_heart_places(
     middle = (samples.points[~outer] if hollow else samples.points).mean(axis=0)
     up, doubt = (_unit(base), ()) if base is not None else find_base(samples, middle)
     normal = -samples.inward
-    epicardium = np.flatnonzero(outer & (normal @ up < _BASAL))
+    epicardium = np.flatnonzero(outer & (normal @ up < SHAPE.basal))
     wall = _wall(samples, epicardium)
     points = samples.points[epicardium] - middle
     thin, cavities = _thin_side(points, up, wall), find_cavities(samples)
@@ -117,20 +133,20 @@ def find_heart_places(
     front = np.cross(up, side)
     places = HeartPlaces(middle, up, side, front, (np.pi / 3, -np.pi / 3), epicardium)
     angle = places.angle(samples.points[epicardium])
-    if cavities is not None and not (thin is not None and thin @ side > _AGREE):
+    if cavities is not None and not (thin is not None and thin @ side > SHAPE.agree):
         wall = _is_left(samples, places, cavities)
     return replace(places, grooves=_grooves(angle, wall), doubts=doubt)
 
 
 def _thin_side(points: FloatArray, up: FloatArray, wall: FloatArray) -> FloatArray | None:
-    """Unit vector (3,) across ``up`` to where the wall is thinner; None where it is even."""
+    """Return the unit vector (3,) across ``up`` to the thinner wall; None where it is even."""
     across = points - np.outer(points @ up, up)
     thin = (across * (wall.mean() - wall)[:, None]).sum(axis=0)
-    return _unit(thin) if wall.std() > _UNEVEN * wall.mean() else None
+    return _unit(thin) if wall.std() > SHAPE.uneven * wall.mean() else None
 
 
 def _is_left(samples: SurfaceSamples, places: HeartPlaces, cavities: Cavities) -> FloatArray:
-    """1 for each epicardial place that is nearer to the left cavity than to the right one."""
+    """Return 1 for each epicardial place nearer to the left cavity than to the right one."""
     points = samples.points[places.epicardium]
     one, two = samples.points[cavities.one], samples.points[cavities.two]
     if (two.mean(axis=0) - one.mean(axis=0)) @ places.right < 0.0:
@@ -145,26 +161,26 @@ def _right_side(
     thin: FloatArray | None,
     cavities: Cavities | None,
 ) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """Direction (3,) of the right ventricle, if any tells, and notes on what makes it doubtful.
+    """Return the right ventricle's direction (3,), if it is found, and notes on doubts.
 
     Where the wall is thinner; from the left cavity to the right one where that is another side, or
     the wall is as thick everywhere.
     """
     if cavities is None:
-        return thin, () if thin is not None else (_UNTOLD,)
+        return thin, () if thin is not None else (_UNKNOWN,)
     apart = samples.points[cavities.two].mean(axis=0) - samples.points[cavities.one].mean(axis=0)
     apart = _unit(apart - (apart @ up) * up)
     along = 0.0 if thin is None else float(thin @ apart)
-    if abs(along) > _AGREE and (along > 0.0 or not cavities.told):
+    if abs(along) > SHAPE.agree and (along > 0.0 or not cavities.known):
         return thin, ()
-    if cavities.told:
+    if cavities.known:
         return apart, (_BY_SHAPE,)
     reach = [(samples.points[each] @ up).min() for each in (cavities.one, cavities.two)]
-    return apart if reach[0] <= reach[1] else -apart, (_UNTOLD,)
+    return apart if reach[0] <= reach[1] else -apart, (_UNKNOWN,)
 
 
-def _wall(samples: SurfaceSamples, epicardium: NDArray[np.int64]) -> FloatArray:
-    """Thickness of the wall below each epicardial sample, mm; even over its surroundings."""
+def _wall(samples: SurfaceSamples, epicardium: IntArray) -> FloatArray:
+    """Return thickness of the wall below each epicardial sample, mm; even over its surroundings."""
     inner = samples.points[~samples.outer]
     points = samples.points[epicardium]
     if len(inner) < FEWEST * len(samples.points):
@@ -176,24 +192,29 @@ def _wall(samples: SurfaceSamples, epicardium: NDArray[np.int64]) -> FloatArray:
 
 
 def _grooves(angle: FloatArray, wall: FloatArray) -> tuple[float, float]:
-    """Angles on either side of 0 at which the wall becomes thick."""
-    sector = np.floor((angle + np.pi) / (2 * np.pi) * _SECTORS).astype(np.int64) % _SECTORS
-    count = np.bincount(sector, minlength=_SECTORS)
-    mean = np.bincount(sector, wall, minlength=_SECTORS) / np.maximum(count, 1)
+    """Return angles on either side of 0 at which the wall becomes thick."""
+    sector = (
+        np.floor((angle + np.pi) / (2 * np.pi) * SHAPE.sectors).astype(np.int64) % SHAPE.sectors
+    )
+    count = np.bincount(sector, minlength=SHAPE.sectors)
+    mean = np.bincount(sector, wall, minlength=SHAPE.sectors) / np.maximum(count, 1)
     mean[count == 0] = wall.mean()
     middle = 0.5 * (np.percentile(mean, 10) + np.percentile(mean, 90))
     angles = []
     for side in (1, -1):
-        steps = [(_SECTORS // 2 + side * n - (side < 0)) % _SECTORS for n in range(_SECTORS // 3)]
+        steps = [
+            (SHAPE.sectors // 2 + side * n - (side < 0)) % SHAPE.sectors
+            for n in range(SHAPE.sectors // 3)
+        ]
         thick = [n for n in range(2, len(steps)) if mean[steps[n]] > middle]
         clear = np.ptp(mean) > 0.25 * wall.mean()
         widest = thick[0] if thick else len(steps)
-        angles.append(side * (2 * np.pi / _SECTORS * widest if clear else np.pi / 3))
+        angles.append(side * (2 * np.pi / SHAPE.sectors * widest if clear else np.pi / 3))
     return angles[0], angles[1]
 
 
 def _widest_across(points: FloatArray, axis: FloatArray) -> FloatArray:
-    """The direction across an axis in which points reach furthest."""
+    """Return the direction across an axis in which points reach furthest."""
     across = points - np.outer(points @ axis, axis)
     _, vectors = np.linalg.eigh(across.T @ across)
     widest = vectors[:, -1]
@@ -208,36 +229,9 @@ def _unit(vector: FloatArray) -> FloatArray:
 
 # Find the direction of a heart's base: across its cavities' rims, where they open, or its lid.
 
-FEWEST: Final = 0.03
-"""Share of the surface that isn't outer below which there are no cavities to go by."""
-_OPENS: Final = 1e-3
-"""Of the rays from a cavity's walls, those that leave where it opens at all."""
-_RIM: Final = 2.0
-"""Way of a cavity's place from the outer surface within which it lies at the rim, over the way
-between places."""
-_BESIDE: Final = 12
-_OPPOSITE: Final = -0.5
-"""Cosine between the normals on both sides of a wall, at most."""
-_FEWEST_RIM: Final = 12
-_FLAT: Final = 0.2
-"""Standard deviation of rims off a plane, over the lesser one in it, up to which they have one."""
-_LIKELY: Final = 0.5
-"""Cosine between that plane's normal and the direction found without, below which it is no base."""
-_ALIKE: Final = 0.99
-"""Cosine between normals of one flat side."""
-_LID: Final = 0.06
-"""Of the outer surface, a flat side that may be a base; a round one has 0.005 within that angle."""
-_OTHER: Final = 0.5
-"""Of the largest flat side, another one that makes it doubtful which is the base."""
-_ELSEWHERE: Final = 0.9
-_THICK: Final = 0.1
-"""Standard deviation across a flat side over the lesser one along it, at most."""
-GIVE: Final = "give base_direction: [x, y, z], from the apex to the base"
-_FLAT_SIDE: Final = f"the heart's one flat side was taken for its base; where it isn't, {GIVE}"
-
 
 def find_base(samples: SurfaceSamples, middle: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-    """Unit vector (3,) from the apex to the base, and notes on what makes it doubtful.
+    """Return the unit vector (3,) from the apex to the base, and notes on what makes it doubtful.
 
     Across the cavities' rims where these lie in a plane; else the one flat side; else the mean of
     where cavities open, and of apex to middle. A right ventricle that is cut low opens sideways,
@@ -251,7 +245,7 @@ def find_base(samples: SurfaceSamples, middle: FloatArray) -> tuple[FloatArray, 
     inner = ~samples.outer
     hollow = float(inner.mean()) >= FEWEST
     out = samples.way_out[inner].sum(axis=0) if hollow else np.zeros(3)
-    if np.linalg.norm(out) < _OPENS * max(1, inner.sum()):
+    if np.linalg.norm(out) < SHAPE.opens * max(1, inner.sum()):
         return _closed_base(samples, middle, hollow)
     outer = samples.points[samples.outer]
     out = _unit(out)
@@ -260,10 +254,10 @@ def find_base(samples: SurfaceSamples, middle: FloatArray) -> tuple[FloatArray, 
     mean = _unit(out + _unit(middle - apex))
     across = _across_rims(samples, middle, mean)
     along = float(across @ mean)
-    if abs(along) >= _LIKELY:
+    if abs(along) >= SHAPE.likely:
         return np.sign(along) * across, ()
     side = _flat_side(samples)
-    if side is not None and side @ mean >= _LIKELY:
+    if side is not None and side @ mean >= SHAPE.likely:
         return side, (f"the cavities' rims lie in no plane: {_FLAT_SIDE}",)
     doubt = (
         "the cavities' rims lie in no plane, so that the base is where they open, some 30 degrees "
@@ -275,7 +269,7 @@ def find_base(samples: SurfaceSamples, middle: FloatArray) -> tuple[FloatArray, 
 def _closed_base(
     samples: SurfaceSamples, middle: FloatArray, hollow: bool
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """The base of a heart no cavity of which opens: its flat side."""
+    """Return the base of a heart no cavity of which opens: its flat side."""
     side = _flat_side(samples)
     if side is not None:
         return side, (f"no cavity opens: {_FLAT_SIDE}",)
@@ -290,125 +284,103 @@ def _closed_base(
 
 
 def _flat_side(samples: SurfaceSamples) -> FloatArray | None:
-    """Outward normal (3,) of the outer surface's flat side; None where there isn't just one."""
+    """Return the outward normal (3,) of the one flat side; None where there isn't just one."""
     points, normal = samples.points[samples.outer], -samples.inward[samples.outer]
-    reach = float(np.sqrt(2.0 - 2.0 * _ALIKE))
+    reach = float(np.sqrt(2.0 - 2.0 * SHAPE.alike))
     alike = cKDTree(normal).query_ball_point(normal, reach, return_length=True)
     best = int(np.argmax(alike))
-    elsewhere = normal @ normal[best] < _ELSEWHERE
-    if alike[best] < _LID * len(points):
+    elsewhere = normal @ normal[best] < SHAPE.elsewhere
+    if alike[best] < SHAPE.lid * len(points):
         return None
-    if elsewhere.any() and alike[elsewhere].max() > _OTHER * alike[best]:
+    if elsewhere.any() and alike[elsewhere].max() > SHAPE.other * alike[best]:
         return None
-    side = normal @ normal[best] > _ALIKE
+    side = normal @ normal[best] > SHAPE.alike
     off = points[side] - np.median(points[side], axis=0)
     spread = np.linalg.eigvalsh(off.T @ off)
-    return _unit(normal[side].mean(axis=0)) if spread[0] < _THICK**2 * spread[1] else None
+    return _unit(normal[side].mean(axis=0)) if spread[0] < SHAPE.flat**2 * spread[1] else None
 
 
 def _across_rims(samples: SurfaceSamples, middle: FloatArray, up: FloatArray) -> FloatArray:
-    """Unit normal of the plane in which the cavities' rims lie, 0 where they don't lie in one.
+    """Return the unit normal of the plane of the cavities' rims, 0 where they lie in none.
 
     Clefts below the middle, as between two apices, are no rims of theirs.
     """
     none = np.zeros(3)
     inner = samples.points[~samples.outer]
     rim = inner[_at_outer(samples) & ((inner - middle) @ up > 0.0)]
-    if len(rim) < _FEWEST_RIM:
+    if len(rim) < SHAPE.least_rim:
         return none
     off = rim - rim.mean(axis=0)
     spread, axes = np.linalg.eigh(off.T @ off)
-    return axes[:, 0] if spread[0] < _FLAT**2 * spread[1] else none
+    return axes[:, 0] if spread[0] < SHAPE.plane**2 * spread[1] else none
 
 
 def _at_outer(samples: SurfaceSamples) -> BoolArray:
-    """Which places (k,) in cavities have an outer one near; not those beyond a thin wall."""
+    """Return which places (k,) in cavities have an outer one near; not those beyond a thin wall."""
     inner = ~samples.outer
-    reach = _RIM * way_between(samples.points)
+    reach = SHAPE.rim * way_between(samples.points)
     index = cKDTree(samples.points[samples.outer])
-    away, near = index.query(samples.points[inner], _BESIDE, distance_upper_bound=reach)
+    away, near = index.query(samples.points[inner], SHAPE.beside, distance_upper_bound=reach)
     outwards = np.append(samples.inward[samples.outer], np.zeros((1, 3)), axis=0)[near]
     cosine = np.einsum("nkx,nx->nk", outwards, samples.inward[inner])
-    return np.asarray(((away < reach) & (cosine > _OPPOSITE)).any(axis=1))
+    return np.asarray(((away < reach) & (cosine > SHAPE.opposite)).any(axis=1))
 
 
 # Tell a heart's two cavities apart, and which of them is the left ventricle's.
 
-_LINKS: Final = 8
-_LONGEST: Final = 5.0
-"""Longest link of two places over the way between places."""
-_THROUGH: Final = 0.5
-"""Cosine of a link to the normal into the wall, from which on it leads through the wall."""
-_LEAST: Final = 0.1
-"""Of all places in cavities, those in the smaller of two."""
-_HULL: Final = 1000
-"""Places of a cavity by which its convex hull is judged."""
-_HOLLOW: Final = 0.015
-"""Mean depth of a cavity's places in its convex hull over the hull's size (cube root of volume),
-from which on another body bulges into it. The septum makes it 0.028 to 0.071 in the right ventricle
-of 38 hearts, of which two are real; the left one has 0.016 at most, 0.023 with an aneurysm."""
-_CLEAR: Final = 0.25
-"""Difference of the two cavities' depths over their sum, from which on it tells them apart."""
-
 
 @dataclass(frozen=True)
 class Cavities:
-    """The two cavities of a heart.
+    """Surface samples in the two cavities of a heart."""
 
-    Attributes
-    ----------
-    one, two : (k,) int64
-        Numbers of the surface samples in each; where ``told``, in the left and the right one.
-    told : bool
-        Whether their shapes tell which is which: the septum bulges into the right one.
-    """
-
-    one: IntArray
+    one: IntArray  # where ``known``, in the left ventricle
     two: IntArray
-    told: bool
+    known: bool  # whether their shapes tell which is which: the septum bulges into the right one
 
 
 def find_cavities(samples: SurfaceSamples) -> Cavities | None:
-    """The two largest cavities; None where there is one, or none."""
+    """Return the two largest cavities; None where there is one, or none."""
     inner = np.flatnonzero(~samples.outer)
-    if len(inner) <= _LINKS:
+    if len(inner) <= SHAPE.links:
         return None
     part = _parts(samples.points[inner], samples.inward[inner], way_between(samples.points))
     order = np.argsort(-np.bincount(part), kind="stable")
     if len(order) < 2:
         return None
     one, two = (inner[part == number] for number in order[:2])
-    if len(two) < max(_LEAST * len(inner), 2 * _LINKS):
+    if len(two) < max(SHAPE.least_cavity * len(inner), 2 * SHAPE.links):
         return None
     hollow_one, hollow_two = _hollowness(samples.points[one]), _hollowness(samples.points[two])
     if hollow_one > hollow_two:
         one, two, hollow_one, hollow_two = two, one, hollow_two, hollow_one
-    told = hollow_two > _HOLLOW and hollow_two - hollow_one > _CLEAR * (hollow_one + hollow_two)
-    return Cavities(one, two, bool(told))
+    known = hollow_two > SHAPE.hollow and hollow_two - hollow_one > SHAPE.clear * (
+        hollow_one + hollow_two
+    )
+    return Cavities(one, two, bool(known))
 
 
 def way_between(points: FloatArray) -> float:
-    """Median way from each place (n, 3) to the nearest other one, mm."""
+    """Return the median way from each place (n, 3) to the nearest other one, mm."""
     return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
 
 
 def _parts(points: FloatArray, inward: FloatArray, between: float) -> NDArray[np.int32]:
-    """Number of the part (n,) of each place; links that lead through the wall join none."""
-    away, near = cKDTree(points).query(points, _LINKS + 1)
-    a, b, length = np.repeat(np.arange(len(points)), _LINKS), near[:, 1:].ravel(), away[:, 1:]
+    """Return the number of the part (n,) of each place; links through the wall join none."""
+    away, near = cKDTree(points).query(points, SHAPE.links + 1)
+    a, b, length = np.repeat(np.arange(len(points)), SHAPE.links), near[:, 1:].ravel(), away[:, 1:]
     length = np.maximum(length.ravel(), 1e-12)
     way = (points[b] - points[a]) / length[:, None]
-    through = np.einsum("nx,nx->n", way, inward[a]) > _THROUGH
-    through |= np.einsum("nx,nx->n", way, inward[b]) < -_THROUGH
-    kept = (length < _LONGEST * between) & ~through
+    through = np.einsum("nx,nx->n", way, inward[a]) > SHAPE.through
+    through |= np.einsum("nx,nx->n", way, inward[b]) < -SHAPE.through
+    kept = (length < SHAPE.longest * between) & ~through
     links = coo_matrix((np.ones(kept.sum()), (a[kept], b[kept])), shape=(len(points),) * 2)
     part: NDArray[np.int32] = connected_components(links, directed=False)[1]
     return part
 
 
 def _hollowness(points: FloatArray) -> float:
-    """Mean depth of places (n, 3) in their convex hull, over the cube root of its volume."""
-    some = points[:: max(1, len(points) // _HULL)]
+    """Return the mean depth of places (n, 3) in their hull, over the cube root of its volume."""
+    some = points[:: max(1, len(points) // SHAPE.hull)]
     hull = ConvexHull(some)
     depth = -np.max(some @ hull.equations[:, :3].T + hull.equations[:, 3], axis=1)
     return float(depth.mean() / np.cbrt(hull.volume))

@@ -3,39 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import TrunkPlan
-from design.anatomy.grown import AnatomicTrees, grow_fitted, grow_pair, trunk_ends
-from design.anatomy.openness import SurfaceSamples, sample_surface
-from design.anatomy.trunk_lines import Layer, LayerForest, join_layer, lines_of, spread_sites
+from design.anatomy.organ import AnatomicTrees, Place, Survey, grow_trees, say, survey
+from design.anatomy.side_by_side import side_by_side, tube_options
+from design.anatomy.trunk_lines import (
+    LayerForest,
+    Rank,
+    TrunkLines,
+    Zone,
+    join_layer,
+    lines_of,
+    nearest,
+)
 from design.errors import GrowthError, TissueError
 from design.network import VesselKind
 from design.tissue import Demand, Tissue, function_demand
-from design.vasculature.growth.parts import check_inlet
-from design.vasculature.growth.supply import check_one_part, demand_points
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray
-
-Place = tuple[float, float, float]
-_SAMPLES = 12_000
-_VOLUME = 30_000
-_PLACES = 6_000
-_LOBES = 9
-_ARC_ROOM = 1.3
-"""Depth of the arcs' zone below the capsule, over the cortex's thickness."""
-_LEAST_DEPTH = 0.0055
-"""Least depth of the trunks over the cube root of the kidney's volume: 0.3 mm in a man's."""
-_DEEP = 2.5
-"""Cost of leaving the arcs' zone, for branches of the second rank on."""
 
 
 @dataclass(frozen=True)
 class KidneyAnatomy:
-    """What a kidney's vessels are told; what isn't is found in its shape.
+    """Options of a kidney's vessels; what isn't given is found in its shape.
 
     Attributes
     ----------
@@ -58,6 +52,19 @@ class KidneyAnatomy:
     vein: Literal["none", "beside"] = "none"
 
 
+class _Trunks(NamedTuple):
+    """How a kidney's trunks are laid."""
+
+    lobes: Rank = Rank(balance=0.6, spacing=0.3, ends=9)  # as straight as can be
+    arcs: Rank = Rank(balance=0.3, offered=3)  # along the cortex's inner border
+    zone: float = 1.3  # depth of the arcs below the capsule over the cortex's thickness
+    leaving: float = 2.5  # cost for arcs of leaving that zone
+    least_depth: float = 0.0055  # over the cube root of the volume: 0.3 mm in a man's kidney
+
+
+TRUNKS = _Trunks()
+
+
 def grow_kidney(
     tissue: Tissue, options: GrowthOptions, anatomy: KidneyAnatomy | None = None
 ) -> AnatomicTrees:
@@ -73,58 +80,45 @@ def grow_kidney(
         Where no trunk or tree fits.
     """
     anatomy = anatomy or KidneyAnatomy()
-    ends = trunk_ends(anatomy.trunk_ends, options.terminals, "kidney")
-    check_one_part(tissue)
-    samples = sample_surface(tissue, _SAMPLES, options.seed, cavities=False)
-    volume, _ = demand_points(tissue, _VOLUME, options.seed)
-    check_inlet(tissue, "hilum", anatomy.hilum_mm)
-    entry = None if anatomy.hilum_mm is None else np.array(anatomy.hilum_mm)
-    places = find_kidney_places(tissue, samples, volume, entry, anatomy.cortex_mm)
+    given = {"hilum": anatomy.hilum_mm}
+    shape = survey("kidney", tissue, options, anatomy.trunk_ends, given)
+    places = find_kidney_places(shape, anatomy.cortex_mm)
     tissue = replace(tissue, demand=_demand(tissue, places, anatomy.cortex_demand))
-    least = _LEAST_DEPTH * float(np.cbrt(tissue.volume_mm3))
-    layer = kidney_layer(tissue, places, volume, least)
-    forest = kidney_forest(layer, places, ends)
-    lines = lines_of(forest, {0: places.entry}, volume)
-    plan = TrunkPlan(lines, least, exactly=False, keep=places.kept_in_medulla)
-    if anatomy.vein == "beside":
-        kinds = (VesselKind.ARTERY, VesselKind.VEIN)
-        trees = grow_pair(tissue, plan, options)
-        return AnatomicTrees(trees, kinds, ("artery", "vein"), _notes(places), tissue.demand)
-    trees = grow_fitted(tissue, plan, options)
-    artery = (VesselKind.ARTERY,)
-    return AnatomicTrees(trees, artery, ("artery",), _notes(places), tissue.demand)
+    least = TRUNKS.least_depth * float(np.cbrt(tissue.volume_mm3))
+    plan = TrunkPlan(
+        _trunk_lines(shape, places, least), least, exactly=False, keep=places.kept_in_medulla
+    )
+    notes = (
+        f"the hilum was taken to open towards {say(places.hilum)}; the vessels enter at "
+        f"{say(places.entry)} mm",
+        f"the cortex is {places.cortex_mm:.3g} mm thick",
+    )
+    if anatomy.vein == "none":
+        trees = grow_trees(tissue, plan, options)
+        return AnatomicTrees(trees, (VesselKind.ARTERY,), ("artery",), notes, tissue.demand)
+    tubes = (tube_options(options),)
+    trees = grow_trees(tissue, plan, options, tubes, lambda made: side_by_side(made[0], options))
+    kinds = (VesselKind.ARTERY, VesselKind.VEIN)
+    return AnatomicTrees(trees, kinds, ("artery", "vein"), notes, tissue.demand)
 
 
-def kidney_layer(
-    tissue: Tissue, places: KidneyPlaces, volume: FloatArray, least_mm: float
-) -> Layer:
-    """Places all over the medulla and the cortex's inner border, ``least_mm`` deep at least."""
-    inside = places.below_capsule(volume) >= places.cortex_mm
-    points = volume[inside & (-tissue.grid.distance(volume) > least_mm)]
-    return join_layer(tissue, points[:_PLACES], 0.67 * least_mm)
-
-
-def kidney_forest(layer: Layer, places: KidneyPlaces, ends: int) -> LayerForest:
-    """One tree: first to some lobes, as straight as can be; then along the cortex's border."""
-    depth = places.below_capsule(layer.points)
-    arcs = np.flatnonzero(depth <= _ARC_ROOM * places.cortex_mm)
-    if len(arcs) < 10:
+def _trunk_lines(shape: Survey, places: KidneyPlaces, least_mm: float) -> TrunkLines:
+    """Lay one tree in medulla and the cortex's inner border: first to lobes, then along it."""
+    inside = places.below_capsule(shape.volume) >= places.cortex_mm
+    layer = join_layer(shape.tissue, shape.places(inside, least_mm), 0.67 * least_mm)
+    depth, deepest = places.below_capsule(layer.points), TRUNKS.zone * places.cortex_mm
+    border = np.flatnonzero(depth <= deepest)
+    if len(border) < 10:
         raise GrowthError("the cortex leaves no medulla to run trunks in; give a lower cortex_mm")
-    # Random places all over a volume have their nearest neighbours 0.554 of its cube root away.
-    near = cKDTree(layer.points).query(layer.points, 2)[0][:, 1]
-    shell = len(arcs) * (float(near.mean()) / 0.554) ** 3
-    area = shell / ((_ARC_ROOM - 1.0) * places.cortex_mm)
-    forest = LayerForest(layer, 0.6, layer.length.copy(), 0.3 * float(np.sqrt(area / _LOBES)))
-    forest.plant(0, layer.nearest(places.entry + 2.0 * layer.spacing_mm * places.inward))
-    lobes = spread_sites(layer.points[arcs], _LOBES, places.entry[None])
-    forest.join(arcs[lobes])
-    begin = np.repeat(np.arange(len(layer.points)), np.diff(layer.first))
-    deep = np.maximum(depth[begin], depth[layer.to]) > _ARC_ROOM * places.cortex_mm
-    forest.cost = layer.length * np.where(deep, _DEEP, 1.0)
-    forest.balance, forest.apart = 0.3, 0.62 * float(np.sqrt(area / ends))
-    taken = layer.points[np.flatnonzero(forest.parent > -2)]
-    forest.join(arcs[spread_sites(layer.points[arcs], 3 * ends, taken)])
-    return forest
+    volume = Zone.of(layer, 3).size * len(border) / len(layer.points)
+    zone = Zone(volume / (deepest - places.cortex_mm), 2)
+    forest = LayerForest(layer)
+    forest.plant(0, layer.below(places.entry, places.inward))
+    forest.grow(TRUNKS.lobes, shape.ends, zone, border, far_from=places.entry[None])
+    leaves = np.maximum(depth[layer.begin], depth[layer.to]) > deepest
+    cost = layer.length * np.where(leaves, TRUNKS.leaving, 1.0)
+    forest.grow(TRUNKS.arcs, shape.ends, zone, border, cost)
+    return lines_of(forest, {0: places.entry}, shape.volume)
 
 
 def _demand(tissue: Tissue, places: KidneyPlaces, ratio: float) -> Demand:
@@ -136,18 +130,9 @@ def _demand(tissue: Tissue, places: KidneyPlaces, ratio: float) -> Demand:
     return function_demand(tissue, weight)
 
 
-def _notes(places: KidneyPlaces) -> tuple[str, ...]:
-    say = "({:.3g}, {:.3g}, {:.3g})"
-    return (
-        f"the hilum was taken to open towards {say.format(*places.hilum)}; the vessels enter at "
-        f"{say.format(*places.entry)} mm",
-        f"the cortex is {places.cortex_mm:.3g} mm thick",
-    )
-
-
 # Find a kidney's hilum (vessel entry), capsule and cortex thickness from its shape.
 
-_SINUS = 0.03
+SINUS = 0.03
 """Share of the surface, the least open of it, that is the sinus at least."""
 CORTEX = 1.0 / 3.0
 """Thickness of the cortex over the greatest depth below the capsule, where it isn't given."""
@@ -155,32 +140,21 @@ CORTEX = 1.0 / 3.0
 
 @dataclass(frozen=True)
 class KidneyPlaces:
-    """Places of a kidney.
+    """Places of a kidney, mm, and unit vectors."""
 
-    Attributes
-    ----------
-    entry, inward : (3,) float64
-        Where the vessels enter, mm, on the wall of the sinus; and which way, a unit vector.
-    hilum : (3,) float64
-        Unit vector out of the hilum.
-    capsule : (k, 3) float64, mm
-        Places of the outer surface.
-    cortex_mm : float, mm
-    """
-
-    entry: FloatArray
-    inward: FloatArray
-    hilum: FloatArray
-    capsule: FloatArray
+    entry: FloatArray  # where the vessels enter, on the wall of the sinus
+    inward: FloatArray  # the way into the kidney there
+    hilum: FloatArray  # out of the hilum
+    capsule: FloatArray  # (k, 3), places of the outer surface
     cortex_mm: float
 
     def below_capsule(self, points: FloatArray) -> FloatArray:
-        """Depth (n,) of points (n, 3) below the capsule, the sinus's wall left out of account."""
+        """Return the depth (n,) of points (n, 3) below the capsule, mm."""
         depth: FloatArray = cKDTree(self.capsule).query(points)[0]
         return depth
 
     def kept_in_medulla(self, points: FloatArray) -> FloatArray:
-        """Points (n, 3), those in the cortex moved to its inner border."""
+        """Return points (n, 3), those in the cortex moved to its inner border."""
         away, near = cKDTree(self.capsule).query(points)
         from_there = points - self.capsule[near]
         short = np.maximum(self.cortex_mm - away, 0.0)
@@ -188,28 +162,18 @@ class KidneyPlaces:
         return moved
 
 
-def find_kidney_places(
-    tissue: Tissue,
-    samples: SurfaceSamples,
-    volume: FloatArray,
-    entry: FloatArray | None = None,
-    cortex_mm: float | None = None,
-) -> KidneyPlaces:
+def find_kidney_places(shape: Survey, cortex_mm: float | None = None) -> KidneyPlaces:
     """Find the hilum where the surface is least open, and the cortex below all the rest.
 
-    Parameters
-    ----------
-    volume : (k, 3) float64, mm
-        Points all over the tissue.
-    entry : (3,) float64, mm, optional
-        Near where the vessels enter; else the middle of the sinus.
+    The vessels enter near the given hilum, else in the middle of the sinus.
 
     Raises
     ------
     TissueError
-        Where the surface is as open everywhere, and no entry is given.
+        Where the surface is as open everywhere, and no hilum is given.
     """
-    least = float(np.quantile(samples.openness, _SINUS))
+    samples, entry = shape.samples, shape.given.get("hilum")
+    least = float(np.quantile(samples.openness, SINUS))
     inner = samples.openness <= max(min(0.5, 0.97 * samples.openness.max()), least)
     if inner.mean() > 0.5:
         inner = samples.openness <= least
@@ -220,18 +184,18 @@ def find_kidney_places(
                 "vessels enter (anatomy: {inlets: {hilum: {at_mm: [x, y, z]}}})"
             )
         away = np.linalg.norm(samples.points - entry, axis=1)
-        inner = away <= np.quantile(away, _SINUS)
-    capsule = samples.points[~inner]
-    middle = samples.points[inner].mean(axis=0)
-    target = middle if entry is None else entry
-    inside = np.flatnonzero(inner)
-    at = int(inside[np.argmin(np.linalg.norm(samples.points[inside] - target, axis=1))])
-    if entry is not None:
-        at = int(np.argmin(np.linalg.norm(samples.points - entry, axis=1)))
+        inner = away <= np.quantile(away, SINUS)
+    sinus = np.flatnonzero(inner)
+    if entry is None:
+        middle = samples.points[sinus].mean(axis=0)
+        at = int(sinus[nearest(samples.points[sinus], middle)])
+    else:
+        at = nearest(samples.points, entry)
     out = samples.way_out[inner].sum(axis=0)
     if not np.linalg.norm(out) > 0.0:
         out = -samples.inward[at]  # of a sinus so narrow that no ray leaves it
-    depth = cKDTree(capsule).query(volume)[0]
+    capsule = samples.points[~inner]
+    depth = cKDTree(capsule).query(shape.volume)[0]
     return KidneyPlaces(
         samples.points[at],
         samples.inward[at],

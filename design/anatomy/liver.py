@@ -2,50 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import TrunkPlan
-from design.anatomy.grown import AnatomicTrees, grow_portal, trunk_ends
-from design.anatomy.openness import SurfaceSamples, sample_surface
+from design.anatomy.organ import AnatomicTrees, Place, Survey, grow_trees, say, survey
+from design.anatomy.side_by_side import Companion, side_by_side, tube_options
 from design.anatomy.trunk_lines import (
-    Layer,
     LayerForest,
+    Rank,
     TrunkLines,
+    Zone,
     join_layer,
     lines_of,
-    spread_sites,
+    nearest,
 )
 from design.errors import TissueError
 from design.network import VesselKind
 from design.tissue import Tissue
-from design.vasculature.growth.parts import check_inlet
-from design.vasculature.growth.supply import check_one_part, demand_points
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray
 
-Place = tuple[float, float, float]
 NAMES: Final = ("portal_vein", "hepatic_artery", "hepatic_veins")
-SEGMENTS = 8
-"""Branches of the portal vein that come first, as many as Couinaud's segments (1957)."""
-VEINS = 3
-"""Hepatic veins that come first: right, middle and left."""
-_SAMPLES = 12_000
-_VOLUME = 30_000
-_PLACES = 6_000
-_DEPTH = 0.03
-"""Least depth of the trunks over the cube root of the liver's volume. Ours."""
-_APART = 0.6
-"""Way from the portal trunks, over its greatest, from which on hepatic trunks cost nothing more."""
+PORTAL_SHARE = 0.75
+"""Of the liver's blood, that of the portal vein; the artery has the rest (Eipel et al. 2010,
+doi 10.3748/wjg.v16.i48.6046: 75 to 80 %)."""
+HEPATIC_ARTERY = Companion(drop=4.0, flow=1.0 / PORTAL_SHARE - 1.0, tube=1.48)
+"""Beside the portal vein, then 0.54 times as wide. Four times its pressure drop is ours."""
+HEPATIC_DROP = 0.5
+"""Pressure drop along the hepatic veins over the portal vein's. Ours."""
+NOTE: Final = "portal vein and hepatic artery both stand as arteries in the network: blood flows in"
 
 
 @dataclass(frozen=True)
 class LiverAnatomy:
-    """What a liver's vessels are told; what isn't is found in its shape.
+    """Options of a liver's vessels; what isn't given is found in its shape.
 
     Attributes
     ----------
@@ -60,10 +54,26 @@ class LiverAnatomy:
     trunk_ends: int = 100
 
 
+class _Trunks(NamedTuple):
+    """How a liver's trunks are laid; depths and distances are ours."""
+
+    segments: Rank = Rank(balance=0.5, spacing=0.3, ends=8)  # portal: Couinaud's (1957)
+    veins: Rank = Rank(balance=0.5, spacing=0.3, ends=3)  # hepatic: right, middle and left
+    others: Rank = Rank(balance=0.3, offered=2)  # of both
+    depth: float = 0.03  # of planned trunks over the cube root of the volume
+    least_depth: float = 0.3  # of trunks that are pushed aside, over that
+    apart: float = 0.6  # of the greatest way from portal trunks, beyond it hepatic ones cost least
+
+
+TRUNKS = _Trunks()
+
+
 def grow_liver(
     tissue: Tissue, options: GrowthOptions, anatomy: LiverAnatomy | None = None
 ) -> AnatomicTrees:
     """Grow portal vein, hepatic artery and hepatic veins of any liver, as many terminals each.
+
+    The options are the portal vein's, but for the flow, which is the liver's.
 
     The portal vein enters at the porta hepatis, with the artery beside it down to the terminals.
     The hepatic veins gather from between its branches, and leave to the vena cava.
@@ -74,182 +84,124 @@ def grow_liver(
         Where no trunk or tree fits.
     """
     anatomy = anatomy or LiverAnatomy()
-    ends = trunk_ends(anatomy.trunk_ends, options.terminals, "liver")
-    check_inlet(tissue, "porta_hepatis", anatomy.porta_mm)
-    check_inlet(tissue, "vena_cava", anatomy.cava_mm)
-    check_one_part(tissue)
-    samples = sample_surface(tissue, _SAMPLES, options.seed, cavities=False)
-    volume, _ = demand_points(tissue, _VOLUME, options.seed)
-    given = (None if at is None else np.array(at) for at in (anatomy.porta_mm, anatomy.cava_mm))
-    places = find_liver_places(samples, tissue.volume_mm3, *given)
-    deep = _DEPTH * float(np.cbrt(tissue.volume_mm3))
-    layer = liver_layer(tissue, volume, deep)
-    portal = portal_forest(layer, places, ends)
-    hepatic = hepatic_forest(layer, places, portal, ends)
-    lines = _together(
-        lines_of(portal, {0: places.porta}, volume), lines_of(hepatic, {0: places.cava}, volume)
+    given = {"porta_hepatis": anatomy.porta_mm, "vena_cava": anatomy.cava_mm}
+    shape = survey("liver", tissue, options, anatomy.trunk_ends, given)
+    places = find_liver_places(shape)
+    deep = TRUNKS.depth * float(np.cbrt(tissue.volume_mm3))
+    plan = TrunkPlan(_trunk_lines(shape, places, deep), TRUNKS.least_depth * deep, exactly=False)
+    notes = (
+        f"the diaphragm was taken to lie towards {say(places.up)}; portal vein and artery "
+        f"enter at {say(places.porta)} mm, the hepatic veins leave at {say(places.cava)} mm",
+        NOTE,
     )
-    trees = grow_portal(tissue, TrunkPlan(lines, 0.3 * deep, exactly=False), options)
+    flow = options.perfusion_ml_min_per_ml
+    portal = replace(options, perfusion_ml_min_per_ml=PORTAL_SHARE * flow)
+    hepatic = replace(options, pressure_drop_pa=HEPATIC_DROP * options.pressure_drop_pa)
+    trees = grow_trees(
+        tissue,
+        plan,
+        options,
+        (tube_options(portal, HEPATIC_ARTERY), hepatic),
+        lambda made: (*side_by_side(made[0], portal, HEPATIC_ARTERY), made[1]),
+    )
     kinds = (VesselKind.ARTERY, VesselKind.ARTERY, VesselKind.VEIN)
-    return AnatomicTrees(trees, kinds, NAMES, _notes(places))
+    return AnatomicTrees(trees, kinds, NAMES, notes)
 
 
-def liver_layer(tissue: Tissue, volume: FloatArray, depth_mm: float) -> Layer:
-    """Places all over the liver, but for what lies just below its surface."""
-    points = volume[-tissue.grid.distance(volume) > depth_mm]
-    return join_layer(tissue, points[:_PLACES], 0.6 * depth_mm)
-
-
-def portal_forest(layer: Layer, places: LiverPlaces, ends: int) -> LayerForest:
-    """One tree from the porta: to the segments first, as straight as can be; then all over."""
-    forest = LayerForest(layer, 0.5, layer.length.copy(), 0.3 * _between(layer, SEGMENTS))
-    forest.plant(0, layer.nearest(places.porta + 2.0 * layer.spacing_mm * places.porta_inward))
-    forest.join(spread_sites(layer.points, SEGMENTS, places.porta[None]))
-    forest.balance, forest.apart = 0.3, 0.62 * _between(layer, ends)
-    _fill(forest, ends)
-    return forest
-
-
-def hepatic_forest(
-    layer: Layer, places: LiverPlaces, portal: LayerForest, ends: int
-) -> LayerForest:
-    """One tree from the vena cava, its trunks far from those of the portal vein."""
-    taken = layer.points[portal.parent > -2]
-    away = cKDTree(taken).query(layer.points)[0]
-    free = np.clip(away / (_APART * away.max()), 0.1, 1.0)
-    begin = np.repeat(np.arange(len(layer.points)), np.diff(layer.first))
-    cost = layer.length * 2.0 / (free[begin] + free[layer.to])
-    forest = LayerForest(layer, 0.5, cost, 0.3 * _between(layer, VEINS))
-    forest.plant(0, layer.nearest(places.cava + 2.0 * layer.spacing_mm * places.cava_inward))
+def _trunk_lines(shape: Survey, places: LiverPlaces, depth_mm: float) -> TrunkLines:
+    """Lay the portal vein's tree from the porta, and the hepatic veins' far from its trunks."""
+    layer = join_layer(shape.tissue, shape.places(True, depth_mm), 0.6 * depth_mm)
+    zone = Zone.of(layer, 3)
+    portal, hepatic = LayerForest(layer), LayerForest(layer)
+    portal.plant(0, layer.below(places.porta, places.porta_inward))
+    portal.grow(TRUNKS.segments, shape.ends, zone, far_from=places.porta[None])
+    portal.grow(TRUNKS.others, shape.ends, zone)
+    away = cKDTree(portal.taken).query(layer.points)[0]
+    free = np.clip(away / (TRUNKS.apart * away.max()), 0.1, 1.0)
+    cost = layer.length * 2.0 / (free[layer.begin] + free[layer.to])
     between = np.flatnonzero(away >= np.median(away))
-    forest.join(between[spread_sites(layer.points[between], VEINS, places.cava[None])])
-    forest.balance, forest.apart = 0.3, 0.62 * _between(layer, ends)
-    _fill(forest, ends, between)
-    return forest
-
-
-def _between(layer: Layer, count: int) -> float:
-    """Distance of places at which so many are spread over the layer's volume, mm."""
-    near = cKDTree(layer.points).query(layer.points, 2)[0][:, 1]
-    # Random places have their nearest neighbours 0.554 of their volume's cube root away.
-    return float((len(layer.points) / count) ** (1 / 3) * near.mean() / 0.554)
-
-
-def _fill(forest: LayerForest, ends: int, among: NDArray[np.int64] | None = None) -> None:
-    """Join places spread over the layer, or ``among`` some, to the trees as they stand."""
-    points = forest.layer.points
-    among = np.arange(len(points)) if among is None else among
-    taken = points[np.flatnonzero(forest.parent > -2)]
-    forest.join(among[spread_sites(points[among], 2 * ends, taken)])
-
-
-def _together(one: TrunkLines, two: TrunkLines) -> TrunkLines:
-    """Lines of two trees as one, numbered 0 and 1, each with its own shares."""
-    first = len(one.parent)
+    hepatic.plant(1, layer.below(places.cava, places.cava_inward))
+    hepatic.grow(TRUNKS.veins, shape.ends, zone, between, cost, places.cava[None])
+    hepatic.grow(TRUNKS.others, shape.ends, zone, between, cost)
+    one = lines_of(portal, {0: places.porta}, shape.volume)
+    two = lines_of(hepatic, {1: places.cava}, shape.volume)
     return TrunkLines(
         np.concatenate([one.points, two.points]),
-        np.concatenate([one.parent, np.where(two.parent >= 0, two.parent + first, -1)]),
-        np.concatenate([np.zeros(first, dtype=np.int64), np.ones(len(two.parent), dtype=np.int64)]),
+        np.concatenate([one.parent, np.where(two.parent >= 0, two.parent + len(one.parent), -1)]),
+        np.concatenate([one.tree, two.tree]),
         np.concatenate([one.share, two.share]),
-    )
-
-
-def _notes(places: LiverPlaces) -> tuple[str, ...]:
-    say = "({:.3g}, {:.3g}, {:.3g})"
-    return (
-        f"the diaphragm was taken to lie towards {say.format(*places.up)}; portal vein and artery "
-        f"enter at {say.format(*places.porta)} mm, the hepatic veins leave at "
-        f"{say.format(*places.cava)} mm",
-        "portal vein and hepatic artery both stand as arteries in the network: blood flows in",
     )
 
 
 # Find a liver's porta hepatis (vessel entry) and hepatic vein exit from surface samples.
 
-_PORTA = 0.03
-"""Share of the surface, the least open of it, in whose middle the porta hepatis lies."""
-_GROOVES = 0.15
-"""Share of the surface, the least open of it, that all grooves have; the vena cava's is one."""
-_CONVEX = 0.95
-"""Openness above which a place lies in no groove."""
-_NEAREST, _FARTHEST = 0.35, 1.0
-"""Way from the porta to the vena cava over the cube root of the liver's volume."""
-_TOP = 0.04
-"""Share of the grooves, the highest of them, whose middle is where the hepatic veins leave."""
+
+class _Shape(NamedTuple):
+    """How a liver's places are found: shares of the surface, the least open of it first."""
+
+    porta: float = 0.03  # in whose middle the porta hepatis lies
+    grooves: float = 0.15  # that all grooves have; the vena cava's is one
+    convex: float = 0.95  # openness above which a place lies in no groove
+    nearest: float = 0.35  # way from porta to vena cava over the cube root of the volume
+    farthest: float = 1.0
+    top: float = 0.04  # of the grooves, the highest, in whose middle the hepatic veins leave
+
+
+SHAPE = _Shape()
 
 
 @dataclass(frozen=True)
 class LiverPlaces:
-    """Places of a liver.
+    """Places (3,) of a liver, mm, and unit vectors."""
 
-    Attributes
-    ----------
-    porta, porta_inward : (3,) float64
-        Where portal vein and hepatic artery enter, mm; and which way, a unit vector.
-    cava, cava_inward : (3,) float64
-        Where the hepatic veins leave to the vena cava, and the way into the liver there.
-    up : (3,) float64
-        Unit vector from the visceral side to the diaphragm.
-    """
-
-    porta: FloatArray
-    porta_inward: FloatArray
-    cava: FloatArray
+    porta: FloatArray  # where portal vein and hepatic artery enter
+    porta_inward: FloatArray  # the way into the liver there
+    cava: FloatArray  # where the hepatic veins leave to the vena cava
     cava_inward: FloatArray
-    up: FloatArray
+    up: FloatArray  # from the visceral side to the diaphragm
 
 
-def find_liver_places(
-    samples: SurfaceSamples,
-    volume_mm3: float,
-    porta: FloatArray | None = None,
-    cava: FloatArray | None = None,
-) -> LiverPlaces:
+def find_liver_places(shape: Survey) -> LiverPlaces:
     """Find the porta in the middle of the visceral side's hollow, the veins' exit above it.
 
     The hollow is where the surface is least open, and what it opens to is below. Of all grooves
     that aren't at the porta, the vena cava's reaches highest. In the one liver that was at hand
-    with its vessels, both places lay within 14 mm of the true ones.
-
-    Parameters
-    ----------
-    volume_mm3 : float
-        Of the liver.
-    porta, cava : (3,) float64, mm, optional
-        Near where these are, in place of what the shape tells.
+    with its vessels, both places lay within 14 mm of the true ones. Given places are taken.
 
     Raises
     ------
     TissueError
         Where the surface is as open everywhere, or has no groove above the porta.
     """
-    openness, points = samples.openness, samples.points
-    hollow = openness <= np.quantile(openness, _PORTA)
-    if hollow.mean() > 0.5 and (porta is None or cava is None):
+    samples, given = shape.samples, shape.given
+    points = samples.points
+    hollow = samples.openness <= np.quantile(samples.openness, SHAPE.porta)
+    if hollow.mean() > 0.5 and len(given) < 2:
         raise TissueError(
             "no porta hepatis is found: the surface is as open everywhere; give both places "
             "(anatomy: {inlets: {porta_hepatis: {at_mm: [x, y, z]}, vena_cava: ...}})"
         )
-    inside = np.flatnonzero(hollow)
-    if porta is None:
-        at = int(inside[_nearest(points[inside], points[inside].mean(axis=0))])
+    if "porta_hepatis" in given:
+        porta = nearest(points, given["porta_hepatis"])
     else:
-        at = _nearest(points, porta)
+        inside = np.flatnonzero(hollow)
+        porta = int(inside[nearest(points[inside], points[inside].mean(axis=0))])
     out = samples.way_out[hollow].sum(axis=0)
     up = -out / max(float(np.linalg.norm(out)), 1e-12)
-    leaves = _highest_groove(samples, volume_mm3, points[at], up) if cava is None else cava
-    veins = _nearest(points, leaves)
-    return LiverPlaces(points[at], samples.inward[at], points[veins], samples.inward[veins], up)
+    leaves = given.get("vena_cava")
+    if leaves is None:
+        leaves = _highest_groove(shape, points[porta], up)
+    cava = nearest(points, leaves)
+    return LiverPlaces(points[porta], samples.inward[porta], points[cava], samples.inward[cava], up)
 
 
-def _highest_groove(
-    samples: SurfaceSamples, volume_mm3: float, porta: FloatArray, up: FloatArray
-) -> FloatArray:
-    """Middle (3,) of the highest part of the grooves, the porta's left out."""
-    size = float(np.cbrt(volume_mm3))
+def _highest_groove(shape: Survey, porta: FloatArray, up: FloatArray) -> FloatArray:
+    """Return the middle (3,) of the highest part of the grooves, the porta's left out."""
+    samples, size = shape.samples, float(np.cbrt(shape.tissue.volume_mm3))
     away = np.linalg.norm(samples.points - porta, axis=1)
-    groove = samples.openness <= min(_CONVEX, float(np.quantile(samples.openness, _GROOVES)))
-    groove &= (away > _NEAREST * size) & (away < _FARTHEST * size)
+    openness = samples.openness
+    groove = openness <= min(SHAPE.convex, float(np.quantile(openness, SHAPE.grooves)))
+    groove &= (away > SHAPE.nearest * size) & (away < SHAPE.farthest * size)
     members = np.flatnonzero(groove)
     if not len(members):
         raise TissueError(
@@ -257,10 +209,6 @@ def _highest_groove(
             "(anatomy: {inlets: {vena_cava: {at_mm: [x, y, z]}}})"
         )
     height = (samples.points[members] - porta) @ up
-    top = members[np.argsort(-height, kind="stable")[: max(1, int(_TOP * len(members)))]]
+    top = members[np.argsort(-height, kind="stable")[: max(1, int(SHAPE.top * len(members)))]]
     middle: FloatArray = samples.points[top].mean(axis=0)
     return middle
-
-
-def _nearest(points: FloatArray, place: FloatArray) -> int:
-    return int(np.argmin(np.linalg.norm(points - place, axis=1)))

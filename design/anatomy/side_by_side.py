@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from design.anatomy.curves import derived_tree
+from design.anatomy.curves import derived_tree, tree_runs
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import downward_order, tree_radii
+from design.vasculature.treemath import tree_radii
 from kernels.arrays import FloatArray
 
 
@@ -42,68 +43,46 @@ class Companion:
 VEIN = Companion(drop=0.5, flow=1.0, tube=2.1)
 """A vein beside its artery, then 1.19 times as wide. Half of the pressure drop is ours."""
 
-_GAP = 1.2
-"""Room between artery and vein over the clearance."""
 
-_APART = 1.05
-"""Room for each vessel over its radius: where both bend or twist, they come nearer."""
+class _Sides(NamedTuple):
+    """How two vessels lie side by side."""
 
-_INLETS = 1.1
-"""Room between the inlets, over that further on: they stay where they are put."""
-
-_TURN = np.radians(15.0)
-"""Twist from piece to piece."""
-
-_STEEPEST = 0.8
-"""Way round the tube over the way along it, at most."""
-
-_STRAIGHT_ON = 0.1
-"""Sine of the branches' angles to their trunk below which they have no plane."""
-
-_MERGE = 1.3
-"""Way along a branch, over its trunk's radius, on which its vessels come together."""
-
-_MERGE_STEPS = 3
+    gap: float = 1.2  # room between them over the clearance
+    wider: float = 1.05  # room for each over its radius: where both bend they come nearer
+    inlets: float = 1.1  # room between the inlets over that further on: they aren't moved
+    turn: float = float(np.radians(15.0))  # twist from piece to piece
+    steepest: float = 0.8  # way round the tube over the way along it, at most
+    straight: float = 0.1  # sine of the branches' angles to their trunk below which none has a side
+    merge: float = 1.3  # way along a branch, over its trunk's radius, on which both come together
+    merge_steps: int = 3
 
 
-@dataclass
-class _Lines:
-    """Nodes of the tubes' axes, with the side on which the vein lies, (n, 3), unit vectors.
+SIDES = _Sides()
 
-    ``parent`` (n,) is -1 for the inlet, ``origin`` (n,) the tube's segment that ends there.
-    """
 
-    points: list[FloatArray]
-    side: list[FloatArray]
-    artery: list[float]
-    vein: list[float]
-    parent: list[int]
-    origin: list[int]
+class _Node(NamedTuple):
+    """A node of the tubes' axes, between the two vessels."""
 
-    def add(self, point: FloatArray, side: FloatArray, away: FloatArray, up: int, of: int) -> int:
-        """Add a node; return its number."""
-        self.points.append(point)
-        self.side.append(side)
-        self.artery.append(float(away[0]))
-        self.vein.append(float(away[1]))
-        self.parent.append(up)
-        self.origin.append(of)
-        return len(self.parent) - 1
+    point: FloatArray
+    side: FloatArray  # unit vector to where the vein lies
+    away: FloatArray  # (2,), mm, of artery and vein from it
+    parent: int  # -1 for the inlet
+    origin: int  # segment of the tubes that ends there
 
 
 def tube_options(options: GrowthOptions, beside: Companion = VEIN) -> GrowthOptions:
-    """Options with which a tree of tubes grows that have room for two vessels each."""
+    """Return options with which a tree of tubes grows that have room for two vessels each."""
     return replace(
         options,
         pressure_drop_pa=options.pressure_drop_pa / beside.tube**4,
-        clearance_mm=(1.0 + _GAP) * options.clearance_mm,
+        clearance_mm=(1.0 + SIDES.gap) * options.clearance_mm,
     )
 
 
 def side_by_side(
     tubes: VesselTree, options: GrowthOptions, beside: Companion = VEIN
 ) -> tuple[VesselTree, VesselTree]:
-    """An artery and a vein along a tree of tubes, each with its own radii by its own lengths.
+    """Lay an artery and a vein along a tree of tubes, each with radii by its own lengths.
 
     The vein lies on one side of a sheet through the tubes' axes, the artery on the other. At
     each joint the sheet holds both branches, so that neither crosses the other vessel; between
@@ -129,21 +108,29 @@ def side_by_side(
 def _laid(
     tubes: VesselTree, options: GrowthOptions, artery: FloatArray, beside: Companion
 ) -> tuple[VesselTree, VesselTree]:
-    """The two with room for arteries of these radii (n,), mm, and their veins."""
-    half = 0.5 * _GAP * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
-    vein = beside.radius * artery
-    lines = _Sheet(tubes, np.column_stack([_APART * artery, _APART * vein]) + half[:, None]).lines()
-    side, points = np.array(lines.side), np.array(lines.points)
-    drop = options.pressure_drop_pa
-    return (
-        _tree(tubes, lines, points - np.array(lines.artery)[:, None] * side, drop),
-        _tree(
+    """Return the two with room for arteries of these radii (n,), mm, and their veins."""
+    half = 0.5 * SIDES.gap * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
+    wide = np.column_stack([SIDES.wider * artery, SIDES.wider * (beside.radius * artery)])
+    nodes = _Sheet(tubes, wide + half[:, None]).laid()
+    points, side, away, parent, origin = (np.array(one) for one in zip(*nodes, strict=True))
+    up, inflow = parent[1:], float(tubes.flow_ul_s[0])
+
+    def vessel(points: FloatArray, drop: float, flow: float) -> VesselTree:
+        drop_pa = drop * options.pressure_drop_pa
+        made = derived_tree(
             tubes,
-            lines,
-            points + np.array(lines.vein)[:, None] * side,
-            beside.drop * drop,
-            beside.flow,
-        ),
+            points[up],
+            points[1:],
+            up - 1,
+            origin=origin[1:],
+            flow_ul_s=flow * inflow,
+            pressure_drop_pa=drop_pa,
+        )
+        return replace(made, notes=())
+
+    return (
+        vessel(points - away[:, :1] * side, 1.0, 1.0),
+        vessel(points + away[:, 1:] * side, beside.drop, beside.flow),
     )
 
 
@@ -159,31 +146,24 @@ class _Sheet:
         self.way = way / self.length[:, None]
         self.node = np.zeros(len(self.length), dtype=np.int64)
         self.end_side = np.zeros((len(self.length), 3))
-        self.found = _Lines([], [], [], [], [], [])
+        self.nodes: list[_Node] = []
 
-    def lines(self) -> _Lines:
-        """All nodes, parents before their children."""
-        children = self.tubes.children
-        for s in downward_order(children).tolist():
-            above = int(self.tubes.parent[s])
-            if above >= 0 and children[above, 1] < 0:
-                continue  # a later piece of a run
-            run = [s]
-            while children[run[-1], 0] >= 0 and children[run[-1], 1] < 0:
-                run.append(int(children[run[-1], 0]))
-            self._lay(run, above)
-        return self.found
+    def laid(self) -> list[_Node]:
+        """Return all nodes, parents before their children."""
+        for run in tree_runs(self.tubes):
+            self._lay(run.tolist(), int(self.tubes.parent[run[0]]))
+        return self.nodes
 
     def _lay(self, run: list[int], above: int) -> None:
         """Lay the sheet along one vessel."""
         own = self.away[run[0]]
         if above < 0:
             side = self._first_side(run)
-            up = self.found.add(self.tubes.proximal[run[0]], side, _INLETS * own, -1, -1)
+            up = self._add(_Node(self.tubes.proximal[run[0]], side, SIDES.inlets * own, -1, -1))
             before, merge = own, 0.0
         else:
             side, up = _across(self.end_side[above], self.way[run[0]]), int(self.node[above])
-            before, merge = self.away[above], _MERGE * float(self.radius[above])
+            before, merge = self.away[above], SIDES.merge * float(self.radius[above])
         sides = [side]
         for one, two in pairwise(run):
             sides.append(_across(_carried(sides[-1], self.way[one], self.way[two]), self.way[two]))
@@ -204,33 +184,38 @@ class _Sheet:
                 turned = _turned(normal, self.way[s], twist * part)
                 here = own + (before - own) * (1.0 - _smooth(at / merge) if merge > 0 else 0.0)
                 point = self.tubes.proximal[s] + k / parts * self.length[s] * self.way[s]
-                up = self.found.add(point, turned, here, up, s)
+                up = self._add(_Node(point, turned, here, up, s))
             gone += float(self.length[s])
         last = run[-1]
-        self.node[last], self.end_side[last] = up, self.found.side[up]
+        self.node[last], self.end_side[last] = up, self.nodes[up].side
+
+    def _add(self, node: _Node) -> int:
+        """Add a node; return its number."""
+        self.nodes.append(node)
+        return len(self.nodes) - 1
 
     def _parts(self, s: int, twist: float, total: float, gone: float, merge: float) -> int:
-        """Pieces for one of a vessel's: as its twist and the way to its own place ask for."""
+        """Count pieces for one of a vessel's: as its twist and the way to its place need."""
         long = float(self.length[s])
         begin, end = ((at - merge) / (total - merge) for at in (gone, gone + long))
-        parts = 1 + int(abs(twist) * (_smooth(end) - _smooth(begin)) / _TURN)
+        parts = 1 + int(abs(twist) * (_smooth(end) - _smooth(begin)) / SIDES.turn)
         if gone < merge:
-            parts = max(parts, 1 + int(_MERGE_STEPS * min(long, merge - gone) / merge))
+            parts = max(parts, 1 + int(SIDES.merge_steps * min(long, merge - gone) / merge))
         return parts
 
     def _twist(self, last: int, side: FloatArray, total: float, apart: float) -> float:
-        """Angle by which the sheet turns on the last ``total`` mm to hold the joint at the end."""
+        """Return the angle by which the sheet turns on ``total`` mm to hold the joint."""
         wanted = self._joint_normal(last)
         if wanted is None:
             return 0.0
         way = self.way[last]
         angle = float(np.arctan2(np.cross(side, wanted) @ way, side @ wanted))
         angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
-        most = _STEEPEST * total / apart
+        most = SIDES.steepest * total / apart
         return float(np.clip(angle, -most, most))
 
     def _joint_normal(self, last: int) -> FloatArray | None:
-        """Unit vector across a vessel to which the branches at its end are as normal as can be.
+        """Return the unit vector across a vessel most normal to the branches at its end.
 
         None at terminals, and where both branches go straight on.
         """
@@ -242,14 +227,14 @@ class _Sheet:
         one = _across(np.eye(3)[int(np.argmin(np.abs(way)))], way)
         frame = np.array([one, np.cross(way, one)])
         across = headings @ frame.T
-        if (across**2).sum() < _STRAIGHT_ON**2:
+        if (across**2).sum() < SIDES.straight**2:
             return None
         _, vectors = np.linalg.eigh(across.T @ across)
         normal: FloatArray = vectors[:, 0] @ frame
         return normal
 
     def _heading(self, s: int, reach: float) -> FloatArray:
-        """Direction from a segment's begin to where its vessel is ``reach`` further on."""
+        """Return direction from a segment's begin to where its vessel is ``reach`` further on."""
         begin, gone = self.tubes.proximal[s], 0.0
         while gone + self.length[s] < reach:
             a, b = self.tubes.children[s].tolist()
@@ -263,7 +248,7 @@ class _Sheet:
         return heading
 
     def _first_side(self, run: list[int]) -> FloatArray:
-        """The first joint's normal, brought up to the inlet."""
+        """Return the first joint's normal, brought up to the inlet."""
         side = self._joint_normal(run[-1])
         if side is None:
             side = _across(self.way[run[-1]][[1, 2, 0]], self.way[run[-1]])
@@ -272,30 +257,14 @@ class _Sheet:
         return side
 
 
-def _tree(
-    tubes: VesselTree, lines: _Lines, points: FloatArray, drop_pa: float, flow: float = 1.0
-) -> VesselTree:
-    up, origin = np.array(lines.parent[1:]), np.array(lines.origin[1:])
-    made = derived_tree(
-        tubes,
-        points[up],
-        points[1:],
-        up - 1,
-        origin=origin,
-        flow_ul_s=flow * float(tubes.flow_ul_s[0]),
-        pressure_drop_pa=drop_pa,
-    )
-    return replace(made, notes=())
-
-
 def _smooth(part: float) -> float:
-    """0 to 1 without slope at either end."""
+    """Return 0 to 1 without slope at either end."""
     part = min(max(part, 0.0), 1.0)
     return part * part * (3.0 - 2.0 * part)
 
 
 def _across(vector: FloatArray, way: FloatArray) -> FloatArray:
-    """Unit vector across ``way``, as near to ``vector`` as can be."""
+    """Return the unit vector across ``way``, as near to ``vector`` as can be."""
     across = vector - (vector @ way) * way
     size = float(np.linalg.norm(across))
     if size < 1e-6:
@@ -306,7 +275,7 @@ def _across(vector: FloatArray, way: FloatArray) -> FloatArray:
 
 
 def _carried(vector: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray:
-    """A vector turned as ``one`` turns to ``two`` by the shortest way (parallel transport)."""
+    """Turn a vector as ``one`` turns to ``two`` by the shortest way (parallel transport)."""
     axis = np.cross(one, two)
     carried: FloatArray = (
         vector + np.cross(axis, vector) + np.cross(axis, np.cross(axis, vector)) / (1.0 + one @ two)
@@ -315,6 +284,6 @@ def _carried(vector: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray
 
 
 def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
-    """A vector across an axis turned about it."""
+    """Return a vector across an axis turned about it."""
     turned: FloatArray = np.cos(angle) * vector + np.sin(angle) * np.cross(axis, vector)
     return turned

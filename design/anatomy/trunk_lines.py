@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
@@ -16,41 +16,62 @@ from design.anatomy.curves import children_of
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.growth.trunk import Trunk, straighten_line
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 # Graph of neighbouring points below a tissue's surface, along which trunk vessels are laid.
 
-_LINKS = 14
-_LONGEST = 2.6
-"""Longest edge over the mean distance of neighbours."""
+
+class _Layers(NamedTuple):
+    """How places are joined to a layer, and trunks are laid along it."""
+
+    links: int = 14  # neighbours that a place is joined to
+    longest: float = 2.6  # edge over the mean distance of neighbours
+    least: int = 10  # places that hang together
+    beside: float = 3.0  # cost of going on beside a tree, over going away from it
+    near: float = 0.6  # of the spacing, up to which a place is beside a tree
+    smoothing: int = 40  # steps: bends of up to some six places are evened out, larger ones stay
+
+
+LAYER = _Layers()
+_TOO_FEW = (
+    "the guiding layer has {} places that hang together; the tissue is too thin there for these "
+    "vessels: ask for fewer terminals, a lower depth or a higher pressure drop"
+)
 
 
 @dataclass(frozen=True)
 class Layer:
     """Places that trunks may run through.
 
-    Attributes
-    ----------
-    points : (n, 3) float64, mm
-    first : (n + 1,) int64
-        Edges of place ``i`` are ``first[i]:first[i + 1]`` of the arrays below.
-    to : (e,) int64
-    length : (e,) float64, mm
+    Edges of place ``i`` are ``first[i]:first[i + 1]`` of the arrays ``to`` and ``length``.
     """
 
-    points: FloatArray
-    first: IntArray
-    to: IntArray
-    length: FloatArray
+    points: FloatArray  # (n, 3), mm
+    first: IntArray  # (n + 1,)
+    to: IntArray  # (e,)
+    length: FloatArray  # (e,), mm
 
     @property
-    def spacing_mm(self) -> float:
-        """Mean length of the shorter edges, mm."""
-        return float(np.percentile(self.length, 25))
+    def begin(self) -> IntArray:
+        """Place (e,) at which each edge begins."""
+        return np.repeat(np.arange(len(self.points)), np.diff(self.first))
+
+    def graph(self, cost: FloatArray) -> csr_matrix:
+        """Return the layer's graph with costs (e,) of its edges."""
+        return csr_matrix((cost, self.to, self.first), shape=(len(self.points),) * 2)
 
     def nearest(self, place: FloatArray) -> int:
-        """The place nearest to ``place`` (3,)."""
-        return int(np.argmin(np.linalg.norm(self.points - place, axis=1)))
+        """Return the place nearest to ``place`` (3,)."""
+        return nearest(self.points, place)
+
+    def below(self, entry: FloatArray, inward: FloatArray) -> int:
+        """Return the place below one (3,) of the surface, two short edges along ``inward``."""
+        return self.nearest(entry + 2.0 * float(np.percentile(self.length, 25)) * inward)
+
+
+def nearest(points: FloatArray, place: FloatArray) -> int:
+    """Return which of ``points`` (n, 3) is nearest to ``place`` (3,)."""
+    return int(np.argmin(np.linalg.norm(points - place, axis=1)))
 
 
 def join_layer(tissue: Tissue, points: FloatArray, least_depth_mm: float) -> Layer:
@@ -63,10 +84,10 @@ def join_layer(tissue: Tissue, points: FloatArray, least_depth_mm: float) -> Lay
     GrowthError
         When fewer than ten places hang together.
     """
-    if len(points) < 10:
-        raise _too_few(len(points))
-    away, near = cKDTree(points).query(points, min(_LINKS + 1, len(points)))
-    reach = _LONGEST * float(away[:, 1:4].mean())
+    if len(points) < LAYER.least:
+        raise GrowthError(_TOO_FEW.format(len(points)))
+    away, near = cKDTree(points).query(points, min(LAYER.links + 1, len(points)))
+    reach = LAYER.longest * float(away[:, 1:4].mean())
     start = np.repeat(np.arange(len(points)), near.shape[1] - 1)
     end, length = near[:, 1:].ravel(), away[:, 1:].ravel()
     kept = (length <= reach) & (length > 0.0)
@@ -80,8 +101,8 @@ def join_layer(tissue: Tissue, points: FloatArray, least_depth_mm: float) -> Lay
     links = links.maximum(links.T)
     number = connected_components(links, directed=False)[1]
     largest = np.flatnonzero(number == np.argmax(np.bincount(number)))
-    if len(largest) < 10:
-        raise _too_few(len(largest))
+    if len(largest) < LAYER.least:
+        raise GrowthError(_TOO_FEW.format(len(largest)))
     links = links[largest][:, largest].tocsr()
     links.sort_indices()
     return Layer(
@@ -94,56 +115,55 @@ def join_layer(tissue: Tissue, points: FloatArray, least_depth_mm: float) -> Lay
 
 def below_surface(
     tissue: Tissue, points: FloatArray, inward: FloatArray, depth_mm: float
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Places ``depth_mm`` below ``points`` (n, 3), and which of them are indeed that deep."""
+) -> tuple[FloatArray, BoolArray]:
+    """Return places ``depth_mm`` below ``points`` (n, 3), and which are indeed that deep."""
     below: FloatArray = points + depth_mm * inward
     return below, -tissue.grid.distance(below) >= 0.85 * depth_mm
 
 
-def _too_few(count: int) -> GrowthError:
-    return GrowthError(
-        f"the guiding layer has {count} places that hang together; the tissue is too thin there "
-        "for these vessels: ask for fewer terminals, a lower depth or a higher pressure drop"
-    )
+# Grow trunk vessels along that graph, rank by rank, each branch by the cheapest path.
 
 
-# Grow trunk vessels along a graph of points below a surface, each branch by the cheapest path.
+class Zone(NamedTuple):
+    """Size of a zone, mm to the power of its ``dimension``, over which places are spread."""
 
-BESIDE = 3.0
-"""Cost of going on beside a tree, over going away from it."""
+    size: float
+    dimension: int
+
+    @staticmethod
+    def of(layer: Layer, dimension: int) -> Zone:
+        """Return the area, or the volume, that a layer's places have at random."""
+        near = float(cKDTree(layer.points).query(layer.points, 2)[0][:, 1].mean())
+        # The nearest neighbour's mean distance is 0.5 of an area's root, 0.554 of a volume's.
+        cell = (2.0 * near) ** 2 if dimension == 2 else (near / 0.554) ** 3
+        return Zone(len(layer.points) * cell, dimension)
+
+    def spacing_mm(self, count: int) -> float:
+        """Return the edge of the square, or cube, that each of ``count`` places has."""
+        return float((self.size / count) ** (1.0 / self.dimension))
+
+
+class Rank(NamedTuple):
+    """Branches of one rank of an organ's trunks."""
+
+    # 0 to 1: how much the way back to the inlet counts beside a branch's own length. The cosine of
+    # the angle at which branches leave long straight trunks (Cuntz et al. 2010,
+    # doi 10.1371/journal.pcbi.1000877, balancing factor).
+    balance: float
+    spacing: float = 0.62  # least distance of a new end from the trees over that of all ends
+    ends: int = 0  # how many; 0 for as many as the organ's trunks have
+    offered: int = 1  # places that are tried for each end
 
 
 @dataclass
 class LayerForest:
-    """Trees of places of a layer, one tree for each inlet.
-
-    Attributes
-    ----------
-    layer : Layer
-    balance : float
-        0 to 1: how much the way back to the inlet counts beside a branch's own length. The
-        cosine of the angle at which branches leave long straight trunks (Cuntz et al. 2010,
-        doi 10.1371/journal.pcbi.1000877, balancing factor).
-    cost : (e,) float64
-        Of each edge of the layer.
-    apart : float, mm
-        Least distance of a new branch's end from the trees as they stand.
-    parent, tree : (n,) int64
-        Of each place; -2 and -1 where no tree has come.
-    way : (n,) float64, mm
-        From the inlet, along the tree.
-    away : (n,) float64, mm
-        Distance of each place from the nearest that has a tree.
-    """
+    """Trees of places of a layer, one tree for each inlet."""
 
     layer: Layer
-    balance: float
-    cost: FloatArray
-    apart: float
-    parent: IntArray = field(init=False)
-    tree: IntArray = field(init=False)
-    way: FloatArray = field(init=False)
-    away: FloatArray = field(init=False)
+    parent: IntArray = field(init=False)  # (n,), -2 where no tree has come
+    tree: IntArray = field(init=False)  # (n,), -1 where no tree has come
+    way: FloatArray = field(init=False)  # (n,), mm, from the inlet along the tree
+    away: FloatArray = field(init=False)  # (n,), mm, from the nearest place that has a tree
 
     def __post_init__(self) -> None:
         count = len(self.layer.points)
@@ -151,6 +171,11 @@ class LayerForest:
         self.tree = np.full(count, -1, dtype=np.int64)
         self.way = np.zeros(count)
         self.away = np.full(count, np.inf)
+
+    @property
+    def taken(self) -> FloatArray:
+        """Places (k, 3) that have a tree."""
+        return self.layer.points[self.parent > -2]
 
     def plant(self, tree: int, place: int) -> None:
         """Begin a tree at a place."""
@@ -165,19 +190,48 @@ class LayerForest:
         for before, here in pairwise(rest):
             self._take(here, before, int(self.tree[before]))
 
-    def join(self, sites: IntArray) -> None:
-        """Join all of ``sites`` that are ``apart`` from the trees, the cheapest first."""
-        left = sites[self.away[sites] > self.apart]
+    def grow(
+        self,
+        rank: Rank,
+        ends: int,
+        zone: Zone,
+        among: IntArray | None = None,
+        cost: FloatArray | None = None,
+        far_from: FloatArray | None = None,
+    ) -> None:
+        """Grow branches of one rank.
+
+        Parameters
+        ----------
+        ends : int
+            Of the organ's trunks.
+        among : (k,) int64, optional
+            Places of the layer that may be ends.
+        cost : (e,) float64, optional
+            Of each edge of the layer; its length by default.
+        far_from : (k, 3) float64, mm, optional
+            Places from which ends lie far; the trees by default.
+        """
+        among = np.arange(len(self.layer.points)) if among is None else among
+        far_from = self.taken if far_from is None else far_from
+        ends = rank.ends or ends
+        sites = spread_sites(self.layer.points[among], rank.offered * ends, far_from)
+        cost = self.layer.length if cost is None else cost
+        self.join(among[sites], rank.spacing * zone.spacing_mm(ends), rank.balance, cost)
+
+    def join(self, sites: IntArray, spacing_mm: float, balance: float, cost: FloatArray) -> None:
+        """Join all of ``sites`` that are ``spacing_mm`` from the trees, the cheapest first."""
+        left = sites[self.away[sites] > spacing_mm]
         while len(left):
-            cost, before = self._ways()
-            best = int(left[np.argmin(cost[left])])
-            if not np.isfinite(cost[best]):
+            costs, before = self._ways(spacing_mm, balance, cost)
+            best = int(left[np.argmin(costs[left])])
+            if not np.isfinite(costs[best]):
                 return
             path = [best]
             while self.parent[path[-1]] == -2:
                 path.append(int(before[path[-1]]))
             self.extend(np.array(path[::-1], dtype=np.int64))
-            left = left[self.away[left] > self.apart]
+            left = left[self.away[left] > spacing_mm]
 
     def _take(self, place: int, parent: int, tree: int) -> None:
         points = self.layer.points
@@ -188,31 +242,31 @@ class LayerForest:
             )
         self.away = np.minimum(self.away, np.linalg.norm(points - points[place], axis=1))
 
-    def _ways(self) -> tuple[FloatArray, IntArray]:
-        """Cost of joining each place, and the place before it on the way from the trees."""
+    def _ways(
+        self, spacing_mm: float, balance: float, cost: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Return cost of joining each place, and the place before it on the way from the trees."""
         layer, count = self.layer, len(self.layer.points)
-        begin = np.repeat(np.arange(count), np.diff(layer.first))
-        near = np.minimum(self.away[begin], self.away[layer.to]) < 0.6 * self.apart
-        cost = self.cost * np.where(near, BESIDE, 1.0)
+        near = np.minimum(self.away[layer.begin], self.away[layer.to]) < LAYER.near * spacing_mm
         taken = np.flatnonzero(self.parent > -2)
         # All trees hang on one more place, each of theirs by its part of the way.
         first = np.append(layer.first, layer.first[-1] + len(taken))
         to = np.concatenate([layer.to, taken])
-        weight = np.concatenate([cost, self.balance * self.way[taken] + 1e-9])
+        weight = np.concatenate(
+            [cost * np.where(near, LAYER.beside, 1.0), balance * self.way[taken] + 1e-9]
+        )
         graph = csr_matrix((weight, to, first), shape=(count + 1,) * 2)
         costs, before = dijkstra(graph, indices=count, return_predecessors=True)
         return costs[:count], before[:count].astype(np.int64)
 
 
 def cheapest_path(layer: Layer, weight: FloatArray, start: int, end: int) -> IntArray:
-    """Places from ``start`` to ``end`` where each edge's length times ``weight`` (n,) costs least.
+    """Return places of the path whose edges' lengths times ``weight`` (n,) cost least.
 
     An edge's weight is the mean of its ends'.
     """
-    begin = np.repeat(np.arange(len(layer.points)), np.diff(layer.first))
-    cost = layer.length * 0.5 * (weight[begin] + weight[layer.to])
-    graph = csr_matrix((cost, layer.to, layer.first), shape=(len(layer.points),) * 2)
-    before = dijkstra(graph, indices=start, return_predecessors=True)[1]
+    cost = layer.length * 0.5 * (weight[layer.begin] + weight[layer.to])
+    before = dijkstra(layer.graph(cost), indices=start, return_predecessors=True)[1]
     path = [end]
     while path[-1] != start:
         path.append(int(before[path[-1]]))
@@ -220,7 +274,7 @@ def cheapest_path(layer: Layer, weight: FloatArray, start: int, end: int) -> Int
 
 
 def spread_sites(points: FloatArray, count: int, taken: FloatArray) -> IntArray:
-    """So many of ``points`` (n, 3), each as far as can be from the others and from ``taken``."""
+    """Choose so many of ``points`` (n, 3), far from each other and from ``taken`` (k, 3)."""
     away = np.full(len(points), np.inf)
     for place in taken:
         away = np.minimum(away, np.linalg.norm(points - place, axis=1))
@@ -232,39 +286,17 @@ def spread_sites(points: FloatArray, count: int, taken: FloatArray) -> IntArray:
     return np.array(sites, dtype=np.int64)
 
 
-def apart_for(layer: Layer, ends: int) -> float:
-    """Distance of branches at which so many ends cover the layer, mm."""
-    near = cKDTree(layer.points).query(layer.points, 2)[0][:, 1]
-    # A place of a random pattern has its nearest neighbour half the root of its area away.
-    area = len(layer.points) * (2.0 * float(near.mean())) ** 2
-    return 0.62 * float(np.sqrt(area / ends))
-
-
-SMOOTHING_STEPS = 40
-"""Smoothing steps: bends of up to some six places are evened out, larger ones stay."""
-
-
-@dataclass
+@dataclass(frozen=True)
 class TrunkLines:
-    """Trunks as trees of nodes, several in one, parents before their children.
+    """Trunks as trees of nodes, several in one, parents before their children."""
 
-    Attributes
-    ----------
-    points : (n, 3) float64, mm
-    parent : (n,) int64
-        -1 for an inlet.
-    tree : (n,) int64
-    share : (n,) float64
-        Of the tissue's volume that lies nearest to a node or one downstream of it.
-    """
-
-    points: FloatArray
-    parent: IntArray
+    points: FloatArray  # (n, 3), mm
+    parent: IntArray  # -1 for an inlet
     tree: IntArray
-    share: FloatArray
+    share: FloatArray  # of the tissue's volume nearest to a node or one downstream of it
 
     def main_child(self) -> IntArray:
-        """The child of each node with the largest share; -1 at tips."""
+        """Return the child of each node with the largest share; -1 at tips."""
         main = np.full(len(self.parent), -1, dtype=np.int64)
         # Last to be written is the largest; equal ones by number.
         for i in np.argsort(self.share, kind="stable"):
@@ -273,54 +305,48 @@ class TrunkLines:
         return main
 
     def child_count(self) -> IntArray:
-        """How many children each node has."""
+        """Return how many children each node has."""
         below = self.parent[self.parent >= 0]
         return np.bincount(below, minlength=len(self.parent))
 
 
 def lines_of(forest: LayerForest, ostia: dict[int, FloatArray], volume: FloatArray) -> TrunkLines:
-    """The trees' nodes in order, parents first, each tree's ostium before its first place.
+    """Return the trees' nodes in order, parents first, each tree's ostium before its first place.
 
     A place of three children or more is parted into several along its main child's edge.
 
-    Parameters
-    ----------
-    ostia : of each tree's number, (3,) float64, mm
-        Where it enters.
-    volume : (k, 3) float64, mm
-        Points all over the tissue, by which shares are measured.
+    Each tree's number has its ostium (3,), mm; shares are measured by points ``volume`` (k, 3)
+    all over the tissue.
     """
     used = np.flatnonzero(forest.parent > -2)
-    order = used[np.argsort(forest.way[used], kind="stable")]
-    number = np.full(len(forest.parent), -1, dtype=np.int64)
-    first = len(ostia)
-    number[order] = first + np.arange(len(order))
-    up, trees = forest.parent[order], forest.tree[order]
-    enters = np.array([sorted(ostia).index(tree) for tree in trees.tolist()], dtype=np.int64)
     # Parents have shorter ways, so that they stand first.
+    order = used[np.argsort(forest.way[used], kind="stable")]
+    inlets = np.array(sorted(ostia))
+    number = np.full(len(forest.parent), -1, dtype=np.int64)
+    number[order] = len(inlets) + np.arange(len(order))
+    up, trees = forest.parent[order], forest.tree[order]
+    enters = np.searchsorted(inlets, trees)
     lines = TrunkLines(
-        np.concatenate(
-            [np.array([ostia[tree] for tree in sorted(ostia)]), forest.layer.points[order]]
-        ),
-        np.concatenate([np.full(first, -1), np.where(up >= 0, number[np.maximum(up, 0)], enters)]),
-        np.concatenate([np.array(sorted(ostia)), trees]),
-        np.zeros(first + len(order)),
+        np.concatenate([[ostia[tree] for tree in inlets], forest.layer.points[order]]),
+        np.concatenate([np.full(len(inlets), -1), np.where(up >= 0, number[up], enters)]),
+        np.concatenate([inlets, trees]),
+        np.zeros(len(inlets) + len(order)),
     )
     return with_shares(_binary(with_shares(lines, volume)), volume)
 
 
 def with_shares(lines: TrunkLines, volume: FloatArray) -> TrunkLines:
-    """The lines with their shares of ``volume`` (k, 3) measured."""
+    """Return the lines with their shares of ``volume`` (k, 3) measured."""
     own = np.bincount(cKDTree(lines.points).query(volume)[1], minlength=len(lines.points))
     share = own.astype(np.float64)
     for i in range(len(share) - 1, -1, -1):
         if lines.parent[i] >= 0:
             share[lines.parent[i]] += share[i]
-    return TrunkLines(lines.points, lines.parent, lines.tree, share / len(volume))
+    return replace(lines, share=share / len(volume))
 
 
 def _binary(lines: TrunkLines) -> TrunkLines:
-    """Part places of three children or more: all but two move down the main child's edge."""
+    """Return part places of three children or more: all but two move down the main child's edge."""
     main, count = lines.main_child(), lines.child_count()
     points, parent, tree = lines.points.tolist(), lines.parent.copy(), lines.tree.tolist()
     more: list[int] = []
@@ -343,52 +369,58 @@ def _binary(lines: TrunkLines) -> TrunkLines:
 
 
 def in_order(lines: TrunkLines) -> tuple[IntArray, TrunkLines]:
-    """Lines of nodes in any order, put so that parents come before children; and their order."""
+    """Return the order of nodes in which parents come before children, and the lines so put."""
     depth = np.zeros(len(lines.parent), dtype=np.int64)
     above = lines.parent.copy()
     while (above >= 0).any():
         depth += above >= 0
-        above = np.where(above >= 0, lines.parent[np.maximum(above, 0)], -1)
+        above = np.where(above >= 0, lines.parent[above], -1)
     order = np.argsort(depth, kind="stable")
-    number = np.empty(len(order), dtype=np.int64)
-    number[order] = np.arange(len(order))
-    up = lines.parent[order]
-    parent = np.where(up >= 0, number[np.maximum(up, 0)], -1)
-    return order, TrunkLines(lines.points[order], parent, lines.tree[order], lines.share[order])
+    return order, _chosen(lines, order, lines.parent)
 
 
-def without(lines: TrunkLines, gone: NDArray[np.bool_]) -> TrunkLines:
-    """The lines without some nodes; all below these must be among them."""
-    number = np.cumsum(~gone) - 1
-    kept = ~gone
-    parent = np.where(lines.parent[kept] >= 0, number[lines.parent[kept]], -1)
-    return TrunkLines(lines.points[kept], parent, lines.tree[kept], lines.share[kept])
+def without(lines: TrunkLines, gone: BoolArray) -> TrunkLines:
+    """Return the lines without some nodes; all below these must be among them."""
+    return _chosen(lines, np.flatnonzero(~gone), lines.parent)
+
+
+def _chosen(lines: TrunkLines, nodes: IntArray, parent: IntArray) -> TrunkLines:
+    """Return some nodes in their order, each with its ``parent`` (n,) among them."""
+    number = np.full(len(parent) + 1, -1, dtype=np.int64)  # the last one stands for no parent
+    number[nodes] = np.arange(len(nodes))
+    return TrunkLines(
+        lines.points[nodes], number[parent[nodes]], lines.tree[nodes], lines.share[nodes]
+    )
 
 
 def smooth_lines(
     tissue: Tissue,
     lines: TrunkLines,
-    keep: Callable[[FloatArray], FloatArray],
+    depth_mm: FloatArray,
+    exactly: bool = True,
+    zone: Callable[[FloatArray], FloatArray] | None = None,
 ) -> TrunkLines:
     """Even out bends: each node moves halfway to the middle of its parent and main child.
 
-    Parameters
-    ----------
-    keep : function of (n, 3) to (n, 3)
-        Brings nodes back to where they must be: to the layer's depth, or into the tissue.
+    Each time nodes but inlets are brought to a depth (n,), or at least there; and into a zone.
     """
     main = lines.main_child()
     inner = np.flatnonzero((lines.parent >= 0) & (main >= 0))
-    points = lines.points.copy()
-    for _ in range(SMOOTHING_STEPS):
+    points, inlet = lines.points.copy(), lines.parent < 0
+    for _ in range(LAYER.smoothing):
         middle = 0.5 * (points[lines.parent[inner]] + points[main[inner]])
         points[inner] += 0.5 * (middle - points[inner])
-        points = keep(points)
-    return TrunkLines(points, lines.parent, lines.tree, lines.share)
+        for _ in range(2):
+            off = -tissue.grid.distance(points) - depth_mm
+            off = np.where(inlet, 0.0, off if exactly else np.minimum(off, 0.0))
+            points = points + off[:, None] * outward(tissue, points)
+        if zone is not None:
+            points = np.where(inlet[:, None], points, zone(points))
+    return replace(lines, points=points)
 
 
 def thinned(lines: TrunkLines, tolerance_mm: FloatArray) -> TrunkLines:
-    """The lines without nodes that lie within a tolerance (n,) of the straight beside them.
+    """Return the lines without nodes that lie within a tolerance (n,) of the straight beside them.
 
     Inlets, joints and tips stay; of each run between them Douglas and Peucker's points.
     """
@@ -403,33 +435,13 @@ def thinned(lines: TrunkLines, tolerance_mm: FloatArray) -> TrunkLines:
             stays, _ = straighten_line(lines.points[run], float(tolerance_mm[run].min()))
             kept[np.array(run)[stays]] = True
     above = lines.parent.copy()
-    while True:
-        skip = (above >= 0) & ~kept[np.maximum(above, 0)]
-        if not skip.any():
-            break
+    while (skip := (above >= 0) & ~kept[above]).any():
         above[skip] = lines.parent[above[skip]]
-    number = np.cumsum(kept) - 1
-    parent = np.where(above[kept] >= 0, number[np.maximum(above[kept], 0)], -1)
-    return TrunkLines(lines.points[kept], parent, lines.tree[kept], lines.share[kept])
-
-
-def kept_at_depth(
-    tissue: Tissue, depth_mm: FloatArray, fixed: NDArray[np.bool_], exactly: bool = True
-) -> Callable[[FloatArray], FloatArray]:
-    """Function that brings nodes (n, 3) to a depth (n,) below the surface, or at least there."""
-
-    def keep(points: FloatArray) -> FloatArray:
-        for _ in range(2):
-            off = -tissue.grid.distance(points) - depth_mm
-            off = np.where(fixed, 0.0, off if exactly else np.minimum(off, 0.0))
-            points = points + off[:, None] * outward(tissue, points)
-        return points
-
-    return keep
+    return _chosen(lines, np.flatnonzero(kept), above)
 
 
 def outward(tissue: Tissue, points: FloatArray) -> FloatArray:
-    """Directions (n, 3) in which the signed distance rises, unit vectors; 0 where it is flat."""
+    """Return unit vectors (n, 3) in which the signed distance rises; 0 where it is flat."""
     h = tissue.grid.spacing_mm
     slope = np.empty_like(points)
     for axis in range(3):
@@ -443,14 +455,13 @@ def outward(tissue: Tissue, points: FloatArray) -> FloatArray:
 
 
 def trunk_from(lines: TrunkLines, tree: int, root_radius_mm: float) -> Trunk:
-    """One tree of the lines as a trunk: a segment for each node but the inlet."""
+    """Return one tree of the lines as a trunk: a segment for each node but the inlet."""
     mine = np.flatnonzero((lines.tree == tree) & (lines.parent >= 0))
-    number = np.full(len(lines.parent), -1, dtype=np.int64)
-    number[mine] = np.arange(len(mine))
-    parent = number[lines.parent[mine]]
+    own = _chosen(lines, mine, lines.parent)
+    parent = own.parent
     return Trunk(
         np.ascontiguousarray(lines.points[lines.parent[mine]]),
-        np.ascontiguousarray(lines.points[mine]),
+        np.ascontiguousarray(own.points),
         parent,
         children_of(parent),
         np.ones(len(mine)),

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.curves import curved_network
-from design.anatomy.grown import PRESETS, AnatomicTrees, grow_or_advise, uneven_notes
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.liver import LiverAnatomy, grow_liver
+from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, uneven_notes
 from design.errors import LEAST_IN_CORTEX, LEAST_TERMINALS
 from design.network import VesselNetwork
 from design.tissue import Tissue

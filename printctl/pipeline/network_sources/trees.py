@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from design.anatomy.curves import curved_network
-from design.anatomy.fit_apart import KINK, curve_trees, kinks
+from design.anatomy.fit import KINK, Clearance, curve_trees, kinks
 from design.errors import GrowthError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
@@ -103,10 +103,9 @@ def curved(tissue: Tissue, grown: GrownParts, part: GrownNetwork) -> GrownParts:
     GrowthError
         When even the shortest curves have no room.
     """
-    trees, (pairs, outside) = curve_trees(
-        tissue, grown.trees, part.clearance_mm, part.clearance_ratio
-    )
-    if pairs or len(outside):
+    clearance = Clearance(part.clearance_mm, part.clearance_ratio)
+    trees, (pairs, outside) = curve_trees(tissue, grown.trees, clearance)
+    if len(pairs) or len(outside):
         raise GrowthError(
             f"curves: {len(pairs)} pairs of vessels would come nearer than the clearance and "
             f"{len(outside)} pieces leave the tissue; leave curves out, or grow with more "

@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from design.anatomy.fit import Clearance, check_trunks, push_apart
 from design.anatomy.from_trunks import clear_trunks
-from design.anatomy.grown import PRESETS, AnatomicTrees, grow_or_advise, trunk_ends
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.heart_places import _across_rims, find_heart_places
 from design.anatomy.openness import sample_surface
-from design.anatomy.trunk_depth import check_trunks, sink_trunk
+from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of
 from design.errors import (
     LEAST_TERMINALS,
@@ -34,7 +34,7 @@ from tests.design.tissue.kept import kept_tissue
 def grown_with_matches(monkeypatch, sd_then):
     """A heart whose radii are found 2 sd away from the published ones, then so many."""
     matches = iter([PublishedMatch(2.0, 1.1), *(PublishedMatch(sd, 1.0) for sd in sd_then)])
-    monkeypatch.setattr("design.anatomy.main_branches.published_match", lambda *_: next(matches))
+    monkeypatch.setattr("design.anatomy.published_radii.published_match", lambda *_: next(matches))
     few = replace(HEART, terminals=40)
     return grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
 
@@ -56,7 +56,7 @@ def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_ra
 def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     """A heart of 80 mm lost 29 % of its trunks to radii nearer to the published ones."""
     lengths = iter([100.0, 80.0, 80.0, 80.0])
-    monkeypatch.setattr("design.anatomy.main_branches.trunks_mm", lambda _: next(lengths))
+    monkeypatch.setattr("design.anatomy.published_radii.trunks_mm", lambda _: next(lengths))
     made = grown_with_matches(monkeypatch, (0.9,) * 3)
     drops = [tree.pressure_drop_pa for tree in made.trees]
     assert drops == pytest.approx([HEART.pressure_drop_pa] * 2)
@@ -171,10 +171,10 @@ def test_a_trunk_too_wide_for_the_wall_fits_with_the_drop_that_is_advised():
     """Fewer terminals were advised, which leave the trunk as wide as it is."""
     tissue, wide = kept_tissue(block((60.0, 20.0, THICK))), trunk(WIDE_PA)
     assert 0.5 * THICK - CLEARANCE < tree_radii(wide)[0] < 0.5 * THICK + CLEARANCE
-    sunk = sink_trunk(tissue, wide, CLEARANCE)
+    pushed = push_apart(tissue, (wide,), Clearance(CLEARANCE, 0.0))
     everywhere = np.arange(1, len(wide.parent))
     with pytest.raises(WideTrunkError, match=r"room for 2\.\d+ mm") as refused:
-        check_trunks(tissue, (sunk,), everywhere, CLEARANCE)
+        check_trunks(tissue, pushed, everywhere, CLEARANCE)
     thinner = trunk(WIDE_PA * refused.value.drop_factor)
     assert tree_radii(thinner)[0] < 0.5 * THICK - CLEARANCE
     assert refused.value.drop_factor < 3.0

@@ -8,17 +8,13 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from design.anatomy import cortex as cortex_template
-from design.anatomy import heart as heart_template
-from design.anatomy import kidney as kidney_template
-from design.anatomy import liver as liver_template
 from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.curves import curved_network
-from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, find_kidney_places, grow_kidney
 from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.openness import sample_surface
+from design.anatomy.organ import AnatomicTrees, Survey
 from design.anatomy.trunk_lines import outward
 from design.errors import GrowthError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
@@ -45,8 +41,7 @@ def sampled_once(tissue, *said, **named):
 
 @pytest.fixture(autouse=True)
 def _samples_are_shared(monkeypatch):
-    for template in (cortex_template, heart_template, kidney_template, liver_template):
-        monkeypatch.setattr(template, "sample_surface", sampled_once)
+    monkeypatch.setattr("design.anatomy.organ.sample_surface", sampled_once)
 
 
 @cache
@@ -286,7 +281,7 @@ def test_a_closed_cavity_is_no_hilum():
     sick = with_shell(trimesh.Trimesh(shape.vertices, shape.faces), cyst)
     samples = sample_surface(sick, 3000, cavities=False)
     volume, _ = demand_points(sick, 3000, 1)
-    places = find_kidney_places(sick, samples, volume)
+    places = find_kidney_places(Survey(sick, samples, volume, 6, {}))
     np.testing.assert_allclose(places.hilum, [-1.0, 0.0, 0.0], atol=0.05)
 
 
