@@ -111,9 +111,8 @@ def take_picture(
     motion = read_record(record) if record else NO_MOTION
     seed = _seed(look, motion)
     ink = ink_of_record(motion, faults, file.laid)
-    tip = motion.end[-1] if len(motion) else None
     with keep_freed_memory():
-        picture = paint(ink, file.camera, file.scene, seed, tip_mm=tip, folder=camera.parent)
+        picture = paint(ink, file.camera, file.scene, seed)
 
     def write(path: Path) -> None:
         # Less packed, in a third of the time.

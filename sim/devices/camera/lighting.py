@@ -1,4 +1,4 @@
-"""Compute the light from the dish: bath and ink colours by depth, shaded ridges, glints."""
+"""Compute the light from the dish: bath and ink colours by depth, shaded ridges."""
 
 from __future__ import annotations
 
@@ -14,16 +14,12 @@ from sim.devices.camera.plan import Plan
 from sim.devices.camera.scene import Bath, InkLook, Light, Scene, Sensor
 
 SingleArray = NDArray[np.float32]
-_COARSE: Final = 4
-"""Glints are worked out at every so many pixels."""
-_LIFT_MM: Final = 0.2
-"""Depth at which a ridge lifts the surface over it by 1/e."""
 _SMOOTH_PX: Final = 1.2
 """Of the crest before its slope is taken: what light makes of a ridge has no corners."""
 
 
 def lit(ink: InkMap, plan: Plan, scene: Scene, ground: Plan) -> SingleArray:
-    """Light that comes from the plane, without glints, grey levels, (rows, columns, 3 or 1).
+    """Light that comes from the plane, grey levels, (rows, columns, 3 or 1).
 
     ``ground`` is where the bath's granules lie.
     """
@@ -43,33 +39,6 @@ def lit(ink: InkMap, plan: Plan, scene: Scene, ground: Plan) -> SingleArray:
     out *= (1 + grain * (1 - 0.5 * share))[..., None]
     out *= _unevenness(plan, scene.light)[..., None]
     return out
-
-
-def glints(ink: InkMap, plan: Plan, light: Light, seed: int) -> SingleArray | None:
-    """Glare of the wet surface, grey levels, (rows, columns); None for none.
-
-    The surface's slope is that of seeded waves and of the ink's ridges under it; where it throws
-    the lamp's light into the camera it glints.
-    """
-    if light.glare == 0:
-        return None
-    wave = waves(plan, light.wave_mm, seed, _COARSE)
-    pitch = plan.pitch_mm * _COARSE
-    slope_y, slope_x = (np.asarray(s, np.float32) for s in np.gradient(wave, pitch / light.wave_mm))
-    ridge = _ridge_slope(ink, plan, wave.shape)
-    slope_x, slope_y = slope_x + ridge[0], slope_y + ridge[1]
-    towards = _direction(light.azimuth_deg)
-    # What throws the light into the camera changes slowly over the field.
-    rows, columns = wave.shape
-    y, x = np.mgrid[0:rows, 0:columns].astype(np.float32)
-    wanted_x = -1.2 * towards[0] + 0.8 * (x / columns - 0.5)
-    wanted_y = -1.2 * towards[1] + 0.8 * (y / rows - 0.5)
-    off = (slope_x - wanted_x) ** 2 + (slope_y - wanted_y) ** 2
-    spots = 255 * light.glare * np.exp(-off / (2 * light.glare_spread**2))
-    step = np.array([[1 / _COARSE, 0, 0], [0, 1 / _COARSE, 0]])
-    size = (plan.shape[1], plan.shape[0])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(spots.astype(np.float32), step, size, flags=flags))
 
 
 def _grain(plan: Plan, bath: Bath, seed: int) -> SingleArray:
@@ -110,19 +79,6 @@ def _slopes(crest: SingleArray, pitch_mm: float) -> tuple[SingleArray, SingleArr
     )
 
 
-def _ridge_slope(
-    ink: InkMap, plan: Plan, shape: tuple[int, ...]
-) -> tuple[SingleArray, SingleArray]:
-    rows, columns = shape
-    # Ink deep in the bath doesn't lift its surface.
-    cover = plan.z_mm - np.nan_to_num(ink.crest_mm, nan=plan.z_mm)
-    lifted = ink.thick_mm * np.exp(-np.maximum(cover, 0) / np.float32(_LIFT_MM))
-    small = cv2.resize(lifted, (columns, rows), interpolation=cv2.INTER_AREA)
-    small = cv2.GaussianBlur(small, (0, 0), 1.0)
-    slope_y, slope_x = np.gradient(small, plan.pitch_mm * _COARSE)
-    return slope_x.astype(np.float32), slope_y.astype(np.float32)
-
-
 def _unevenness(plan: Plan, light: Light) -> SingleArray:
     """Light over the field: brighter towards the lamp, and about a soft middle of its own."""
     rows, columns = plan.shape
@@ -141,7 +97,7 @@ def _direction(azimuth_deg: float) -> tuple[float, float]:
     return float(np.cos(angle)), float(np.sin(angle))
 
 
-# Blur, vignetting, noise, gamma and compression: from light on the sensor to a picture.
+# Blur, vignetting, noise and gamma: from light on the sensor to a picture.
 
 ByteArray = NDArray[np.uint8]
 _WHITE: Final = 255.0
@@ -155,38 +111,15 @@ def exposed(light: SingleArray, sensor: Sensor, generator: np.random.Generator) 
     light : (h, w, 3 or 1) float32
         Red, green, blue, or grey alone; grey levels.
     """
-    blurred = _moved(light, sensor.motion_px)
+    blurred = light
     if sensor.blur_px > 0:
-        blurred = cv2.GaussianBlur(blurred, (0, 0), sensor.blur_px)
+        blurred = cv2.GaussianBlur(light, (0, 0), sensor.blur_px)
     blurred = blurred.reshape(light.shape)[..., ::-1]
     blurred = blurred * _vignette(light.shape[:2], sensor.vignetting)
     picture = _counted(blurred, sensor, generator)
     if sensor.mono:
         picture = picture[..., 0]
-    if sensor.jpeg_quality is not None:
-        quality = [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg_quality]
-        packed = cv2.imencode(".jpg", picture, quality)[1]
-        picture = np.asarray(cv2.imdecode(packed, cv2.IMREAD_UNCHANGED), np.uint8)
     return picture
-
-
-def _moved(light: SingleArray, way_px: tuple[float, float]) -> SingleArray:
-    """Smeared evenly along a straight way."""
-    long = float(np.hypot(*way_px))
-    if long < 1e-6:
-        return light
-    steps = max(2, int(np.ceil(2 * long)) + 1)
-    half = int(np.ceil(long / 2)) + 1
-    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
-    for share in np.linspace(-0.5, 0.5, steps):
-        x, y = half + share * way_px[0], half + share * way_px[1]
-        i, j = int(np.floor(x)), int(np.floor(y))
-        u, v = x - i, y - j
-        kernel[j, i] += (1 - u) * (1 - v)
-        kernel[j, i + 1] += u * (1 - v)
-        kernel[j + 1, i] += (1 - u) * v
-        kernel[j + 1, i + 1] += u * v
-    return np.asarray(cv2.filter2D(light, -1, kernel / kernel.sum()))
 
 
 def _vignette(shape: tuple[int, ...], fall: float) -> SingleArray:
@@ -212,7 +145,7 @@ def _counted(light: SingleArray, sensor: Sensor, generator: np.random.Generator)
     return np.ascontiguousarray(np.round(light, out=light).astype(np.uint8))
 
 
-# Texture of a granular bath and waves of its surface: seeded noise that lies still in the dish.
+# Texture of a granular bath: seeded noise that lies still in the dish.
 
 _TILE: Final = 1024
 _PER_GRAIN: Final = 3.0
@@ -235,17 +168,6 @@ def granules(plan: Plan, granule_mm: float, seed: int) -> SingleArray:
             tile = (tile - tile.mean()) / tile.std()
         out += np.float32(share) * _laid_out(tile, plan, granule_mm * size)
     return out / np.float32(np.sqrt(sum(share**2 for _, share in _OCTAVES)))
-
-
-def waves(plan: Plan, size_mm: float, seed: int, step: int) -> SingleArray:
-    """Height of a wavy surface about 0, standard deviation 1, at every `step`-th pixel."""
-    rows, columns = (count // step + 2 for count in plan.shape)
-    coarse = Plan(
-        plan.camera, plan.z_mm, plan.index, plan.origin_mm, plan.pitch_mm * step, (rows, columns)
-    )
-    surface = _laid_out(_noise_tile(seed, len(_OCTAVES)), coarse, size_mm)
-    # A bend at every texel would be seen in a glint.
-    return cv2.GaussianBlur(surface, (0, 0), max(0.8, 0.6 * size_mm / _PER_GRAIN / coarse.pitch_mm))
 
 
 @lru_cache(maxsize=8)

@@ -1,4 +1,4 @@
-"""Settings of a simulated picture besides the ink: bath, light, glare, bubbles, marks, sensor.
+"""Settings of a simulated picture besides the ink: bath, light, sensor.
 
 Grey levels are 0 to 255, of linear light before the sensor's gamma; colours are red, green, blue.
 """
@@ -16,7 +16,6 @@ Colour = tuple[Grey, Grey, Grey]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Angle = Annotated[float, Field(ge=-360, le=360)]
-Place = tuple[float, float, float]
 
 
 class SceneFacts(BaseModel):
@@ -75,7 +74,7 @@ class InkLook(SceneFacts):
 
 
 class Light(SceneFacts):
-    """Light from one side, with glare on the wet surface.
+    """Light from one side.
 
     Attributes
     ----------
@@ -83,79 +82,10 @@ class Light(SceneFacts):
         Where it comes from (0 is +x, 90 is +y).
     uneven : float
         Fall across the field, of 1.
-    glare : float
-        Brightest glints, of white; 0 for none.
-    glare_spread : float
-        Share of the surface's slopes that throw a glint, about.
-    wave_mm : float, mm
-        Size of the surface's waves.
     """
 
     azimuth_deg: Angle = 135.0
     uneven: Annotated[float, Field(ge=0, le=0.9)] = 0.15
-    glare: Annotated[float, Field(ge=0, le=4)] = 0.0
-    glare_spread: Annotated[float, Field(gt=0, le=1)] = 0.15
-    wave_mm: Annotated[float, Field(ge=0.2, le=50)] = 3.0
-
-
-class Clutter(SceneFacts):
-    """Bubbles in the bath, and fibres and specks on it, at random places in the field."""
-
-    bubbles_per_cm2: Annotated[float, Field(ge=0, le=1000)] = 0.0
-    bubble_mm: Annotated[float, Field(gt=0, le=10)] = 0.3
-    debris_per_cm2: Annotated[float, Field(ge=0, le=1000)] = 0.0
-    debris_mm: Annotated[float, Field(gt=0, le=20)] = 0.6
-
-
-class NeedleLook(SceneFacts):
-    """Needle in the view.
-
-    Attributes
-    ----------
-    outer_mm : float, mm
-    tip_mm : (x, y, z), mm, or None
-        None where the record ends.
-    brightness : grey level
-    defocus_px : float
-    """
-
-    outer_mm: Annotated[float, Field(gt=0, le=10)]
-    tip_mm: Place | None = None
-    brightness: Grey = 120.0
-    defocus_px: Annotated[float, Field(ge=0, le=200)] = 3.0
-
-
-class Marker(SceneFacts):
-    """ArUco marker lying flat: the number, centre, side of the black square, turn about +z.
-
-    At 0 its upper left corner is the one with least x and most y. A white rim of a seventh lies
-    around it.
-    """
-
-    number: Annotated[int, Field(ge=0, le=1023)]
-    centre_mm: Place
-    side_mm: Positive
-    turn_deg: Angle = 0.0
-    dictionary: str = "4X4_50"
-
-
-class Picture(SceneFacts):
-    """Picture file (a board, a dish insert) lying on a plane.
-
-    `corners_mm` are of its upper left, upper right, lower right and lower left corner.
-    """
-
-    file: str
-    corners_mm: tuple[Place, Place, Place, Place]
-
-
-class Dish(SceneFacts):
-    """Round dish: outside of it lies the table."""
-
-    centre_mm: Place
-    inner_mm: Positive
-    wall_mm: Positive = 1.5
-    table_colour: Colour = (60, 60, 62)
 
 
 class Sensor(SceneFacts):
@@ -165,8 +95,6 @@ class Sensor(SceneFacts):
     ----------
     blur_px : float
         Standard deviation of the point spread.
-    motion_px : (x, y)
-        Way of the picture during the exposure.
     vignetting : float
         Fall of the light to the farthest corner, of 1.
     full_well : float, electrons
@@ -174,21 +102,15 @@ class Sensor(SceneFacts):
     read_noise : float, grey levels
     gamma : float
         2.2 for a picture made to be looked at; 1 for linear.
-    jpeg_quality : int or None
-        None for no compression.
     mono : bool
         Grey, (h, w).
     """
 
     blur_px: Annotated[float, Field(ge=0, le=50)] = 0.8
-    motion_px: tuple[
-        Annotated[float, Field(ge=-200, le=200)], Annotated[float, Field(ge=-200, le=200)]
-    ] = (0.0, 0.0)
     vignetting: Annotated[float, Field(ge=0, le=0.95)] = 0.1
     full_well: Annotated[float, Field(ge=100, le=1e6)] = 10_000.0
     read_noise: Annotated[float, Field(ge=0, le=50)] = 0.8
     gamma: Annotated[float, Field(ge=0.3, le=3)] = 1.0
-    jpeg_quality: Annotated[int, Field(ge=10, le=100)] | None = None
     mono: bool = False
 
 
@@ -198,11 +120,6 @@ class Scene(SceneFacts):
     bath: Bath = Bath()
     ink: InkLook = InkLook()
     light: Light = Light()
-    clutter: Clutter = Clutter()
-    needle: NeedleLook | None = None
-    markers: Annotated[tuple[Marker, ...], Field(max_length=1000)] = ()
-    pictures: Annotated[tuple[Picture, ...], Field(max_length=100)] = ()
-    dish: Dish | None = None
     sensor: Sensor = Sensor()
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
 
