@@ -16,8 +16,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family, meanings
 from firmware_profiles.load import DATA
 from printctl.checks.gate.rules import rules
-from sim.family_parts import family_part
-from sim.gcode.reading.words import accepted_letters
+from sim.gcode.reading.line import accepted_letters, family_part
 
 NAME = "sixthware"
 FACTS = '''

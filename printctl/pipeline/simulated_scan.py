@@ -24,8 +24,13 @@ from sim.devices.scanner import (
     simulate_oct,
 )
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
-from sim.gcode.deposit.lay import Deposit, deposit, deposit_of_heads, unite_deposits
-from sim.gcode.deposit.pneumatic import pneumatic_deposit
+from sim.gcode.deposit.lay import (
+    Deposit,
+    deposit,
+    deposit_of_heads,
+    pneumatic_deposit,
+    unite_deposits,
+)
 from sim.gcode.motion.executed import ExecutedMotion
 
 MAX_SCAN_MB: Final = 1000.0

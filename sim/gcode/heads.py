@@ -21,8 +21,7 @@ from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import Program, code, parse_line
 from sim.gcode.program.modal import DWELL, MOVE, SET_POSITION, TOOL
 from sim.gcode.program.read_program import read_written
-from sim.gcode.reading.line import Finding, NamedCommand
-from sim.gcode.reading.words import output_of
+from sim.gcode.reading.line import Finding, NamedCommand, output_of
 
 # Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
 #

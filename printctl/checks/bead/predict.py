@@ -20,7 +20,7 @@ from printctl.errors import UsageError
 from sim.gcode.bead import Bead, advance_of, cut, nozzle_of, predict_bead
 from sim.gcode.bead.flow import median_flow
 from sim.gcode.deposit.lay import Style
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.heads import as_plunger, flowing
 from sim.gcode.motion.executed import ExecutedMotion

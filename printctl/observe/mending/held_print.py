@@ -20,7 +20,7 @@ from sim.gcode.deposit.written import level_areas, level_heights, written_levels
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written
-from sim.gcode.reading.comments import declared_start
+from sim.gcode.reading.file import declared_start
 
 
 class MendError(PrintctlError):

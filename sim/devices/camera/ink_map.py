@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from firmware_profiles.bead import BeadSection
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
-from sim.devices.camera.plan import Plan
+from sim.devices.camera.optics import Plan
 from sim.devices.camera.scene import Bath, InkLook
 from sim.gcode.deposit.lay import Laid
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 
 SingleArray = NDArray[np.float32]
 _FAINT: Final = 0.02

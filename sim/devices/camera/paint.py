@@ -21,21 +21,208 @@ thicknesses add up. Refraction moves places, and its scale is that straight belo
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
+from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from sim.devices.camera.ink_map import ink_map
-from sim.devices.camera.lighting import exposed, lit
-from sim.devices.camera.optics import Camera
-from sim.devices.camera.plan import Plan
-from sim.devices.camera.scene import Scene
+from sim.devices.camera.ink_map import InkMap, ink_map
+from sim.devices.camera.optics import Camera, Plan
+from sim.devices.camera.scene import Bath, InkLook, Light, Scene, Sensor
 from sim.devices.recorded_ink import InkSource
 from sim.errors import CameraError
 from sim.gcode.deposit.lay import Laid
 from sim.user_files import read_model
+
+# Compute the light from the dish: bath and ink colours by depth, shaded ridges.
+
+SingleArray = NDArray[np.float32]
+_SMOOTH_PX: Final = 1.2
+"""Of the crest before its slope is taken: what light makes of a ridge has no corners."""
+
+
+def lit(ink: InkMap, plan: Plan, scene: Scene, ground: Plan) -> SingleArray:
+    """Light that comes from the plane, grey levels, (rows, columns, 3 or 1).
+
+    ``ground`` is where the bath's granules lie.
+    """
+    bath = scene.bath
+    grain = _grain(ground, bath, scene.seed)
+    through = np.exp(-np.float32(scene.ink.density_per_mm) * ink.thick_mm)
+    # The bath over the ink throws light of its own between the ink and the camera.
+    clear = _clearness(ink, bath)
+    shade = _shade(ink, plan, scene.ink, scene.light)
+    share = (1 - through) * clear
+    lit_ink = share * shade
+    colours = list(zip(scene.shades(bath.colour), scene.shades(scene.ink.colour), strict=True))
+    out = np.empty((*plan.shape, len(colours)), np.float32)
+    for k, (under, over) in enumerate(colours):
+        out[..., k] = np.float32(under) * (1 - share) + np.float32(over) * lit_ink
+    # Granules show on the bath, and less through the ink.
+    out *= (1 + grain * (1 - 0.5 * share))[..., None]
+    out *= _unevenness(plan, scene.light)[..., None]
+    return out
+
+
+def _grain(plan: Plan, bath: Bath, seed: int) -> SingleArray:
+    # Grains finer than a pixel are averaged in it.
+    kept = min(1.0, bath.granule_mm / plan.pitch_mm)
+    return np.float32(bath.texture * kept) * granules(plan, bath.granule_mm, seed)
+
+
+def _clearness(ink: InkMap, bath: Bath) -> SingleArray:
+    """Share of the ink's light that the bath over it lets through."""
+    if bath.surface_z_mm is None:
+        return np.ones_like(ink.thick_mm)
+    cover = np.float32(bath.surface_z_mm) - np.nan_to_num(ink.crest_mm, nan=bath.surface_z_mm)
+    return np.exp(np.float32(-2 * bath.turbidity_per_mm) * np.maximum(cover, 0))
+
+
+def _shade(ink: InkMap, plan: Plan, look: InkLook, light: Light) -> SingleArray:
+    """Brightness of the ink by its slope, 1 where it is level."""
+    slope_x, slope_y = _slopes(ink.crest_mm, plan.pitch_mm)
+    towards = _direction(light.azimuth_deg)
+    facing = -(slope_x * towards[0] + slope_y * towards[1])
+    steep = slope_x**2 + slope_y**2
+    shade = 1 + look.relief * np.tanh(facing) - look.edge * steep / (1 + steep)
+    return np.maximum(shade, 0.05).astype(np.float32)
+
+
+def _slopes(crest: SingleArray, pitch_mm: float) -> tuple[SingleArray, SingleArray]:
+    """Slope of the crest along x and y; where there is no ink it is as high as its lowest."""
+    level = crest
+    if np.isnan(crest).any():
+        known = crest[np.isfinite(crest)]
+        level = np.nan_to_num(crest, nan=float(known.min()) if len(known) else 0.0)
+    smooth = cv2.GaussianBlur(level, (0, 0), _SMOOTH_PX)
+    scale = 1 / (8 * pitch_mm)
+    return (
+        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=scale)),
+        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=scale)),
+    )
+
+
+def _unevenness(plan: Plan, light: Light) -> SingleArray:
+    """Light over the field: brighter towards the lamp, and about a soft middle of its own."""
+    rows, columns = plan.shape
+    target = plan.camera.target_mm
+    half = max(rows, columns) * plan.pitch_mm / 2
+    x = ((plan.origin_mm[0] + plan.pitch_mm * np.arange(columns) - target[0]) / half).astype("f4")
+    y = ((plan.origin_mm[1] + plan.pitch_mm * np.arange(rows) - target[1]) / half).astype("f4")
+    towards = _direction(light.azimuth_deg)
+    along = x[None, :] * towards[0] + y[:, None] * towards[1]
+    off = (x[None, :] - 0.3 * towards[0]) ** 2 + (y[:, None] - 0.3 * towards[1]) ** 2
+    return np.asarray(np.clip(1 + light.uneven * (0.6 * along - 0.4 * off), 0.05, None), np.float32)
+
+
+def _direction(azimuth_deg: float) -> tuple[float, float]:
+    angle = np.radians(azimuth_deg)
+    return float(np.cos(angle)), float(np.sin(angle))
+
+
+# Blur, vignetting, noise and gamma: from light on the sensor to a picture.
+
+ByteArray = NDArray[np.uint8]
+_WHITE: Final = 255.0
+
+
+def exposed(light: SingleArray, sensor: Sensor, generator: np.random.Generator) -> ByteArray:
+    """Take a picture: (h, w, 3), blue, green, red, or (h, w) of a sensor without colours.
+
+    Parameters
+    ----------
+    light : (h, w, 3 or 1) float32
+        Red, green, blue, or grey alone; grey levels.
+    """
+    blurred = light
+    if sensor.blur_px > 0:
+        blurred = cv2.GaussianBlur(light, (0, 0), sensor.blur_px)
+    blurred = blurred.reshape(light.shape)[..., ::-1]
+    blurred = blurred * _vignette(light.shape[:2], sensor.vignetting)
+    picture = _counted(blurred, sensor, generator)
+    if sensor.mono:
+        picture = picture[..., 0]
+    return picture
+
+
+def _vignette(shape: tuple[int, ...], fall: float) -> SingleArray:
+    rows, columns = shape
+    most = ((rows / 2) ** 2 + (columns / 2) ** 2) / fall if fall else np.inf
+    y = ((np.arange(rows) - (rows - 1) / 2) ** 2 / most).astype(np.float32)
+    x = ((np.arange(columns) - (columns - 1) / 2) ** 2 / most).astype(np.float32)
+    factor = (1 - y)[:, None] - x[None, :]
+    return factor[..., None]
+
+
+def _counted(light: SingleArray, sensor: Sensor, generator: np.random.Generator) -> ByteArray:
+    """Shot and read noise, the sensor's limit, gamma, 8 bits."""
+    np.clip(light, 0, 4 * _WHITE, out=light)
+    noise = light * np.float32(_WHITE / sensor.full_well)
+    noise += np.float32(sensor.read_noise**2)
+    np.sqrt(noise, out=noise)
+    noise *= generator.standard_normal(light.shape, dtype=np.float32)
+    light += noise
+    np.clip(light, 0, _WHITE, out=light)
+    if sensor.gamma != 1:
+        light = _WHITE * (light / _WHITE) ** np.float32(1 / sensor.gamma)
+    return np.ascontiguousarray(np.round(light, out=light).astype(np.uint8))
+
+
+# Texture of a granular bath: seeded noise that lies still in the dish.
+
+_TILE: Final = 1024
+_PER_GRAIN: Final = 3.0
+"""Texels of a tile in a grain."""
+_OCTAVES: Final = ((1.0, 0.6), (2.7, 0.5), (8.3, 0.45), (31.0, 0.4))
+"""Size over the finest granule, and its share; no two sizes have a common measure, so that no
+tile's repetition shows."""
+_MAGNIFIED: Final = 0.2
+"""Texels a pixel below which straight lines between them would be seen."""
+
+
+def granules(plan: Plan, granule_mm: float, seed: int) -> SingleArray:
+    """Brightness of a granular bath about 0, standard deviation 1, (rows, columns)."""
+    out = np.zeros(plan.shape, np.float32)
+    for number, (size, share) in enumerate(_OCTAVES):
+        tile = _noise_tile(seed, number)
+        if number == 0:
+            # Granules have edges: bright bodies with dark seams between them.
+            tile = np.abs(tile)
+            tile = (tile - tile.mean()) / tile.std()
+        out += np.float32(share) * _laid_out(tile, plan, granule_mm * size)
+    return out / np.float32(np.sqrt(sum(share**2 for _, share in _OCTAVES)))
+
+
+@lru_cache(maxsize=8)
+def _noise_tile(seed: int, number: int) -> SingleArray:
+    """Smooth noise without seams at its rim, standard deviation 1."""
+    drawn = np.random.default_rng((seed, 7, number)).standard_normal((_TILE, _TILE), np.float32)
+    sigma, pad = _PER_GRAIN / 2.5, 8
+    wide = np.pad(drawn, pad, mode="wrap")
+    smooth = cv2.GaussianBlur(wide, (0, 0), sigma)[pad:-pad, pad:-pad]
+    return np.ascontiguousarray(smooth / smooth.std(), dtype=np.float32)
+
+
+def _laid_out(tile: SingleArray, plan: Plan, grain_mm: float) -> SingleArray:
+    """A tile over the plan, again and again, by the printer's coordinates."""
+    texel = grain_mm / _PER_GRAIN
+    scale = plan.pitch_mm / texel
+    x, y = np.mod(plan.origin_mm / texel, _TILE)
+    rows, columns = plan.shape
+    between = cv2.INTER_CUBIC if scale < _MAGNIFIED else cv2.INTER_LINEAR
+    return np.asarray(
+        cv2.warpAffine(
+            tile,
+            np.array([[scale, 0, x], [0, scale, y]]),
+            (columns, rows),
+            flags=between | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_WRAP,
+        )
+    )
 
 
 def paint(ink: Laid, camera: Camera, scene: Scene, seed: int) -> NDArray[np.uint8]:

@@ -35,8 +35,17 @@ from pydantic import Field
 from kernels import pjit
 from kernels.arrays import FloatArray
 from sim.devices.recorded_ink import InkBox
-from sim.devices.scanner.placing import Placing, ScannerOutput, check_range, place, voxel_counts
-from sim.devices.scanner.sampling import blurred, index_map, lookup, random_bits
+from sim.devices.scanner.placing import (
+    Placing,
+    ScannerOutput,
+    blurred,
+    check_range,
+    index_map,
+    lookup,
+    place,
+    random_bits,
+    voxel_counts,
+)
 from sim.errors import ScannerError
 from sim.gcode.deposit.lay import Deposit, Laid, deposit_of_laid
 from sim.user_files import read_model

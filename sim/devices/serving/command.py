@@ -13,10 +13,9 @@ from firmware_profiles import Printer, ProfileError, load
 from sim.devices.families.registry import simulated_printer
 from sim.devices.faults import Fault, FaultFile, FaultyCable, Pace, load_faults, parse_fault
 from sim.devices.serving.job_lines import JobLines
-from sim.devices.serving.ports import Port, PtyPort, TcpPort
-from sim.devices.serving.serve import Server, Serving
+from sim.devices.serving.serve import Port, PtyPort, Server, Serving, TcpPort
 from sim.errors import ServeError, SimError
-from sim.gcode.motion.hardware import Board
+from sim.gcode.motion.state import Board
 from sim.gcode.program.gcode import checksum
 
 

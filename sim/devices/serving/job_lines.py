@@ -21,7 +21,7 @@ from firmware_profiles import Printer
 from sim.errors import LineError
 from sim.gcode.reading import read_line
 from sim.gcode.reading.file import read_file
-from sim.gcode.reading.sent_line import plunger_count, with_flow
+from sim.gcode.reading.read import plunger_count, with_flow
 
 _NUMBERED: Final = re.compile(rb"(?:N\d+ *)?(.*?) *(?:\*\d*)?$", re.DOTALL)
 _BEGINS: Final = re.compile(rb"(?:N-?\d+ *)?M0*110(?!\d)")

@@ -8,7 +8,6 @@ Goes in: executed motion, an ink, a needle. Comes out: where ink lies, and how t
 `predict.py`.
 """
 
-from sim.gcode.bead.bath import Drag, FilamentHold, Trail, crevice, drag, settling, swell
 from sim.gcode.bead.flow import (
     Advance,
     Nozzle,
@@ -19,7 +18,18 @@ from sim.gcode.bead.flow import (
     nozzle_flow,
     nozzle_of,
 )
-from sim.gcode.bead.predict import Bead, bead_deposit, predict_bead
+from sim.gcode.bead.predict import (
+    Bead,
+    Drag,
+    FilamentHold,
+    Trail,
+    bead_deposit,
+    crevice,
+    drag,
+    predict_bead,
+    settling,
+    swell,
+)
 
 __all__ = [
     "Advance",

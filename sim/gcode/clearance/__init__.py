@@ -5,8 +5,8 @@ with `check.py`.
 """
 
 from sim.errors import ClearanceError
-from sim.gcode.clearance.bodies import NeedleBody
 from sim.gcode.clearance.check import Clearance, ShaftContact, check_clearance
+from sim.gcode.clearance.kernels import NeedleBody
 from sim.gcode.clearance.motion import KINDS, LineSources, NeedleMotion, motion_of
 from sim.gcode.clearance.network import DesignedOverlap, WrittenNetwork
 

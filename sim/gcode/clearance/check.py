@@ -32,8 +32,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import ClearanceError
-from sim.gcode.clearance.bodies import Ink, Joints, NeedleBody, Tips
-from sim.gcode.clearance.kernels import FOUND, search, squares_of
+from sim.gcode.clearance.kernels import FOUND, Ink, Joints, NeedleBody, Tips, search, squares_of
 from sim.gcode.clearance.motion import (
     KINDS,
     LIFT,

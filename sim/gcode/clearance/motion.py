@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import ClearanceError
-from sim.gcode.clearance.bodies import Ink, Tips
+from sim.gcode.clearance.kernels import Ink, Tips
 from sim.gcode.clearance.network import WrittenNetwork
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.modal import MOVE

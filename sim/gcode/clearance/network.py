@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import ClearanceError
-from sim.gcode.clearance.bodies import Joints
+from sim.gcode.clearance.kernels import Joints
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

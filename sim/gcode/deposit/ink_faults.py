@@ -35,8 +35,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from sim.gcode.deposit.strands import Strands
-from sim.gcode.deposit.written import Layering
+from sim.gcode.deposit.written import Layering, Strands
 
 PURGE_RATIO: Final = 2.0
 LEAST_PURGE_UL: Final = 0.02

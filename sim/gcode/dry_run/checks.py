@@ -13,7 +13,7 @@ from firmware_profiles.families.grammar import Meaning
 from kernels.arrays import FloatArray
 from sim.errors import LineError
 from sim.gcode.heads import head_findings
-from sim.gcode.motion.stepper import LEAST_RATE
+from sim.gcode.motion.planner import LEAST_RATE
 from sim.gcode.program.gcode import NO_COMMAND, Program, code_name
 from sim.gcode.program.modal import BAD, HOME, MOVE
 from sim.gcode.reading.file import kinds_of

@@ -13,7 +13,6 @@ from firmware_profiles import Printer
 from firmware_profiles.families.pairing import Pairing
 from kernels import jit
 from kernels.arrays import FloatArray
-from sim.gcode.motion.hardware import BLOCK_S, CORNER_S, TRAPEZOID_S, Board
 from sim.gcode.motion.planner import (
     add_move,
     main_share,
@@ -22,7 +21,16 @@ from sim.gcode.motion.planner import (
     set_axis,
     take_head,
 )
-from sim.gcode.motion.state import LOG, Records, new_planner, new_ring
+from sim.gcode.motion.state import (
+    BLOCK_S,
+    CORNER_S,
+    LOG,
+    TRAPEZOID_S,
+    Board,
+    Records,
+    new_planner,
+    new_ring,
+)
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
 

@@ -2,7 +2,7 @@
 
 `read_gcode` takes a whole file in one compiled pass (about a million lines a second) and gives
 moves with all modal state resolved; `parse_line` takes one line for those who answer it. Both
-rest on the same two kernels, `sim.gcode.program.words.split_words` and
+rest on the same two kernels, `sim.gcode.program.modal.split_words` and
 `sim.gcode.program.modal.interpret`.
 
 Read are G0 to G4 (arcs in the xy plane, cut into segments), G20, G21, G28, G90 to G92, M82, M83,
@@ -30,6 +30,7 @@ from sim.gcode.program.modal import (
     MODAL,
     MOVE,
     SET_POSITION,
+    WORDS,
     arc_is_sound,
     arc_points,
     dwell_s,
@@ -37,8 +38,8 @@ from sim.gcode.program.modal import (
     interpret,
     new_modal,
     speed,
+    split_words,
 )
-from sim.gcode.program.words import WORDS, split_words
 from sim.user_files import text_of
 
 NO_COMMAND: Final = 0
@@ -261,7 +262,7 @@ def read_gcode(
 
 @jit
 def split_line(text: bytes, words: Records) -> None:
-    """`sim.gcode.program.words.split_words` of a whole line, into (1,) of `WORDS`."""
+    """`sim.gcode.program.modal.split_words` of a whole line, into (1,) of `WORDS`."""
     split_words(text, 0, len(text), words[0])
 
 

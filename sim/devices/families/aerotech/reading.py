@@ -30,8 +30,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from sim.errors import GcodeError
-from sim.gcode.reading.line import NOTHING, NamedCommand, TranslatedProgram
-from sim.gcode.reading.words import output_of
+from sim.gcode.reading.line import NOTHING, NamedCommand, TranslatedProgram, output_of
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
 _DWELL: Final = re.compile(rb"(?:G0?4\s+P|DWELL\s+)(" + _NUMBER + rb")", re.IGNORECASE)

@@ -10,11 +10,9 @@ from typing import ClassVar, Final
 import numpy as np
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.machine import Machine, MotorRunOn
+from sim.devices.board.machine import Machine, MotorRunOn, Steps, Task, WaitStandstill
 from sim.devices.board.motion import Motion, PlacedAxes
-from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.board.runner import set_position
-from sim.devices.board.waits import Steps, Task, WaitStandstill
+from sim.devices.board.printer import SimulatedPrinter, set_position
 from sim.devices.board.wire import Numbering
 from sim.devices.families.marlin.commands import HANDLERS
 from sim.devices.families.marlin.printer import Marlin

@@ -10,9 +10,8 @@ import re
 from typing import Final
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.runner import set_position
-from sim.devices.board.waits import Steps, Task, User, WaitStandstill, WaitUntil
-from sim.devices.families.marlin.numbering import quickstop, request_resend
+from sim.devices.board.machine import Steps, Task, User, WaitStandstill, WaitUntil
+from sim.devices.board.printer import set_position
 from sim.devices.families.marlin.report_commands import (
     SETTINGS,
     m31,
@@ -28,6 +27,8 @@ from sim.devices.families.marlin.report_commands import (
     m155,
     planned_position,
     position_report,
+    quickstop,
+    request_resend,
     temperatures,
 )
 from sim.devices.families.marlin.settings import SETTINGS_HANDLERS, m220, m221, tell_settings

@@ -1,6 +1,6 @@
 """Fast path of the simulated Marlin for one numbered G0 or G1.
 
-It does what the general path (`sim.devices.board.main_loop`) does, for the one case that makes up a
+It does what the general path (`sim.devices.board.printer`) does, for the one case that makes up a
 print: the board waits for a line, the line is whole, numbered as expected, its checksum is good, it
 is a straight move and the planner has a place, now or when the next block ends. Anything else is
 left untouched to the general path.
@@ -20,8 +20,7 @@ from sim.devices.board.controller import Controller
 from sim.devices.families.marlin.report_commands import ok_words
 from sim.gcode.motion.planner import add_move, command_time, next_event, run_until
 from sim.gcode.motion.state import Record, Records
-from sim.gcode.program.modal import has_word, interpret, speed
-from sim.gcode.program.words import number_at, split_words
+from sim.gcode.program.modal import has_word, interpret, number_at, speed, split_words
 
 NOT_TAKEN: Final = -1.0
 _N, _STAR, _G, _SEMICOLON, _EOL = ord("N"), ord("*"), ord("G"), ord(";"), 10
@@ -36,7 +35,7 @@ def is_sound_move(line: bytes, expected: int, longest: int, row: Record) -> bool
     ----------
     line, expected, longest
         As in `take_numbered_move`.
-    row : record of `sim.gcode.program.words.WORDS`
+    row : record of `sim.gcode.program.modal.WORDS`
         Gets the line's words where it comes to that.
     """
     size = len(line) - 1

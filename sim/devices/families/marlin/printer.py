@@ -22,25 +22,29 @@ from typing import ClassVar, Final
 import numpy as np
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.heaters import HeatFault
-from sim.devices.board.machine import Machine, MotorRunOn
-from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.board.runner import move
-from sim.devices.board.waits import Steps, Task, Wait, WaitFreeSlot, WaitStandstill
+from sim.devices.board.machine import (
+    HeatFault,
+    Machine,
+    MotorRunOn,
+    Steps,
+    Task,
+    Wait,
+    WaitFreeSlot,
+    WaitStandstill,
+)
+from sim.devices.board.printer import SimulatedPrinter, move
 from sim.devices.board.wire import Numbering
 from sim.devices.families.marlin.commands import HANDLERS, m420
 from sim.devices.families.marlin.fast_path import take_plain_moves
-from sim.devices.families.marlin.numbering import (
+from sim.devices.families.marlin.report_commands import (
+    BANNER,
     EMERGENCY,
     MarlinNumbering,
     act_urgently,
     code_on_entering,
-    request_resend,
-)
-from sim.devices.families.marlin.report_commands import (
-    BANNER,
     ok_words,
     planned_position,
+    request_resend,
     temperatures,
 )
 from sim.gcode.program.gcode import Command
@@ -67,7 +71,7 @@ _HEAT_WORDS = {
 
 
 class Marlin:
-    """See the module and `sim.devices.board.firmware.Firmware`.
+    """See the module and `sim.devices.board.controller.Firmware`.
 
     Parameters
     ----------

@@ -7,11 +7,9 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.machine import Machine, MotorRunOn
+from sim.devices.board.machine import Machine, MotorRunOn, Steps
 from sim.devices.board.motion import PlacedAxes
-from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.board.runner import set_position, take_tool_in_silence
-from sim.devices.board.waits import Steps
+from sim.devices.board.printer import SimulatedPrinter, set_position, take_tool_in_silence
 from sim.devices.board.wire import Numbering
 from sim.devices.families.marlin.commands import HANDLERS
 from sim.devices.families.marlin.printer import Marlin

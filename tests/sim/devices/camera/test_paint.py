@@ -15,7 +15,7 @@ from sim.devices.camera.scene import (
 )
 from sim.errors import CameraError
 from sim.gcode.deposit.lay import Laid, laid_as_is
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 
 CAMERA = Camera(
     size_px=(400, 300), um_per_px=20, target_mm=(50, 40, 1), tilt_deg=10, tilt_towards_deg=70,

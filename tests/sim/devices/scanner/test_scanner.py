@@ -20,7 +20,7 @@ from sim.devices.scanner import (
 from sim.devices.scanner.oct import NOISE_COUNTS, OctField, live_scan
 from sim.errors import ScannerError
 from sim.gcode.deposit.lay import Deposit, Laid
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 
 STILL = Placing(tilt_deg=0, rotation_deg=0, shift_mm=0, margin_mm=0.4, shrink=(1, 1, 1))
 OCT = OctOptions(voxel_mm=(0.04, 0.04, 0.04), placing=STILL)

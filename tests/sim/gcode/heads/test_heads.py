@@ -17,8 +17,7 @@ from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.reprapfirmware.printer import DuetPrinter
 from sim.errors import DepositError
-from sim.gcode.deposit.lay import Deposit, deposit
-from sim.gcode.deposit.pneumatic import pneumatic_deposit
+from sim.gcode.deposit.lay import Deposit, deposit, pneumatic_deposit
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.heads import (
     BETWEEN,
