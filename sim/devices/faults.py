@@ -253,7 +253,6 @@ class FaultyCable:
 
     Parameters
     ----------
-    troubles : PermanentFaults
     rng : Generator, optional
         Of what goes wrong; needed where anything does by chance.
     """

@@ -245,12 +245,10 @@ def read_valve(
 
     Parameters
     ----------
-    program : Program
     gcode : bytes
         What it was read from, Klipper's commands with names as they came or not.
     named : tuple of NamedCommand
         Klipper's commands with names.
-    head : Pneumatic
     """
     return read_switch(program, gcode, named, head.opens, head.closes)
 
@@ -298,8 +296,6 @@ def read_with_valve(
 
     Parameters
     ----------
-    gcode : bytes
-    printer : Printer
     start_mm : tuple, mm
         Where the tip stands before the first line.
 
@@ -361,8 +357,6 @@ def flowing(
         Of a dry run, or of the simulated printer: its `line` counts commands from 0.
     program : Program
         Of the same file.
-    valve : Valve
-    head : Pneumatic
     """
     spans: list[list[float]] = []
     for opened, shut in _openings(program, valve):
@@ -454,7 +448,6 @@ def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
 
     Parameters
     ----------
-    executed : ExecutedMotion
     program : Program
         Read with the tip where the motion begins.
     """

@@ -152,7 +152,6 @@ class Controller(ABC):
         Of the command in hand.
     work : BoardWork
         Commands in line and in hand.
-    plan : FaultPlan
     unplugged : bool
         Set by a fault; whoever owns the port closes it.
     back_after_s : float or None

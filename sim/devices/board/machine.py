@@ -204,9 +204,6 @@ class Machine:
         Whether the firmware is killed.
     host_pace : float
         Seconds of this clock in one of the host's.
-    motion : Motion
-    heat : Heat
-    settings : Settings
     stored, built : StoredSettings
         What the memory holds (None: nothing yet), and what the firmware was built with.
     stuck : dict of int to str

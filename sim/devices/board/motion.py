@@ -36,7 +36,6 @@ class Motion:
 
     Parameters
     ----------
-    printer : Printer
     start_mm : tuple, mm
         Where the tip stands, and where the firmware believes it at power-up.
     costs : (5,) float64

@@ -58,12 +58,7 @@ _SYNC: Final = re.compile(rb"(?:N[-0-9]*)? *M0*400(?!\d)")
 
 
 class Runner:
-    """Runs one command after the other; something urgent may come between.
-
-    Parameters
-    ----------
-    board : Controller
-    """
+    """Runs one command after the other; something urgent may come between."""
 
     def __init__(self, board: Controller) -> None:
         self._board = board
@@ -232,12 +227,7 @@ first, and dropped before its first step (Marlin's `Temperature::task` isn't ent
 
 
 class MainLoop:
-    """Brings a board's parts on in the order of time.
-
-    Parameters
-    ----------
-    board : Controller
-    """
+    """Brings a board's parts on in the order of time."""
 
     def __init__(self, board: Controller) -> None:
         self._board = board
@@ -345,7 +335,6 @@ class Intake:
 
     Parameters
     ----------
-    board : Controller
     runner : Runner
         Of what acts as it enters.
     """
@@ -390,12 +379,7 @@ class Intake:
 
 
 class Alarms:
-    """Heaters' faults, busy messages, reports and the idle limit.
-
-    Parameters
-    ----------
-    board : Controller
-    """
+    """Heaters' faults, busy messages, reports and the idle limit."""
 
     def __init__(self, board: Controller) -> None:
         self._board = board

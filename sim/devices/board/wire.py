@@ -17,7 +17,6 @@ class Wire:
 
     Parameters
     ----------
-    baud, ring_bytes : int
     urgent : pattern, optional
         Begin of a line that the firmware acts on as its bytes arrive; its group is the code.
 

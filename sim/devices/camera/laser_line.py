@@ -57,8 +57,6 @@ class ProfilerField(InkBox):
     ----------
     low_mm, high_mm : (x, y, z), mm
         What it measures: below and above nothing is told. The plate lies at ``plate_z_mm``.
-    plate_z_mm : float, mm
-    pixel_um : (x, y), µm
     angle_deg : float, degrees
         Between the laser's sheet and the camera's view.
     noise_um, spot_um : float, µm
@@ -71,7 +69,6 @@ class ProfilerField(InkBox):
         Spots that are lost anywhere.
     tilt : (x, y), mm per mm
         Of the profiler; its frame doesn't know of it.
-    laid : InkSource
     """
 
     plate_z_mm: float
@@ -92,8 +89,6 @@ def measured_heights(
 
     Parameters
     ----------
-    ink : Laid
-    field : ProfilerField
     seed : int
         Of all that changes from look to look.
     region : (low, high), each (3,), mm, optional

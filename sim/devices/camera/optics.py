@@ -26,7 +26,6 @@ class Camera(BaseModel):
 
     Attributes
     ----------
-    size_px : (width, height)
     um_per_px : float
         At the target, on the optical axis.
     target_mm : (x, y, z), mm
@@ -190,8 +189,6 @@ class Plan:
 
     Attributes
     ----------
-    camera : Camera
-    z_mm : float, mm
     index : float
         Refractive, of what lies below.
     origin_mm : (2,) float64, mm

@@ -232,8 +232,6 @@ def paint(ink: Laid, camera: Camera, scene: Scene, seed: int) -> NDArray[np.uint
 
     Parameters
     ----------
-    ink : Laid
-    camera : Camera
     scene : Scene
         Its own seed is of what lies in the dish.
     seed : int

@@ -29,10 +29,8 @@ class Bath(SceneFacts):
 
     Attributes
     ----------
-    colour
     surface_z_mm : float, mm, or None
         Of the bath, printer's frame; None for none (what is seen lies in air).
-    refractive_index : float
     turbidity_per_mm : float
         Attenuation of the light, once each way.
     texture : float

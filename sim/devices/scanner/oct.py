@@ -243,7 +243,6 @@ class OctField(InkBox):
         z is optical path.
     refractive_index, attenuation_mm, signal_db, looks
         As of `sim.devices.scanner.oct.OctOptions`.
-    laid : InkSource
     """
 
     voxel_um: tuple[Micron, Micron, Micron] = (20, 20, 15)
@@ -258,9 +257,6 @@ def live_scan(ink: Laid, field: OctField, seed: int, region: Region | None = Non
 
     Parameters
     ----------
-    ink : Laid
-    field : OctField
-    seed : int
     region : (low, high), each (3,), mm, optional
         Only what of the field lies in this box of the printer's frame is scanned. What lies above
         it dims nothing, so no ink should.

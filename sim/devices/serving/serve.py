@@ -341,14 +341,7 @@ class Serving:
 
 
 class Server:
-    """Loop between a port and the firmware.
-
-    Parameters
-    ----------
-    printer : SimulatedPrinter
-    port : Port
-    serving : Serving
-    """
+    """Loop between a port and the firmware."""
 
     def __init__(self, printer: SimulatedPrinter, port: Port, serving: Serving) -> None:
         self._printer = printer

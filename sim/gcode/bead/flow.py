@@ -229,7 +229,6 @@ def cut(
     advance_mm : (n,) float64, mm, optional
         How far the firmware's advance holds the plunger ahead in each block; nothing without.
         It is put in as the block begins.
-    lag_s : float, s
     longest_mm : float, mm
         Longest piece of way.
     until_s : float, s

@@ -47,16 +47,12 @@ class Bead:
 
     Attributes
     ----------
-    pieces : Pieces
-    flow : NozzleFlow
-    nozzle : Nozzle
     line : (n,) int64
         Of the file, from 1; while all stands, the one before.
     writes : (n,) bool
         Pieces of moves that are to write: the file pushes ink there on its way.
     area_mm2 : (n,) float64, mm²
         Cross-section of what is laid along the way; 0 where the needle stands.
-    style : "layered" or "embedded"
     width_mm : (n,) float64, mm
         Diameter of a filament, or width of a line in a layer.
     stroke : (n,) int64
@@ -136,7 +132,6 @@ def predict_bead(
     ----------
     pieces : Pieces
         `sim.gcode.bead.flow.cut` makes them.
-    nozzle : Nozzle
     line : (m,) int64
         Line of the file of each executed block.
     writes : (m,) bool
@@ -224,8 +219,6 @@ def bead_deposit(
 
     Parameters
     ----------
-    bead : Bead
-    voxel_mm : float, mm
     swell : float
         Of diameters; an embedded filament's area grows by its square, a line's in a layer, whose
         height stays, by itself.
@@ -326,8 +319,6 @@ class Trail:
     ----------
     length_mm : float, mm
         Behind the needle at its fastest in the bath's ink: v t_r.
-    speed_mm_s : float, mm/s
-    line : int
     opens : bool
         Whether it is longer than the needle is thick.
     """
@@ -425,7 +416,6 @@ def drag(bead: Bead, needle_outer_mm: float) -> Drag:
 
     Parameters
     ----------
-    bead : Bead
     needle_outer_mm : float, mm
         The shaft stands vertical above the tip.
     """

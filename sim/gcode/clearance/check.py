@@ -62,7 +62,6 @@ def check_clearance(
 
     Parameters
     ----------
-    motion : NeedleMotion
     network : WrittenNetwork
         What is written, in the motion's frame.
     needles : sequence of NeedleBody

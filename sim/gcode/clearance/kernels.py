@@ -103,7 +103,6 @@ class Joints(NamedTuple):
         Between the two axes: 0 for a node.
     radius_mm : float, mm
         The thinnest needle's at its tip, without its clearance.
-    overlap_radii : float
     lumen_mm : (v,) float64, mm
         Radius of a lumen that is written as several strands: joints reach by it. 0 for others.
     length_mm : (v,) float64, mm
@@ -219,7 +218,6 @@ class Squares(NamedTuple):
     origin : (2,) float64, mm
     pitch : float, mm
     shape : (2,) int64
-    begin, member : int64 arrays
     """
 
     origin: FloatArray
@@ -294,7 +292,6 @@ def search(
 
     Parameters
     ----------
-    tips, ink, joints, squares
     bodies : (needles, 5) float64
         `NeedleBody.as_row` of each.
     look : float, mm
@@ -410,7 +407,6 @@ def pair_approach(
 
     Parameters
     ----------
-    i, j : int
     limit : float, mm
         What is asked is an approach below it.
     joined : bool

@@ -76,8 +76,6 @@ def motion_of(run: DryRun, sources: LineSources, volume_ul: FloatArray) -> Needl
 
     Parameters
     ----------
-    run : DryRun
-    sources : LineSources
     volume_ul : (rows,) float64, µL
         What comes out of the head in use in each row of the program.
 
@@ -247,7 +245,6 @@ class Head:
     Attributes
     ----------
     tips : (n, 2, 3) float64, mm
-    passes : Passes
     along : (n, 2) float64, mm
         Of a written row's ends, along its vessel.
     """

@@ -288,10 +288,8 @@ def overlaps_of(network: WrittenNetwork, radius_mm: float, overlap_radii: float)
 
     Parameters
     ----------
-    network : WrittenNetwork
     radius_mm : float, mm
         Of the bare shaft.
-    overlap_radii : float
     """
     spots = _spots(network)
     one, other, gap = _near(spots)

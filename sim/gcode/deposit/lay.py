@@ -170,8 +170,6 @@ def deposit_of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray | None = None
 
     Parameters
     ----------
-    ink : Laid
-    voxel_mm : float, mm
     box_mm : (2, 3) float64 or None, mm
         Lowest and highest corner of what the grid covers, one voxel more all round, whatever of
         the ink lies there; None for all ink.
@@ -368,8 +366,6 @@ def laid(
     executed : ExecutedMotion
         Up to now; what was laid by then is the same in the record of a longer print, where
         `plunger_step_mm` is given.
-    faults : InkFaults
-    plunger_area_mm2 : float, mm²
     smoothing_mm, style, plunger_step_mm
         As of `sim.gcode.deposit.lay.deposit`.
     layer_mm : float or None, mm
@@ -473,11 +469,8 @@ def pneumatic_deposit(
         What the printer did, from the first move on.
     gcode : bytes
         The file, for when the valve stood open.
-    printer : Printer
     flow_ul_s : float, µL/s
         While it does.
-    voxel_mm : float, mm
-    style : "layered" or "embedded" or None
     faults : InkFaults
         As for `deposit`.
 

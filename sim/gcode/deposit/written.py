@@ -88,7 +88,6 @@ class Written:
 
     Attributes
     ----------
-    lines : Strands
     block : (n,) int64
         Of the executed motion, ascending.
     standing_ul : float, µL
@@ -117,7 +116,6 @@ def written(
     ----------
     executed : ExecutedMotion
         Of one head.
-    plunger_area_mm2 : float, mm²
     smoothing_mm : float, mm
         Length of path over which the plunger's steps are smoothed.
     plunger_step_mm : float or None, mm

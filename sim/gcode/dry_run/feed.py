@@ -70,12 +70,8 @@ def run_program(
 
     Parameters
     ----------
-    program : Program
-    printer : Printer
-    start_mm : tuple, mm
     extrudes : (n,) bool
         Where the plunger may move.
-    times : LineTimes
     """
     planner, ring = new_planner(printer, start_mm), new_ring(printer)
     log = np.zeros(len(program) + len(ring), LOG)
@@ -324,14 +320,10 @@ class LineTimes:
 
     Attributes
     ----------
-    out_s : bytes to the board.
-    ok_s : bytes of the answer.
-    board_s : the processor's, without the planner's.
     follows : (n,) bool
         Rows whose line may leave before the one ahead of it is answered.
     withheld_s : of a line that follows, the end that leaves once the one ahead is answered; 0
         where both leave whole, and the next with the answer to both.
-    byte_s : float, s
     turnaround_s : float, s
         From an answer's last byte to the next line's first.
     """
@@ -363,10 +355,8 @@ def line_times(program: Program, gcode: bytes, printer: Printer) -> LineTimes:
 
     Parameters
     ----------
-    program : Program
     gcode : bytes
         What it was read from, each line as it is sent.
-    printer : Printer
     """
     sums = checksums(program, gcode)
     sent, nothing = sent_bytes(program, sums), np.zeros(len(program))

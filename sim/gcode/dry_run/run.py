@@ -75,7 +75,6 @@ def heatings(
 
     Parameters
     ----------
-    program : Program
     gcode : bytes
         What it was read from.
     named : tuple of NamedCommand
@@ -259,8 +258,6 @@ def dry_run(
 
     Parameters
     ----------
-    gcode : bytes
-    printer : Printer
     start_mm : tuple, mm
         Where the tip stands before the first line, in the printer's frame.
     cold_extrusion : bool
@@ -304,10 +301,8 @@ def extrusion_allowed(
 
     Parameters
     ----------
-    program : Program
     gcode : bytes
         What it was read from.
-    printer : Printer
     already : bool
         Whether a command has allowed it before the file.
     """

@@ -38,7 +38,6 @@ class Slabs(NamedTuple):
         Lines that reach into the cell.
     left, bottom, cell : float, mm
         Corner of the grid, and a cell's edge.
-    nx, ny : int
     """
 
     low: FloatArray

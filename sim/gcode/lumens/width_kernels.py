@@ -232,7 +232,6 @@ def sections(
 
     Parameters
     ----------
-    slabs : Slabs
     axis, along : (n, 3) float64, mm
         A point of the lumen, and the unit vector of its way.
     radius : (n,) float64, mm

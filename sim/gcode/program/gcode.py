@@ -68,7 +68,6 @@ class Command:
     ----------
     letter : str
         G, M or T; empty where the line is no command.
-    number : int
     line_number : int or None
         The N word.
     values : dict of str to float
@@ -234,7 +233,6 @@ def read_gcode(
 
     Parameters
     ----------
-    gcode : bytes
     start_mm : tuple, mm
         Where the tip stands before the first line.
     heads : int

@@ -109,7 +109,6 @@ def split_words(text: bytes, start: int, end: int, words: Record) -> None:
 
     Parameters
     ----------
-    text : bytes
     start, end : int
         The line.
     words : record of `WORDS`
@@ -250,7 +249,6 @@ def interpret(modal: Record, words: Record) -> int:
     ----------
     modal : record of `MODAL`
         Changed: after a move, arc or homing `position` is where it will end.
-    words : record of `WORDS`
     """
     number = words.number
     if words.letter == _G:

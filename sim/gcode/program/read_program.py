@@ -23,7 +23,6 @@ class ReadProgram(NamedTuple):
 
     Attributes
     ----------
-    program : Program
     gcode : bytes
         What it was read from: as many lines as the file, each as it is sent.
     named : tuple of NamedCommand
@@ -49,8 +48,6 @@ def read_written(
 
     Parameters
     ----------
-    gcode : bytes
-    printer : Printer
     start_mm : tuple, mm
         Where the tip stands before the first line.
     max_refused : int

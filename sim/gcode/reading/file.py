@@ -153,7 +153,6 @@ def other_lines(gcode: bytes, printer: Printer) -> Others:
 
     Parameters
     ----------
-    gcode : bytes
     printer : Printer
         Its ``firmware`` says how lines are read.
     """
@@ -208,7 +207,6 @@ class Comments:
     ----------
     kind_lines, kind : (k,) int64
         Line of each comment and the place in `kinds` of what it says.
-    kinds : tuple of str
     height_lines : (h,) int64
     height_mm : (h,) float64, mm
         Of the layer that begins there.

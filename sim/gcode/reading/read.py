@@ -288,7 +288,6 @@ def text_line(code: str, rest: bytes, text: bytes, family: str) -> GcodeLine:
 
     Parameters
     ----------
-    code : str
     rest : bytes
         Behind the code's number.
     text : bytes
@@ -453,7 +452,6 @@ def with_flow(lines: Sequence[bytes], e_mm: float, factor: float) -> list[bytes]
         Of a job, from some place on; E absolute.
     e_mm : float, mm
         The plunger's count before the first.
-    factor : float
     """
     was = now = e_mm
     scaled = list(lines)

@@ -291,12 +291,7 @@ class KlipperNumbering:
 
 
 class Offsets:
-    """Coordinate offsets by SET_KINEMATIC_POSITION and SET_GCODE_OFFSET.
-
-    Parameters
-    ----------
-    motion : Motion
-    """
+    """Coordinate offsets by SET_KINEMATIC_POSITION and SET_GCODE_OFFSET."""
 
     def __init__(self, motion: Motion) -> None:
         self._motion = motion

@@ -131,8 +131,6 @@ def take_plain_moves(board: Controller, data: bytes, alarm: Callable[[], float])
 
     Parameters
     ----------
-    board : Controller
-    data : bytes
     alarm : callable
         When the main loop next has something to do of its own, s.
     """

@@ -231,12 +231,7 @@ RUN_ON_EVENT_S: Final = 47.5e-6
 
 
 class WaitForWords:
-    """The time between a kill's words and the halt.
-
-    Parameters
-    ----------
-    machine : Machine
-    """
+    """The time between a kill's words and the halt."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
