@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field
 from enum import Enum
@@ -127,17 +127,6 @@ class HeatFault(Enum):
     RUNAWAY = "runaway"
 
 
-@dataclass(frozen=True)
-class HeatAlarm:
-    """When a heater makes the firmware stop, s, and why."""
-
-    at: float = math.inf
-    fault: HeatFault = HeatFault.RUNAWAY
-
-
-_NO_ALARM: Final = HeatAlarm()
-
-
 class Heat:
     """Hotend and bed heater of a board.
 
@@ -172,13 +161,11 @@ class Heat:
         """Note that a heater was switched on whose thermistor will be found to read nonsense, s."""
         self._sensor_fault_at = min(self._sensor_fault_at, time)
 
-    def alarm(self) -> HeatAlarm:
-        """The next stop because of a heater."""
+    def alarm(self) -> tuple[float, HeatFault]:
+        """When a heater next makes the firmware stop, s (infinity: never), and why."""
         if math.isfinite(self._sensor_fault_at):
-            return HeatAlarm(self._sensor_fault_at, HeatFault.SENSOR)
-        if self.hotend.powered:
-            return _NO_ALARM
-        return HeatAlarm(self.hotend.runs_away_at())
+            return self._sensor_fault_at, HeatFault.SENSOR
+        return self.hotend.runs_away_at(), HeatFault.RUNAWAY
 
     def too_cold(self, now: float) -> bool:
         """Whether the firmware refuses to move the plunger at ``now``, s."""
@@ -242,7 +229,7 @@ class Machine:
         self.debug = 0
         self.speed_percent_kept = 100.0
         self.dead = False
-        self.built = StoredSettings.of(self.motion.planner, self.settings)
+        self.built = copy_settings(self.motion.planner, self.settings)
         if self.stored is not None:
             self.put_settings(self.stored)
             self.set_flow()
@@ -259,11 +246,13 @@ class Machine:
 
     def store_settings(self) -> None:
         """Store all settings as they are."""
-        self.stored = StoredSettings.of(self.motion.planner, self.settings)
+        self.stored = copy_settings(self.motion.planner, self.settings)
 
     def put_settings(self, stored: StoredSettings) -> None:
         """Set all of them; the motors stay where they are."""
-        self.settings = stored.put(self.motion.planner)
+        for name, value in stored[0].items():
+            self.motion.planner[name] = value
+        self.settings = deepcopy(stored[1])
         self.motion.count_anew()
 
     def set_flow(self) -> None:
@@ -330,10 +319,6 @@ _OF_PLANNER: Final = (
 )
 
 
-def _pid() -> dict[str, float]:
-    return {"P": 22.20, "I": 1.08, "D": 114.00}
-
-
 @dataclass
 class Settings:
     """What a firmware keeps besides the planner's own settings.
@@ -356,7 +341,7 @@ class Settings:
     least_feed: float = 0.0
     least_travel_feed: float = 0.0
     home_offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    pid: dict[str, float] = field(default_factory=_pid)
+    pid: dict[str, float] = field(default_factory=lambda: {"P": 22.20, "I": 1.08, "D": 114.00})
     told_only: dict[tuple[str, int], float] = field(default_factory=dict)
 
     @property
@@ -370,25 +355,13 @@ class Settings:
         return math.pi * self.filament_mm**2 / 4 if self.volumetric else 1.0
 
 
-@dataclass(frozen=True)
-class StoredSettings:
-    """Copy of all settings, the planner's own too."""
+StoredSettings = tuple[dict[str, Any], Settings]
+"""Copy of the planner's own settings, and of the others."""
 
-    planner: Mapping[str, Any]
-    others: Settings
 
-    @staticmethod
-    def of(planner: Records, others: Settings) -> StoredSettings:
-        """Copy them."""
-        return StoredSettings(
-            {name: np.array(planner[name]) for name in _OF_PLANNER}, deepcopy(others)
-        )
-
-    def put(self, planner: Records) -> Settings:
-        """Set the planner's own; return the others."""
-        for name, value in self.planner.items():
-            planner[name] = value
-        return deepcopy(self.others)
+def copy_settings(planner: Records, others: Settings) -> StoredSettings:
+    """Copy all settings."""
+    return {name: np.array(planner[name]) for name in _OF_PLANNER}, deepcopy(others)
 
 
 # Unsolicited reports of a simulated firmware (temperature, position), and its print timer.
@@ -428,86 +401,60 @@ class JobTimer:
         return self.gathered_s + running
 
 
-# Wait conditions of a simulated board's command: time, temperature, planner space, motion end.
+# Wait conditions of a simulated board's command: time, planner space, motion end, user.
 
 
-class Wait(Protocol):
-    """Something that a command waits for."""
+@dataclass(frozen=True)
+class Wait:
+    """Something that a command waits for.
 
-    @property
-    def for_user(self) -> bool:
-        """Whether somebody has to do something."""
+    Attributes
+    ----------
+    done : function
+        Whether it has come.
+    at : function
+        When to look next, s; infinity where only the host can end it.
+    for_user : bool
+        Whether somebody has to do something.
+    """
 
-    def done(self, machine: Machine) -> bool:
-        """Whether it has come."""
-
-    def at(self, machine: Machine) -> float:
-        """When to look next, s; infinity where only the host can end it."""
+    done: Callable[[Machine], bool]
+    at: Callable[[Machine], float]
+    for_user: bool = False
 
 
 Task = Iterator[Wait]
 Steps = Task | None
 """What a command still has to wait for; None where it is done at once."""
 
-
-@dataclass(frozen=True)
-class WaitUntil:
-    """A moment on the printer's clock."""
-
-    time: float
-    for_user: bool = False
-
-    def done(self, machine: Machine) -> bool:
-        """Whether it has passed."""
-        return machine.now >= self.time
-
-    def at(self, machine: Machine) -> float:
-        """The moment."""
-        return self.time
+FREE_SLOT: Final = Wait(
+    lambda machine: machine.motion.blocks < len(machine.motion.ring) - 1,
+    lambda machine: machine.motion.next_event(),
+)
+"""A free place in the planner's ring."""
 
 
-@dataclass(frozen=True)
-class WaitFreeSlot:
-    """A free place in the planner's ring."""
-
-    for_user: bool = False
-
-    def done(self, machine: Machine) -> bool:
-        """Whether there is one."""
-        return machine.motion.blocks < len(machine.motion.ring) - 1
-
-    def at(self, machine: Machine) -> float:
-        """When a block ends."""
-        return machine.motion.next_event()
+def _ends_at(machine: Machine) -> float:
+    motion = machine.motion
+    return motion.next_event() if motion.blocks else motion.closed_until
 
 
-@dataclass(frozen=True)
-class WaitStandstill:
-    """All motors stand and the planner takes moves."""
-
-    for_user: bool = False
-
-    def done(self, machine: Machine) -> bool:
-        """Whether they do."""
-        return machine.motion.blocks == 0 and machine.now >= machine.motion.closed_until
-
-    def at(self, machine: Machine) -> float:
-        """When a block ends, or the pause after a quickstop."""
-        motion = machine.motion
-        return motion.next_event() if motion.blocks else motion.closed_until
+STANDSTILL: Final = Wait(
+    lambda machine: machine.motion.blocks == 0 and machine.now >= machine.motion.closed_until,
+    _ends_at,
+)
+"""All motors stand and the planner takes moves."""
 
 
-@dataclass(frozen=True)
-class User:
-    """Somebody's click, or a moment by which none came."""
+def wait_until(time: float) -> Wait:
+    """Return the wait for a moment on the printer's clock, s."""
+    return Wait(lambda machine: machine.now >= time, lambda machine: time)
 
-    until: float
-    for_user: bool = True
 
-    def done(self, machine: Machine) -> bool:
-        """Whether the user has answered."""
-        return not machine.waits_for_user or machine.now >= self.until
-
-    def at(self, machine: Machine) -> float:
-        """When it gives up."""
-        return self.until
+def wait_for_user(until: float) -> Wait:
+    """Return the wait for somebody's click, or for a moment by which none came, s."""
+    return Wait(
+        lambda machine: not machine.waits_for_user or machine.now >= until,
+        lambda machine: until,
+        for_user=True,
+    )

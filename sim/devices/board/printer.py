@@ -44,26 +44,187 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from sim.devices.board.controller import Controller, apply_fault
-from sim.devices.board.machine import Steps, Task, WaitFreeSlot, WaitStandstill, WaitUntil
+from sim.devices.board.machine import FREE_SLOT, STANDSTILL, Steps, Task, wait_until
 from sim.devices.board.wire import RefusedLine
 from sim.devices.faults import Fault
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.motion.state import BLOCK_S, CORNER_S, TRAPEZOID_S, Board, Records
-from sim.gcode.program.gcode import Command, command_of, split_line
+from sim.gcode.program.gcode import command_of, split_line
 from sim.gcode.program.modal import ARC, BAD, arc_points, interpret, speed
 
-# Run a simulated board's commands: start one, wait until it is done, reply.
-
+_LOOK_S: Final = 1e-4
+"""From the end of a quickstop until the next urgent code is looked at: a line that waited is let in
+first, and dropped before its first step (Marlin's `Temperature::task` isn't entered twice)."""
 _SYNC: Final = re.compile(rb"(?:N[-0-9]*)? *M0*400(?!\d)")
 
 
-class Runner:
-    """Runs one command after the other; something urgent may come between."""
+class MainLoop:
+    """Brings a board's parts on in the order of time, as the firmware's own loop does.
+
+    It looks into the receive ring, queues lines, says what is due, takes the oldest command in
+    hand, and waits for what that waits for. The clock jumps from one event to the next.
+    """
 
     def __init__(self, board: Controller) -> None:
         self._board = board
+        self.wakes_s = 0.0
+        """When it next has something to do by itself, s; infinity where only the host can go on."""
 
-    def start(self) -> None:
+    @property
+    def pending(self) -> bool:
+        """Whether a line is on its way, in line or in hand."""
+        wire = self._board.wire
+        return not self._board.work.idle or not wire.quiet or bool(wire.urgent)
+
+    def run(self, until: float) -> None:
+        """Work until ``until``, s, or until only the host can go on."""
+        board, machine, wire = self._board, self._board.machine, self._board.wire
+        settles = math.isinf(until)
+        while machine.now <= until:
+            wire.deliver(machine.now)
+            stalled = machine.now < machine.stalled_until
+            halts_at = self._halt_when_due()
+            if machine.dead:
+                board.firmware.hear_dead()
+            elif not stalled and self._step():
+                continue
+            at = wire.next_arrival()
+            arrives = math.inf if at is None else at
+            if stalled:
+                soon = machine.stalled_until
+            elif machine.dead:
+                soon = min(arrives, math.inf if settles else halts_at)
+            elif settles and not self.pending:
+                return
+            else:
+                soon = min(self.next_alarm_s(), arrives, self._task_at())
+                if wire.urgent:  # not looked at while a quickstop goes on
+                    soon = min(soon, machine.motion.closed_until + _LOOK_S)
+            self.wakes_s = soon
+            if math.isinf(soon) or soon > until:
+                return
+            if settles and at is None and math.isinf(self._task_at()):
+                return
+            machine.now = max(machine.now, soon)
+
+    def _halt_when_due(self) -> float:
+        """Stop the motors of a killed board if it is time; else when to look again, s."""
+        machine = self._board.machine
+        if machine.run_on is None:
+            return math.inf
+        due = machine.run_on.ends_s()
+        if machine.now < due:
+            return due
+        machine.stop()
+        machine.run_on = None
+        return math.inf
+
+    def _task_at(self) -> float:
+        tasks = self._board.work.tasks
+        return tasks[-1][1].at(self._board.machine) if tasks else math.inf
+
+    def _step(self) -> bool:
+        """Do one thing that is due now; False when nothing is."""
+        board, machine, wire = self._board, self._board.machine, self._board.wire
+        machine.roll()
+        if wire.urgent and machine.now > machine.motion.closed_until:
+            self._read_line()  # it is looked at before the flag that the interrupt has set
+            codes = sorted(set(wire.urgent))  # flags; M112 is looked at before M410
+            wire.urgent.clear()
+            for code in codes:
+                if not machine.dead:
+                    self._begin(board.firmware.act_urgently(code), answers=False)
+            return True
+        if (fault := board.plan.due(machine.now, wire.received)) is not None:
+            apply_fault(board, fault)
+            return True
+        if machine.now >= self.next_alarm_s():
+            self._sound_alarms()
+            return True
+        if self._read_line():
+            return True
+        if board.work.tasks:
+            return self._go_on()
+        if board.work.queue:
+            self._start()
+            return True
+        return False
+
+    # -- from the receive ring to the command queue
+
+    def _read_line(self) -> bool:
+        """Move one line from the ring to the queue, or refuse it; whether there was one."""
+        board = self._board
+        board.firmware.look_at(board.wire.ring)
+        if len(board.work.queue) >= board.machine.printer.command_queue:
+            return False
+        line = board.reader.next_line(board.wire.ring)
+        if line is None:
+            return False
+        before = board.lines.last_number
+        accepted = board.lines.accept(line)
+        if isinstance(accepted, RefusedLine):
+            board.firmware.refuse(accepted.reason)
+        elif accepted is not None:
+            self._take(accepted, before)
+        return True
+
+    def _take(self, line: bytes, last_number: int) -> None:
+        board = self._board
+        number = board.lines.last_number
+        fault = board.plan.at_line(number) if number != last_number else None
+        if fault is not None and apply_fault(board, fault):
+            return
+        board.work.queue.append(line)
+        code = board.firmware.urgent_code(line)
+        if code is not None:
+            self._begin(board.firmware.act_urgently(code), answers=False)
+
+    # -- heaters' faults, busy messages, reports and the idle limit
+
+    def next_alarm_s(self) -> float:
+        """When it next has something to say or do of its own, s."""
+        machine, work = self._board.machine, self._board.work
+        reports = machine.reports
+        soon = min(reports.temperature_at, reports.position_at, machine.heat.alarm()[0])
+        soon = min(soon, self._board.plan.next_s)
+        if work.tasks:
+            soon = min(soon, work.busy_at)
+        if machine.idle_limit_s > 0:
+            soon = min(soon, self._idle_deadline())
+        return soon
+
+    def _idle_deadline(self) -> float:
+        machine, motion = self._board.machine, self._board.machine.motion
+        # It watches over the host, whose signs of life come by a clock that nothing speeds up.
+        limit_s = machine.idle_limit_s * (1.0 if self._board.work.tasks else machine.host_pace)
+        if motion.blocks:
+            return max(motion.next_event(), machine.now) + limit_s
+        return max(machine.idle_since, float(motion.planner["run_end"][0])) + limit_s
+
+    def _sound_alarms(self) -> None:
+        board, machine, work = self._board, self._board.machine, self._board.work
+        firmware, reports = board.firmware, machine.reports
+        now = machine.now
+        heat_at, heat_fault = machine.heat.alarm()
+        if now >= heat_at:
+            firmware.fail_heat(heat_fault)
+            return
+        if work.tasks and now >= work.busy_at:
+            firmware.say_busy(work.tasks[-1][1])
+            work.busy_at = now + reports.keepalive_s
+        if now >= reports.temperature_at:
+            firmware.report_temperatures()
+            reports.temperature_at += reports.temperature_s
+        if now >= reports.position_at:
+            firmware.report_position()
+            reports.position_at += reports.position_s
+        if machine.idle_limit_s > 0 and now >= self._idle_deadline():
+            firmware.idle_is_over()
+
+    # -- commands, one after the other; something urgent may come between
+
+    def _start(self) -> None:
         """Take the oldest command of the queue in hand."""
         board, work, machine = self._board, self._board.work, self._board.machine
         line = work.queue[0]
@@ -77,16 +238,14 @@ class Runner:
         keepalive = machine.reports.keepalive_s
         work.busy_at = machine.now + keepalive if keepalive > 0 else math.inf
         board.firmware.echo(line)
-        self.begin(self._steps(command))
-
-    def _steps(self, command: Command) -> Steps:
-        gauge = self._board.gauges.get(f"{command.letter}{command.number}")
+        gauge = board.gauges.get(command.name)
         if gauge is None:
-            return self._board.firmware.start(command)
-        self._board.machine.say(gauge.at(self._board.machine.now))
-        return None
+            self._begin(board.firmware.start(command))
+        else:
+            machine.say(gauge.at(machine.now))
+            self._begin(None)
 
-    def begin(self, steps: Steps, answers: bool = True) -> None:
+    def _begin(self, steps: Steps, answers: bool = True) -> None:
         """Do what is to be done at once, and keep the rest as a task.
 
         ``answers`` tells the command in hand, which ends with an ok, from a quickstop between.
@@ -96,7 +255,7 @@ class Runner:
         elif answers:
             self._end()
 
-    def go_on(self) -> bool:
+    def _go_on(self) -> bool:
         """Resume the newest task if its wait is over; whether it was."""
         tasks = self._board.work.tasks
         task, wait, answers = tasks[-1]
@@ -130,300 +289,6 @@ class Runner:
         work.busy_at = math.inf
         if _SYNC.match(work.line):
             board.synced += 1
-
-
-# Execute G0 to G3 (straight moves, arcs) and G92 on a simulated board.
-
-LONGEST_EXTRUSION_MM: Final = 200.0
-"""As Marlin is built; no other twin's own is known."""
-ARC_PIECE_S: Final = BLOCK_S + CORNER_S + 2 * TRAPEZOID_S
-"""Between two pieces of an arc: an 8-bit board's time to plan one."""
-
-
-def move(board: Controller) -> Task:
-    """Make the move of the command in hand, when the planner has a place for it."""
-    machine, firmware = board.machine, board.firmware
-    motion = machine.motion
-    begin = motion.modal["position"][0].copy()
-    kind = interpret(motion.modal[0], board.words[0])
-    target = motion.modal["position"][0].copy()
-    points = target[None]
-    if kind == ARC:
-        points = arc_of(begin, target, board.words, float(motion.modal["unit"][0]))
-    if kind == BAD or not len(points):
-        motion.modal["position"][0] = begin
-        machine.say(firmware.bad_arc_words)
-        return
-    if target[3] != begin[3] and _no_extrusion(board, abs(target[3] - begin[3])):
-        motion.set_plunger(float(target[3]))
-    motion.modal["position"][0] = points[-1]
-    feed = float(speed(motion.modal[0]))
-    for point in points:
-        yield WaitFreeSlot()
-        machine.move_to(point, feed, board.work.job_line)
-        if len(points) > 1:
-            yield WaitUntil(machine.now + ARC_PIECE_S)
-    machine.idle_since = machine.now
-
-
-def _no_extrusion(board: Controller, travel_mm: float) -> bool:
-    """Whether the firmware drops the plunger's part of a move; it says why, but for a dry run."""
-    machine = board.machine
-    if machine.dry:
-        return True
-    if machine.too_cold:
-        machine.say(board.firmware.too_cold_words)
-        return True
-    if travel_mm > LONGEST_EXTRUSION_MM:
-        machine.say(board.firmware.too_long_words)
-        return True
-    return False
-
-
-def arc_of(
-    begin: NDArray[np.float64], target: NDArray[np.float64], words: Records, unit: float
-) -> NDArray[np.float64]:
-    """Ends of the arc's pieces, (n, 4), mm; none where it has no centre."""
-    points = np.empty((256, 4))
-    count = arc_points(begin, target, words[0], unit, points)
-    if count > len(points):
-        points = np.empty((count, 4))
-        arc_points(begin, target, words[0], unit, points)
-    return begin[None] if count < 0 else points[:count]
-
-
-def set_position(board: Controller) -> None:
-    """G92: give the position other numbers; nothing moves and nothing is said."""
-    motion = board.machine.motion
-    before = float(motion.modal["position"][0, 3])
-    interpret(motion.modal[0], board.words[0])
-    after = float(motion.modal["position"][0, 3])
-    if after != before:
-        motion.set_plunger(after)
-
-
-def take_tool_in_silence(board: Controller, number: int) -> Task:
-    """Use another head once the motors stand.
-
-    The place keeps its name for the carriage; what the user calls it shifts by the offsets.
-    """
-    motion = board.machine.motion
-    yield WaitStandstill()
-    shift = motion.tool_offset[number] - motion.tool_offset[motion.tool]
-    interpret(motion.modal[0], board.words[0])
-    board.machine.use_head(number)
-    motion.modal["shift"][0] += shift
-
-
-# Main loop of the simulated board: read lines, run commands, wait, report; in virtual time.
-#
-# One loop as the firmware has it: look into the receive ring, queue lines, say what is due, take
-# the oldest command in hand, wait for what it waits for. The clock jumps from one event to the
-# next.
-
-_LOOK_S = 1e-4
-"""From the end of a quickstop until the next urgent code is looked at: a line that waited is let in
-first, and dropped before its first step (Marlin's `Temperature::task` isn't entered twice)."""
-
-
-class MainLoop:
-    """Brings a board's parts on in the order of time."""
-
-    def __init__(self, board: Controller) -> None:
-        self._board = board
-        self._runner = Runner(board)
-        self._intake = Intake(board, self._runner)
-        self._alarms = Alarms(board)
-        self.wakes_s = 0.0
-        """When it next has something to do by itself, s; infinity where only the host can go on."""
-
-    @property
-    def pending(self) -> bool:
-        """Whether a line is on its way, in line or in hand."""
-        wire = self._board.wire
-        return not self._board.work.idle or not wire.quiet or bool(wire.urgent)
-
-    def next_alarm_s(self) -> float:
-        """When it next has something to say or do of its own, s."""
-        return self._alarms.next_s()
-
-    def run(self, until: float) -> None:
-        """Work until ``until``, s, or until only the host can go on."""
-        board, machine, wire = self._board, self._board.machine, self._board.wire
-        settles = math.isinf(until)
-        while machine.now <= until:
-            wire.deliver(machine.now)
-            stalled = machine.now < machine.stalled_until
-            halts_at = self._halt_when_due()
-            if machine.dead:
-                board.firmware.hear_dead()
-            elif not stalled and self._step():
-                continue
-            at = wire.next_arrival()
-            arrives = math.inf if at is None else at
-            if stalled:
-                soon = machine.stalled_until
-            elif machine.dead:
-                soon = min(arrives, math.inf if settles else halts_at)
-            elif settles and not self.pending:
-                return
-            else:
-                soon = min(self._alarms.next_s(), arrives, self._task_at())
-                if wire.urgent:  # not looked at while a quickstop goes on
-                    soon = min(soon, machine.motion.closed_until + _LOOK_S)
-            self.wakes_s = soon
-            if math.isinf(soon) or soon > until:
-                return
-            if settles and at is None and self._waits_for_host():
-                return
-            machine.now = max(machine.now, soon)
-
-    def _halt_when_due(self) -> float:
-        """Stop the motors of a killed board if it is time; else when to look again, s."""
-        machine = self._board.machine
-        if machine.run_on is None:
-            return math.inf
-        due = machine.run_on.ends_s()
-        if machine.now < due:
-            return due
-        machine.stop()
-        machine.run_on = None
-        return math.inf
-
-    def _waits_for_host(self) -> bool:
-        """Whether the present wait ends by no clock, or nothing at all is being done."""
-        return not self._board.work.tasks or math.isinf(self._task_at())
-
-    def _task_at(self) -> float:
-        tasks = self._board.work.tasks
-        return tasks[-1][1].at(self._board.machine) if tasks else math.inf
-
-    def _step(self) -> bool:
-        """Do one thing that is due now; False when nothing is."""
-        board, machine, wire = self._board, self._board.machine, self._board.wire
-        machine.roll()
-        if wire.urgent and machine.now > machine.motion.closed_until:
-            self._intake.read_line()  # it is looked at before the flag that the interrupt has set
-            if wire.urgent:
-                codes = sorted(set(wire.urgent))  # flags; M112 is looked at before M410
-                wire.urgent.clear()
-                for code in codes:
-                    if not machine.dead:
-                        self._intake.act_urgently(code)
-            return True
-        if (fault := board.plan.due(machine.now, wire.received)) is not None:
-            apply_fault(board, fault)
-            return True
-        if machine.now >= self._alarms.next_s():
-            self._alarms.sound()
-            return True
-        if self._intake.read_line():
-            return True
-        if board.work.tasks:
-            return self._runner.go_on()
-        if board.work.queue:
-            self._runner.start()
-            return True
-        return False
-
-
-# Admit lines to a simulated board: from the receive ring to the command queue, or refused.
-
-
-class Intake:
-    """Takes lines while the queue has room.
-
-    Parameters
-    ----------
-    runner : Runner
-        Of what acts as it enters.
-    """
-
-    def __init__(self, board: Controller, runner: Runner) -> None:
-        self._board, self._runner = board, runner
-
-    def read_line(self) -> bool:
-        """Move one line from the ring to the queue, or refuse it; whether there was one."""
-        board = self._board
-        board.firmware.look_at(board.wire.ring)
-        if len(board.work.queue) >= board.machine.printer.command_queue:
-            return False
-        line = board.reader.next_line(board.wire.ring)
-        if line is None:
-            return False
-        before = board.lines.last_number
-        accepted = board.lines.accept(line)
-        if isinstance(accepted, RefusedLine):
-            board.firmware.refuse(accepted.reason)
-        elif accepted is not None:
-            self._take(accepted, before)
-        return True
-
-    def _take(self, line: bytes, last_number: int) -> None:
-        board = self._board
-        number = board.lines.last_number
-        fault = board.plan.at_line(number) if number != last_number else None
-        if fault is not None and apply_fault(board, fault):
-            return
-        board.work.queue.append(line)
-        code = board.firmware.urgent_code(line)
-        if code is not None:
-            self.act_urgently(code)
-
-    def act_urgently(self, code: bytes) -> None:
-        """Have the firmware do what an urgent code asks for, before the command in hand goes on."""
-        self._runner.begin(self._board.firmware.act_urgently(code), answers=False)
-
-
-# Timed events of a simulated board: heater faults, busy messages, reports, idle timeout.
-
-
-class Alarms:
-    """Heaters' faults, busy messages, reports and the idle limit."""
-
-    def __init__(self, board: Controller) -> None:
-        self._board = board
-
-    def next_s(self) -> float:
-        """When the main loop next has something to say or do of its own, s."""
-        machine, work = self._board.machine, self._board.work
-        reports = machine.reports
-        soon = min(reports.temperature_at, reports.position_at, machine.heat.alarm().at)
-        soon = min(soon, self._board.plan.next_s)
-        if work.tasks:
-            soon = min(soon, work.busy_at)
-        if machine.idle_limit_s > 0:
-            soon = min(soon, self._idle_deadline())
-        return soon
-
-    def _idle_deadline(self) -> float:
-        machine, motion = self._board.machine, self._board.machine.motion
-        # It watches over the host, whose signs of life come by a clock that nothing speeds up.
-        limit_s = machine.idle_limit_s * (1.0 if self._board.work.tasks else machine.host_pace)
-        if motion.blocks:
-            return max(motion.next_event(), machine.now) + limit_s
-        return max(machine.idle_since, float(motion.planner["run_end"][0])) + limit_s
-
-    def sound(self) -> None:
-        """Say and do all that is due now."""
-        board, machine, work = self._board, self._board.machine, self._board.work
-        firmware, reports = board.firmware, machine.reports
-        now = machine.now
-        heat = machine.heat.alarm()
-        if now >= heat.at:
-            firmware.fail_heat(heat.fault)
-            return
-        if work.tasks and now >= work.busy_at:
-            firmware.say_busy(work.tasks[-1][1])
-            work.busy_at = now + reports.keepalive_s
-        if now >= reports.temperature_at:
-            firmware.report_temperatures()
-            reports.temperature_at += reports.temperature_s
-        if now >= reports.position_at:
-            firmware.report_position()
-            reports.position_at += reports.position_s
-        if machine.idle_limit_s > 0 and now >= self._idle_deadline():
-            firmware.idle_is_over()
 
 
 class SimulatedPrinter(Controller):
@@ -507,3 +372,86 @@ class SimulatedPrinter(Controller):
     def executed(self) -> ExecutedMotion:
         """What really moved so far."""
         return self.machine.executed()
+
+
+# Execute G0 to G3 (straight moves, arcs) and G92 on a simulated board.
+
+LONGEST_EXTRUSION_MM: Final = 200.0
+"""As Marlin is built; no other twin's own is known."""
+ARC_PIECE_S: Final = BLOCK_S + CORNER_S + 2 * TRAPEZOID_S
+"""Between two pieces of an arc: an 8-bit board's time to plan one."""
+
+
+def move(board: Controller) -> Task:
+    """Make the move of the command in hand, when the planner has a place for it."""
+    machine, firmware = board.machine, board.firmware
+    motion = machine.motion
+    begin = motion.modal["position"][0].copy()
+    kind = interpret(motion.modal[0], board.words[0])
+    target = motion.modal["position"][0].copy()
+    points = target[None]
+    if kind == ARC:
+        points = arc_of(begin, target, board.words, float(motion.modal["unit"][0]))
+    if kind == BAD or not len(points):
+        motion.modal["position"][0] = begin
+        machine.say(firmware.bad_arc_words)
+        return
+    if target[3] != begin[3] and _no_extrusion(board, abs(target[3] - begin[3])):
+        motion.set_plunger(float(target[3]))
+    motion.modal["position"][0] = points[-1]
+    feed = float(speed(motion.modal[0]))
+    for point in points:
+        yield FREE_SLOT
+        machine.move_to(point, feed, board.work.job_line)
+        if len(points) > 1:
+            yield wait_until(machine.now + ARC_PIECE_S)
+    machine.idle_since = machine.now
+
+
+def _no_extrusion(board: Controller, travel_mm: float) -> bool:
+    """Whether the firmware drops the plunger's part of a move; it says why, but for a dry run."""
+    machine = board.machine
+    if machine.dry:
+        return True
+    if machine.too_cold:
+        machine.say(board.firmware.too_cold_words)
+        return True
+    if travel_mm > LONGEST_EXTRUSION_MM:
+        machine.say(board.firmware.too_long_words)
+        return True
+    return False
+
+
+def arc_of(
+    begin: NDArray[np.float64], target: NDArray[np.float64], words: Records, unit: float
+) -> NDArray[np.float64]:
+    """Ends of the arc's pieces, (n, 4), mm; none where it has no centre."""
+    points = np.empty((256, 4))
+    count = arc_points(begin, target, words[0], unit, points)
+    if count > len(points):
+        points = np.empty((count, 4))
+        arc_points(begin, target, words[0], unit, points)
+    return begin[None] if count < 0 else points[:count]
+
+
+def set_position(board: Controller) -> None:
+    """G92: give the position other numbers; nothing moves and nothing is said."""
+    motion = board.machine.motion
+    before = float(motion.modal["position"][0, 3])
+    interpret(motion.modal[0], board.words[0])
+    after = float(motion.modal["position"][0, 3])
+    if after != before:
+        motion.set_plunger(after)
+
+
+def take_tool_in_silence(board: Controller, number: int) -> Task:
+    """Use another head once the motors stand.
+
+    The place keeps its name for the carriage; what the user calls it shifts by the offsets.
+    """
+    motion = board.machine.motion
+    yield STANDSTILL
+    shift = motion.tool_offset[number] - motion.tool_offset[motion.tool]
+    interpret(motion.modal[0], board.words[0])
+    board.machine.use_head(number)
+    motion.modal["shift"][0] += shift

@@ -10,7 +10,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.machine import Machine, MotorRunOn, Steps, Task, WaitStandstill
+from sim.devices.board.machine import STANDSTILL, Machine, MotorRunOn, Steps, Task
 from sim.devices.board.motion import Motion, PlacedAxes
 from sim.devices.board.printer import SimulatedPrinter, set_position
 from sim.devices.board.wire import Numbering
@@ -197,7 +197,7 @@ class Klipper(Marlin):
             machine.say(f"// Extruder {called} already active")
             return
         machine.say(f"// Activating extruder {called}")
-        yield WaitStandstill()
+        yield STANDSTILL
         split_line(chosen, self.board.words)
         interpret(motion.modal[0], self.board.words[0])
         motion.modal["plunger_shift"] += motion.modal["position"][0, 3]

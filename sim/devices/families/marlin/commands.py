@@ -10,7 +10,7 @@ import re
 from typing import Final
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.machine import Steps, Task, User, WaitStandstill, WaitUntil
+from sim.devices.board.machine import STANDSTILL, Steps, Task, wait_for_user, wait_until
 from sim.devices.board.printer import set_position
 from sim.devices.families.marlin.report_commands import (
     SETTINGS,
@@ -145,8 +145,8 @@ def no_effect(board: Controller, command: Command) -> None:
 def g4(board: Controller, command: Command) -> Task:
     """Dwell: the motors stand first."""
     seconds = float(dwell_s(board.words[0]))
-    yield WaitStandstill()
-    yield WaitUntil(board.machine.now + seconds)
+    yield STANDSTILL
+    yield wait_until(board.machine.now + seconds)
 
 
 def g28(board: Controller, command: Command) -> Task:
@@ -159,7 +159,7 @@ def g28(board: Controller, command: Command) -> Task:
     named = [axis for axis, name in enumerate("XYZ") if name in {*command.values, *command.flags}]
     lows = machine.motion.modal["low"][0].copy()
     for axis in named or (2, 0, 1):
-        yield WaitStandstill()
+        yield STANDSTILL
         if machine.stuck.get(axis) == "closed":
             machine.motion.stand_at(axis, float(lows[axis]))
         speed = _HOMING_Z_MM_S if axis == 2 else _HOMING_MM_S
@@ -167,10 +167,10 @@ def g28(board: Controller, command: Command) -> Task:
         target[axis] = lows[axis]
         machine.motion.modal["position"] = target
         machine.move_to(target, speed, -1)
-        yield WaitStandstill()
+        yield STANDSTILL
         if machine.stuck.get(axis) == "open":
             length = float(machine.motion.modal["high"][0, axis] - lows[axis])
-            yield WaitUntil(machine.now + length / 2 / speed)
+            yield wait_until(machine.now + length / 2 / speed)
             board.kill("Homing Failed")
             return
         machine.homed[axis] = True
@@ -187,7 +187,7 @@ def m0(board: Controller, command: Command) -> Task:
     match = _TEXT.fullmatch(command.text.strip())
     message = match[1].decode("latin-1") if match else ""
     seconds = command.values.get("S", command.values.get("P", 0.0) * 1e-3)
-    yield WaitStandstill()
+    yield STANDSTILL
     if message:
         machine.say(f"echo:{message}", b"\r\n")
     machine.say("//action:prompt_end")
@@ -196,7 +196,7 @@ def m0(board: Controller, command: Command) -> Task:
     machine.say("//action:prompt_button Continue")
     machine.say("//action:prompt_show")
     machine.waits_for_user = True
-    yield User(machine.now + seconds if seconds > 0 else math.inf)
+    yield wait_for_user(machine.now + seconds if seconds > 0 else math.inf)
     machine.waits_for_user = False
 
 
@@ -232,20 +232,20 @@ def m109(board: Controller, command: Command) -> Task:
             report_at += 1.0
         if left <= 0:
             break
-        yield WaitUntil(min(report_at, machine.now + min(_LOOK_S, max(left, 1e-3))))
+        yield wait_until(min(report_at, machine.now + min(_LOOK_S, max(left, 1e-3))))
     machine.heat.awaited = False
 
 
 def m81(board: Controller, command: Command) -> Task:
     """Power off: heaters off, the motors end; the supply itself isn't the board's to switch."""
     board.machine.heaters_off()
-    yield WaitStandstill()
-    yield WaitUntil(board.machine.now + _POWER_OFF_S)
+    yield STANDSTILL
+    yield wait_until(board.machine.now + _POWER_OFF_S)
 
 
 def m400(board: Controller, command: Command) -> Task:
     """Wait until the motors stand."""
-    yield WaitStandstill()
+    yield STANDSTILL
 
 
 def m410(board: Controller, command: Command) -> Steps:
@@ -258,7 +258,7 @@ def m500(board: Controller, command: Command) -> Task:
     board.machine.store_settings()
     board.machine.stalled_until = board.machine.now + board.machine.board.store_s
     board.hold_busy()
-    yield WaitUntil(board.machine.stalled_until)
+    yield wait_until(board.machine.stalled_until)
     board.machine.say(f"echo:Settings Stored ({SETTINGS})")
     board.machine.say("//action:notification Settings Stored")
 
@@ -334,7 +334,7 @@ _SENSOR_FAULT_S: Final = 0.034
 def m420(board: Controller, command: Command) -> Task:
     """Switch bed levelling on or off, with the motors at rest; tell which."""
     motion = board.machine.motion
-    yield WaitStandstill()
+    yield STANDSTILL
     if "S" in command.values:
         motion.level(board.machine.board.bed_slope if command.values["S"] else 0.0)
     board.machine.say(f"echo:Bed Leveling {'ON' if motion.slope else 'OFF'}")

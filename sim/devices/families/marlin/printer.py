@@ -23,14 +23,14 @@ import numpy as np
 
 from sim.devices.board.controller import Controller, Handlers
 from sim.devices.board.machine import (
+    FREE_SLOT,
+    STANDSTILL,
     HeatFault,
     Machine,
     MotorRunOn,
     Steps,
     Task,
     Wait,
-    WaitFreeSlot,
-    WaitStandstill,
 )
 from sim.devices.board.printer import SimulatedPrinter, move
 from sim.devices.board.wire import Numbering
@@ -260,7 +260,7 @@ def take_tool(board: Controller, command: Command) -> Task:
     count = machine.printer.head_count
     if count == 1:  # the recorded build takes any number in silence, and goes on with its one
         return
-    yield WaitStandstill()
+    yield STANDSTILL
     if not 0 <= number < count:
         machine.say(f"echo:T{number} Invalid extruder")
         return
@@ -270,10 +270,10 @@ def take_tool(board: Controller, command: Command) -> Task:
     machine.use_head(number)
     _rename(machine, begin[:3] + shift)
     if shift.any() and all(machine.homed) and command.values.get("S", 0.0) == 0:
-        yield WaitFreeSlot()
+        yield FREE_SLOT
         machine.motion.modal["position"] = begin
         machine.move_to(begin, _BACK_MM_S, -1)
-        yield WaitStandstill()
+        yield STANDSTILL
     machine.say(f"echo:Active Extruder: {number}")
 
 

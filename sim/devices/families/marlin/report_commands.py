@@ -8,7 +8,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from sim.devices.board.controller import Controller
-from sim.devices.board.machine import Machine, Steps, Task, WaitStandstill
+from sim.devices.board.machine import STANDSTILL, Machine, Steps, Task
 from sim.devices.board.wire import RefusedLine
 from sim.gcode.program.gcode import Command, checksum
 
@@ -108,7 +108,7 @@ def quickstop(board: Controller) -> Task:
     machine = board.machine
     machine.stop()
     machine.motion.closed_until = machine.now + QUICKSTOP_S
-    yield WaitStandstill()
+    yield STANDSTILL
 
 
 _NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
