@@ -5,6 +5,7 @@ Goes in: a program. Comes out: the head in use, tip positions and open valves, r
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -106,11 +107,11 @@ def _no_such_head(program: Program, printer: Printer) -> list[Finding]:
     known = [code(f"T{number}") for number in range(printer.head_count)]
     first, last = code("T0"), code("T99999")
     where = (program.code >= first) & (program.code <= last) & ~np.isin(program.code, known)
-    return _one(
+    return first_finding(
         program,
         where,
         "no_such_head",
-        f"chooses a head that {printer.name} hasn't (0 to {printer.head_count - 1}): the "
+        f" chooses a head that {printer.name} hasn't (0 to {printer.head_count - 1}): the "
         "firmware would go on with the one before, and its syringe be pushed for the other",
     )
 
@@ -118,11 +119,11 @@ def _no_such_head(program: Program, printer: Printer) -> list[Finding]:
 def _unchosen(program: Program) -> list[Finding]:
     """Plunger moves before the first T: which head was left in use nobody knows."""
     chosen = np.cumsum(program.kind == TOOL) > 0
-    return _one(
+    return first_finding(
         program,
         (program.pushed != 0) & ~chosen,
         "head_not_chosen",
-        "moves a plunger before the file has chosen a head; an earlier job may have left another "
+        " moves a plunger before the file has chosen a head; an earlier job may have left another "
         "in use: begin the file with T0",
     )
 
@@ -136,11 +137,11 @@ def _uncounted(program: Program, lines: list[bytes]) -> list[Finding]:
     at = np.arange(len(program))
     last_change = np.maximum.accumulate(np.where(changes, at, -1))
     last_count = np.maximum.accumulate(np.where(counts, at, -1))
-    return _one(
+    return first_finding(
         program,
         (program.pushed != 0) & (last_change > last_count),
         "plunger_not_counted",
-        "moves a plunger after a change of head without G92 E between: firmwares go on counting "
+        " moves a plunger after a change of head without G92 E between: firmwares go on counting "
         "from the other plunger, or from 0; say G92 E behind each T",
     )
 
@@ -169,28 +170,36 @@ def _offsets(program: Program, lines: list[bytes], printer: Printer) -> list[Fin
         unsaid[row] = number in needed and cleared.get(number, len(program)) > row
     remedy = f"{command} {word}1 X0 Y0 Z0"
     return [
-        *_one(
+        *first_finding(
             program,
             twice,
             "offset_twice",
-            "gives the firmware an offset of a head, which the places in the file have taken off "
+            " gives the firmware an offset of a head, which the places in the file have taken off "
             f"already (profile: heads, offset_mm): the needle would go wrong by it; say {remedy}",
         ),
-        *_one(
+        *first_finding(
             program,
             unsaid,
             "offset_unknown",
-            "chooses a head whose offset the firmware may keep from its settings; say it is none "
+            " chooses a head whose offset the firmware may keep from its settings; say it is none "
             f"before ({remedy}): the places in the file have it taken off already",
         ),
     ]
 
 
-def _one(program: Program, where: NDArray[np.bool_], sort: str, text: str) -> list[Finding]:
+def first_finding(
+    program: Program,
+    where: NDArray[np.bool_],
+    sort: str,
+    text: str,
+    value: float = math.nan,
+    limit: float = math.nan,
+) -> list[Finding]:
+    """Return one finding for all rows where something is wrong, with the first one's line."""
     if not where.any():
         return []
     line = int(program.line[int(where.argmax())])
-    return [Finding(line, sort, f"line {line} {text}", count=int(where.sum()))]
+    return [Finding(line, sort, f"line {line}{text}", value, limit, int(where.sum()))]
 
 
 # Find a pneumatic head's valve commands in G-code, and the times of ink flow.
