@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -214,10 +214,8 @@ def first_finding(
 # them; the time that a line takes to come isn't in it. Pressure and flow are taken as steady
 # meanwhile: no rise, no lag of the ink, no oozing from a closed valve.
 
-OPEN: Final = 1
-CLOSED: Final = 0
-BETWEEN: Final = 2
-UNKNOWN: Final = -1
+UNKNOWN, CLOSED, OPEN, BETWEEN = range(-1, 3)
+"""States of a valve."""
 _CODE: Final = re.compile(rb"[GMT]\d+")
 Words = frozenset[tuple[str, str | float]]
 
@@ -446,10 +444,16 @@ def as_plunger(executed: ExecutedMotion, spans: FloatArray, flow_ul_s: float) ->
 # in the file's order, where its moves end, to a motor step, and begin where the last one of the
 # file ended; a move that the planner merged into the next has none.
 
-WITHIN_MM: Final = 0.02
-"""A step of a usual axis and the rounding of the text; a place is told from the next by more."""
-AHEAD: Final = 64
-"""Moves that may be merged or left out in a row."""
+
+class BlockMatch(NamedTuple):
+    """How executed blocks are matched to places of the file."""
+
+    # A step of a usual axis and the rounding of the text; a place is told from the next by more.
+    within_mm: float = 0.02
+    max_skipped: int = 64  # Moves that may be merged or left out in a row.
+
+
+MATCH: Final = BlockMatch()
 
 
 def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
@@ -465,9 +469,9 @@ def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
     line = np.full(len(executed), -1, dtype=np.int64)
     at, last = 0, program.start[:3]
     for block, end in enumerate(executed.end):
-        if np.abs(executed.start[block] - last).max() > WITHIN_MM:
+        if np.abs(executed.start[block] - last).max() > MATCH.within_mm:
             continue
-        near = np.abs(target[at : at + AHEAD] - end).max(axis=1) <= WITHIN_MM
+        near = np.abs(target[at : at + MATCH.max_skipped] - end).max(axis=1) <= MATCH.within_mm
         if near.any():
             nearest = at + int(near.argmax())
             line[block] = program.command[rows[nearest]]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -26,13 +26,21 @@ from sim.gcode.motion.state import Board, Records
 # another.
 
 ROOM_C: Final = 21.0
-UNWIRED_C: Final = -15.0
-"""What a thermistor input reads that nothing is connected to."""
-FULL_DUTY: Final = 127
-RUNAWAY_S: Final = 40.0
-RUNAWAY_C: Final = 4.0
-"""THERMAL_PROTECTION_PERIOD and _HYSTERESIS as Marlin's default configuration has them
-(Configuration_adv.h)."""
+
+
+class HeaterFacts(NamedTuple):
+    """Heaters as Marlin has them."""
+
+    unwired_c: float = -15.0  # What a thermistor input reads that nothing is connected to.
+    full_duty: int = 127
+    runaway_s: float = 40.0
+    # THERMAL_PROTECTION_PERIOD and _HYSTERESIS as Marlin's default configuration has them
+    # (Configuration_adv.h).
+    runaway_c: float = 4.0
+    cold_c: float = 170.0  # Below it no plunger moves, as Marlin and those after it are built.
+
+
+HEATERS: Final = HeaterFacts()
 
 
 @dataclass
@@ -74,23 +82,23 @@ class Heater:
     def runs_away_at(self) -> float:
         """When thermal protection stops it, s; infinity where it has its power or is off.
 
-        `RUNAWAY_S` after the temperature fell by `RUNAWAY_C` below a target that it had reached.
+        `runaway_s` after the temperature fell by `runaway_c` below a target that it had reached.
         """
         if self.powered or self.target_c <= ROOM_C:
             return math.inf
-        return self.reaches_at(self.target_c - RUNAWAY_C) + RUNAWAY_S
+        return self.reaches_at(self.target_c - HEATERS.runaway_c) + HEATERS.runaway_s
 
     def read(self, now: float) -> float:
         """Temperature that the firmware sees, °C."""
-        return self._true(now) if self.wired else UNWIRED_C
+        return self._true(now) if self.wired else HEATERS.unwired_c
 
     def duty(self, now: float) -> int:
         """Share of full power, 0 to 127, as the firmware reports it."""
         if self.target_c <= ROOM_C or not self.wired:
             return 0
         if self._true(now) < self.target_c - 0.01:
-            return FULL_DUTY
-        return round(FULL_DUTY * (self.target_c - ROOM_C) / (self.hottest_c - ROOM_C))
+            return HEATERS.full_duty
+        return round(HEATERS.full_duty * (self.target_c - ROOM_C) / (self.hottest_c - ROOM_C))
 
     def reaches_at(self, target_c: float) -> float:
         """When it passes ``target_c`` on its present way, s; infinity where it never does."""
@@ -115,9 +123,6 @@ class Heater:
 
 
 # Simulated hotend and bed heaters, with the faults that halt a firmware.
-
-COLD_C: Final = 170.0
-"""Below it no plunger moves, as Marlin and those after it are built."""
 
 
 class HeatFault(Enum):
@@ -147,7 +152,7 @@ class Heat:
         self.hotend = Heater(400.0, 60.0, thermistors)
         self.bed = Heater(140.0, 300.0, thermistors)
         self.cold_allowed = False
-        self.coldest_c = COLD_C
+        self.coldest_c = HEATERS.cold_c
         self.awaited = False
         self._sensor_fault_at = math.inf
 

@@ -48,7 +48,7 @@ from sim.devices.board.machine import FREE_SLOT, STANDSTILL, Steps, Task, wait_u
 from sim.devices.board.wire import RefusedLine
 from sim.devices.faults import Fault
 from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.motion.state import BLOCK_S, CORNER_S, TRAPEZOID_S, Board, Records
+from sim.gcode.motion.state import PLANNING, Board, Records
 from sim.gcode.program.gcode import command_of, split_line
 from sim.gcode.program.modal import ARC, BAD, arc_points, interpret, speed
 
@@ -378,7 +378,7 @@ class SimulatedPrinter(Controller):
 
 LONGEST_EXTRUSION_MM: Final = 200.0
 """As Marlin is built; no other twin's own is known."""
-ARC_PIECE_S: Final = BLOCK_S + CORNER_S + 2 * TRAPEZOID_S
+ARC_PIECE_S: Final = PLANNING.block_s + PLANNING.corner_s + 2 * PLANNING.trapezoid_s
 """Between two pieces of an arc: an 8-bit board's time to plan one."""
 
 

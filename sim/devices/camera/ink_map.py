@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +18,21 @@ from sim.gcode.deposit.lay import Laid
 from sim.gcode.deposit.written import Strands
 
 SingleArray = NDArray[np.float32]
-_FAINT: Final = 0.02
-"""Share of its light by which a deep layer isn't drawn any more."""
+
+
+class InkDrawing(NamedTuple):
+    """How ink is drawn."""
+
+    faint: float = 0.02  # Share of its light by which a deep layer isn't drawn any more.
+    rim: float = 0.15  # A line isn't thinner at its rim, where it is seen on edge.
+    opaque: float = 6.0  # Optical thickness of ink below which nothing shows.
+
+
+DRAWING: Final = InkDrawing()
+
+
 _FLAT: Final = {"layered": 0.25, "embedded": 0.5}
 """Power of 1 - q² at the share q of the radius: 1/2 is an ellipse, less is flatter."""
-_RIM: Final = 0.15
-"""A line isn't thinner at its rim, where it is seen on edge."""
-_ENOUGH: Final = 6.0
-"""Optical thickness of ink below which nothing shows."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +65,12 @@ def ink_map(ink: Laid, plan: Plan, look: InkLook, bath: Bath) -> InkMap:
     top, radius = _tops(ink), _radii(ink, look)
     surface = top.max() if bath.surface_z_mm is None else max(bath.surface_z_mm, top.max())
     weight = np.exp(-2 * bath.turbidity_per_mm * (surface - top.mean(axis=1)))
-    shown = weight > _FAINT * weight.max()
+    shown = weight > DRAWING.faint * weight.max()
     number = np.zeros(len(lines), np.int64)
     if ink.layering is not None:
         number = ink.layering.number(lines.end[:, 2])
-    profile = np.maximum(np.linspace(1, 0, 1025) ** _FLAT[ink.style], _RIM)
-    pens = _Pens(radius, top, ink.height_mm, weight, profile, _ENOUGH / look.density_per_mm)
+    profile = np.maximum(np.linspace(1, 0, 1025) ** _FLAT[ink.style], DRAWING.rim)
+    pens = _Pens(radius, top, ink.height_mm, weight, profile, DRAWING.opaque / look.density_per_mm)
     for layer in np.unique(number[shown])[::-1]:
         _draw(lines, np.flatnonzero(shown & (number == layer)), pens, plan, thick, crest)
     return InkMap(thick, np.where(np.isfinite(crest), crest, np.float32(np.nan)))

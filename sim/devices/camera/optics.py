@@ -6,7 +6,7 @@ Own code, shared with no one who looks at the pictures: registration's projectio
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -177,10 +177,17 @@ def _rotated(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
 
 SingleArray = NDArray[np.float32]
 
-_COARSE: Final = 8
-"""Pixels between those whose place is computed; the map is smooth between them."""
-_MARGIN: Final = 4
-_MOST_PIXELS: Final = 60_000_000
+
+class PlanGrid(NamedTuple):
+    """Grid on which a scene is drawn."""
+
+    # Pixels between those whose place is computed; the map is smooth between them.
+    coarse_px: int = 8
+    margin_px: int = 4
+    max_pixels: int = 60_000_000
+
+
+GRID: Final = PlanGrid()
 
 
 @dataclass(frozen=True)
@@ -222,9 +229,9 @@ class Plan:
             )
         edge = camera.on_plane(_border(camera), z_mm)
         pitch = camera.um_per_px * 1e-3 * high / float(camera.eye_mm[2] - camera.target_mm[2])
-        low = edge.min(axis=0) - _MARGIN * pitch
-        columns, rows = np.ceil((edge.max(axis=0) - low) / pitch).astype(int) + _MARGIN + 1
-        if rows * columns > _MOST_PIXELS:
+        low = edge.min(axis=0) - GRID.margin_px * pitch
+        columns, rows = np.ceil((edge.max(axis=0) - low) / pitch).astype(int) + GRID.margin_px + 1
+        if rows * columns > GRID.max_pixels:
             raise CameraError(
                 f"the field of {columns} by {rows} pixels in the dish's plane is too large; lower "
                 "tilt_deg or size_px"
@@ -253,13 +260,13 @@ class Plan:
     def photograph(self, drawn: SingleArray) -> SingleArray:
         """The drawn plane (rows, columns, colours) as the camera's lens throws it."""
         width, height = self.camera.size_px
-        coarse_u = np.arange(0, width + _COARSE, _COARSE, dtype=np.float64)
-        coarse_v = np.arange(0, height + _COARSE, _COARSE, dtype=np.float64)
+        coarse_u = np.arange(0, width + GRID.coarse_px, GRID.coarse_px, dtype=np.float64)
+        coarse_v = np.arange(0, height + GRID.coarse_px, GRID.coarse_px, dtype=np.float64)
         u, v = np.meshgrid(coarse_u, coarse_v)
         at = self.camera.on_plane(np.column_stack([u.ravel(), v.ravel()]), self.z_mm)
         places = ((at - self.origin_mm) / self.pitch_mm).reshape(*u.shape, 2).astype(np.float32)
         # A pixel's share of the way between two coarse ones is an eighth: exact in OpenCV.
-        fine = np.array([[1 / _COARSE, 0, 0], [0, 1 / _COARSE, 0]])
+        fine = np.array([[1 / GRID.coarse_px, 0, 0], [0, 1 / GRID.coarse_px, 0]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         maps = [
             cv2.warpAffine(np.ascontiguousarray(places[..., k]), fine, (width, height), flags=flags)

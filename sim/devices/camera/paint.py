@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -174,14 +174,22 @@ def _counted(light: SingleArray, sensor: Sensor, generator: np.random.Generator)
 
 # Texture of a granular bath: seeded noise that lies still in the dish.
 
-_TILE: Final = 1024
-_PER_GRAIN: Final = 3.0
-"""Texels of a tile in a grain."""
+
+class GranuleNoise(NamedTuple):
+    """Noise of which the granules are made."""
+
+    tile_px: int = 1024
+    texels_per_grain: float = 3.0  # Texels of a tile in a grain.
+    # Texels a pixel below which straight lines between them would be seen.
+    cubic_below: float = 0.2
+
+
+GRANULES: Final = GranuleNoise()
+
+
 _OCTAVES: Final = ((1.0, 0.6), (2.7, 0.5), (8.3, 0.45), (31.0, 0.4))
 """Size over the finest granule, and its share; no two sizes have a common measure, so that no
 tile's repetition shows."""
-_MAGNIFIED: Final = 0.2
-"""Texels a pixel below which straight lines between them would be seen."""
 
 
 def granules(plan: Plan, granule_mm: float, seed: int) -> SingleArray:
@@ -200,8 +208,10 @@ def granules(plan: Plan, granule_mm: float, seed: int) -> SingleArray:
 @lru_cache(maxsize=8)
 def _noise_tile(seed: int, number: int) -> SingleArray:
     """Smooth noise without seams at its rim, standard deviation 1."""
-    drawn = np.random.default_rng((seed, 7, number)).standard_normal((_TILE, _TILE), np.float32)
-    sigma, pad = _PER_GRAIN / 2.5, 8
+    drawn = np.random.default_rng((seed, 7, number)).standard_normal(
+        (GRANULES.tile_px, GRANULES.tile_px), np.float32
+    )
+    sigma, pad = GRANULES.texels_per_grain / 2.5, 8
     wide = np.pad(drawn, pad, mode="wrap")
     smooth = cv2.GaussianBlur(wide, (0, 0), sigma)[pad:-pad, pad:-pad]
     return np.ascontiguousarray(smooth / smooth.std(), dtype=np.float32)
@@ -209,11 +219,11 @@ def _noise_tile(seed: int, number: int) -> SingleArray:
 
 def _laid_out(tile: SingleArray, plan: Plan, grain_mm: float) -> SingleArray:
     """A tile over the plan, again and again, by the printer's coordinates."""
-    texel = grain_mm / _PER_GRAIN
+    texel = grain_mm / GRANULES.texels_per_grain
     scale = plan.pitch_mm / texel
-    x, y = np.mod(plan.origin_mm / texel, _TILE)
+    x, y = np.mod(plan.origin_mm / texel, GRANULES.tile_px)
     rows, columns = plan.shape
-    between = cv2.INTER_CUBIC if scale < _MAGNIFIED else cv2.INTER_LINEAR
+    between = cv2.INTER_CUBIC if scale < GRANULES.cubic_below else cv2.INTER_LINEAR
     return np.asarray(
         cv2.warpAffine(
             tile,

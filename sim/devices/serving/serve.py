@@ -26,7 +26,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from sim.devices.board.printer import SimulatedPrinter
 from sim.errors import ServeError
@@ -248,8 +248,6 @@ class Event:
     hung_up: bool = False
 
 
-_POLL_S = 2e-3
-"""`poll` rounds shorter times up to whole milliseconds."""
 _NOTHING = Event()
 _READABLE = Event(readable=True)
 
@@ -278,7 +276,7 @@ class Waiter:
         """Wait for ``port`` (negative: for the alarm only); at most ``timeout_s``."""
         if self._poll is None:
             return self._select(port, writes, timeout_s)
-        if 0 < timeout_s < _POLL_S:
+        if 0 < timeout_s < TIMES.poll_s:
             self._select(port, writes, timeout_s)
             timeout_s = 0.0  # it tells no hang-up; poll does
         if port != self._watched:
@@ -310,12 +308,19 @@ class Waiter:
         self._watched = -1
 
 
-BOOT_S: Final = 0.05
-"""Real time between a reset by the port's opening and the first word, so that a host that empties
-its buffers after opening doesn't miss it."""
-_ABSENT_S: Final = 0.01
-_WATCH_S: Final = 0.5
-_TICK_S: Final = 0.002
+class ServeTimes(NamedTuple):
+    """Waits of the serving process, s."""
+
+    # Real time between a reset by the port's opening and the first word, so that a host that
+    # empties its buffers after opening doesn't miss it.
+    boot_s: float = 0.05
+    absent_s: float = 0.01
+    watch_s: float = 0.5
+    tick_s: float = 0.002
+    poll_s: float = 2e-3  # `poll` rounds shorter times up to whole milliseconds.
+
+
+TIMES: Final = ServeTimes()
 
 
 @dataclass(frozen=True)
@@ -389,18 +394,18 @@ class Server:
             now = time.monotonic()
             if now >= self._plugs_in_at:
                 self._plug_in()
-            if now - watched > _WATCH_S:
+            if now - watched > TIMES.watch_s:
                 watched = now
                 self._stop |= self._orphaned()
 
     def _patience_s(self) -> float:
         paced = self._serving.speed > 0 and not self._printer.halted
         if self._boots_at is not None or not math.isinf(self._plugs_in_at):
-            return _TICK_S
+            return TIMES.tick_s
         if paced:
             wakes_s = self._printer.pace.host_time(self._printer.wakes_s) - self._host_s()
-            return min(max(wakes_s / self._serving.speed, 0.0), _TICK_S)
-        return min(_WATCH_S, max(self._printer.bad_line.next_s - time.monotonic(), 0.0))
+            return min(max(wakes_s / self._serving.speed, 0.0), TIMES.tick_s)
+        return min(TIMES.watch_s, max(self._printer.bad_line.next_s - time.monotonic(), 0.0))
 
     def _turn(self, event: Event) -> bool:
         """One round: who is there, what came, what goes. False when the port was pulled out."""
@@ -412,7 +417,7 @@ class Server:
             self._pace(b"")
             self._outbox = b""
             if event.hung_up:
-                time.sleep(_ABSENT_S)
+                time.sleep(TIMES.absent_s)
             return True
         if self._boots_at is not None:
             if time.monotonic() < self._boots_at:
@@ -432,7 +437,7 @@ class Server:
             self._host_came = True
             wants = self._printer.machine.printer.resets_on_connect
             if self._port.resets_board() and wants:
-                self._boots_at = time.monotonic() + BOOT_S
+                self._boots_at = time.monotonic() + TIMES.boot_s
             return
         self._let_go()
         if self._serving.exit_on_hangup:

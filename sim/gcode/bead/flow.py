@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -159,12 +159,16 @@ def nozzle_of(ink: Ink, needle: Needle | None, lag_s: float, flow_ul_s: float) -
 
 # Split executed motion into intervals of constant tip and plunger speed, pauses included.
 
-GAP_S: Final = 1e-6
-"""Less between two blocks is rounding."""
-PER_LAG: Final = 8
-"""Pieces in a time constant: the flow within one is told by its mean."""
-STANDING: Final = 40
-"""Most pieces of a block or pause; five time constants are over by then."""
+
+class PieceRules(NamedTuple):
+    """How motion is cut into pieces."""
+
+    gap_s: float = 1e-6  # Less between two blocks is rounding.
+    per_lag: int = 8  # Pieces in a time constant: the flow within one is told by its mean.
+    max_standing: int = 40  # Most pieces of a block or pause; five time constants are over by then.
+
+
+PIECES: Final = PieceRules()
 
 
 @dataclass(frozen=True)
@@ -246,8 +250,8 @@ def cut(
     length = np.linalg.norm(end - start, axis=1)
     parts = np.ceil(length / longest_mm - 1e-9)
     if lag_s > 0:
-        by_time = np.ceil(np.diff(time) * PER_LAG / lag_s - 1e-9)
-        parts = np.maximum(parts, np.minimum(by_time, STANDING))
+        by_time = np.ceil(np.diff(time) * PIECES.per_lag / lag_s - 1e-9)
+        parts = np.maximum(parts, np.minimum(by_time, PIECES.max_standing))
     return _divided(start, end, time, push, jump, block, np.maximum(parts, 1).astype(np.int64))
 
 
@@ -257,7 +261,7 @@ def _with_gaps(
     """Blocks and the pauses between them: numbers (-1 a pause), times (n + 1,), places."""
     count = len(executed)
     begins = np.append(executed.time_start, executed.time_end[-1:] + until_s)
-    gap = np.flatnonzero(begins[1:] - executed.time_end > GAP_S) + 1
+    gap = np.flatnonzero(begins[1:] - executed.time_end > PIECES.gap_s) + 1
     block = np.insert(np.arange(count, dtype=np.int64), gap, -1)
     after = np.append(executed.start, executed.end[-1:], axis=0)[gap]
     start = np.insert(executed.start, gap, executed.end[gap - 1], axis=0)

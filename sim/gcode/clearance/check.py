@@ -3,7 +3,7 @@
 Ink is kept as filaments in the order of time, their radius from what the plunger really pushes over
 the length on which it does. For every move of every needle (writes, travels, lifts, changes of
 head, needles that only ride along) the bare shaft's nearest approach to all ink written before is
-found, exact to `ERROR_MM` (the proof is in `sim.gcode.clearance.kernels`).
+found, exact to 2 µm (the proof is in `sim.gcode.clearance.kernels`).
 
 Left out is only the joint meant, of the reach J = sqrt(2) (R + r) + overlap: R the bare radius of
 the thinnest needle's tip, r the larger filament's. Ink is a joint's

@@ -380,15 +380,22 @@ def _keep_nearer(
 # a rectangle of s and t with half sides hs and ht holds nothing below its middle's g less those
 # slopes times hs and ht: `pair_approach` cuts rectangles in half and drops those that can't lie
 # below what is found already. What it returns is attained, and not above the true minimum by more
-# than `ERROR_MM` (or `ERROR_SHARE` of it, where that is more). A joint's border is found within
-# `DECIDING_ERROR_MM` of arc length in the same way, since its slack is Lipschitz, too.
+# than `error_mm` (or `error_share` of it, where that is more). A joint's border is found within
+# `deciding_error_mm` of arc length in the same way, since its slack is Lipschitz, too.
 
-ERROR_MM: Final = 0.002
-ERROR_SHARE: Final = 0.05
-DECIDING_MM: Final = 0.02
-DECIDING_ERROR_MM: Final = 0.0005
-"""So small an error where the shaft is no deeper in ink than the first: there it decides what
-crosses."""
+
+class SearchAccuracy(NamedTuple):
+    """Accuracy of the shaft search."""
+
+    error_mm: float = 0.002
+    error_share: float = 0.05
+    deciding_mm: float = 0.02
+    # So small an error where the shaft is no deeper in ink than the first: there it decides what
+    # crosses.
+    deciding_error_mm: float = 0.0005
+
+
+SEARCH: Final = SearchAccuracy()
 
 
 @jit
@@ -434,22 +441,22 @@ def pair_approach(
         s0, s1, t0, t1 = stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3]
         s, t, hs, ht = 0.5 * (s0 + s1), 0.5 * (t0 + t1), 0.5 * (s1 - s0), 0.5 * (t1 - t0)
         value = approach(i, j, s, t, tips, ink, body)
-        error = max(ERROR_MM, ERROR_SHARE * best)
-        if -DECIDING_MM < best < 0.0:
-            error = DECIDING_ERROR_MM
+        error = max(SEARCH.error_mm, SEARCH.error_share * best)
+        if -SEARCH.deciding_mm < best < 0.0:
+            error = SEARCH.deciding_error_mm
         if value - hs * move - ht * fall >= best - error:
             continue
         if joined:
             slack, margin = slack_of(i, j, s, t, tips, ink, joints), hs * by_s + ht * by_t
             if slack > margin:
                 continue
-            if slack > 0.0 and margin <= DECIDING_ERROR_MM:
+            if slack > 0.0 and margin <= SEARCH.deciding_error_mm:
                 continue
             if slack <= 0.0 and value < best:
                 best, best_s, best_t = value, s, t
         elif value < best:
             best, best_s, best_t = value, s, t
-        if hs * by_s + ht * by_t <= 0.25 * DECIDING_ERROR_MM:
+        if hs * by_s + ht * by_t <= 0.25 * SEARCH.deciding_error_mm:
             continue
         if hs * by_s >= ht * by_t:
             stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3] = s0, s, t0, t1
@@ -530,10 +537,15 @@ def approach(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, body: Flo
 # vessels meet (`sim.gcode.clearance.network`): R the bare tip's radius, r the larger filament's, or
 # the lumen's where a vessel is several filaments side by side.
 
-WIDEST_MM: Final = 0.025
-"""Reach of a place where vessels meet, to either side."""
-PAST_MM: Final = 0.002
-"""Rounding of a place at a vessel's end."""
+
+class JointTolerance(NamedTuple):
+    """Tolerances of a joint."""
+
+    widest_mm: float = 0.025  # Reach of a place where vessels meet, to either side.
+    past_mm: float = 0.002  # Rounding of a place at a vessel's end.
+
+
+JOINT: Final = JointTolerance()
 
 
 @jit
@@ -595,13 +607,13 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
             continue
         reach = _reach(i, j, role, tips, ink, joints)
         left = reach - _mixed(tips.since[i, role], s)
-        if left + WIDEST_MM <= best:
+        if left + JOINT.widest_mm <= best:
             continue
         at = _mixed(tips.along[i, role], s)
         if v == w:
             best = max(best, left - abs(place - at))
         low, high = _between(v, w, joints)
-        most = reach + WIDEST_MM
+        most = reach + JOINT.widest_mm
         for m in range(low + np.searchsorted(joints.own[low:high], at - most), high):
             if joints.own[m] > at + most:
                 break
@@ -610,7 +622,7 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
             if joints.wide[m] == 0.0:
                 past = _past_far_end(v, at, joints.own[m], joints)
                 past = max(past, _past_far_end(w, place, joints.there[m], joints))
-                here = min(here, PAST_MM - past)
+                here = min(here, JOINT.past_mm - past)
             best = max(best, here)
     return float(best)
 
@@ -623,7 +635,7 @@ def are_related(i: int, j: int, tips: Tips, ink: Ink, joints: Joints) -> bool:
         return True
     for role in range(2):
         v, since = tips.vessel[i, role], min(tips.since[i, role, 0], tips.since[i, role, 1])
-        if since > _reach(i, j, role, tips, ink, joints) + WIDEST_MM:
+        if since > _reach(i, j, role, tips, ink, joints) + JOINT.widest_mm:
             continue
         if w < 0 and role == LEFT and tips.run[i] >= 0 and tips.run[i] == ink.run[j]:
             return True

@@ -21,7 +21,7 @@ there on), ``time_s`` (printer's clock), ``written_mm`` (way of written lines, m
 know nothing of them: the simulated scanner and camera do (`sim.gcode.deposit.lay`).
 
 A purge is what the plunger pushes beyond its foremost place while the tip stands, or along a way
-with at least `PURGE_RATIO` times the job's median dose per mm.
+with at least `PURGE.ratio` times the job's median dose per mm.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -37,11 +37,19 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from sim.gcode.deposit.written import Layering, Strands
 
-PURGE_RATIO: Final = 2.0
-LEAST_PURGE_UL: Final = 0.02
-"""Less in a move that stands is the rounding of a prime to motor steps."""
-RELOAD_UL: Final = 30.0
-"""No retraction is so long: a plunger that goes back farther is put to a full syringe."""
+
+class PurgeRules(NamedTuple):
+    """What counts as a purge."""
+
+    ratio: float = 2.0
+    least_ul: float = 0.02  # Less in a move that stands is the rounding of a prime to motor steps.
+    # No retraction is so long: a plunger that goes back farther is put to a full syringe.
+    reload_ul: float = 30.0
+
+
+PURGE: Final = PurgeRules()
+
+
 Amount = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 More = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -456,7 +464,7 @@ class Timeline:
         new = _pushed_anew(push_ul)
         dense = np.divide(new, way_mm, out=np.full(len(new), np.inf), where=way_mm > 0)
         usual = np.median(dense[writes & (new > 0)]) if (writes & (new > 0)).any() else np.inf
-        purge = np.where((new >= LEAST_PURGE_UL) & (dense >= PURGE_RATIO * usual), new, 0.0)
+        purge = np.where((new >= PURGE.least_ul) & (dense >= PURGE.ratio * usual), new, 0.0)
         return Timeline(
             time_s,
             line,
@@ -499,13 +507,13 @@ class Timeline:
 def _pushed_anew(push_ul: FloatArray) -> FloatArray:
     """What each block pushes beyond the plunger's foremost place, (n,), µL.
 
-    A plunger that goes back by more than `RELOAD_UL` comes to a full syringe.
+    A plunger that goes back by more than `PURGE.reload_ul` comes to a full syringe.
     """
     total = np.concatenate([[0.0], np.cumsum(push_ul)])
     new, begin = np.zeros(len(push_ul)), 0
     while begin < len(push_ul):
         foremost = np.maximum.accumulate(total[begin:])
-        back = np.flatnonzero(foremost - total[begin:] > RELOAD_UL)
+        back = np.flatnonzero(foremost - total[begin:] > PURGE.reload_ul)
         if not len(back):
             new[begin:] = np.diff(foremost)
             break

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -215,12 +215,17 @@ def _smoothed_area(
 # Not modelled: what a needle drags along, lines that cross or lie beside each other (their ink is
 # united without a bulge), and how far fresh ink flows under the tip to both sides alike.
 
-_STATION_MM: Final = 0.3
-_SAME_MM: Final = 0.03
-"""Distance of two axes that are one line: some motor steps."""
-_PARALLEL: Final = 0.99
-_LEAST_MM: Final = 0.02
-"""Shorter overlaps aren't cut out: lines meet end to end."""
+
+class SamePath(NamedTuple):
+    """When ink is written along older ink."""
+
+    station_mm: float = 0.3
+    distance_mm: float = 0.03  # Distance of two axes that are one line: some motor steps.
+    min_cosine: float = 0.99
+    min_overlap_mm: float = 0.02  # Shorter overlaps aren't cut out: lines meet end to end.
+
+
+SAME_PATH: Final = SamePath()
 
 
 def united(strands: Strands) -> Strands:
@@ -235,7 +240,7 @@ def united(strands: Strands) -> Strands:
     if not len(pairs):
         return strands
     spans = np.array([_overlap(strands, old, new) for old, new in pairs.tolist()])
-    real = (spans[:, 1] - spans[:, 0]) * strands.length[pairs[:, 0]] > _LEAST_MM
+    real = (spans[:, 1] - spans[:, 0]) * strands.length[pairs[:, 0]] > SAME_PATH.min_overlap_mm
     pairs, spans = pairs[real], spans[real]
     cuts: dict[int, list[float]] = {}
     for (old, new), (a, b, c, d) in zip(pairs.tolist(), spans.tolist(), strict=True):
@@ -248,19 +253,21 @@ def united(strands: Strands) -> Strands:
 def _written_twice(strands: Strands) -> IntArray:
     """Pairs (k, 2) of an older and a newer strand that lie along each other somewhere."""
     length = strands.length
-    count = np.maximum(1, np.ceil(length / _STATION_MM)).astype(np.int64)
+    count = np.maximum(1, np.ceil(length / SAME_PATH.station_mm)).astype(np.int64)
     of = np.repeat(np.arange(len(count)), count)
     share = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[of]
     way = strands.end - strands.start
     place = strands.start[of] + share[:, None] * way[of]
-    close = cKDTree(place).query_pairs(_STATION_MM / 2 + _SAME_MM, output_type="ndarray")
+    close = cKDTree(place).query_pairs(
+        SAME_PATH.station_mm / 2 + SAME_PATH.distance_mm, output_type="ndarray"
+    )
     close = close[strands.stroke[of[close[:, 0]]] != strands.stroke[of[close[:, 1]]]]
     old, new = of[close.min(axis=1)], of[close.max(axis=1)]
     along = way / np.maximum(length, 1e-12)[:, None]
     step = place[close.max(axis=1)] - place[close.min(axis=1)]
     aside = step - (step * along[old]).sum(axis=1)[:, None] * along[old]
-    one_line = np.abs((along[old] * along[new]).sum(axis=1)) > _PARALLEL
-    one_line &= np.linalg.norm(aside, axis=1) < _SAME_MM
+    one_line = np.abs((along[old] * along[new]).sum(axis=1)) > SAME_PATH.min_cosine
+    one_line &= np.linalg.norm(aside, axis=1) < SAME_PATH.distance_mm
     one_line &= np.abs(step[:, 2]) < LEVEL_TOLERANCE_MM
     return np.unique(np.column_stack([old, new])[one_line], axis=0)
 
@@ -282,7 +289,7 @@ def _cut(strands: Strands, cuts: dict[int, list[float]]) -> tuple[Strands, IntAr
     of, shares = list[int](), list[tuple[float, float]]()
     length = strands.length
     for k in range(len(strands)):
-        least = _LEAST_MM / 2 / max(float(length[k]), 1e-12)
+        least = SAME_PATH.min_overlap_mm / 2 / max(float(length[k]), 1e-12)
         at = [0.0]
         for cut in sorted(cuts.get(k, ())):
             if at[-1] + least < cut < 1.0 - least:
@@ -312,7 +319,7 @@ def _joined(pieces: Strands, of: IntArray, pairs: IntArray) -> Strands:
         for piece in its:
             away = np.linalg.norm(middle[mine] - middle[piece], axis=1)
             k = int(away.argmin())
-            if kept[piece] and away[k] < 2 * _SAME_MM:
+            if kept[piece] and away[k] < 2 * SAME_PATH.distance_mm:
                 kept[piece] = False
                 area[first[new] + k] += area[piece]
                 dose[first[new] + k] += dose[piece]

@@ -13,7 +13,7 @@ from firmware_profiles.families.grammar import Meaning
 from kernels.arrays import FloatArray
 from sim.errors import LineError
 from sim.gcode.heads import first_finding, head_findings
-from sim.gcode.motion.planner import LEAST_RATE
+from sim.gcode.motion.planner import TIMER
 from sim.gcode.program.gcode import NO_COMMAND, Program, code_name
 from sim.gcode.program.modal import BAD, HOME, MOVE
 from sim.gcode.reading.file import kinds_of
@@ -192,17 +192,17 @@ def _too_slow(program: Program, printer: Printer) -> list[Finding]:
     moving &= events >= printer.min_steps_per_segment
     rate = np.full(len(program), np.inf)
     np.divide(events * program.feed, length, out=rate, where=moving)
-    where = rate < LEAST_RATE * (1 - 1e-6)
-    worst = float(rate.min(initial=np.inf))
+    where = rate < TIMER.least_rate * (1 - 1e-6)
+    worst, least = float(rate.min(initial=np.inf)), TIMER.least_rate
     return first_finding(
         program,
         where,
         "too_slow",
-        f": {worst:.1f} steps/s asked for, below {LEAST_RATE}, the slowest that the timer of an "
-        f"8-bit board can do, in {where.sum()} moves; they run up to {LEAST_RATE / worst:.1f} "
+        f": {worst:.1f} steps/s asked for, below {least}, the slowest that the timer of an "
+        f"8-bit board can do, in {where.sum()} moves; they run up to {least / worst:.1f} "
         "times faster than written: raise the feed or the steps per mm",
         worst,
-        LEAST_RATE,
+        least,
     )
 
 

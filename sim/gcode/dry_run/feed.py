@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,8 @@ from sim.gcode.motion.planner import (
     take_head,
 )
 from sim.gcode.motion.state import (
-    BLOCK_S,
-    CORNER_S,
     LOG,
-    TRAPEZOID_S,
+    PLANNING,
     Board,
     Records,
     new_planner,
@@ -76,7 +74,9 @@ def run_program(
     planner, ring = new_planner(printer, start_mm), new_ring(printer)
     log = np.zeros(len(program) + len(ring), LOG)
     starved = np.zeros(len(program), np.bool_)
-    plan_s = np.array([BLOCK_S, CORNER_S, TRAPEZOID_S]) * (1.0 if times.byte_s else 0.0)
+    plan_s = np.array([PLANNING.block_s, PLANNING.corner_s, PLANNING.trapezoid_s]) * (
+        1.0 if times.byte_s else 0.0
+    )
     duration = _feed(
         program.kind,
         program.target,
@@ -303,15 +303,22 @@ def _drain(planner: Records, ring: Records, log: Records, now: float) -> float:
 # modelled: a report that the board makes on its own, lines sent again, a host that stalls.
 
 _BITS_PER_BYTE: Final = 10
-_CLOCK_HZ: Final = 16_000_000
-"""Of the boards that make their baud with a divider of 8 bits' grain."""
-_FINE_BAUD: Final = 57_600
-"""Above it the divider counts eighths of the clock (U2X)."""
-_LINE_S: Final = 0.06e-3
-_BYTE_S: Final = 15.5e-6
-_MOVE_S: Final = 0.34e-3
-_RECEIVE_S: Final = 8e-6
-"""A received byte's interrupt, some 130 cycles; felt where the processor works meanwhile."""
+
+
+class LineTime(NamedTuple):
+    """Time of an 8-bit board for a line, measured as told above."""
+
+    # Of the boards that make their baud with a divider of 8 bits' grain.
+    clock_hz: int = 16_000_000
+    fine_baud: int = 57_600  # Above it the divider counts eighths of the clock (U2X).
+    line_s: float = 0.06e-3
+    byte_s: float = 15.5e-6
+    move_s: float = 0.34e-3
+    # A received byte's interrupt, some 130 cycles; felt where the processor works meanwhile.
+    receive_s: float = 8e-6
+
+
+LINE_TIME: Final = LineTime()
 
 
 @dataclass(frozen=True)
@@ -339,14 +346,16 @@ class LineTimes:
     @property
     def receive_share(self) -> float:
         """Share of the processor that bytes take as they come in, one behind the other."""
-        return _RECEIVE_S / self.byte_s if self.byte_s else 0.0
+        return LINE_TIME.receive_s / self.byte_s if self.byte_s else 0.0
 
 
 def byte_seconds(printer: Printer) -> float:
     """Return a byte's time on the wire, s, as the board's divider of its clock gives it."""
     baud = float(printer.baud)
-    if printer.max_step_rate_hz is None and printer.baud > _FINE_BAUD:  # an 8-bit board
-        baud = _CLOCK_HZ / 8 / max((_CLOCK_HZ // 4 // printer.baud - 1) // 2 + 1, 1)
+    if printer.max_step_rate_hz is None and printer.baud > LINE_TIME.fine_baud:  # an 8-bit board
+        baud = (
+            LINE_TIME.clock_hz / 8 / max((LINE_TIME.clock_hz // 4 // printer.baud - 1) // 2 + 1, 1)
+        )
     return _BITS_PER_BYTE / baud
 
 
@@ -372,7 +381,9 @@ def line_times(program: Program, gcode: bytes, printer: Printer) -> LineTimes:
     return LineTimes(
         out_s=sent * byte_s,
         ok_s=answer * byte_s,
-        board_s=np.where(sent > 0, _LINE_S + _BYTE_S * sent + _MOVE_S * moves, 0.0),
+        board_s=np.where(
+            sent > 0, LINE_TIME.line_s + LINE_TIME.byte_s * sent + LINE_TIME.move_s * moves, 0.0
+        ),
         follows=follows,
         withheld_s=withheld * byte_s,
         byte_s=byte_s,

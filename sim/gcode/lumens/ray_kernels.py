@@ -16,11 +16,17 @@ from numpy.typing import NDArray
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-FLAT: Final = 1e-12
-RIM: Final = 1.0 - 1e-4
-"""Share of its half height up to which a flank is followed."""
-SETTLED_MM: Final = 1e-7
-NEWTON: Final = 30
+
+class RayRules(NamedTuple):
+    """Tolerances of a ray's way to a flank."""
+
+    flat: float = 1e-12
+    rim: float = 1.0 - 1e-4  # Share of its half height up to which a flank is followed.
+    settled_mm: float = 1e-7
+    max_steps: int = 30
+
+
+RAY: Final = RayRules()
 
 
 class Slabs(NamedTuple):
@@ -62,7 +68,7 @@ def _row_cells(
         return 1.0, 0.0
     t0, t1 = 0.0, 1.0
     dy = y1 - y0
-    if abs(dy) > FLAT:
+    if abs(dy) > RAY.flat:
         ta, tb = (a - y0) / dy, (b - y0) / dy
         t0, t1 = max(0.0, min(ta, tb)), min(1.0, max(ta, tb))
     xa, xb = x0 + t0 * (x1 - x0), x0 + t1 * (x1 - x0)
@@ -167,12 +173,12 @@ def stadium_span(
         s, ds = (px - x0) * lx + (py - y0) * ly, dx * lx + dy * ly
         n, dn = (py - y0) * lx - (px - x0) * ly, dy * lx - dx * ly
         a0, a1 = -np.inf, np.inf
-        if abs(ds) > FLAT:
+        if abs(ds) > RAY.flat:
             ta, tb = -s / ds, (length - s) / ds
             a0, a1 = min(ta, tb), max(ta, tb)
         elif s < 0.0 or s > length:
             a0, a1 = 1.0, 0.0
-        if abs(dn) > FLAT:
+        if abs(dn) > RAY.flat:
             ta, tb = (-half - n) / dn, (half - n) / dn
             a0, a1 = max(a0, min(ta, tb)), min(a1, max(ta, tb))
         elif abs(n) > half:
@@ -196,8 +202,8 @@ def _flank(line: FloatArray, x: float, y: float, up: float) -> tuple[float, floa
     away = np.sqrt(ex * ex + ey * ey)
     u = up / rise
     rest = np.sqrt(max(1.0 - u * u, 0.0))
-    steep = deep * u / (rise * max(rest, FLAT))
-    scale = 1.0 / max(away, FLAT)
+    steep = deep * u / (rise * max(rest, RAY.flat))
+    scale = 1.0 / max(away, RAY.flat)
     return away - half + deep * (1.0 - rest), ex * scale, ey * scale, steep
 
 
@@ -219,8 +225,8 @@ def _enters(
     point of the ray is outside it: Newton's steps from outside come to its face from outside.
     """
     rise = line[6]
-    if abs(dz) > FLAT:
-        tip = RIM * rise
+    if abs(dz) > RAY.flat:
+        tip = RAY.rim * rise
         t0, t1 = (-rise - up) / dz, (rise - up) / dz
         t0, t1 = min(t0, t1), max(t0, t1)
         if t0 > tb or t1 < ta:
@@ -232,14 +238,14 @@ def _enters(
         # On the rim itself the flank lies level, and its gradient isn't finite.
         t0, t1 = min((-tip - up) / dz, (tip - up) / dz), max((-tip - up) / dz, (tip - up) / dz)
         ta, tb = max(ta, t0), min(tb, t1)
-    elif abs(up) > rise * (1.0 + SETTLED_MM):
+    elif abs(up) > rise * (1.0 + RAY.settled_mm):
         return np.inf
     t = ta
-    for _ in range(NEWTON):
+    for _ in range(RAY.max_steps):
         if t > tb:
             return np.inf
         off, gx, gy, gz = _flank(line, px + t * dx, py + t * dy, up + t * dz)
-        if off <= SETTLED_MM:
+        if off <= RAY.settled_mm:
             return t
         slope = gx * dx + gy * dy + gz * dz
         if slope >= 0.0:

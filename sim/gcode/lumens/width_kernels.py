@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numba
 import numpy as np
@@ -11,13 +11,18 @@ from kernels import jit, pjit
 from kernels.arrays import FloatArray, IntArray
 from sim.gcode.lumens.ray_kernels import Slabs, first_hit
 
-SPIRAL: Final = 40
-"""Points tried in a lumen whose axis a line covers."""
-COARSE_RAYS: Final = 24
-GOLDEN_ANGLE: Final = 2.399963229728653
-SETTLED_MM: Final = 4e-4
-"""A circle that grows by less on moving its centre is the widest."""
-MOST_CELLS: Final = 2000
+
+class CircleSearch(NamedTuple):
+    """Search for the widest circle in a lumen."""
+
+    spiral_points: int = 40  # Points tried in a lumen whose axis a line covers.
+    coarse_rays: int = 24
+    golden_angle: float = 2.399963229728653
+    settled_mm: float = 4e-4  # A circle that grows by less on moving its centre is the widest.
+    max_cells: int = 2000
+
+
+CIRCLE: Final = CircleSearch()
 
 
 @jit
@@ -99,10 +104,10 @@ def widest_in_polygon(
     best = _clearance(edge, ax, ay)
     if best < 0.0:
         bx, by, best = 0.0, 0.0, _clearance(edge, 0.0, 0.0)
-    square = np.empty((MOST_CELLS + 8, 4))
+    square = np.empty((CIRCLE.max_cells + 8, 4))
     square[0] = ax, ay, window, np.inf
     taken, used, tried = 0, 1, 0
-    while taken < used and tried < MOST_CELLS:
+    while taken < used and tried < CIRCLE.max_cells:
         x, y, half, bound = square[taken]
         taken += 1
         if bound <= best + tolerance:
@@ -147,7 +152,7 @@ def _settle(
         least = _look_round(slabs, point, u, v, limit, seen)
         if least <= 0.0:
             break
-        if least <= best + SETTLED_MM:
+        if least <= best + CIRCLE.settled_mm:
             if least > best:
                 best_x, best_y, best = x, y, least
                 sight[:] = seen
@@ -158,7 +163,7 @@ def _settle(
         for k in range(rays):
             angle = 2.0 * np.pi * k / rays
             corner[k, 0], corner[k, 1] = clean[k] * np.cos(angle), clean[k] * np.sin(angle)
-        cx, cy, _ = widest_in_polygon(corner, -x, -y, window, SETTLED_MM)
+        cx, cy, _ = widest_in_polygon(corner, -x, -y, window, CIRCLE.settled_mm)
         x, y = x + cx, y + cy
     return best_x, best_y, best
 
@@ -187,10 +192,10 @@ def _section(
     x, y, best = _settle(slabs, axis, u, v, window, limit, start, sight)
     if best < 0.75 * radius:
         # A line stands in the lumen: look at the other side of it too.
-        coarse, point, clear = np.empty(COARSE_RAYS), np.empty(3), 0.0
-        for k in range(SPIRAL):
-            away = window * np.sqrt((k + 0.5) / SPIRAL)
-            px, py = away * np.cos(k * GOLDEN_ANGLE), away * np.sin(k * GOLDEN_ANGLE)
+        coarse, point, clear = np.empty(CIRCLE.coarse_rays), np.empty(3), 0.0
+        for k in range(CIRCLE.spiral_points):
+            away = window * np.sqrt((k + 0.5) / CIRCLE.spiral_points)
+            px, py = away * np.cos(k * CIRCLE.golden_angle), away * np.sin(k * CIRCLE.golden_angle)
             for c in range(3):
                 point[c] = axis[c] + px * u[c] + py * v[c]
             least = _look_round(slabs, point, u, v, limit, coarse)

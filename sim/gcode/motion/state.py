@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,9 +182,13 @@ class Board:
 # Of Marlin bugfix-2.1.x on an ATmega2560 at 16 MHz; measured as `sim.gcode.dry_run.feed`
 # tells.
 
-BLOCK_S: Final = 0.92e-3
-"""To make a block of a move."""
-CORNER_S: Final = 0.63e-3
-"""More where another waits: the speed at their corner."""
-TRAPEZOID_S: Final = 0.19e-3
-"""For each trapezoid that the new block makes the planner set."""
+
+class PlanningTime(NamedTuple):
+    """Processor time to plan a move, s."""
+
+    block_s: float = 0.92e-3  # To make a block of a move.
+    corner_s: float = 0.63e-3  # More where another waits: the speed at their corner.
+    trapezoid_s: float = 0.19e-3  # For each trapezoid that the new block makes the planner set.
+
+
+PLANNING: Final = PlanningTime()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,25 +192,11 @@ MODAL: Final = np.dtype(
 """State that outlives a line."""
 
 
-# Kinds of a command's effect.
-OTHER: Final = 0
-"""Nothing that moves, waits or counts; known or not."""
-MOVE: Final = 1
-"""A straight move to the new position."""
-ARC: Final = 2
-"""An arc to the new position."""
-DWELL: Final = 3
-"""Wait for the motors, then so many seconds."""
-SYNC: Final = 4
-"""Wait for the motors to stand (M400, a wait for heat, a wait for the user)."""
-SET_POSITION: Final = 5
-"""Give the present position other numbers."""
-HOME: Final = 6
-"""Run to the endstops."""
-BAD: Final = 7
-"""An arc that is none."""
-TOOL: Final = 8
-"""Another head, or the same again, once the motors stand."""
+OTHER, MOVE, ARC, DWELL, SYNC, SET_POSITION, HOME, BAD, TOOL = range(9)
+"""Kinds of a command's effect: nothing that moves, waits or counts (known or not); a straight move
+or an arc to the new position; a wait for the motors, then so many seconds; a wait for the motors
+to stand (M400, a wait for heat or for the user); other numbers for the present position; a run to
+the endstops; an arc that is none; another head, or the same again, once the motors stand."""
 
 _I, _J, _R, _S, _P, _F, _E, _X = 8, 9, 17, 18, 15, 5, 4, 23
 _SYNC_CODES = (0, 1, 109, 190, 400)
@@ -357,9 +343,19 @@ def speed(modal: Record) -> float:
     return modal.feed * 0.01 * modal.speed_percent
 
 
-LONGEST_SEGMENT_MM = 1.0
-SHORTEST_SEGMENT_MM = 0.1
-LEAST_SEGMENTS_PER_TURN = 72
+class ArcRules(NamedTuple):
+    """How arcs are cut and which are refused, after Marlin."""
+
+    longest_segment_mm: float = 1.0
+    shortest_segment_mm: float = 0.1
+    min_segments_per_turn: int = 72
+    off_circle_mm: float = 0.1
+    # No machine has room for it; Marlin counts its pieces, of 1 mm, in 16 bits.
+    longest_arc_mm: float = 1e4
+    least_turn: float = 1e-3
+
+
+ARCS: Final = ArcRules()
 
 
 @jit
@@ -384,12 +380,6 @@ def arc_centre(
     if i == 0.0 and j == 0.0:
         return math.nan, math.nan
     return begin[0] + i, begin[1] + j
-
-
-OFF_CIRCLE_MM = 0.1
-LONGEST_ARC_MM = 1e4
-"""No machine has room for it; Marlin counts its pieces, of 1 mm, in 16 bits."""
-LEAST_TURN = 1e-3
 
 
 @jit
@@ -423,15 +413,15 @@ def arc_is_sound(
         return False
     if has_word(words, _R):
         chord = math.hypot(end[0] - begin[0], end[1] - begin[1])
-        if chord > 2.0 * (abs(words.value[_R] * unit) + OFF_CIRCLE_MM):
+        if chord > 2.0 * (abs(words.value[_R] * unit) + ARCS.off_circle_mm):
             return False
-    elif abs(_radius(begin, cx, cy) - _radius(end, cx, cy)) > OFF_CIRCLE_MM:
+    elif abs(_radius(begin, cx, cy) - _radius(end, cx, cy)) > ARCS.off_circle_mm:
         return False
     turn = abs(arc_turn(begin, end, words, cx, cy))
-    if _radius(begin, cx, cy) * turn > LONGEST_ARC_MM:
+    if _radius(begin, cx, cy) * turn > ARCS.longest_arc_mm:
         return False
     whole = begin[0] == end[0] and begin[1] == end[1]
-    return whole or LEAST_TURN < turn < 2.0 * math.pi - LEAST_TURN
+    return whole or ARCS.least_turn < turn < 2.0 * math.pi - ARCS.least_turn
 
 
 @jit
@@ -474,12 +464,12 @@ def arc_points(
     if turn == 0.0:
         return -1
     length = radius * abs(turn)
-    least = math.ceil(LEAST_SEGMENTS_PER_TURN * abs(turn) / (2.0 * math.pi))
-    count = max(math.floor(length / LONGEST_SEGMENT_MM), least, 1)
-    if length / count > LONGEST_SEGMENT_MM:
-        count = math.ceil(length / LONGEST_SEGMENT_MM)
-    elif length / count < SHORTEST_SEGMENT_MM:
-        count = max(1, math.floor(length / SHORTEST_SEGMENT_MM))
+    least = math.ceil(ARCS.min_segments_per_turn * abs(turn) / (2.0 * math.pi))
+    count = max(math.floor(length / ARCS.longest_segment_mm), least, 1)
+    if length / count > ARCS.longest_segment_mm:
+        count = math.ceil(length / ARCS.longest_segment_mm)
+    elif length / count < ARCS.shortest_segment_mm:
+        count = max(1, math.floor(length / ARCS.shortest_segment_mm))
     count = int(count)
     for k in range(min(count, len(out))):
         share = (k + 1) / count

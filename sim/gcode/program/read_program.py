@@ -12,7 +12,7 @@ from firmware_profiles.families import family_of
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, read_gcode
 from sim.gcode.reading.file import read_file
-from sim.gcode.reading.line import MOST_REFUSED, NamedCommand
+from sim.gcode.reading.line import LIMITS, NamedCommand
 
 _SECONDS: Final = 60.0
 """The reader takes F as per minute."""
@@ -42,7 +42,7 @@ def read_written(
     printer: Printer,
     start_mm: tuple[float, float, float],
     *,
-    max_refused: int = MOST_REFUSED,
+    max_refused: int = LIMITS.max_refused,
 ) -> ReadProgram:
     """Read a file.
 

@@ -15,7 +15,7 @@ from firmware_profiles.families import family_of
 from kernels.arrays import IntArray
 from sim.errors import LineError
 from sim.gcode.reading.line import (
-    MOST_REFUSED,
+    LIMITS,
     GcodeLine,
     NamedCommand,
     plain_command,
@@ -63,7 +63,9 @@ class GcodeFile:
         return b"\n".join(lines)
 
 
-def read_file(gcode: bytes, printer: Printer, *, max_refused: int = MOST_REFUSED) -> GcodeFile:
+def read_file(
+    gcode: bytes, printer: Printer, *, max_refused: int = LIMITS.max_refused
+) -> GcodeFile:
     """Read a whole file; each line is what `read_line` makes of it.
 
     The rest behind the last of ``max_refused`` refused lines isn't read.
@@ -149,7 +151,7 @@ _MOVES: Final = frozenset({"G0", "G1"})
 def other_lines(gcode: bytes, printer: Printer) -> Others:
     """Read a file's lines that aren't moves; those that can't be read are left out.
 
-    After so many of these as `read_file` bears (`MOST_REFUSED`) the rest is left out, too.
+    After so many of these as `read_file` bears (`LIMITS.max_refused`) the rest is left out, too.
 
     Parameters
     ----------
@@ -168,7 +170,7 @@ def other_lines(gcode: bytes, printer: Printer) -> Others:
         line = kept[text]
         if line is None:
             refused += 1
-            if refused == MOST_REFUSED:
+            if refused == LIMITS.max_refused:
                 break
         elif line and line.code not in _MOVES:
             others.append((number, line))

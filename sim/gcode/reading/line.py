@@ -65,9 +65,22 @@ class GcodeLine:
 
 BLANK: Final = GcodeLine("", {}, b"")
 """A comment, or nothing."""
-_SHOWN: Final = 60
-MOST_REFUSED: Final = 1_000
-"""Refused lines after which the rest of a file isn't read."""
+
+
+class LineLimits(NamedTuple):
+    """Limits of what is read."""
+
+    shown_characters: int = 60
+    max_refused: int = 1_000  # Refused lines after which the rest of a file isn't read.
+    max_digits: int = 15
+    # Of a number; a firmware's 32-bit float keeps the last micrometre up to 8 mm only, and its
+    # integers end at 2 147 483 647.
+    largest: float = 1e6
+
+
+LIMITS: Final = LineLimits()
+
+
 SORTS: Final[dict[str, str]] = {
     "not_text": "characters that can't be sent",
     "no_command": "lines that aren't a command",
@@ -89,7 +102,9 @@ SORTS: Final[dict[str, str]] = {
 def refusal(sort: str, text: bytes, reason: str) -> LineError:
     """Error for a line; ``sort`` is a key of `SORTS`."""
     shown = text.strip(b"\r\n\t ").decode("ascii", "backslashreplace")
-    shown = shown if len(shown) <= _SHOWN else shown[:_SHOWN] + "..."
+    shown = (
+        shown if len(shown) <= LIMITS.shown_characters else shown[: LIMITS.shown_characters] + "..."
+    )
     return LineError(sort, shown, reason)
 
 
@@ -254,10 +269,6 @@ def accepted_letters(family: str, code: str) -> AcceptedLetters | None:
 
 # Parse the words (letter and number) of a G-code command.
 
-MOST_DIGITS: Final = 15
-LARGEST: Final = 1e6
-"""Of a number; a firmware's 32-bit float keeps the last micrometre up to 8 mm only, and its
-integers end at 2 147 483 647."""
 _WORD: Final = re.compile(
     rb"([A-Za-z])[ \t]*(?:([+-]?)(\d+\.?\d*|\.\d+)|(\"[^\"]*\"))?(?=[ \tA-Za-z]|$)[ \t]*"
 )
@@ -305,11 +316,11 @@ def words_of(rest: bytes, text: bytes, family: str) -> Iterator[Word]:
 
 def _number(letter: bytes, sign: bytes, digits: bytes, text: bytes) -> tuple[float, bytes]:
     value = float(sign + digits)
-    if len(digits) - digits.count(b".") > MOST_DIGITS or abs(value) > LARGEST:
+    if len(digits) - digits.count(b".") > LIMITS.max_digits or abs(value) > LIMITS.largest:
         raise refusal(
             "huge_number", text, f"{(letter + sign + digits[:24]).decode()} has more than "
-            f"{MOST_DIGITS} digits or is beyond ±{LARGEST:.0f}, and firmwares would read another "
-            "number; round it"
+            f"{LIMITS.max_digits} digits or is beyond ±{LIMITS.largest:.0f}, and firmwares would "
+            "read another number; round it"
         )  # fmt: skip
     shown = b"0" + digits if digits.startswith(b".") else digits.removesuffix(b".")
     return value, letter + (b"-" if sign == b"-" else b"") + shown

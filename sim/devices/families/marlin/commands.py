@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Final
+from typing import Final, NamedTuple
 
 from sim.devices.board.controller import Controller, Handlers
 from sim.devices.board.machine import STANDSTILL, Steps, Task, wait_for_user, wait_until
@@ -34,8 +34,6 @@ from sim.devices.families.marlin.report_commands import (
 from sim.devices.families.marlin.settings import SETTINGS_HANDLERS, m220, m221, tell_settings
 from sim.gcode.program.gcode import Command
 from sim.gcode.program.modal import dwell_s, interpret
-
-_AT_ONCE_S: Final = 1e-6
 
 
 def g92(board: Controller, command: Command) -> None:
@@ -76,7 +74,7 @@ def m85(board: Controller, command: Command) -> None:
     if "S" in command.words:
         seconds = command.values.get("S", 0.0)
         # Below 0 the time is over at once: the firmware kills itself.
-        board.machine.idle_limit_s = _AT_ONCE_S if seconds < 0 else seconds
+        board.machine.idle_limit_s = BUILD.at_once_s if seconds < 0 else seconds
         board.machine.idle_since = board.machine.now
     else:
         board.machine.say(f"Inactivity timeout {board.machine.idle_limit_s:.0f} s.")
@@ -162,7 +160,7 @@ def g28(board: Controller, command: Command) -> Task:
         yield STANDSTILL
         if machine.stuck.get(axis) == "closed":
             machine.motion.stand_at(axis, float(lows[axis]))
-        speed = _HOMING_Z_MM_S if axis == 2 else _HOMING_MM_S
+        speed = BUILD.homing_z_mm_s if axis == 2 else BUILD.homing_mm_s
         target = machine.motion.modal["position"][0].copy()
         target[axis] = lows[axis]
         machine.motion.modal["position"] = target
@@ -207,7 +205,7 @@ def m104(board: Controller, command: Command) -> None:
     if target is not None and not board.machine.dry:
         heater.set_target(board.machine.now, target)
         if not heater.wired and target > 0:
-            board.machine.heat.sensor_fails_at(board.machine.now + _SENSOR_FAULT_S)
+            board.machine.heat.sensor_fails_at(board.machine.now + BUILD.sensor_fault_s)
 
 
 def m109(board: Controller, command: Command) -> Task:
@@ -222,17 +220,17 @@ def m109(board: Controller, command: Command) -> Task:
     report_at = machine.now
     there_at: float | None = None
     while machine.heat.awaited:
-        near = abs(heater.read(machine.now) - target) < _WINDOW_C
+        near = abs(heater.read(machine.now) - target) < BUILD.window_c
         if near and there_at is None:
             there_at = machine.now
-        left = math.inf if there_at is None else there_at + _RESIDENCE_S - machine.now
+        left = math.inf if there_at is None else there_at + BUILD.residence_s - machine.now
         if machine.now >= report_at:
             rest = "?" if math.isinf(left) else str(max(int(left), 0))
             machine.say(f"{temperatures(machine)} W:{rest}")
             report_at += 1.0
         if left <= 0:
             break
-        yield wait_until(min(report_at, machine.now + min(_LOOK_S, max(left, 1e-3))))
+        yield wait_until(min(report_at, machine.now + min(BUILD.look_s, max(left, 1e-3))))
     machine.heat.awaited = False
 
 
@@ -240,7 +238,7 @@ def m81(board: Controller, command: Command) -> Task:
     """Power off: heaters off, the motors end; the supply itself isn't the board's to switch."""
     board.machine.heaters_off()
     yield STANDSTILL
-    yield wait_until(board.machine.now + _POWER_OFF_S)
+    yield wait_until(board.machine.now + BUILD.power_off_s)
 
 
 def m400(board: Controller, command: Command) -> Task:
@@ -320,15 +318,25 @@ HANDLERS: Final[Handlers] = {
 #
 # A function is a generator that yields what it waits for, or does its work at once.
 
-_HOMING_MM_S: Final = 50.0
-_HOMING_Z_MM_S: Final = 4.0
-_RESIDENCE_S: Final = 10.0
-_WINDOW_C: Final = 1.0
-_LOOK_S: Final = 0.25
-_POWER_OFF_S: Final = 1.0
+
+class MarlinBuild(NamedTuple):
+    """Speeds and waits of the recorded build."""
+
+    homing_mm_s: float = 50.0
+    homing_z_mm_s: float = 4.0
+    residence_s: float = 10.0
+    window_c: float = 1.0
+    look_s: float = 0.25
+    power_off_s: float = 1.0
+    sensor_fault_s: float = 0.034
+    at_once_s: float = 1e-6
+
+
+BUILD: Final = MarlinBuild()
+
+
 _TEXT: Final = re.compile(rb"M *\d+ *(?:[A-Z] *[-+]?\d+\.?\d* *)*(.*)")
 """Behind a code and words with a number."""
-_SENSOR_FAULT_S: Final = 0.034
 
 
 def m420(board: Controller, command: Command) -> Task:

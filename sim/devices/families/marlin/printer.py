@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import ClassVar, Final
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
@@ -224,10 +224,15 @@ class Marlin:
 # and without emergency parser alike. That is 0.613 s and 47.5 µs for each event. Then interrupts go
 # off.
 
-RUN_ON_S: Final = 0.613
-"""From the firmware's last word to the halt, with no motor running."""
-RUN_ON_EVENT_S: Final = 47.5e-6
-"""More for each step event within it."""
+
+class RunOn(NamedTuple):
+    """Time from a kill to the halt of the motors."""
+
+    rest_s: float = 0.613  # From the firmware's last word to the halt, with no motor running.
+    event_s: float = 47.5e-6  # More for each step event within it.
+
+
+RUN_ON: Final = RunOn()
 
 
 class WaitForWords:
@@ -240,7 +245,7 @@ class WaitForWords:
     def ends_s(self) -> float:
         """When the motors stop, s, by the events up to now; later ones put it off."""
         done = self._machine.motion.events(self._machine.now) - self._before
-        return self._begin_s + RUN_ON_S + RUN_ON_EVENT_S * done
+        return self._begin_s + RUN_ON.rest_s + RUN_ON.event_s * done
 
 
 # Marlin 2.1's head change (``tool_change``), with head offsets (M218).
