@@ -64,7 +64,7 @@ class Port(Protocol):
         """A port of the same name, after this one was closed."""
 
 
-class PtyPort:
+class _PtyPort:
     """A pseudo-terminal, raw, with a link of a fixed name to it.
 
     A host may open and close it as often as it likes. On Linux its absence is seen, and the data
@@ -95,23 +95,19 @@ class PtyPort:
         self.address = self._name if link is None else str(link)
 
     def fileno(self) -> int:
-        """The terminal's master side."""
         return self._master
 
     def connected(self, hung_up: bool) -> bool:
-        """Whether a host has the terminal open."""
         if hung_up and self._termios.tcgetattr(self._master)[2] & self._termios.HUPCL:
             self._ready_line = False
         return not hung_up
 
     def resets_board(self) -> bool:
-        """Whether the ready line has risen since the last call."""
         rose = not self._ready_line
         self._ready_line = True
         return rose
 
     def read(self) -> bytes:
-        """What the host has sent."""
         try:
             return os.read(self._master, _READ_BYTES)
         except BlockingIOError:
@@ -122,7 +118,6 @@ class PtyPort:
             raise
 
     def write(self, data: bytes) -> int:
-        """Send what the terminal takes."""
         try:
             return os.write(self._master, data)
         except BlockingIOError:
@@ -133,7 +128,6 @@ class PtyPort:
             raise
 
     def close(self) -> None:
-        """Close the terminal and remove the link, if it is still ours."""
         if self._link is not None and self._link.is_symlink():
             with contextlib.suppress(OSError):
                 if os.readlink(self._link) == self._name:
@@ -143,9 +137,8 @@ class PtyPort:
                 with contextlib.suppress(OSError):
                     os.close(handle)
 
-    def again(self) -> PtyPort:
-        """A terminal with the same link to it."""
-        return PtyPort(self._link)
+    def again(self) -> _PtyPort:
+        return _PtyPort(self._link)
 
 
 def _point(link: Path, name: str) -> None:
@@ -162,7 +155,7 @@ def _point(link: Path, name: str) -> None:
         raise ServeError(f"can't make the link {link}: {exc.strerror}") from exc
 
 
-class TcpPort:
+class _TcpPort:
     """One host at a time on a local TCP port; a new connection counts as a reset."""
 
     def __init__(self, port: int) -> None:
@@ -180,11 +173,9 @@ class TcpPort:
         self.address = f"socket://127.0.0.1:{self._number}"
 
     def fileno(self) -> int:
-        """The host's socket, or the listening one."""
         return (self._client or self._server).fileno()
 
     def connected(self, hung_up: bool) -> bool:
-        """Whether a host is there; takes one that is waiting."""
         if self._client is None:
             try:
                 self._client, _ = self._server.accept()
@@ -196,12 +187,10 @@ class TcpPort:
         return True
 
     def resets_board(self) -> bool:
-        """Whether the connection is new since the last call."""
         fresh, self._fresh = self._fresh, False
         return fresh
 
     def read(self) -> bytes:
-        """What the host has sent; the end of the connection drops it."""
         if self._client is None:
             return b""
         try:
@@ -216,7 +205,6 @@ class TcpPort:
         return data
 
     def write(self, data: bytes) -> int:
-        """Send what the socket takes."""
         if self._client is None:
             return len(data)
         try:
@@ -227,33 +215,28 @@ class TcpPort:
             return len(data)
 
     def close(self) -> None:
-        """Close both sockets."""
         if self._client is not None:
             self._client.close()
         self._server.close()
 
-    def again(self) -> TcpPort:
-        """Listen on the same port."""
-        return TcpPort(self._number)
+    def again(self) -> _TcpPort:
+        return _TcpPort(self._number)
 
 
-# Wait until a port is ready or an alarm descriptor fires; uses poll where available.
+def open_port(link: Path | None, tcp: int | None) -> Port:
+    """Open a TCP port where one is given, else a pseudo-terminal."""
+    if tcp is not None:
+        return _TcpPort(tcp)
+    if not hasattr(os, "openpty"):
+        raise ServeError("this system has no pseudo-terminals; use --tcp 0")
+    return _PtyPort(link)
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(NamedTuple):
     """What the port is ready for."""
 
     readable: bool = False
     hung_up: bool = False
-
-
-_NOTHING = Event()
-_READABLE = Event(readable=True)
-
-
-def _event(flags: int) -> Event:
-    return Event(bool(flags & select.POLLIN), bool(flags & select.POLLHUP))
 
 
 class Waiter:
@@ -287,11 +270,10 @@ class Waiter:
             self._watched = port
         if writes and port >= 0:
             self._poll.modify(port, select.POLLIN | select.POLLOUT)
-        event = _NOTHING
+        event = Event()
         for at, flags in self._poll.poll(timeout_s * 1e3):
             if at == port:
-                # The usual answer is made once: this runs for every line of a print.
-                event = _READABLE if flags == select.POLLIN else _event(flags)
+                event = Event(bool(flags & select.POLLIN), bool(flags & select.POLLHUP))
         if writes and port >= 0:
             self._poll.modify(port, select.POLLIN)
         return event
