@@ -31,8 +31,16 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import DepositError
 from sim.gcode.bead.flow import Nozzle, NozzleFlow, Pieces, nozzle_flow
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults, Timeline
-from sim.gcode.deposit.lay import Deposit, Laid, Style, deposit_of_laid, laid_as_is, with_faults
-from sim.gcode.deposit.written import Strands, level_areas, level_heights, written_levels
+from sim.gcode.deposit.lay import (
+    Deposit,
+    Laid,
+    Style,
+    deposit_of_laid,
+    laid_as_is,
+    with_faults,
+    writing_style,
+)
+from sim.gcode.deposit.written import Layering, Strands, smoothed_area
 
 ROUNDED: Final = BeadSection()
 WAY_MM = 1e-9
@@ -154,7 +162,7 @@ def predict_bead(
     stroke = _strokes(pieces, to_write)
     area = np.where(length > WAY_MM, flow.laid_ul / np.maximum(length, WAY_MM), 0.0)
     if nozzle.lag_s == 0:
-        area[to_write] = _smoothed(
+        area[to_write] = smoothed_area(
             stroke[to_write], length[to_write], flow.laid_ul[to_write], smoothing_mm
         )
     chosen = style or _style(pieces, to_write)
@@ -174,27 +182,10 @@ def _strokes(pieces: Pieces, writes: BoolArray) -> IntArray:
     return np.cumsum(number)
 
 
-def _smoothed(
-    stroke: IntArray, length: FloatArray, volume: FloatArray, smoothing: float
-) -> FloatArray:
-    """Volume over way in a window around each piece's middle, within its stroke, (n,), mm²."""
-    if not len(stroke):
-        return np.zeros(0)
-    path = np.concatenate([[0.0], np.cumsum(length)])
-    laid = np.concatenate([[0.0], np.cumsum(volume)])
-    first = np.searchsorted(stroke, stroke, side="left")
-    last = np.searchsorted(stroke, stroke, side="right")
-    middle = (path[:-1] + path[1:]) / 2
-    half = np.maximum(smoothing, length) / 2
-    low, high = np.maximum(middle - half, path[first]), np.minimum(middle + half, path[last])
-    return (np.interp(high, path, laid) - np.interp(low, path, laid)) / (high - low)
-
-
 def _style(pieces: Pieces, writes: BoolArray) -> Style:
     if not writes.any():
         return "embedded"
-    flat = np.abs(pieces.end[writes, 2] - pieces.start[writes, 2]).max() < 1e-3
-    return "layered" if flat and len(written_levels(pieces.end[writes, 2])) > 1 else "embedded"
+    return writing_style(pieces.start[writes, 2], pieces.end[writes, 2])
 
 
 def _widths(
@@ -202,11 +193,8 @@ def _widths(
 ) -> FloatArray:
     if style == "embedded" or not writes.any():
         return np.sqrt(4 / np.pi * area)
-    levels = written_levels(pieces.end[writes, 2])
-    areas = level_areas(levels, pieces.end[writes, 2], area[writes])
-    height = level_heights(levels, areas)
-    at = np.searchsorted(levels, pieces.end[:, 2] + 1e-6, side="right") - 1
-    return section.width(area, height[np.clip(at, 0, None)])
+    layering = Layering.at(pieces.end[writes, 2], area[writes])
+    return section.width(area, layering.heights(pieces.end[:, 2]))
 
 
 # Render a predicted bead as voxels, by the kernels of `sim.gcode.deposit.lay`.

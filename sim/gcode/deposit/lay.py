@@ -51,6 +51,7 @@ from sim.gcode.heads import as_plunger, flowing, read_with_valve, with_commands
 from sim.gcode.motion.executed import ExecutedMotion
 
 MOST_VOXELS = 2_000_000_000
+_ENDS = ("start", "end")
 
 
 # Compute ink deposited in the dish by executed motion, with ink faults.
@@ -127,26 +128,7 @@ def deposit(
     plunger_step_mm: float | None = None,
     faults: InkFaults = NO_FAULTS,
 ) -> Deposit:
-    """Lay the ink of an executed motion into voxels.
-
-    Parameters
-    ----------
-    executed : ExecutedMotion
-        What the printer did.
-    plunger_area_mm2 : float, mm²
-        Bore of the syringe.
-    voxel_mm : float, mm
-        Edge of a voxel.
-    smoothing_mm : float, mm
-        Length of path over which the plunger's steps are smoothed.
-    style : "layered" or "embedded" or None
-        None decides from the motion, see the module.
-    plunger_step_mm : float or None, mm
-        One motor step of the plunger; None finds it from the motion. A move shorter than the
-        path of 1.5 steps that got no step still writes when it goes straight on and writing goes
-        on after it.
-    faults : InkFaults
-        What became of the ink.
+    """Lay the ink of an executed motion into voxels of an edge; parameters as of `laid`.
 
     Raises
     ------
@@ -182,7 +164,8 @@ def deposit_of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray | None = None
     check_positive(voxel_mm=voxel_mm)
     if not len(ink.strands) and box_mm is None:
         raise DepositError("no ink is laid along any way, so nothing was deposited")
-    return _of_laid(ink, voxel_mm, _box(ink) if box_mm is None else box_mm)
+    volume, origin = _painted(ink, voxel_mm, _box(ink) if box_mm is None else box_mm)
+    return Deposit(volume, origin, voxel_mm, ink.style, ink.written_ul, ink.standing_ul)
 
 
 def deposit_of_heads(
@@ -218,9 +201,9 @@ def deposit_of_heads(
         written(motion, area, smoothing_mm, step)
         for motion, area, step in zip(executed, plunger_area_mm2, steps, strict=True)
     ]
-    chosen = style or writing_style(Strands.joined([one.lines for one in each]))
+    chosen = style or _style_of([one.lines for one in each])
     inks = [
-        laid_of_written(one, motion, area, wrong, chosen)
+        _laid_of(one, motion, area, wrong, chosen)
         for one, motion, area, wrong in zip(
             each, executed, plunger_area_mm2, faults or [NO_FAULTS] * len(each), strict=True
         )
@@ -229,7 +212,7 @@ def deposit_of_heads(
     if not boxes:
         raise DepositError("no ink is laid along any way, so nothing was deposited")
     box = np.array([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
-    return tuple(_of_laid(ink, voxel_mm, box) for ink in inks)
+    return tuple(deposit_of_laid(ink, voxel_mm, box) for ink in inks)
 
 
 def unite_deposits(deposits: Sequence[Deposit]) -> Deposit:
@@ -257,11 +240,6 @@ def unite_deposits(deposits: Sequence[Deposit]) -> Deposit:
         sum(one.written_ul for one in deposits),
         sum(one.standing_ul for one in deposits),
     )
-
-
-def _of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray) -> Deposit:
-    volume, origin = _painted(ink, voxel_mm, box_mm)
-    return Deposit(volume, origin, voxel_mm, ink.style, ink.written_ul, ink.standing_ul)
 
 
 def _box(ink: Laid) -> FloatArray:
@@ -366,8 +344,18 @@ def laid(
     executed : ExecutedMotion
         Up to now; what was laid by then is the same in the record of a longer print, where
         `plunger_step_mm` is given.
-    smoothing_mm, style, plunger_step_mm
-        As of `sim.gcode.deposit.lay.deposit`.
+    faults : InkFaults
+        What became of the ink.
+    plunger_area_mm2 : float, mm²
+        Bore of the syringe.
+    smoothing_mm : float, mm
+        Length of path over which the plunger's steps are smoothed.
+    style : "layered" or "embedded" or None
+        None decides from the motion, see the module.
+    plunger_step_mm : float or None, mm
+        One motor step of the plunger; None finds it from the motion. A move shorter than the path
+        of 1.5 steps that got no step still writes when it goes straight on and writing goes on
+        after it.
     layer_mm : float or None, mm
         Height of the lines while there is but one level, which doesn't tell it.
 
@@ -377,11 +365,11 @@ def laid(
         When nothing is written.
     """
     motion_ink = written(executed, plunger_area_mm2, smoothing_mm, plunger_step_mm)
-    chosen = style or writing_style(motion_ink.lines, layer_mm)
-    return laid_of_written(motion_ink, executed, plunger_area_mm2, faults, chosen, layer_mm)
+    chosen = style or _style_of([motion_ink.lines], layer_mm)
+    return _laid_of(motion_ink, executed, plunger_area_mm2, faults, chosen, layer_mm)
 
 
-def laid_of_written(
+def _laid_of(
     source: Written,
     executed: ExecutedMotion,
     plunger_area_mm2: float,
@@ -389,24 +377,20 @@ def laid_of_written(
     style: Style,
     layer_mm: float | None = None,
 ) -> Laid:
-    """Return the ink of lines that `written` found in a motion; parameters as of `laid`."""
+    """Return the ink of the lines that a motion writes."""
     ink = laid_as_is(source.lines, style, source.standing_ul, layer_mm)
-    if not faults.each:
-        return _as_it_lies(ink)
-    writes = np.zeros(len(executed), dtype=np.bool_)
-    writes[source.block] = True
-    line = Timeline.of(
-        np.column_stack([executed.time_start, executed.time_end]),
-        executed.line,
-        np.linalg.norm(executed.end - executed.start, axis=1),
-        (executed.plunger_end - executed.plunger_start) * plunger_area_mm2,
-        writes,
-    )
-    return _as_it_lies(with_faults(ink, source.block, line, faults))
-
-
-def _as_it_lies(ink: Laid) -> Laid:
-    """Ink of layers that was written along older ink, with both volumes."""
+    if faults.each:
+        writes = np.zeros(len(executed), dtype=np.bool_)
+        writes[source.block] = True
+        line = Timeline.of(
+            np.column_stack([executed.time_start, executed.time_end]),
+            executed.line,
+            np.linalg.norm(executed.end - executed.start, axis=1),
+            (executed.plunger_end - executed.plunger_start) * plunger_area_mm2,
+            writes,
+        )
+        ink = with_faults(ink, source.block, line, faults)
+    # Ink of layers that was written along older ink holds both volumes.
     return ink if ink.layering is None else replace(ink, strands=united(ink.strands))
 
 
@@ -434,10 +418,17 @@ def nothing_laid() -> Laid:
     return Laid(Strands(places, places, none, none, number, number), None)
 
 
-def writing_style(lines: Strands, layer_mm: float | None = None) -> Style:
+def _style_of(lines: Sequence[Strands], layer_mm: float | None = None) -> Style:
+    start, end = (np.concatenate([getattr(one, at)[:, 2] for one in lines]) for at in _ENDS)
+    return writing_style(start, end, layer_mm)
+
+
+def writing_style(
+    start_z_mm: FloatArray, end_z_mm: FloatArray, layer_mm: float | None = None
+) -> Style:
     """Layered when all is flat, on two levels or more; or on one where `layer_mm` is given."""
-    flat = np.abs(lines.end[:, 2] - lines.start[:, 2]).max() < 1e-3
-    known = layer_mm is not None or len(written_levels(lines.end[:, 2])) > 1
+    flat = np.abs(end_z_mm - start_z_mm).max() < 1e-3
+    known = layer_mm is not None or len(written_levels(end_z_mm)) > 1
     return "layered" if flat and known else "embedded"
 
 

@@ -134,7 +134,7 @@ def written(
     # Pressure lives through a short travel, but not through a retraction.
     stretch = np.cumsum(plunger < 0, dtype=np.int64)[chosen]
     dose = plunger[chosen] * plunger_area_mm2
-    area = _smoothed_area(stretch, length[chosen], dose, smoothing_mm)
+    area = smoothed_area(stretch, length[chosen], dose, smoothing_mm)
     kept = area > 0
     chosen = chosen[kept]
     lines = Strands(
@@ -185,7 +185,7 @@ def _plunger_quantum(plunger: FloatArray) -> float:
     return float(steps[steps > 1e-6].min())
 
 
-def _smoothed_area(
+def smoothed_area(
     stretch: IntArray, length: FloatArray, volume: FloatArray, smoothing: float
 ) -> FloatArray:
     """Cross-section (n,), mm²: volume per length over a window around each block's middle.
@@ -414,9 +414,15 @@ class Layering:
     @staticmethod
     def of(lines: Strands, single_mm: float | None = None) -> Layering:
         """Find them in written lines; `single_mm` as of `level_heights`."""
-        levels = written_levels(lines.end[:, 2])
-        area = level_areas(levels, lines.end[:, 2], lines.area_mm2)
-        return Layering(levels, level_heights(levels, area, single_mm))
+        return Layering.at(lines.end[:, 2], lines.area_mm2, single_mm)
+
+    @staticmethod
+    def at(z_mm: FloatArray, area_mm2: FloatArray, single_mm: float | None = None) -> Layering:
+        """Find them in the written heights (n,) of lines, and their cross-sections (n,)."""
+        levels = written_levels(z_mm)
+        return Layering(
+            levels, level_heights(levels, level_areas(levels, z_mm, area_mm2), single_mm)
+        )
 
     def number(self, z_mm: FloatArray) -> IntArray:
         """Level of each written height, (n,)."""
