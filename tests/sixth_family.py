@@ -61,7 +61,7 @@ TWIN = '''
 """The printer that plays it."""
 
 from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.families.marlin.printer import Marlin
+from sim.devices.families.marlin_printer import Marlin
 
 
 def _m777(board, command):
@@ -91,13 +91,13 @@ PRINTER = SixthPrinter
 
 @contextmanager
 def installed(folder: Path) -> Iterator[Printer]:
-    """Put both folders beside the other families', and give a profile that names the family."""
+    """Put both beside the other families', and give a profile that names the family."""
     paths = {facts: folder / "facts", twins: folder / "twins"}
-    for home, (name, text) in zip(paths, (("__init__", FACTS), ("printer", TWIN)), strict=True):
-        inside = paths[home] / NAME
-        inside.mkdir(parents=True)
-        (inside / "__init__.py").write_text('"""A family."""\n')
-        (inside / f"{name}.py").write_text(text.lstrip())
+    files = f"{NAME}/__init__.py", f"{NAME}_printer.py"
+    for home, name, text in zip(paths, files, (FACTS, TWIN), strict=True):
+        file = paths[home] / name
+        file.parent.mkdir(parents=True)
+        file.write_text(text.lstrip())
         home.__path__.append(str(paths[home]))
     try:
         yield _profile(folder)

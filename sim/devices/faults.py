@@ -350,9 +350,6 @@ class FaultyCable:
         return bytes(np.frombuffer(data, np.uint8) ^ np.where(hit, bits, 0).astype(np.uint8))
 
 
-# Map a simulated board's clock to the host's clock; planned faults slow or freeze it.
-
-
 @dataclass(frozen=True)
 class _Stretch:
     """From a moment on, the board's clock runs at a share of the host's."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from firmware_profiles import Printer, load
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.gcode.motion.state import Board
 from sim.gcode.program.gcode import checksum
 

@@ -250,9 +250,6 @@ Handlers = Mapping[str, Handler]
 """By letter and number."""
 
 
-# Command queue of a simulated board: waiting commands, and the one being executed.
-
-
 @dataclass
 class BoardWork:
     """See the module.
@@ -294,9 +291,6 @@ class BoardWork:
         self.tasks.clear()
         self.mute = False
         self.busy_at = math.inf
-
-
-# Schedule a simulated board's faults, each due once, by line, clock or bytes received.
 
 
 class FaultPlan:

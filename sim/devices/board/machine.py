@@ -122,9 +122,6 @@ class Heater:
         return max(free, self.target_c) if self.powered and self.target_c > ROOM_C else free
 
 
-# Simulated hotend and bed heaters, with the faults that halt a firmware.
-
-
 class HeatFault(Enum):
     """Why a heater makes the firmware stop."""
 
@@ -369,9 +366,6 @@ def copy_settings(planner: Records, others: Settings) -> StoredSettings:
     return {name: np.array(planner[name]) for name in _OF_PLANNER}, deepcopy(others)
 
 
-# Unsolicited reports of a simulated firmware (temperature, position), and its print timer.
-
-
 @dataclass
 class Reports:
     """Interval and next time of each report, s."""
@@ -404,9 +398,6 @@ class JobTimer:
         """Seconds gathered."""
         running = 0.0 if self.started_at is None else now - self.started_at
         return self.gathered_s + running
-
-
-# Wait conditions of a simulated board's command: time, planner space, motion end, user.
 
 
 @dataclass(frozen=True)

@@ -108,9 +108,6 @@ class Wire:
         self.urgent.clear()
 
 
-# Split a simulated board's received bytes into lines; interface for checking their numbers.
-
-
 @dataclass(frozen=True)
 class RefusedLine:
     """A line that isn't taken: why, in the firmware's words."""

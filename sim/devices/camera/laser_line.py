@@ -29,7 +29,7 @@ from pydantic import Field
 
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import BoolArray, FloatArray
-from sim.devices.camera.ink_map import draw_lines
+from sim.devices.camera.paint import draw_lines
 from sim.devices.recorded_ink import InkBox
 from sim.errors import CameraError
 from sim.gcode.deposit.lay import Laid

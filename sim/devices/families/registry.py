@@ -1,6 +1,6 @@
 """Find the simulated printer class of the firmware that a printer's profile names.
 
-A family's folder may hold ``printer.py``, whose ``PRINTER`` plays its firmware.
+A family may have ``NAME_printer.py``, whose ``PRINTER`` plays its firmware.
 """
 
 from __future__ import annotations

@@ -103,9 +103,6 @@ def _rotation(axis: FloatArray, angle: float) -> FloatArray:
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
-# Data class of a simulated scan: volume, units and true pose.
-
-
 @dataclass(frozen=True)
 class ScannerOutput:
     """A simulated volume, its units, and the truth about it.

@@ -157,9 +157,6 @@ def nozzle_of(ink: Ink, needle: Needle | None, lag_s: float, flow_ul_s: float) -
     return Nozzle(lag_s, (pressure_pa(ink, needle, flow_ul_s) - held) / flow_ul_s, held)
 
 
-# Split executed motion into intervals of constant tip and plunger speed, pauses included.
-
-
 class PieceRules(NamedTuple):
     """How motion is cut into pieces."""
 

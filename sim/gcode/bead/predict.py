@@ -197,9 +197,6 @@ def _widths(
     return section.width(area, layering.heights(pieces.end[:, 2]))
 
 
-# Render a predicted bead as voxels, by the kernels of `sim.gcode.deposit.lay`.
-
-
 def bead_deposit(
     bead: Bead, voxel_mm: float, swell: float = 1.0, faults: InkFaults = NO_FAULTS
 ) -> Deposit:

@@ -293,9 +293,6 @@ class ShaftContact:
         )
 
 
-# Result of the needle shaft check of a job: each move's least distance from ink, JSON summary.
-
-
 @dataclass(frozen=True)
 class Clearance:
     """Approaches of the needles' bare shafts to what was written before, joints left out.

@@ -120,9 +120,6 @@ class Joints(NamedTuple):
     length_mm: FloatArray
 
 
-# Needle shape for the shaft check: upright shaft, tip cone and hub around the tip's axis.
-
-
 @dataclass(frozen=True)
 class NeedleBody:
     """A vertical needle, a body of revolution about the line above its tip.
@@ -468,9 +465,6 @@ def pair_approach(
             stack[count + 1, 2], stack[count + 1, 3] = t, t1
         count += 2
     return best, best_s, best_t
-
-
-# Distance between a vertical needle shaft and a filament (compiled).
 
 
 @jit

@@ -150,9 +150,6 @@ class Pieces:
         return values
 
 
-# Number a needle's unbroken writing strokes; path length from each move to stroke ends.
-
-
 @dataclass(frozen=True)
 class Passes:
     """Of each row of one head.
@@ -276,9 +273,6 @@ def kinds_of(tips: FloatArray, writes: NDArray[np.bool_]) -> IntArray:
     kind[(step == 0).all(axis=1)] = HEAD_CHANGE
     kind[writes] = WRITE
     return kind
-
-
-# Build the shaft check's array of needle motion: each head's pieces with stroke and vessel.
 
 
 def tips_of(

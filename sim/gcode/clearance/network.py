@@ -239,9 +239,6 @@ class Axis:
         return best_arc
 
 
-# Find overlaps of a network's filaments in the design, away from their common nodes.
-
-
 class OverlapRules(NamedTuple):
     """Which places of a network count as overlapping."""
 
@@ -370,9 +367,6 @@ def _through_nodes(
             way = np.where(meet, np.minimum(way, first + second), way)
             joined |= meet & (np.maximum(first, second) <= reach)
     return way, joined
-
-
-# Find a network's joints for the shaft check: nodes, and overlaps of vessel filaments.
 
 
 @dataclass(frozen=True)

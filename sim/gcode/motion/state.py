@@ -133,9 +133,6 @@ def new_ring(printer: Printer) -> Records:
     return np.zeros(printer.planner_blocks, BLOCK)
 
 
-# Constants of a simulated ATmega2560 board: processing times, sensors wired, bed slope.
-
-
 @dataclass(frozen=True)
 class Board:
     """How fast an ATmega2560 at 16 MHz is, from the recorded transcripts.

@@ -16,16 +16,12 @@ from firmware_profiles.families import family_of, find_family, meanings
 from firmware_profiles.families.grammar import TEXT, Meaning
 from sim.errors import LineError
 
-# Load a module from a firmware family's folder of the simulator.
-
 
 @cache
 def family_part(family: str, name: str) -> ModuleType | None:
-    """Module of a family's folder; None where the folder has none of that name."""
-    package = f"sim.devices.families.{family}"
-    if find_spec(package) is None or find_spec(f"{package}.{name}") is None:
-        return None
-    return import_module(f"{package}.{name}")
+    """Return a simulated firmware family's module (``FAMILY_NAME.py``); None where it has none."""
+    module = f"sim.devices.families.{family}_{name}"
+    return None if find_spec(module) is None else import_module(module)
 
 
 _NOTHING: Final[Mapping[str, str]] = MappingProxyType({})

@@ -16,9 +16,8 @@ from registration.inspection import (
     SeeingOptions,
     see_layer,
 )
-from sim.devices.camera.optics import Camera
 from sim.devices.camera.paint import paint
-from sim.devices.camera.scene import Bath, InkLook, Scene
+from sim.devices.camera.scene import Bath, Camera, InkLook, Scene
 from sim.gcode.deposit.lay import Laid, laid_as_is
 from sim.gcode.deposit.written import Strands
 from tests.registration.inspection.painted import lines_of

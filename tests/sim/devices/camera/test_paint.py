@@ -4,14 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.devices.camera.optics import Camera, through_surface
 from sim.devices.camera.paint import paint
 from sim.devices.camera.scene import (
     Bath,
+    Camera,
     InkLook,
     Light,
     Scene,
     Sensor,
+    through_surface,
 )
 from sim.errors import CameraError
 from sim.gcode.deposit.lay import Laid, laid_as_is

@@ -14,9 +14,9 @@ from sim.devices.board.machine import STANDSTILL, Machine, MotorRunOn, Steps, Ta
 from sim.devices.board.motion import Motion, PlacedAxes
 from sim.devices.board.printer import SimulatedPrinter, set_position
 from sim.devices.board.wire import Numbering
-from sim.devices.families.marlin.commands import HANDLERS
-from sim.devices.families.marlin.printer import Marlin
-from sim.devices.families.marlin.settings import set_flow_percent, set_speed_percent
+from sim.devices.families.marlin_commands import HANDLERS
+from sim.devices.families.marlin_printer import Marlin
+from sim.devices.families.marlin_reports import set_flow_percent, set_speed_percent
 from sim.gcode.program.gcode import Command, split_line
 from sim.gcode.program.modal import interpret
 from sim.gcode.reading.line import NamedCommand, plain_command

@@ -11,9 +11,9 @@ from sim.devices.board.machine import Machine, MotorRunOn, Steps
 from sim.devices.board.motion import PlacedAxes
 from sim.devices.board.printer import SimulatedPrinter, set_position, take_tool_in_silence
 from sim.devices.board.wire import Numbering
-from sim.devices.families.marlin.commands import HANDLERS
-from sim.devices.families.marlin.printer import Marlin
-from sim.devices.families.marlin.settings import set_flow_percent, set_speed_percent
+from sim.devices.families.marlin_commands import HANDLERS
+from sim.devices.families.marlin_printer import Marlin
+from sim.devices.families.marlin_reports import set_flow_percent, set_speed_percent
 from sim.gcode.program.gcode import Command, checksum
 
 

@@ -12,8 +12,9 @@ from typing import Final, NamedTuple
 from sim.devices.board.controller import Controller, Handlers
 from sim.devices.board.machine import STANDSTILL, Steps, Task, wait_for_user, wait_until
 from sim.devices.board.printer import set_position
-from sim.devices.families.marlin.report_commands import (
+from sim.devices.families.marlin_reports import (
     SETTINGS,
+    SETTINGS_HANDLERS,
     m31,
     m105,
     m110,
@@ -25,13 +26,15 @@ from sim.devices.families.marlin.report_commands import (
     m119,
     m154,
     m155,
+    m220,
+    m221,
     planned_position,
     position_report,
     quickstop,
     request_resend,
+    tell_settings,
     temperatures,
 )
-from sim.devices.families.marlin.settings import SETTINGS_HANDLERS, m220, m221, tell_settings
 from sim.gcode.program.gcode import Command
 from sim.gcode.program.modal import dwell_s, interpret
 
