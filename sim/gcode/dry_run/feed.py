@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer
 from firmware_profiles.families.pairing import Pairing
 from kernels import jit
-from kernels.arrays import FloatArray
+from kernels.arrays import FloatArray, IntArray
 from sim.gcode.motion.planner import (
     add_move,
     main_share,
@@ -74,30 +74,18 @@ def run_program(
     planner, ring = new_planner(printer, start_mm), new_ring(printer)
     log = np.zeros(len(program) + len(ring), LOG)
     starved = np.zeros(len(program), np.bool_)
-    plan_s = np.array([PLANNING.block_s, PLANNING.corner_s, PLANNING.trapezoid_s]) * (
-        1.0 if times.byte_s else 0.0
-    )
-    duration = _feed(
+    scale = 1.0 if times.byte_s else 0.0
+    rows = _Rows(
         program.kind,
         program.target,
         program.feed,
         program.value,
         program.command,
         program.tool,
-        times.out_s,
-        times.ok_s,
-        times.board_s,
-        times.follows,
-        times.withheld_s,
-        np.array([times.turnaround_s, 2 * times.byte_s, times.receive_share]),
         extrudes,
-        plan_s,
-        Board().costs(),
-        planner,
-        ring,
-        log,
-        starved,
     )
+    costs = _Costs(*(scale * seconds for seconds in PLANNING), Board().costs())
+    duration = _feed(rows, times, costs, planner, ring, log, starved)
     made = log[: int(planner["logged"][0])]
     return PlannedProgram(made, float(duration), int(planner["merged"][0]), starved)
 
@@ -132,9 +120,12 @@ def starvation(
     """Compare a run with one in which lines come at once; parameters as of `run_program`."""
     if not fed.starved.any() or not times.byte_s:
         return StarvedMotion()
-    at_once = replace(times, out_s=np.sign(times.out_s) * 1e-9, ok_s=times.ok_s * 0.0,
-                      withheld_s=times.withheld_s * 0.0,
-                      turnaround_s=0.0)  # fmt: skip
+    at_once = times._replace(
+        out_s=np.sign(times.out_s) * 1e-9,
+        ok_s=times.ok_s * 0.0,
+        withheld_s=times.withheld_s * 0.0,
+        turnaround_s=0.0,
+    )
     free = run_program(program, printer, start_mm, extrudes, at_once)
     late = fed.starved & ~free.starved
     seconds = fed.duration_s - free.duration_s
@@ -143,23 +134,32 @@ def starvation(
     return StarvedMotion(int(late.sum()), seconds, int(program.line[int(late.argmax())]))
 
 
+class _Rows(NamedTuple):
+    """A program's columns, and where the plunger may move."""
+
+    kind: IntArray
+    target: FloatArray
+    feed: FloatArray
+    value: FloatArray
+    command: IntArray
+    tool: IntArray
+    extrudes: NDArray[np.bool_]
+
+
+class _Costs(NamedTuple):
+    """Processor time for a block, its corner and each trapezoid, s; as of `command_time`."""
+
+    block_s: float
+    corner_s: float
+    trapezoid_s: float
+    board: FloatArray
+
+
 @jit
 def _feed(
-    kind: NDArray[np.int64],
-    target: FloatArray,
-    feed: FloatArray,
-    value: FloatArray,
-    command: NDArray[np.int64],
-    tool: NDArray[np.int64],
-    out_s: FloatArray,
-    ok_s: FloatArray,
-    board_s: FloatArray,
-    follows: NDArray[np.bool_],
-    withheld_s: FloatArray,
-    host_s: FloatArray,
-    extrudes: NDArray[np.bool_],
-    plan_s: FloatArray,
-    costs: FloatArray,
+    rows: _Rows,
+    times: LineTimes,
+    costs: _Costs,
     planner: Records,
     ring: Records,
     log: Records,
@@ -167,67 +167,79 @@ def _feed(
 ) -> float:
     """Feed the planner row by row; returns the time from the first pulse or dwell to the last, s.
 
-    Parameters
-    ----------
-    out_s, ok_s, board_s, follows, withheld_s
-        As in `LineTimes`.
-    host_s : (3,) float64
-        The host's turnaround, s; two bytes, which the board's transmitter takes at once, s; the
-        share of the processor that received bytes take.
-    plan_s : (3,) float64, s
-        For a block, its corner, and each trapezoid; ``costs`` as for `planner.command_time`.
+    ``starved`` (n,) is set where a move came too late.
     """
-    now, arrival, answered, answer = 0.0, 0.0, -host_s[0], 0.0
+    now, arrival, answered, answer = 0.0, 0.0, -times.turnaround_s, 0.0
     begin, finish = np.inf, 0.0
     along = flowing = False
-    for i in range(len(kind)):
-        if out_s[i] > 0.0:
-            if along and follows[i]:
-                # bytes that come while the line ahead is worked on take their interrupts from it
-                now += host_s[2] * min(max(now - arrival, 0.0), out_s[i] - withheld_s[i])
-            answered = max(answered, now + answer)
-            now = max(now, answered - host_s[1])
-            if along and follows[i] and withheld_s[i] > 0.0:
-                text = arrival + out_s[i] - withheld_s[i]
-                arrival = max(text, answered + host_s[0]) + withheld_s[i]
-            elif along and follows[i]:
-                arrival += out_s[i]
-                along = False
-            else:
-                arrival = answered + host_s[0] + out_s[i]
-                along = True
-            answer = ok_s[i]
-            now = max(now, arrival)
+    for i in range(len(rows.kind)):
+        kind = rows.kind[i]
+        if times.out_s[i] > 0.0:
+            now, arrival, answered, along = _line(times, i, now, arrival, answered, answer, along)
+            answer = times.ok_s[i]
             run_until(planner, ring, log, now)
-            now += board_s[i] / main_share(planner, ring, now, costs)
+            now += times.board_s[i] / main_share(planner, ring, now, costs.board)
         run_until(planner, ring, log, now)
-        if kind[i] == MOVE:
+        if kind == MOVE:
             now = _room(planner, ring, log, now)
-            if not extrudes[i]:
-                set_axis(planner, 3, target[i, 3])
+            if not rows.extrudes[i]:
+                set_axis(planner, 3, rows.target[i, 3])
             now, made = _move(
-                planner, ring, log, target[i], feed[i], command[i], plan_s, costs, now
+                planner, ring, log, rows.target[i], rows.feed[i], rows.command[i], costs, now
             )
             starved[i] = made and flowing and planner[0].starved
             flowing = flowing or made
-        elif kind[i] == SET_POSITION:
-            set_axis(planner, 3, target[i, 3])
-        elif kind[i] == TOOL:
+        elif kind == SET_POSITION:
+            set_axis(planner, 3, rows.target[i, 3])
+        elif kind == TOOL:
             now = _drain(planner, ring, log, now)
-            take_head(planner, tool[i], target[i, 3])
-        elif kind[i] == DWELL:
+            take_head(planner, rows.tool[i], rows.target[i, 3])
+        elif kind == DWELL:
             now = _drain(planner, ring, log, now)
             begin = min(begin, now)
-            now += value[i]
+            now += rows.value[i]
             finish = max(finish, now)
             flowing = False
-        elif kind[i] == SYNC or kind[i] == HOME:
+        elif kind in (SYNC, HOME):
             now = _drain(planner, ring, log, now)
             flowing = False
-            if kind[i] == HOME:
-                _homed(planner, target[i])
+            if kind == HOME:
+                _homed(planner, rows.target[i])
     _drain(planner, ring, log, now)
     return _lasted(planner, begin, finish)
+
+
+@jit
+def _line(
+    times: LineTimes,
+    i: int,
+    now: float,
+    arrival: float,
+    answered: float,
+    answer: float,
+    along: bool,
+) -> tuple[float, float, float, bool]:
+    """Send line i; returns when the board takes it, when it and the answer before it arrived.
+
+    ``along`` tells whether the line before may be followed unanswered; returned for this one.
+    """
+    out, withheld, follows = times.out_s[i], times.withheld_s[i], along and times.follows[i]
+    if follows:
+        # bytes that come while the line ahead is worked on take their interrupts from it
+        share = LINE_TIME.receive_s / times.byte_s if times.byte_s > 0.0 else 0.0
+        now += share * min(max(now - arrival, 0.0), out - withheld)
+    answered = max(answered, now + answer)
+    # The board's transmitter takes two bytes at once.
+    now = max(now, answered - 2 * times.byte_s)
+    if follows and withheld > 0.0:
+        arrival = max(arrival + out - withheld, answered + times.turnaround_s) + withheld
+    elif follows:
+        arrival += out
+        along = False
+    else:
+        arrival = answered + times.turnaround_s + out
+        along = True
+    return max(now, arrival), arrival, answered, along
 
 
 @jit
@@ -238,18 +250,17 @@ def _move(
     target: FloatArray,
     feed: float,
     command: int,
-    plan_s: FloatArray,
-    costs: FloatArray,
+    costs: _Costs,
     now: float,
 ) -> tuple[float, bool]:
     """Plan a move that there is room for; returns when that is done, and if it made a block."""
-    share = main_share(planner, ring, now, costs)
+    share = main_share(planner, ring, now, costs.board)
     waits = planner[0].count > (1 if planner[0].running else 0)
-    planned = now + (plan_s[0] + (plan_s[1] if waits else 0.0)) / share
+    planned = now + (costs.block_s + (costs.corner_s if waits else 0.0)) / share
     run_until(planner, ring, log, planned)
     if not add_move(planner, ring, target, feed, command, planned):
         return now, False
-    planned += planner[0].trapezoids * plan_s[2] / share
+    planned += planner[0].trapezoids * costs.trapezoid_s / share
     return planned, True
 
 
@@ -321,16 +332,20 @@ class LineTime(NamedTuple):
 LINE_TIME: Final = LineTime()
 
 
-@dataclass(frozen=True)
-class LineTimes:
+class LineTimes(NamedTuple):
     """Times of each row of a program, (n,) float64, s; 0 for rows that come with the one before.
 
     Attributes
     ----------
+    out_s, ok_s, board_s : (n,) float64, s
+        Of the bytes to the board, of the answer's bytes, and of the processor without the planner.
     follows : (n,) bool
         Rows whose line may leave before the one ahead of it is answered.
-    withheld_s : of a line that follows, the end that leaves once the one ahead is answered; 0
-        where both leave whole, and the next with the answer to both.
+    withheld_s : (n,) float64, s
+        Of a line that follows, the end that leaves once the one ahead is answered; 0 where both
+        leave whole, and the next with the answer to both.
+    byte_s : float, s
+        0 where the controller has the whole file.
     turnaround_s : float, s
         From an answer's last byte to the next line's first.
     """
@@ -342,11 +357,6 @@ class LineTimes:
     withheld_s: FloatArray
     byte_s: float
     turnaround_s: float
-
-    @property
-    def receive_share(self) -> float:
-        """Share of the processor that bytes take as they come in, one behind the other."""
-        return LINE_TIME.receive_s / self.byte_s if self.byte_s else 0.0
 
 
 def byte_seconds(printer: Printer) -> float:
