@@ -214,7 +214,7 @@ class Controller(ABC):
         run_on = self.firmware.run_on()
         if run_on is None:
             self.machine.stop()
-        self.machine.heaters_off()
+        self.machine.heat.off(self.machine.now)
         self.firmware.say_halted(reason)
         self._forget()
         self.machine.dead = True

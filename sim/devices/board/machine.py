@@ -13,7 +13,6 @@ import numpy as np
 
 from firmware_profiles import Printer
 from sim.devices.board.motion import Motion
-from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.motion.state import Board, Records
 
 # Simulated heater with thermal mass, solved in closed form for virtual time.
@@ -246,10 +245,6 @@ class Machine:
 
     # -- settings
 
-    def store_settings(self) -> None:
-        """Store all settings as they are."""
-        self.stored = copy_settings(self.motion.planner, self.settings)
-
     def put_settings(self, stored: StoredSettings) -> None:
         """Set all of them; the motors stay where they are."""
         for name, value in stored[0].items():
@@ -266,10 +261,6 @@ class Machine:
     def roll(self) -> None:
         """Let the motors run until now."""
         self.motion.run_until(self.now)
-
-    def command_s(self) -> float:
-        """Processor's time for a command now, s."""
-        return self.motion.command_s(self.now)
 
     def move_to(self, target_mm: Any, feed: float, line: int) -> None:
         """Put a straight move into the ring, which must have a place."""
@@ -288,24 +279,7 @@ class Machine:
         """Drop all moves; the firmware's position becomes where the motors stand."""
         self.motion.stop(self.now)
 
-    def use_head(self, number: int) -> None:
-        """Have E move that head's plunger from now on; the motors stand."""
-        self.motion.use_head(number, self.now)
-
-    def executed(self) -> ExecutedMotion:
-        """Blocks that ran up to now."""
-        return self.motion.executed(self.now)
-
     # -- heat, now
-
-    def heaters_off(self) -> None:
-        """Switch both heaters off."""
-        self.heat.off(self.now)
-
-    @property
-    def too_cold(self) -> bool:
-        """Whether the firmware refuses to move the plunger."""
-        return self.heat.too_cold(self.now)
 
     @property
     def dry(self) -> bool:

@@ -228,7 +228,7 @@ class MainLoop:
         """Take the oldest command of the queue in hand."""
         board, work, machine = self._board, self._board.work, self._board.machine
         line = work.queue[0]
-        machine.now += machine.command_s()
+        machine.now += machine.motion.command_s(machine.now)
         machine.roll()
         work.line, work.answered = line, False
         split_line(line, board.words)
@@ -371,7 +371,7 @@ class SimulatedPrinter(Controller):
 
     def executed(self) -> ExecutedMotion:
         """What really moved so far."""
-        return self.machine.executed()
+        return self.machine.motion.executed(self.now)
 
 
 # Execute G0 to G3 (straight moves, arcs) and G92 on a simulated board.
@@ -413,7 +413,7 @@ def _no_extrusion(board: Controller, travel_mm: float) -> bool:
     machine = board.machine
     if machine.dry:
         return True
-    if machine.too_cold:
+    if machine.heat.too_cold(machine.now):
         machine.say(board.firmware.too_cold_words)
         return True
     if travel_mm > LONGEST_EXTRUSION_MM:
@@ -453,5 +453,5 @@ def take_tool_in_silence(board: Controller, number: int) -> Task:
     yield STANDSTILL
     shift = motion.tool_offset[number] - motion.tool_offset[motion.tool]
     interpret(motion.modal[0], board.words[0])
-    board.machine.use_head(number)
+    board.machine.motion.use_head(number, board.machine.now)
     motion.modal["shift"][0] += shift

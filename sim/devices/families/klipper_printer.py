@@ -179,7 +179,7 @@ class Klipper(Marlin):
         elif name == "SET_PRESSURE_ADVANCE":
             machine.say("// pressure_advance: 0.000000")
         elif name == "TURN_OFF_HEATERS":
-            machine.heaters_off()
+            machine.heat.off(machine.now)
         else:
             machine.say(f'// Unknown command:"{name}"')
         return None
@@ -202,7 +202,7 @@ class Klipper(Marlin):
         interpret(motion.modal[0], self.board.words[0])
         motion.modal["plunger_shift"] += motion.modal["position"][0, 3]
         motion.modal["position"][0, 3] = 0.0
-        machine.use_head(number)
+        machine.motion.use_head(number, machine.now)
 
     def _set_idle_timeout(self, words: bytes) -> None:
         machine = self.board.machine
@@ -226,7 +226,7 @@ class Klipper(Marlin):
 
     def idle_is_over(self) -> None:
         """Heaters and motors go off: TURN_OFF_HEATERS, M84."""
-        self.board.machine.heaters_off()
+        self.board.machine.heat.off(self.board.machine.now)
         self.board.machine.idle_since = math.inf
         self._axes.forget()
 

@@ -10,7 +10,14 @@ import re
 from typing import Final, NamedTuple
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.machine import STANDSTILL, Steps, Task, wait_for_user, wait_until
+from sim.devices.board.machine import (
+    STANDSTILL,
+    Steps,
+    Task,
+    copy_settings,
+    wait_for_user,
+    wait_until,
+)
 from sim.devices.board.printer import set_position
 from sim.devices.families.marlin_reports import (
     SETTINGS,
@@ -239,7 +246,7 @@ def m109(board: Controller, command: Command) -> Task:
 
 def m81(board: Controller, command: Command) -> Task:
     """Power off: heaters off, the motors end; the supply itself isn't the board's to switch."""
-    board.machine.heaters_off()
+    board.machine.heat.off(board.machine.now)
     yield STANDSTILL
     yield wait_until(board.machine.now + BUILD.power_off_s)
 
@@ -256,7 +263,7 @@ def m410(board: Controller, command: Command) -> Steps:
 
 def m500(board: Controller, command: Command) -> Task:
     """Store the settings; the processor waits for the EEPROM."""
-    board.machine.store_settings()
+    board.machine.stored = copy_settings(board.machine.motion.planner, board.machine.settings)
     board.machine.stalled_until = board.machine.now + board.machine.board.store_s
     board.hold_busy()
     yield wait_until(board.machine.stalled_until)

@@ -199,7 +199,7 @@ def _take(board: Controller, line: bytes, arrived: float, alarm: Callable[[], fl
         line,
         expected,
         printer.max_line_bytes - 1,
-        machine.too_cold or machine.dry,
+        machine.heat.too_cold(machine.now) or machine.dry,
         motion.modal,
         board.words,
         motion.planner,
@@ -443,7 +443,7 @@ def take_tool(board: Controller, command: Command) -> Task:
     begin = machine.motion.modal["position"][0].copy()
     shift = machine.motion.tool_offset[number] - machine.motion.tool_offset[machine.motion.tool]
     interpret(machine.motion.modal[0], board.words[0])
-    machine.use_head(number)
+    machine.motion.use_head(number, machine.now)
     _rename(machine, begin[:3] + shift)
     if shift.any() and all(machine.homed) and command.values.get("S", 0.0) == 0:
         yield FREE_SLOT

@@ -173,8 +173,6 @@ def deposit_of_heads(
     plunger_area_mm2: Sequence[float],
     voxel_mm: float,
     *,
-    smoothing_mm: float = 1.0,
-    style: Style | None = None,
     plunger_step_mm: Sequence[float] | None = None,
     faults: Sequence[InkFaults] | None = None,
 ) -> tuple[Deposit, ...]:
@@ -187,8 +185,8 @@ def deposit_of_heads(
         write nothing are left out by the caller.
     plunger_area_mm2, plunger_step_mm, faults : sequence
         Of each.
-    voxel_mm, smoothing_mm, style
-        As of `deposit`; the style of all follows from the whole.
+    voxel_mm : float, mm
+        Edge of a voxel; the style of all follows from the whole.
 
     Raises
     ------
@@ -198,10 +196,10 @@ def deposit_of_heads(
     check_positive(voxel_mm=voxel_mm)
     steps: Sequence[float | None] = plunger_step_mm or [None] * len(executed)
     each = [
-        written(motion, area, smoothing_mm, step)
+        written(motion, area, plunger_step_mm=step)
         for motion, area, step in zip(executed, plunger_area_mm2, steps, strict=True)
     ]
-    chosen = style or _style_of([one.lines for one in each])
+    chosen = _style_of([one.lines for one in each])
     inks = [
         _laid_of(one, motion, area, wrong, chosen)
         for one, motion, area, wrong in zip(

@@ -419,11 +419,21 @@ def _followers(
     return follows, withheld
 
 
-def checksums(program: Program, gcode: bytes) -> NDArray[np.int64]:
-    """Return the checksum of each row's line as sent, (n,)."""
-    sums = np.zeros(len(program), np.int64)
-    _checksums(np.frombuffer(gcode, np.uint8), program.line, program.length, program.command, sums)
-    return sums
+def checksums(program: Program, gcode: bytes) -> IntArray:
+    """Return the checksum of each row's line as sent, (n,): the XOR of its bytes and its number's.
+
+    ``gcode`` has its lines as they are sent, without blanks before the command.
+    """
+    text = np.frombuffer(gcode, np.uint8)
+    upto = np.append(0, np.bitwise_xor.accumulate(text)).astype(np.int64)
+    begin = np.append(0, np.flatnonzero(text == ord("\n")) + 1)[program.line - 1]
+    end = np.minimum(begin + program.length, len(text))
+    sums = upto[end] ^ upto[begin] ^ ord("N") ^ ord(" ")
+    number = program.command + 1
+    while number.any():
+        sums ^= np.where(number > 0, ord("0") + number % 10, 0)
+        number = number // 10
+    return np.where(program.length > 0, sums, 0)
 
 
 def sent_bytes(program: Program, sums: NDArray[np.int64]) -> FloatArray:
@@ -432,32 +442,3 @@ def sent_bytes(program: Program, sums: NDArray[np.int64]) -> FloatArray:
     check = 1 + (sums > 9).astype(np.int64) + (sums > 99)
     # N, digits, a blank, the command, *, checksum, line end
     return np.where(program.length > 0, program.length + digits + check + 4, 0).astype(np.float64)
-
-
-@jit
-def _checksums(
-    text: NDArray[np.uint8],
-    line: NDArray[np.int64],
-    length: NDArray[np.int64],
-    command: NDArray[np.int64],
-    out: NDArray[np.int64],
-) -> None:
-    """XOR of each row's line with its number, into ``out`` (n,)."""
-    at, number = 0, 1
-    for i in range(len(line)):
-        if length[i] == 0:
-            continue
-        while number < line[i] and at < len(text):
-            number += 1 if text[at] == 10 else 0
-            at += 1
-        begin = at
-        while begin < len(text) and text[begin] <= 32 and text[begin] != 10:
-            begin += 1
-        value = 78 ^ 32  # N and the blank
-        rest = command[i] + 1
-        while rest > 0:
-            value ^= 48 + rest % 10
-            rest //= 10
-        for k in range(begin, min(begin + length[i], len(text))):
-            value ^= text[k]
-        out[i] = value
