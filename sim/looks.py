@@ -36,7 +36,7 @@ DEVICES = {
 
 def parser(device: str) -> argparse.ArgumentParser:
     """The options of a device."""
-    camera, (seen, told) = device == "camera", DEVICES[device]
+    camera, (seen, settings) = device == "camera", DEVICES[device]
     options = argparse.ArgumentParser(
         prog=f"python -m sim {device}",
         description=f"Show what lies in a simulated printer's dish, once: {seen}.",
@@ -52,7 +52,7 @@ def parser(device: str) -> argparse.ArgumentParser:
         required=True,
         type=Path,
         metavar="FILE",
-        help=f"{told} (YAML)",
+        help=f"{settings} (YAML)",
     )
     options.add_argument(
         "--faults", type=Path, metavar="FILE", help="a fault file (YAML), whose `ink` counts"

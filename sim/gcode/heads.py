@@ -26,7 +26,7 @@ from sim.gcode.reading.line import Finding, NamedCommand, output_of
 
 # Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
 #
-# A firmware that is told by T which head to use can still do something else than the file's author
+# A firmware that gets a T for the head to use can still do something else than the file's author
 # meant: T that it doesn't know leaves the old head in use, an offset of its own moves what the file
 # has moved already, and a count of E that goes on from another plunger's pushes or draws by all the
 # difference. All that is found here, from the file alone.
@@ -42,8 +42,8 @@ class Heads:
     ----------
     raised : (n, heads) bool
         Whether each head is surely raised during each row of the program; a fixed one never is.
-    said : (n, heads) bool
-        Whether the file has said it before; always true of a fixed one.
+    commanded : (n, heads) bool
+        Whether the file has commanded it before; always true of a fixed one.
     lift_mm : (heads,) float64, mm
         How much higher each stands when raised.
     offset_mm : (heads, 3) float64, mm
@@ -51,7 +51,7 @@ class Heads:
     """
 
     raised: NDArray[np.bool_]
-    said: NDArray[np.bool_]
+    commanded: NDArray[np.bool_]
     lift_mm: FloatArray
     offset_mm: FloatArray
 
@@ -117,7 +117,7 @@ def _no_such_head(program: Program, printer: Printer) -> list[Finding]:
 
 
 def _unchosen(program: Program) -> list[Finding]:
-    """Plunger moves before the first T: which head was left in use nobody knows."""
+    """Plunger moves before the first T: which head is in use is unknown."""
     chosen = np.cumsum(program.kind == TOOL) > 0
     return first_finding(
         program,
@@ -206,8 +206,8 @@ def first_finding(
 #
 # Which commands those are the profile says (`dispenser`: opens, closes); a line is one of them if
 # it has the same command and words, in any order. The same command with the same address (what both
-# have in common, a pin or a fan) and another value leaves the valve somewhere between; it is told
-# as that, and counts as open.
+# have in common, a pin or a fan) and another value leaves the valve somewhere between; it is
+# reported as that, and counts as open.
 #
 # Ink flows from the opening delay after an opening until the closing delay after a closing. When
 # that was follows from the blocks that ran between the two commands and from the dwells beside
@@ -448,7 +448,7 @@ def as_plunger(executed: ExecutedMotion, spans: FloatArray, flow_ul_s: float) ->
 class BlockMatch(NamedTuple):
     """How executed blocks are matched to places of the file."""
 
-    # A step of a usual axis and the rounding of the text; a place is told from the next by more.
+    # A step of a usual axis and the rounding of the text; places differ by more.
     within_mm: float = 0.02
     max_skipped: int = 64  # Moves that may be merged or left out in a row.
 

@@ -73,12 +73,12 @@ class Firmware(Protocol):
         """Begin a command."""
 
     def echo(self, line: bytes) -> None:
-        """Say the line that begins, where the firmware was told to."""
+        """Echo the line that begins, where the firmware was set to."""
 
     def ok_words(self) -> str:
         """Words behind the present command's ok."""
 
-    # -- said by the clock
+    # -- reports by the clock
 
     def say_busy(self, wait: Wait) -> None:
         """Tell that a command is under way."""
@@ -95,7 +95,7 @@ class Firmware(Protocol):
         """Set what this firmware begins with, after the board has forgotten everything."""
 
     def idle_is_over(self) -> None:
-        """Act where nothing has moved for longer than the firmware was told to bear."""
+        """Act where nothing has moved for longer than the firmware's idle limit."""
 
     def fail_heat(self, fault: HeatFault) -> None:
         """Tell a heater's fault, and stop for good."""

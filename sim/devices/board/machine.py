@@ -307,9 +307,9 @@ class Settings:
         Below which nothing moves.
     home_offset : list of float, mm
     pid : dict
-        Kept and told; the heaters' model has no controller.
-    told_only : dict
-        Values by planner's field and axis that were set and are told, but not kept to.
+        Kept and reported; the heaters' model has no controller.
+    reported_only : dict
+        Values by planner's field and axis that were set and are reported, but not applied.
     """
 
     filament_mm: float = 1.75
@@ -318,7 +318,7 @@ class Settings:
     least_travel_feed: float = 0.0
     home_offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     pid: dict[str, float] = field(default_factory=lambda: {"P": 22.20, "I": 1.08, "D": 114.00})
-    told_only: dict[tuple[str, int], float] = field(default_factory=dict)
+    reported_only: dict[tuple[str, int], float] = field(default_factory=dict)
 
     @property
     def has_least_feeds(self) -> bool:

@@ -8,7 +8,7 @@ Modelled of any board, whatever its firmware:
 - planner, stepper and their times (`sim.gcode.motion.planner`), step counters, G92 as a shift of
 the
   workspace; heaters with thermal mass; settings that are stored;
-- faults that it is told to have (`sim.devices.faults`), and a bad cable
+- planned faults (`sim.devices.faults`), and a bad cable
   (`sim.devices.faults`) for whoever owns the port.
 
 What a firmware does with that is its family's (`sim.devices.board.controller`,
@@ -18,7 +18,7 @@ Not modelled: SD card, display, probe, a mesh (levelling knows a slope), endstop
 (G28 is a straight run to the low end, and a switch fails only as a fault says), a head's own
 temperature where there are several, sensors' noise, heaters' control loop, bytes that the line
 invents, the stutter of an overloaded processor, motors that lose steps. The software endstops
-count only on axes that were homed: a machine that wasn't homed runs wherever it is told, and the
+count only on axes that were homed: a machine that wasn't homed runs to any place commanded, and the
 host must keep it inside.
 
 Time. The clock advances only by the printer's own waits: bytes on the wire, the processor's time
@@ -332,7 +332,7 @@ class SimulatedPrinter(Controller):
         self.wire.send(self.machine.now, data)
 
     def take_output(self) -> bytes:
-        """What the printer has said since the last call."""
+        """Return the printer's output since the last call."""
         data = bytes(self.machine.output)
         self.machine.output.clear()
         return data
@@ -435,7 +435,7 @@ def arc_of(
 
 
 def set_position(board: Controller) -> None:
-    """G92: give the position other numbers; nothing moves and nothing is said."""
+    """G92: give the position other numbers; nothing moves, nothing is answered."""
     motion = board.machine.motion
     before = float(motion.modal["position"][0, 3])
     interpret(motion.modal[0], board.words[0])

@@ -31,7 +31,7 @@ class Wire:
     received : int
         Bytes that arrived, but for those of moves that took the short road.
     urgent : list of bytes
-        Codes (``b"112"``) that were seen on arrival and nobody has taken yet.
+        Codes (``b"112"``) that were seen on arrival and not acted on yet.
     """
 
     def __init__(self, baud: int, ring_bytes: int, urgent: re.Pattern[bytes] | None = None) -> None:

@@ -63,7 +63,7 @@ class ProfilerField(InkBox):
     Attributes
     ----------
     low_mm, high_mm : (x, y, z), mm
-        What it measures: below and above nothing is told. The plate lies at ``plate_z_mm``.
+        What it measures: below and above it nothing is measured. The plate lies at ``plate_z_mm``.
     angle_deg : float, degrees
         Between the laser's sheet and the camera's view.
     noise_um, spot_um : float, µm
@@ -211,7 +211,7 @@ def _seen(
 ) -> SingleArray:
     """Mean of what is seen of the line's thickness, per cell of the profiler; NaN where most isn't.
 
-    A line that is half hidden is told by its other half, as the middle of light that a camera sees.
+    A line that is half hidden is measured by its other half, as the middle of light that a camera sees.
     """
     weight = (~lost).astype(np.float32)
     thick = max(1e-3 * field.spot_um / float(pitch[1]), 0.01)

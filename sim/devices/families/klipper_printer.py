@@ -39,14 +39,14 @@ PRINTER: Final = KlipperPrinter
 # off unchecked, so a garbled line is done as it came; an ``ok`` to each line; ``// Unknown
 # command``, ``!! ...`` before the ok of a command that fails; ``// Klipper state:`` Ready and
 # Shutdown; few commands (no M85, M92, M113, M302); no busy messages. Axes move only once they are
-# homed or SET_KINEMATIC_POSITION has said where they are; after the idle timeout (600 s) heaters
+# homed or SET_KINEMATIC_POSITION has given their place; after the idle timeout (600 s) heaters
 # and motors are off and no axis is homed. SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and
 # SET_PRESSURE_ADVANCE answer as theirs do, and change nothing but the timeout. SET_GCODE_OFFSET and
 # G92 shift the places that a job names, and SET_KINEMATIC_POSITION leaves such a shift as it is;
 # GET_POSITION tells it.
 #
-# It has few of Marlin's codes, and what isn't listed here of those is done and said by Marlin's own
-# firmware part: this twin is one with other words and commands.
+# It has few of Marlin's codes, and what isn't listed here of those is done and answered by Marlin's
+# own firmware part: this twin is one with other words and commands.
 #
 # Not modelled: its motion (Marlin's planner runs here), macros and other named commands, that
 # G-code commands wait for room in seconds of motion, not in blocks.

@@ -301,7 +301,7 @@ class Marlin:
         return take_plain_moves(self.board, data, alarm)
 
     def start(self, command: Command) -> Steps:
-        """Begin a command; one that isn't known is told."""
+        """Begin a command; an unknown one is reported."""
         printer = self.board.machine.printer
         if command.letter == "G" and command.number <= 3:
             return move(self.board)
@@ -335,18 +335,18 @@ class Marlin:
         """With ADVANCED_OK numbers and places."""
         return ok_words(self.board)
 
-    # -- said by the clock
+    # -- reports by the clock
 
     def say_busy(self, wait: Wait) -> None:
         """The keepalive."""
         self.board.machine.say(f"echo:busy: {'paused for user' if wait.for_user else 'processing'}")
 
     def report_temperatures(self) -> None:
-        """As M155 asked for."""
+        """Report at M155's interval."""
         self.board.machine.say(temperatures(self.board.machine))
 
     def report_position(self) -> None:
-        """As M154 asked for."""
+        """Report at M154's interval."""
         self.board.machine.say(planned_position(self.board))
 
     # -- ends
@@ -422,7 +422,7 @@ class WaitForWords:
 # Marlin 2.1's head change (``tool_change``), with head offsets (M218).
 #
 # The motors stand first. The place gets another name, by the difference of the two heads' offsets;
-# where all axes are homed and S1 wasn't said, the carriage then goes so that the new tip is where
+# where all axes are homed and S1 wasn't given, the carriage then goes so that the new tip is where
 # the old one was. E goes on counting where it is, and moves the new head's plunger. The reply names
 # the head in use, whether it is another or not. Not modelled: the small lift and the parking that a
 # build may do besides, on a homed machine without S1.

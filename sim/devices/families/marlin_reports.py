@@ -307,7 +307,7 @@ BANNER: Final = (
 
 # Simulated Marlin's settings commands (M92, M200 to M206, M301) and M503 report.
 #
-# A step count, speed or acceleration of 0 or less is told as it was set, as Marlin tells it, but
+# A step count, speed or acceleration of 0 or less is reported as it was set, as by Marlin, but
 # not kept to: what Marlin makes of it isn't modelled.
 
 _AXES: Final = "XYZE"
@@ -316,7 +316,7 @@ _NETFABB_STEPS: Final = 20.0
 
 def _axes(machine: Machine, field: str) -> str:
     values = [
-        machine.settings.told_only.get((field, axis), float(value))
+        machine.settings.reported_only.get((field, axis), float(value))
         for axis, value in enumerate(machine.motion.state[field])
     ]
     return " ".join(f"{letter}{value:.2f}" for letter, value in zip(_AXES, values, strict=True))
@@ -382,11 +382,11 @@ def _set_axes(machine: Machine, field: str, values: dict[str, float]) -> None:
     for axis, letter in enumerate(_AXES):
         if letter not in values:
             continue
-        machine.settings.told_only.pop((field, axis), None)
+        machine.settings.reported_only.pop((field, axis), None)
         if values[letter] > 0:
             machine.motion.state[field][axis] = values[letter]
         else:
-            machine.settings.told_only[field, axis] = values[letter]
+            machine.settings.reported_only[field, axis] = values[letter]
 
 
 def _change_speeds(board: Controller, command: Command) -> None:
@@ -515,7 +515,7 @@ def m221(board: Controller, command: Command) -> None:
 
 
 def set_speed_percent(board: Controller, command: Command) -> None:
-    """Feed factor: S sets it, B keeps it aside, R takes that back; told without words."""
+    """Feed factor: S sets it, B keeps it aside, R takes that back; reported without words."""
     machine = board.machine
     if "B" in command.words:
         machine.speed_percent_kept = float(machine.motion.modal["speed_percent"][0])

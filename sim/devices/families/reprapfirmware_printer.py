@@ -34,11 +34,11 @@ PRINTER: Final = DuetPrinter
 # digits (XOR) or five (CRC-16) is checked; a bad one is dropped without a word; numbers aren't
 # compared, so a line sent twice is done twice; N without a checksum and lines without N are done as
 # they are. No ``Resend``, no busy messages, no M113, M211; M85 is taken and does nothing. Axes are
-# moved only once they are homed or G92 has said where they are. Wordings of M92, M114, M115, M201,
+# moved only once they are homed or G92 has given their place. Wordings of M92, M114, M115, M201,
 # M203, M208, of unknown commands, of cold extrusion and of the emergency stop.
 #
 # It takes Marlin's codes by design, so this twin is Marlin's firmware part with other words and
-# commands: what isn't listed here is done and said as Marlin does.
+# commands: what isn't listed here is done and answered as by Marlin.
 #
 # Not modelled: its motion (Marlin's planner runs here), its macros, object model and expressions,
 # tools beyond T P0 and G10 P with offsets, its larger buffers but for what the profile says. After

@@ -106,7 +106,7 @@ def _read(path: Path) -> bytes:
 
 
 def serve_printer(words: list[str]) -> int:
-    """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
+    """Serve until stopped by a signal; 0 when that went well, 1 when not, 2 for a wrong use."""
     given = parser().parse_args(words)
     try:
         file, faults = _faults(given)

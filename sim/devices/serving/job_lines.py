@@ -124,7 +124,7 @@ class Inserted(NamedTuple):
 def inserted_lines(journal: Path) -> list[Inserted]:
     """Return what was inserted, in order.
 
-    Records of a print before the last one that began anew aren't told apart: the host keeps one
+    Records of a print before the last one that began anew aren't distinguished: the host keeps one
     print in a journal. A line that is torn or damaged is passed over.
     """
     inserted: list[Inserted] = []

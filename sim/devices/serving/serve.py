@@ -37,7 +37,7 @@ _READ_BYTES = 65536
 
 
 class Port(Protocol):
-    """One end of a line; the host has the other, or nobody."""
+    """One end of a line; a host may have the other."""
 
     address: str
     """What a host opens."""
@@ -46,7 +46,7 @@ class Port(Protocol):
         """What to poll."""
 
     def connected(self, hung_up: bool) -> bool:
-        """Whether a host is there now; ``hung_up`` is what the poll said."""
+        """Whether a host is there now; ``hung_up`` is the poll's answer."""
 
     def resets_board(self) -> bool:
         """Whether the host that has just come pulled the reset line."""
@@ -240,7 +240,7 @@ class Event(NamedTuple):
 
 
 class Waiter:
-    """Waits for a file descriptor to be readable (and, if asked, writable), or for the alarm's.
+    """Waits for a file descriptor to be readable (and, where wanted, writable), or for the alarm's.
 
     Parameters
     ----------
@@ -346,7 +346,7 @@ class Server:
         self._zero = time.monotonic()
 
     def run(self) -> None:
-        """Serve until told to stop; the record is written whatever happens.
+        """Serve until stopped by a signal; the record is written whatever happens.
 
         Raises
         ------

@@ -162,7 +162,7 @@ class PieceRules(NamedTuple):
 
     longest_mm: float = 0.25  # Longest piece of way.
     gap_s: float = 1e-6  # Less between two blocks is rounding.
-    per_lag: int = 8  # Pieces in a time constant: the flow within one is told by its mean.
+    per_lag: int = 8  # Pieces in a time constant: the mean stands for the flow within one.
     max_standing: int = 40  # Most pieces of a block or pause; five time constants are over by then.
 
 

@@ -133,11 +133,11 @@ class NeedleBody:
     cone_mm : float, mm
         Height over which the one grows to the other; 0 for a blunt tube.
     length_mm : float, mm
-        From the tip to the hub; inf where nobody knows it.
+        From the tip to the hub; inf where unknown.
     hub_radius_mm : float or None, mm
-        Of the hub above the shaft; None where nobody knows it: the shaft then goes on.
+        Of the hub above the shaft; None where unknown: the shaft then goes on.
     clearance_mm : float, mm
-        To be kept between the shaft and what is written. Nearer is told, touching is a crossing.
+        Between the shaft and what is written. Nearer is reported; touching is a crossing.
 
     Raises
     ------
@@ -412,7 +412,7 @@ def pair_approach(
     Parameters
     ----------
     limit : float, mm
-        What is asked is an approach below it.
+        Only an approach below it counts.
     joined : bool
         As `related` says.
     stack : (64, 4) float64

@@ -96,7 +96,7 @@ class WrittenNetwork:
 
     @cached_property
     def _axes(self) -> dict[int, Axis]:
-        """Axes as they are asked for."""
+        """Axes found so far."""
         return {}
 
     @cached_property

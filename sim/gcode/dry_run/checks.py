@@ -307,7 +307,7 @@ def _offset(named: tuple[NamedCommand, ...]) -> list[Finding]:
 
 
 def _shifts(words: dict[str, str]) -> bool:
-    """Whether anything but taking offsets back to 0 is asked for."""
+    """Whether a command does more than set offsets to 0."""
     return any(word not in ("0", "0.0") for word in words.values())
 
 

@@ -33,7 +33,7 @@ from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
 
 LEAST_LOSS: Final = 0.005
-"""Share of a file's time below which lost time isn't told."""
+"""Share of a file's time below which lost time isn't reported."""
 
 
 @dataclass(frozen=True)
@@ -281,7 +281,7 @@ def _homed(planner: Records, target: FloatArray) -> None:
 
 @jit
 def _lasted(planner: Records, begin: float, finish: float) -> float:
-    """Seconds from the first pulse or dwell to the last, both as far as dwells have told them."""
+    """Seconds from the first pulse or dwell to the last, dwells included."""
     if planner[0].logged > 0:
         begin = min(begin, planner[0].first_pulse)
         finish = max(finish, planner[0].run_end)
@@ -317,7 +317,7 @@ _BITS_PER_BYTE: Final = 10
 
 
 class LineTime(NamedTuple):
-    """Time of an 8-bit board for a line, measured as told above."""
+    """Time of an 8-bit board for a line, measured as described above."""
 
     # Of the boards that make their baud with a divider of 8 bits' grain.
     clock_hz: int = 16_000_000
@@ -406,7 +406,7 @@ def _followers(
 ) -> tuple[NDArray[np.bool_], FloatArray]:
     """Return which lines may follow the one ahead unanswered, and how many bytes they keep back.
 
-    The rule is the link's own, asked for each two lines: both (n,).
+    The rule is the link's own, applied to each two lines: both (n,).
     """
     pairing = Pairing(printer.receive_buffer_bytes, printer.withholds)
     follows, withheld = np.zeros(len(program), np.bool_), np.zeros(len(program))

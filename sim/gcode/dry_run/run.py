@@ -1,10 +1,10 @@
 """Simulate a G-code file without a printer: duration, tip path, limits exceeded.
 
 The planner is that of the simulated printer, fed as the link feeds a real one
-(`sim.gcode.dry_run.feed`): wire both ways, the board's time for a line, the host's
-turnaround, lines in flight. Where moves are shorter than their lines take to come, the planner runs
-low and slows down here as it would there, and what that costs is told (`DryRun.starved`). Waits for
-heat count as nothing; a wait for the user likewise.
+(`sim.gcode.dry_run.feed`): wire both ways, the board's time for a line, the host's turnaround,
+lines in flight. Where moves are shorter than their lines take to come, the planner runs low and
+slows down here as it would there, and the time lost is reported (`DryRun.starved`). Waits for heat
+count as nothing; a wait for the user likewise.
 """
 
 from __future__ import annotations
@@ -85,13 +85,13 @@ def heatings(
     settings = [
         Heating(number, *fields)
         for number in program.line[rows].tolist()
-        for fields in _said(parse_line(lines[number - 1]))
+        for fields in _settings_in(parse_line(lines[number - 1]))
     ]
     settings += [one for at in named for one in _named(at)]
     return tuple(sorted(settings, key=lambda heating: heating.line))
 
 
-def _said(command: Command) -> list[tuple[Part, float]]:
+def _settings_in(command: Command) -> list[tuple[Part, float]]:
     """What a line sets, if it does: a G10 without S or R, say, is an offset."""
     part: Part = "ink" if command.name in _TOOL else "bath" if command.name in _BED else "both"
     if command.name == "M303":

@@ -52,7 +52,7 @@ PLANNER: Final = np.dtype(
         ("junction_deviation", "f4"),
         ("min_segment_us", "f8"),
         ("min_steps", "i8"),
-        ("flow", "f4"),  # M221, 1 = as asked
+        ("flow", "f4"),  # M221, 1 = as commanded
         ("tool", "i8"),  # the head that E moves
         ("e_steps_per_mm", "f4", (MOST_HEADS,)),
         ("e_max_speed", "f4", (MOST_HEADS,)),

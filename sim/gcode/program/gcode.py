@@ -215,10 +215,10 @@ class Columns(NamedTuple):
     @staticmethod
     def of(room: int) -> Columns:
         """Nothing as yet."""
-        real = ("target", "plunger", "feed", "value")
-        kinds = {name: np.float64 if name in real else np.int64 for name in Columns._fields}
-        shapes = {"target": (room, 4)}
-        return Columns(*(np.empty(shapes.get(name, room), kinds[name]) for name in kinds))
+        line, command, code_, kind, tool, length = (np.empty(room, np.int64) for _ in range(6))
+        plunger, feed, value = (np.empty(room) for _ in range(3))
+        target = np.empty((room, 4))
+        return Columns(line, command, code_, kind, target, plunger, tool, feed, value, length)
 
 
 def read_gcode(

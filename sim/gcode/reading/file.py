@@ -43,7 +43,7 @@ class GcodeFile:
     named : tuple of NamedCommand
         Commands with names.
     per_second : tuple of (int, bool) or None
-        Lines from which on F is told per second, or per minute, and it is per second before; None
+        Lines from which on F counts per second, or per minute, and it is per second before; None
         where it is per minute throughout.
     """
 

@@ -124,7 +124,7 @@ class TranslatedProgram:
     named : tuple of NamedCommand
         Outputs that are set, and everything that isn't known.
     per_second : tuple of (int, bool)
-        Lines from which on F is told per second, or per minute.
+        Lines from which on F counts per second, or per minute.
     """
 
     gcode: bytes

@@ -348,7 +348,7 @@ def _one_command(code: str, argument: bytes, text: bytes, family: str) -> None:
 
 # Fast parser for plain moves, which make up most of a G-code file.
 #
-# Read here without all the questions that other lines are asked; `sim.gcode.reading.read` would
+# Read here without the checks of other lines; `sim.gcode.reading.read` would
 # read each of them alike (a test compares the two).
 
 _DECIMAL: Final = rb"(-?\d{1,6}(?:\.\d{1,9})?)"
