@@ -211,7 +211,7 @@ def _seen(
 ) -> SingleArray:
     """Mean of what is seen of the line's thickness, per cell of the profiler; NaN where most isn't.
 
-    A line that is half hidden is measured by its other half, as the middle of light that a camera sees.
+    A line that is half hidden is measured by its other half: the middle of the light that is seen.
     """
     weight = (~lost).astype(np.float32)
     thick = max(1e-3 * field.spot_um / float(pitch[1]), 0.01)

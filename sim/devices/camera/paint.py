@@ -233,7 +233,6 @@ def draw_lines(
 
 # Compute the light from the dish: bath and ink colours by depth, shaded ridges.
 
-SingleArray = NDArray[np.float32]
 _SMOOTH_PX: Final = 1.2
 """Of the crest before its slope is taken: what light makes of a ridge has no corners."""
 

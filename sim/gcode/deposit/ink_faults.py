@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Final, Literal, NamedTuple
 
 import numpy as np
@@ -193,8 +193,7 @@ class Placed:
 
     def kept(self, rows: BoolArray) -> Placed:
         """Some of the lines."""
-        chosen = {item.name: getattr(self.strands, item.name)[rows] for item in fields(Strands)}
-        return Placed(Strands(**chosen), self.first[rows], self.last[rows])
+        return Placed(self.strands.chosen(rows), self.first[rows], self.last[rows])
 
 
 def faulty_lines(
@@ -204,7 +203,7 @@ def faulty_lines(
     changes = [flow_change(fault, timeline) for fault in faults.each]
     flows = [change for change in changes if change is not None]
     begins = np.array([timeline.begins(fault) for fault in faults.each])
-    cuts = np.concatenate([begins, *(change.cuts for change in flows)])
+    cuts = np.concatenate([begins, *(places for places, _ in flows)])
     lines = _thinned(_cut(lines, np.unique(cuts[np.isfinite(cuts)])), flows)
     clumps = []
     for number, (fault, begin) in enumerate(zip(faults.each, begins.tolist(), strict=True)):
@@ -256,8 +255,8 @@ def _cut(lines: Placed, cuts: FloatArray) -> Placed:
 
 def _thinned(lines: Placed, flows: list[FlowChange]) -> Placed:
     factor = np.ones(len(lines.first))
-    for change in flows:
-        factor = factor * change.factor(lines.middle)
+    for _, change in flows:
+        factor = factor * change(lines.middle)
     old = lines.strands
     ink = replace(old, dose_ul=old.dose_ul * factor, area_mm2=old.area_mm2 * factor)
     return replace(lines, strands=ink).kept(factor > _NOTHING)
@@ -336,20 +335,9 @@ _STEPS: Final = 40
 _MOST_CUTS: Final = 100_000
 
 
-@dataclass(frozen=True)
-class FlowChange:
-    """What a fault does to the flow.
-
-    Attributes
-    ----------
-    cuts : (k,) float64
-        Places at which lines must be cut for the factor to hold within each piece.
-    factor : callable
-        Of places (n,): flow over what is pushed, (n,).
-    """
-
-    cuts: FloatArray
-    factor: Callable[[FloatArray], FloatArray]
+FlowChange = tuple[FloatArray, Callable[[FloatArray], FloatArray]]
+"""What a fault does to the flow: the places (k,) at which lines must be cut, and the flow over what
+is pushed (n,) at places (n,), which holds within each piece."""
 
 
 def flow_change(fault: InkFault, line: Timeline) -> FlowChange | None:
@@ -378,22 +366,20 @@ def _clog(fault: Clog, line: Timeline, begin: float) -> FlowChange:
     if fault.clears_ul is not None:
         end = min(end, when(line.purged_ul, float(at(line.purged_ul, begin)) + fault.clears_ul))
     cuts = np.array([place for place in (begin, end) if math.isfinite(place)])
-    return FlowChange(
-        cuts, lambda place: np.where((place >= begin) & (place < end), fault.passes, 1.0)
-    )
+    return cuts, lambda place: np.where((place >= begin) & (place < end), fault.passes, 1.0)
 
 
 def _ramp(total: FloatArray, begin: float, over: float, to: float) -> FlowChange:
     """From 1 to `to` while a running sum grows by `over`; at once for 0."""
     first = float(at(total, begin))
     if over <= 0:
-        return FlowChange(np.array([begin]), lambda place: np.where(place >= begin, to, 1.0))
+        return np.array([begin]), lambda place: np.where(place >= begin, to, 1.0)
 
     def factor(place: FloatArray) -> FloatArray:
         done = np.clip((at(total, place) - first) / over, 0.0, 1.0)
         return np.where(place >= begin, 1.0 + (to - 1.0) * done, 1.0)
 
-    return FlowChange(_reached(total, first + over * np.linspace(0, 1, _STEPS + 1)), factor)
+    return _reached(total, first + over * np.linspace(0, 1, _STEPS + 1)), factor
 
 
 def _swing(fault: Temperature, line: Timeline, begin: float) -> FlowChange:
@@ -406,7 +392,7 @@ def _swing(fault: Temperature, line: Timeline, begin: float) -> FlowChange:
         phase = 2 * np.pi * (line.seconds(place) - zero) / fault.period_s
         return np.where(place >= begin, 1.0 + fault.amplitude * np.sin(phase), 1.0)
 
-    return FlowChange(np.append(begin, cuts), factor)
+    return np.append(begin, cuts), factor
 
 
 def _bubble(fault: Bubble, line: Timeline, begin: float) -> FlowChange:
@@ -418,7 +404,7 @@ def _bubble(fault: Bubble, line: Timeline, begin: float) -> FlowChange:
         return np.where(place < begin, 1.0, np.where(passed < 1.0, 0.0, after))
 
     cuts = _reached(line.pushed_ul, first + fault.ul * np.array([1.0, 2.0]))
-    return FlowChange(np.concatenate([[begin], cuts]), factor)
+    return np.append(begin, cuts), factor
 
 
 def _reached(total: FloatArray, values: FloatArray) -> FloatArray:

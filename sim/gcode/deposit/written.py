@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import DepositError
 from sim.gcode.deposit.kernels import writing_runs
 from sim.gcode.motion.executed import ExecutedMotion
@@ -61,6 +61,10 @@ class Strands:
 
     def __len__(self) -> int:
         return len(self.line)
+
+    def chosen(self, rows: IntArray | BoolArray) -> Strands:
+        """Return some of them, by number or mask."""
+        return Strands(*(getattr(self, item.name)[rows] for item in fields(Strands)))
 
     @property
     def length(self) -> FloatArray:
@@ -298,7 +302,7 @@ def _cut(strands: Strands, cuts: dict[int, list[float]]) -> tuple[Strands, IntAr
         of += [k] * (len(at) - 1)
         shares += pairwise(at)
     row, share = np.array(of), np.array(shares)
-    chosen = Strands(**{item.name: getattr(strands, item.name)[row] for item in fields(Strands)})
+    chosen = strands.chosen(row)
     way = (strands.end - strands.start)[row]
     whole = (share[:, 1] - share[:, 0] == 1.0)[:, None]
     return replace(
@@ -323,8 +327,7 @@ def _joined(pieces: Strands, of: IntArray, pairs: IntArray) -> Strands:
                 kept[piece] = False
                 area[first[new] + k] += area[piece]
                 dose[first[new] + k] += dose[piece]
-    chosen = replace(pieces, area_mm2=area, dose_ul=dose)
-    return Strands(**{item.name: getattr(chosen, item.name)[kept] for item in fields(Strands)})
+    return replace(pieces, area_mm2=area, dose_ul=dose).chosen(kept)
 
 
 # Layer heights found in executed motion, and the heights of the lines printed there.

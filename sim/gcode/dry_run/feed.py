@@ -84,7 +84,8 @@ def run_program(
         program.tool,
         extrudes,
     )
-    costs = _Costs(*(scale * seconds for seconds in PLANNING), Board().costs())
+    block_s, corner_s, trapezoid_s = (scale * seconds for seconds in PLANNING)
+    costs = _Costs(block_s, corner_s, trapezoid_s, Board().costs())
     duration = _feed(rows, times, costs, planner, ring, log, starved)
     made = log[: int(planner["logged"][0])]
     return PlannedProgram(made, float(duration), int(planner["merged"][0]), starved)
