@@ -8,16 +8,10 @@ import pytest
 
 from kernels.arrays import FloatArray
 from sim.devices.recorded_ink import InkSource
-from sim.devices.scanner import (
-    Defect,
-    MicroCtOptions,
-    OctOptions,
-    Placing,
-    simulate_microct,
-    simulate_oct,
-    with_defects,
-)
-from sim.devices.scanner.oct import NOISE_COUNTS, OctField, live_scan
+from sim.devices.scanner.defects import Defect, with_defects
+from sim.devices.scanner.microct import MicroCtOptions, simulate_microct
+from sim.devices.scanner.oct import NOISE_COUNTS, OctField, OctOptions, live_scan, simulate_oct
+from sim.devices.scanner.placing import Placing
 from sim.errors import ScannerError
 from sim.gcode.deposit.lay import Deposit, Laid
 from sim.gcode.deposit.written import Strands

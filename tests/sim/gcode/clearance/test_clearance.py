@@ -7,15 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.gcode.clearance import (
-    ClearanceError,
-    LineSources,
-    NeedleBody,
-    NeedleMotion,
-    check_clearance,
-)
-from sim.gcode.clearance.kernels import SEARCH, shaft_distance
-from sim.gcode.clearance.motion import Pieces, heads_of, ink_of
+from sim.errors import ClearanceError
+from sim.gcode.clearance.check import check_clearance
+from sim.gcode.clearance.kernels import SEARCH, NeedleBody, shaft_distance
+from sim.gcode.clearance.motion import LineSources, NeedleMotion, Pieces, heads_of, ink_of
 from tests.sim.gcode.clearance.naive import STEP, nearest, signed
 from tests.sim.gcode.clearance.small_jobs import (
     HIGH,
