@@ -16,7 +16,7 @@ from sim.devices.board.printer import SimulatedPrinter, set_position
 from sim.devices.board.wire import Numbering
 from sim.devices.families.marlin_commands import HANDLERS
 from sim.devices.families.marlin_printer import Marlin
-from sim.devices.families.marlin_reports import set_flow_percent, set_speed_percent
+from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
 from sim.gcode.program.gcode import Command, split_line
 from sim.gcode.program.modal import interpret
 from sim.gcode.reading.line import NamedCommand, plain_command
@@ -80,10 +80,7 @@ def _g92(board: Controller, command: Command) -> None:
 
 
 def _m114(board: Controller, command: Command) -> None:
-    modal = board.machine.motion.modal
-    at, shift = modal["position"][0], modal["shift"][0]
-    x, y, z = (float(at[k] + shift[k]) + 0.0 for k in range(3))
-    board.machine.say(f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{float(at[3]) + 0.0:.3f}")
+    board.machine.say(place_report(board))
 
 
 def _m115(board: Controller, command: Command) -> None:

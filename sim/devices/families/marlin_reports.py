@@ -134,6 +134,14 @@ def _two(value: float) -> str:
     return f"{value + 0.0:.2f}"
 
 
+def place_report(board: Controller) -> str:
+    """X to E as the user numbers them, with three decimals (RepRapFirmware, Klipper)."""
+    modal = board.machine.motion.modal
+    at, shift = modal["position"][0], modal["shift"][0]
+    x, y, z = (float(at[k] + shift[k]) + 0.0 for k in range(3))
+    return f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{float(at[3]) + 0.0:.3f}"
+
+
 def temperatures(machine: Machine) -> str:
     """Report of M105, from the blank on."""
     heat, now = machine.heat, machine.now

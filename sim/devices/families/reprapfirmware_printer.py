@@ -13,7 +13,7 @@ from sim.devices.board.printer import SimulatedPrinter, set_position, take_tool_
 from sim.devices.board.wire import Numbering
 from sim.devices.families.marlin_commands import HANDLERS
 from sim.devices.families.marlin_printer import Marlin
-from sim.devices.families.marlin_reports import set_flow_percent, set_speed_percent
+from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
 from sim.gcode.program.gcode import Command, checksum
 
 
@@ -55,17 +55,10 @@ def _m92(board: Controller, command: Command) -> None:
     board.machine.say(f"Steps/mm: X: {x:.3f}, Y: {y:.3f}, Z: {z:.3f}, E: {e:.3f}")
 
 
-def _where(board: Controller) -> str:
-    machine = board.machine
-    at, shift = machine.motion.modal["position"][0], machine.motion.modal["shift"][0]
-    x, y, z = (float(at[k] + shift[k]) + 0.0 for k in range(3))
-    return f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{float(at[3]) + 0.0:.3f}"
-
-
 def _m114(board: Controller, command: Command) -> None:
     counts = " ".join(map(str, board.machine.steps_now()[:3]))
     place = " ".join(f"{float(v) + 0.0:.3f}" for v in board.machine.motion.modal["position"][0, :3])
-    board.machine.say(f"{_where(board)} E0:0.0 Count {counts} Machine {place} Bed comp 0.000")
+    board.machine.say(f"{place_report(board)} E0:0.0 Count {counts} Machine {place} Bed comp 0.000")
 
 
 def _m669(board: Controller, command: Command) -> None:
