@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Head, Pneumatic, Printer
+from firmware_profiles import Pneumatic, Printer
 from firmware_profiles.families import family_of
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import GcodeError, LineError
@@ -67,26 +67,19 @@ class Heads:
 def read_heads(
     program: Program, gcode: bytes, named: tuple[NamedCommand, ...], printer: Printer
 ) -> Heads:
-    """Follow the commands that raise and lower heads; parameters as for `valve.read_switch`."""
+    """Follow the commands that raise and lower heads; parameters as for `read_switch`."""
     heads = printer.heads or ()
     count = printer.head_count
     raised = np.zeros((len(program), count), dtype=np.bool_)
     commanded = np.ones((len(program), count), dtype=np.bool_)
     for number, head in enumerate(heads):
-        if (switch := _switch(program, gcode, named, head)) is not None:
+        if head.raises is not None and head.lowers is not None:
+            switch = read_switch(program, gcode, named, head.lowers, head.raises)
             raised[:, number] = switch.before == CLOSED
             commanded[:, number] = switch.before != UNKNOWN
     offset = np.array([head.offset_mm.mm for head in heads] or [(0.0, 0.0, 0.0)])
     lift = np.array([head.raised_mm for head in heads] or [0.0])
     return Heads(raised, commanded, lift, offset)
-
-
-def _switch(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], head: Head
-) -> Valve | None:
-    if head.raises is None or head.lowers is None:
-        return None
-    return read_switch(program, gcode, named, head.lowers, head.raises)
 
 
 def head_findings(program: Program, gcode: bytes, printer: Printer) -> list[Finding]:

@@ -13,7 +13,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from firmware_profiles import Printer
-from sim.devices.board.machine import HeatFault, Machine, MotorRunOn, Steps, Task, Wait
+from sim.devices.board.machine import HeatFault, Machine, Steps, Task, Wait
 from sim.devices.board.wire import BITS_PER_BYTE, LineReader, Numbering, Wire
 from sim.devices.faults import Fault, FaultyCable, Gauge, Pace
 from sim.gcode.motion.state import Board
@@ -34,12 +34,15 @@ class Firmware(Protocol):
         Said where the plunger's part of a move is dropped.
     bad_arc_words : str
         Said to an arc that can't be made.
+    runs_on : bool
+        Whether the motors run on for a while after a kill.
     """
 
     banner: ClassVar[tuple[str, ...]]
     too_cold_words: ClassVar[str]
     too_long_words: ClassVar[str]
     bad_arc_words: ClassVar[str]
+    runs_on: ClassVar[bool]
 
     # -- lines
 
@@ -103,8 +106,8 @@ class Firmware(Protocol):
     def say_halted(self, reason: str) -> None:
         """Tell that it stops for good."""
 
-    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
-        """What makes the time that motors run on after a kill; None where they stop at once."""
+    def halt_time(self) -> Callable[[], float]:
+        """When motors that run on after a kill stop, s, by what is known at each call."""
 
     def answer_unserved(self, waiting: list[bytes]) -> None:
         """Answer the lines that waited when it was killed, if it does."""
@@ -211,14 +214,13 @@ class Controller(ABC):
     def kill(self, reason: str) -> None:
         """Heaters off, fall silent, and halt: the motors at once, or after the firmware's wait."""
         waiting = list(self.work.queue)
-        run_on = self.firmware.run_on()
-        if run_on is None:
+        if not self.firmware.runs_on:
             self.machine.stop()
         self.machine.heat.off(self.machine.now)
         self.firmware.say_halted(reason)
         self._forget()
         self.machine.dead = True
-        self.machine.run_on = None if run_on is None else run_on(self.machine)
+        self.machine.halts_s = self.firmware.halt_time() if self.firmware.runs_on else None
         self.firmware.answer_unserved(waiting)
 
     def _forget(self) -> None:
@@ -229,7 +231,7 @@ class Controller(ABC):
     @property
     def halted(self) -> bool:
         """Whether the firmware is killed and the motors stand."""
-        return self.machine.dead and self.machine.run_on is None
+        return self.machine.dead and self.machine.halts_s is None
 
     def say_ok(self, rest: str = "") -> None:
         """Answer the present command; no other ok will follow."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -173,13 +173,6 @@ class Heat:
         return not self.cold_allowed and self.hotend.read(now) < self.coldest_c
 
 
-class MotorRunOn(Protocol):
-    """Time between a firmware's last words and the halt of its motors."""
-
-    def ends_s(self) -> float:
-        """When the motors stop, s, by what is known now; later events put it off."""
-
-
 @dataclass
 class Machine:
     """Clock, motors, heaters and settings of the board.
@@ -226,7 +219,7 @@ class Machine:
         self.idle_since = self.now
         self.stalled_until = 0.0
         self.waits_for_user = False
-        self.run_on: MotorRunOn | None = None
+        self.halts_s: Callable[[], float] | None = None
         self.debug = 0
         self.speed_percent_kept = 100.0
         self.dead = False

@@ -110,13 +110,13 @@ class MainLoop:
     def _halt_when_due(self) -> float:
         """Stop the motors of a killed board if it is time; else when to look again, s."""
         machine = self._board.machine
-        if machine.run_on is None:
+        if machine.halts_s is None:
             return math.inf
-        due = machine.run_on.ends_s()
+        due = machine.halts_s()
         if machine.now < due:
             return due
         machine.stop()
-        machine.run_on = None
+        machine.halts_s = None
         return math.inf
 
     def _task_at(self) -> float:

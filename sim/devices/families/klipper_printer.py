@@ -10,7 +10,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.machine import STANDSTILL, Machine, MotorRunOn, Steps, Task
+from sim.devices.board.machine import STANDSTILL, Steps, Task
 from sim.devices.board.motion import Motion, PlacedAxes
 from sim.devices.board.printer import SimulatedPrinter, set_position
 from sim.devices.board.wire import Numbering
@@ -110,6 +110,7 @@ class Klipper(Marlin):
     offsets_by: ClassVar[str] = ""  # none: SET_GCODE_OFFSET is one for all heads
     too_cold_words: ClassVar[str] = "!! Extrude below minimum temp"
     banner: ClassVar[tuple[str, ...]] = ("// Klipper state: Ready",)
+    runs_on: ClassVar[bool] = False
 
     def __init__(self, board: Controller) -> None:
         super().__init__(board)
@@ -226,10 +227,6 @@ class Klipper(Marlin):
         self.board.machine.heat.off(self.board.machine.now)
         self.board.machine.idle_since = math.inf
         self._axes.forget()
-
-    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
-        """Motors stop at once."""
-        return None
 
     def say_halted(self, reason: str) -> None:
         """It stops for good."""

@@ -30,7 +30,6 @@ from sim.devices.board.machine import (
     STANDSTILL,
     HeatFault,
     Machine,
-    MotorRunOn,
     Steps,
     Task,
     Wait,
@@ -263,6 +262,7 @@ class Marlin:
     too_cold_words: ClassVar[str] = "echo: cold extrusion prevented"
     too_long_words: ClassVar[str] = "echo: too long extrusion prevented"
     bad_arc_words: ClassVar[str] = "Error:G2/G3 bad parameters"
+    runs_on: ClassVar[bool] = True
 
     def __init__(self, board: Controller) -> None:
         self.board = board
@@ -374,9 +374,16 @@ class Marlin:
         self.board.machine.say("Error:Printer halted. kill() called!")
         self.board.machine.say("//action:poweroff")
 
-    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
-        """For as long as it waits for its words to get out."""
-        return WaitForWords
+    def halt_time(self) -> Callable[[], float]:
+        """For as long as it waits for its words to get out; each step event puts it off."""
+        machine = self.board.machine
+        begin_s, before = machine.now, machine.motion.events(machine.now)
+
+        def ends_s() -> float:
+            done = machine.motion.events(machine.now) - before
+            return begin_s + RUN_ON.rest_s + RUN_ON.event_s * done
+
+        return ends_s
 
     def answer_unserved(self, waiting: list[bytes]) -> None:
         """Do nothing: what waited is lost."""
@@ -404,19 +411,6 @@ class RunOn(NamedTuple):
 
 
 RUN_ON: Final = RunOn()
-
-
-class WaitForWords:
-    """The time between a kill's words and the halt."""
-
-    def __init__(self, machine: Machine) -> None:
-        self._machine = machine
-        self._begin_s, self._before = machine.now, machine.motion.events(machine.now)
-
-    def ends_s(self) -> float:
-        """When the motors stop, s, by the events up to now; later ones put it off."""
-        done = self._machine.motion.events(self._machine.now) - self._before
-        return self._begin_s + RUN_ON.rest_s + RUN_ON.event_s * done
 
 
 # Marlin 2.1's head change (``tool_change``), with head offsets (M218).

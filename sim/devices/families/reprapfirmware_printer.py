@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.machine import Machine, MotorRunOn, Steps
+from sim.devices.board.machine import Steps
 from sim.devices.board.motion import PlacedAxes
 from sim.devices.board.printer import SimulatedPrinter, set_position, take_tool_in_silence
 from sim.devices.board.wire import Numbering
@@ -128,6 +128,7 @@ class RepRapFirmware(Marlin):
         "Warning: Tool 0 was not driven because its heater temperatures were not high enough"
     )
     banner: ClassVar[tuple[str, ...]] = ()
+    runs_on: ClassVar[bool] = False
     offsets_by: ClassVar[str] = "G10"
 
     def __init__(self, board: Controller) -> None:
@@ -174,10 +175,6 @@ class RepRapFirmware(Marlin):
     def say_unknown(self, command: Command) -> None:
         """There is no such command."""
         self.board.machine.say(f"Warning: {command.name}: Command is not supported")
-
-    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
-        """Motors stop at once."""
-        return None
 
     def say_halted(self, reason: str) -> None:
         """It stops for good."""

@@ -474,11 +474,17 @@ def pneumatic_deposit(
         raise DepositError(f"{printer.name} has no pneumatic head (dispenser); use deposit")
     if not (math.isfinite(flow_ul_s) and flow_ul_s > 0):
         raise DepositError(f"flow_ul_s is {flow_ul_s:g}; it must be a number above 0")
-    _check_moved(executed)
+    if not len(executed):
+        raise DepositError("nothing moved, so nothing was deposited")
     x, y, z = executed.start[0].tolist()
     program, valve = read_with_valve(gcode, printer, (x, y, z))
     commanded = with_commands(executed, program)
-    _check_same(commanded)
+    known = float((commanded.line >= 0).mean())  # a host puts in a pause's lift, say
+    if known < _KNOWN:
+        raise DepositError(
+            f"only {known:.0%} of the motion is in the G-code, below {_KNOWN:.0%}; they aren't of "
+            "the same print: give the file that was printed"
+        )
     spans = np.zeros((0, 2)) if valve is None else flowing(commanded, program, valve, head)
     motion = as_plunger(executed, spans, flow_ul_s)
     # What flows is known at every moment: there are no plunger steps to smooth or to bridge.
@@ -491,18 +497,3 @@ def pneumatic_deposit(
         plunger_step_mm=_EXACT_MM,
         faults=faults,
     )
-
-
-def _check_moved(executed: ExecutedMotion) -> None:
-    if not len(executed):
-        raise DepositError("nothing moved, so nothing was deposited")
-
-
-def _check_same(executed: ExecutedMotion) -> None:
-    """Whether the motion is that of the file, but for what a host puts in (a pause's lift)."""
-    known = float((executed.line >= 0).mean())
-    if known < _KNOWN:
-        raise DepositError(
-            f"only {known:.0%} of the motion is in the G-code, below {_KNOWN:.0%}; they aren't of "
-            "the same print: give the file that was printed"
-        )

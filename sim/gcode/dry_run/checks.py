@@ -90,13 +90,14 @@ def _empty(program: Program, refused: tuple[tuple[int, LineError], ...]) -> list
 
 def _unreadable(refused: tuple[tuple[int, LineError], ...]) -> list[Finding]:
     return [
-        Finding(line, error.sort, f"line {line}: {error}{_such(count)}", count=count)
+        Finding(
+            line,
+            error.sort,
+            f"line {line}: {error}" + (f" ({count} such lines)" if count > 1 else ""),
+            count=count,
+        )
         for line, error, count in kinds_of(refused)
     ]
-
-
-def _such(count: int) -> str:
-    return f" ({count} such lines)" if count > 1 else ""
 
 
 def sent_length(program: Program) -> NDArray[np.int64]:
@@ -296,7 +297,8 @@ def _strange(
 def _offset(named: tuple[NamedCommand, ...]) -> list[Finding]:
     """Offsets by a command with a name: they shift what comes after, unknown to this dry run."""
     offsets = [at for at in named if meanings().get(at.name) is Meaning.SHIFTS]
-    lines = [at.line for at in offsets if _shifts(at.words)]
+    # Taking offsets back to 0 shifts nothing.
+    lines = [at.line for at in offsets if set(at.words.values()) - {"0", "0.0"}]
     if not lines:
         return []
     text = (
@@ -304,16 +306,6 @@ def _offset(named: tuple[NamedCommand, ...]) -> list[Finding]:
         "follows it; write the places themselves"
     )
     return [Finding(lines[0], "offset", text, count=len(lines))]
-
-
-def _shifts(words: dict[str, str]) -> bool:
-    """Whether a command does more than set offsets to 0."""
-    return any(word not in ("0", "0.0") for word in words.values())
-
-
-def _or_name(sort: str) -> str:
-    named = ", or name it in the printer's profile (extra_commands) if this machine knows it"
-    return named if sort == "unknown_command" else ""
 
 
 def _too_long(program: Program, size: NDArray[np.int64], printer: Printer) -> list[Finding]:

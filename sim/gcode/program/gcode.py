@@ -27,9 +27,7 @@ from sim.gcode.program.modal import (
     BAD,
     DWELL,
     HOME,
-    MODAL,
     MOVE,
-    SET_POSITION,
     WORDS,
     arc_is_sound,
     arc_points,
@@ -347,18 +345,3 @@ def _home(modal: Record, words: Record) -> None:
         if named == 0 or (named >> axis) & 1:
             modal.position[axis] = 0.0
             modal.shift[axis] = 0.0
-
-
-__all__ = [
-    "MODAL",
-    "SET_POSITION",
-    "Command",
-    "Program",
-    "checksum",
-    "code",
-    "code_name",
-    "command_of",
-    "parse_line",
-    "read_gcode",
-    "split_line",
-]
