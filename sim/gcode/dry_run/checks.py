@@ -89,15 +89,11 @@ def _empty(program: Program, refused: tuple[tuple[int, LineError], ...]) -> list
 
 
 def _unreadable(refused: tuple[tuple[int, LineError], ...]) -> list[Finding]:
-    return [
-        Finding(
-            line,
-            error.sort,
-            f"line {line}: {error}" + (f" ({count} such lines)" if count > 1 else ""),
-            count=count,
-        )
-        for line, error, count in kinds_of(refused)
-    ]
+    findings = []
+    for line, error, count in kinds_of(refused):
+        more = f" ({count} such lines)" if count > 1 else ""
+        findings.append(Finding(line, error.sort, f"line {line}: {error}{more}", count=count))
+    return findings
 
 
 def sent_length(program: Program) -> NDArray[np.int64]:
@@ -260,17 +256,17 @@ def _strange(
     for line, name in unknown:
         lines_of.setdefault(name, []).append(line)
     for name, lines in sorted(lines_of.items())[:_MOST_NAMES]:
-        sort = "no_command" if name == code_name(NO_COMMAND) else "unknown_command"
-        what = (
-            "isn't a command"
-            if sort == "no_command"
-            else f"{name} is unknown to {printer.firmware}"
-        )
+        sort, what, remedy = "no_command", "isn't a command", ""
+        if name != code_name(NO_COMMAND):
+            sort, what = "unknown_command", f"{name} is unknown to {printer.firmware}"
+            remedy = (
+                ", or name it in the printer's profile (extra_commands) if this machine knows it"
+            )
         findings.append(
             Finding(
                 lines[0],
                 sort,
-                f"line {lines[0]}: {what} ({len(lines)} such lines); take it out{_or_name(sort)}",
+                f"line {lines[0]}: {what} ({len(lines)} such lines); take it out{remedy}",
                 count=len(lines),
             )
         )
