@@ -18,7 +18,7 @@ from sim.gcode.dry_run.run import DryRun
 from sim.gcode.heads import Valve, as_plunger, flowing
 from sim.gcode.program.gcode import Program, code, parse_line, read_gcode
 from sim.gcode.program.modal import MOVE
-from sim.gcode.reading.file import plain_lines, read_comments
+from sim.gcode.program.read_program import plain_lines, read_comments
 
 # Extract the writing moves of a G-code file (plunger or valve), as commanded or as executed.
 
