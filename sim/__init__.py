@@ -1,4 +1,4 @@
-"""Simulated printer, scanner, camera, dye video; dry run, deposit, needle check, G-code reader.
+"""Simulated printer, scanner, camera; dry run, deposit, needle check, G-code reader.
 
 Import from the modules: `sim.gcode.program.gcode.read_gcode`, `sim.gcode.dry_run.run.dry_run`,
 `sim.devices.families.registry.simulated_printer`, `sim.gcode.motion.executed.ExecutedMotion`;

@@ -10,7 +10,7 @@ _DEVICES: Final = ("camera", "oct", "laser_line")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
+    """Serve until stopped by a signal; 0 when that went well, 1 when not, 2 for a wrong use."""
     words = sys.argv[1:] if arguments is None else arguments
     # A printer's process does without OpenCV, and starts the sooner.
     if words and words[0] in _DEVICES:

@@ -7,9 +7,9 @@
     │   └── LineError           one line of it: which sort of fault, and what to do
     ├── ServeError              a port, link or record that can't be served
     ├── DepositError            motion that can't be turned into a deposit
-    ├── ScannerError            a scan that can't be simulated as asked
-    ├── CameraError             a picture that can't be simulated as asked
-    └── ClearanceError          a job whose shaft can't be checked as asked
+    ├── ScannerError            a scan that can't be simulated with these settings
+    ├── CameraError             a picture that can't be simulated with these settings
+    └── ClearanceError          a job whose shaft can't be checked with these settings
 
 What is wrong with G-code that *can* be read comes as data (`sim.gcode.dry_run.run.Finding`),
 because the caller decides which finding refuses a print.
@@ -55,7 +55,7 @@ class DepositError(SimError):
 
 
 class ScannerError(SimError):
-    """A scan that can't be simulated as asked."""
+    """A scan that can't be simulated with these settings."""
 
 
 class ClearanceError(SimError):
@@ -63,4 +63,4 @@ class ClearanceError(SimError):
 
 
 class CameraError(SimError):
-    """A picture that can't be simulated as asked."""
+    """A picture that can't be simulated with these settings."""

@@ -21,7 +21,7 @@ from kernels import keep_freed_memory
 from kernels.arrays import FloatArray
 from sim.devices.camera.laser_line import load_profiler, measured_heights, write_heights
 from sim.devices.camera.paint import load_camera, paint
-from sim.devices.recorded_ink import ink_of_record, read_record
+from sim.devices.recorded_ink import InkBox, ink_of_record, read_record
 from sim.devices.scanner.oct import live_scan, load_oct, write_live_scan
 from sim.errors import CameraError, ScannerError, SimError
 from sim.gcode.motion.executed import NO_MOTION, ExecutedMotion
@@ -36,7 +36,7 @@ DEVICES = {
 
 def parser(device: str) -> argparse.ArgumentParser:
     """The options of a device."""
-    camera, (seen, told) = device == "camera", DEVICES[device]
+    camera, (seen, settings) = device == "camera", DEVICES[device]
     options = argparse.ArgumentParser(
         prog=f"python -m sim {device}",
         description=f"Show what lies in a simulated printer's dish, once: {seen}.",
@@ -52,7 +52,7 @@ def parser(device: str) -> argparse.ArgumentParser:
         required=True,
         type=Path,
         metavar="FILE",
-        help=f"{told} (YAML)",
+        help=f"{settings} (YAML)",
     )
     options.add_argument(
         "--faults", type=Path, metavar="FILE", help="a fault file (YAML), whose `ink` counts"
@@ -79,95 +79,61 @@ def parser(device: str) -> argparse.ArgumentParser:
 def main(words: list[str]) -> int:
     """Look once; 0 when that went well, 2 when not."""
     device, *rest = words
-    given = parser(device).parse_args(rest)
-    common = given.record, given.faults, given.device, given.out, given.look
     try:
-        if device == "camera":
-            take_picture(*common)
-        else:
-            take = take_scan if device == "oct" else take_heights
-            take(*common, low_mm=given.low, high_mm=given.high)
+        _look(device, parser(device).parse_args(rest))
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)
         return 2
     return 0
 
 
-def take_picture(
-    record: Path | None, faults: Path | None, camera: Path, out: Path, look: int | None = None
-) -> None:
-    """Take one picture of what a record says to lie in the dish; of an empty dish without one.
+def _look(device: str, given: argparse.Namespace) -> None:
+    """Write what a device sees of what the record says to lie in the dish; all empty without one.
 
-    Raises
-    ------
-    SimError
-        When a file can't be read or written, or the ink can't be known.
-    ProfileError
-        When a profile isn't there.
+    OCT and laser line look between ``low`` and ``high`` of their fields only, where given.
     """
-    if out.suffix.lower() not in PICTURES:
+    out: Path = given.out
+    _check_suffix(device, out)
+    motion = read_record(given.record) if given.record else NO_MOTION
+    seed = _seed(given.look, motion)
+    if device == "camera":
+        file = load_camera(given.device)
+        ink = ink_of_record(motion, given.faults, file.laid)
+        with keep_freed_memory():
+            picture = paint(ink, file.camera, file.scene, seed)
+
+        def write(path: Path) -> None:
+            # Less packed, in a third of the time.
+            if not cv2.imwrite(str(path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+                raise CameraError(f"{out} can't be written; check the folder and its space")
+
+        _write_whole(out, write)
+    elif device == "oct":
+        oct_field = load_oct(given.device)
+        ink = ink_of_record(motion, given.faults, oct_field.laid)
+        scan = live_scan(ink, oct_field, seed, _region(given, oct_field))
+        _write_whole(out, lambda path: write_live_scan(path, scan))
+    else:
+        profiler = load_profiler(given.device)
+        ink = ink_of_record(motion, given.faults, profiler.laid)
+        heights, to_map = measured_heights(ink, profiler, seed, _region(given, profiler))
+        _write_whole(out, lambda path: write_heights(path, heights, to_map, profiler.pixel_um))
+
+
+def _check_suffix(device: str, out: Path) -> None:
+    suffix = out.suffix.lower()
+    if device == "camera" and suffix not in PICTURES:
         raise CameraError(f"{out}: a picture is written as {', '.join(PICTURES)}")
-    file = load_camera(camera)
-    motion = read_record(record) if record else NO_MOTION
-    seed = _seed(look, motion)
-    ink = ink_of_record(motion, faults, file.laid)
-    tip = motion.end[-1] if len(motion) else None
-    with keep_freed_memory():
-        picture = paint(ink, file.camera, file.scene, seed, tip_mm=tip, folder=camera.parent)
-
-    def write(path: Path) -> None:
-        # Less packed, in a third of the time.
-        if not cv2.imwrite(str(path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-            raise CameraError(f"{out} can't be written; check the folder and its space")
-
-    _whole(out, write)
-
-
-def take_scan(
-    record: Path | None,
-    faults: Path | None,
-    field: Path,
-    out: Path,
-    look: int | None = None,
-    *,
-    low_mm: FloatArray | None = None,
-    high_mm: FloatArray | None = None,
-) -> None:
-    """Take one OCT scan of what a record says to lie in the dish, as `take_picture` does.
-
-    Only what lies between ``low_mm`` and ``high_mm`` of the field is scanned, where they are given.
-    """
-    if out.suffix.lower() != ".npz":
+    if device == "oct" and suffix != ".npz":
         raise ScannerError(f"{out}: a scan is written as .npz")
-    oct_field = load_oct(field)
-    motion = read_record(record) if record else NO_MOTION
-    ink = ink_of_record(motion, faults, oct_field.laid)
-    low = np.array(oct_field.low_mm) if low_mm is None else low_mm
-    high = np.array(oct_field.high_mm) if high_mm is None else high_mm
-    scan = live_scan(ink, oct_field, _seed(look, motion), (low, high))
-    _whole(out, lambda path: write_live_scan(path, scan))
-
-
-def take_heights(
-    record: Path | None,
-    faults: Path | None,
-    field: Path,
-    out: Path,
-    look: int | None = None,
-    *,
-    low_mm: FloatArray | None = None,
-    high_mm: FloatArray | None = None,
-) -> None:
-    """Take one height map of what a record says to lie in the dish, as `take_scan` does."""
-    if out.suffix.lower() != ".npz":
+    if device == "laser_line" and suffix != ".npz":
         raise CameraError(f"{out}: a height map is written as .npz")
-    profiler = load_profiler(field)
-    motion = read_record(record) if record else NO_MOTION
-    ink = ink_of_record(motion, faults, profiler.laid)
-    low = np.array(profiler.low_mm) if low_mm is None else low_mm
-    high = np.array(profiler.high_mm) if high_mm is None else high_mm
-    heights, to_map = measured_heights(ink, profiler, _seed(look, motion), (low, high))
-    _whole(out, lambda path: write_heights(path, heights, to_map, profiler.pixel_um))
+
+
+def _region(given: argparse.Namespace, field: InkBox) -> tuple[FloatArray, FloatArray]:
+    low = np.array(field.low_mm) if given.low is None else given.low
+    high = np.array(field.high_mm) if given.high is None else given.high
+    return low, high
 
 
 def _place(words: str) -> FloatArray:
@@ -184,7 +150,7 @@ def _seed(look: int | None, motion: ExecutedMotion) -> int:
     return len(motion) if look is None else look
 
 
-def _whole(path: Path, write: Callable[[Path], None]) -> None:
+def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
     """Write by way of a temporary file: whoever waits for it never sees half of it."""
     draft = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:

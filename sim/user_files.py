@@ -23,7 +23,6 @@ def read_model(path: Path, model: type[Model], what: str, error: type[SimError])
 
     Parameters
     ----------
-    path : Path
     model : type
         Of which it is one.
     what : str

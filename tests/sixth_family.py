@@ -16,8 +16,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family, meanings
 from firmware_profiles.load import DATA
 from printctl.checks.gate.rules import rules
-from sim.family_parts import family_part
-from sim.gcode.reading.words import accepted_letters
+from sim.gcode.reading.line import accepted_letters, family_part
 
 NAME = "sixthware"
 FACTS = '''
@@ -62,7 +61,7 @@ TWIN = '''
 """The printer that plays it."""
 
 from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.families.marlin.printer import Marlin
+from sim.devices.families.marlin_printer import Marlin
 
 
 def _m777(board, command):
@@ -92,13 +91,13 @@ PRINTER = SixthPrinter
 
 @contextmanager
 def installed(folder: Path) -> Iterator[Printer]:
-    """Put both folders beside the other families', and give a profile that names the family."""
+    """Put both beside the other families', and give a profile that names the family."""
     paths = {facts: folder / "facts", twins: folder / "twins"}
-    for home, (name, text) in zip(paths, (("__init__", FACTS), ("printer", TWIN)), strict=True):
-        inside = paths[home] / NAME
-        inside.mkdir(parents=True)
-        (inside / "__init__.py").write_text('"""A family."""\n')
-        (inside / f"{name}.py").write_text(text.lstrip())
+    files = f"{NAME}/__init__.py", f"{NAME}_printer.py"
+    for home, name, text in zip(paths, files, (FACTS, TWIN), strict=True):
+        file = paths[home] / name
+        file.parent.mkdir(parents=True)
+        file.write_text(text.lstrip())
         home.__path__.append(str(paths[home]))
     try:
         yield _profile(folder)

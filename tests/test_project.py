@@ -152,7 +152,7 @@ NAME = re.compile(rf"\b({'|'.join(family_names())})\b")
 WORD = re.compile(rf"firmware|{'|'.join(family_names())}")
 SEAM = re.compile(r"""["']\s*[a-zA-Z]?["']|\\""")
 """What may stand within a word in a source: two strings beside each other, a backslash."""
-INSIDE = re.compile(rf"({'|'.join(HOMES)})\.({'|'.join(family_names())})\b")
+INSIDE = re.compile(rf"({'|'.join(HOMES)})\.({'|'.join(family_names())})(_|\b)")
 
 
 def sources() -> Iterator[Path]:
@@ -231,7 +231,7 @@ def test_no_family_is_named_outside_its_home() -> None:
         'found = f"say marlin {x}"',
         "from firmware_profiles.families.klipper import FAMILY",
         "from firmware_profiles.families import klipper",
-        "import sim.devices.families.marlin.printer",
+        "import sim.devices.families.marlin_printer",
     ],
 )
 def test_what_names_a_family_is_found(text: str) -> None:

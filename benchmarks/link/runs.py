@@ -25,7 +25,7 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import PermanentFaults
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.simulated_transport import HostDiedError, SimulatedTransport

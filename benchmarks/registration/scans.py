@@ -27,7 +27,8 @@ from registration import register_scan
 from registration.alignment import align
 from registration.alignment.distance import ModelSurface
 from registration.segmentation import Segmentation, SegmentationOptions, segment
-from sim.devices.scanner import OctOptions, Placing, simulate_oct
+from sim.devices.scanner.oct import OctOptions, simulate_oct
+from sim.devices.scanner.placing import Placing
 from sim.gcode.deposit.lay import Deposit
 from tests.registration import parts
 

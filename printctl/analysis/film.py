@@ -5,12 +5,13 @@ Goes in: a run folder or a network. Comes out: frames, and a film file.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Final, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -34,10 +35,12 @@ from printctl.recipe import Recipe
 from printctl.recipe.parts import OneDPart
 from registration.measuring.gauging import sub_network
 from registration.report.picture import DrivingWave, FilmScene, Quantity, magnitude
-from sim.devices.dye.film import CODES, write_frames
+from sim.errors import SimError
 
 # Write a film file in its suffix's format: MP4 and the like by OpenCV, GIF, WebP by Pillow.
 
+CODES: Final = {".mp4": "mp4v", ".mov": "mp4v", ".avi": "MJPG"}
+"""OpenCV's codec of each suffix."""
 SUFFIXES: Final = (*CODES, ".gif", ".webp")
 Frame = NDArray[np.uint8]
 _QUALITY: Final = 80
@@ -47,6 +50,36 @@ def check_suffix(path: Path) -> None:
     """Raise `UsageError` when a film can't be written under this name."""
     if path.suffix.lower() not in SUFFIXES or path.is_dir():
         raise UsageError(f"{path}: give the name of a film, ending in {', '.join(SUFFIXES)}")
+
+
+def write_frames(
+    path: Path, frames: Iterable[NDArray[np.uint8]], size: tuple[int, int], fps: float
+) -> None:
+    """Write frames (height, width, 3; blue, green, red) of ``size`` (width, height).
+
+    A film that breaks off leaves no file.
+
+    Raises
+    ------
+    SimError
+        When the suffix isn't known, or the file can't be written.
+    """
+    if path.suffix.lower() not in CODES:
+        raise SimError(f"{path}: a film is written as {', '.join(CODES)}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.stem}.part{path.suffix}")
+    code = cv2.VideoWriter.fourcc(*CODES[path.suffix.lower()])
+    writer = cv2.VideoWriter(str(draft), code, fps, size)
+    try:
+        if not writer.isOpened():
+            raise SimError(f"{path}: OpenCV can't write this film; try .avi")
+        for frame in frames:
+            writer.write(frame)
+        writer.release()
+        draft.replace(path)
+    finally:
+        writer.release()
+        draft.unlink(missing_ok=True)
 
 
 def write_film(path: Path, frames: Iterator[Frame], fps: float) -> int:

@@ -41,9 +41,8 @@ from registration.inspection import (
     surface_of,
 )
 from registration.scan import Scan
-from sim.devices.camera.optics import Camera, through_surface
 from sim.devices.camera.paint import load_camera
-from sim.devices.camera.scene import Bath
+from sim.devices.camera.scene import Bath, Camera, through_surface
 
 Image = NDArray[Any]
 _PICTURE_SUFFIXES: Final = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp"})

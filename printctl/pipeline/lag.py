@@ -10,7 +10,7 @@ from printctl.checks.bead import lag_of
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import Filled
-from sim.gcode.bead import nozzle_of
+from sim.gcode.bead.flow import nozzle_of
 
 OF_SPEED: Final = 0.5
 """Of the plunger's fastest, at which pressure is built and taken back."""

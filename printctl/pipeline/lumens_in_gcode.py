@@ -34,7 +34,7 @@ from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK, SURFACE
 from printctl.run_folder.manifest import MANIFEST
 from printctl.settings import opt, settings
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 
 Place = tuple[float, float, float]
 Say = Callable[[str], None]

@@ -26,7 +26,7 @@ from printctl.checks.set_up import SetUp
 from printctl.errors import UsageError
 from printctl.pipeline.bead_choices import BeadChoices
 from printctl.pipeline.lumens_in_gcode import place_of_filaments, read_designed
-from sim.gcode.bead import swell
+from sim.gcode.bead.predict import swell
 from sim.gcode.dry_run.run import DryRun
 
 Say = Callable[[str], None]

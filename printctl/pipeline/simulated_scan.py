@@ -15,17 +15,17 @@ from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.recipe.making import SimulatedScan
 from registration import Scan
-from sim.devices.scanner import (
-    MicroCtOptions,
-    OctOptions,
-    Placing,
-    ScannerOutput,
-    simulate_microct,
-    simulate_oct,
-)
+from sim.devices.scanner.microct import MicroCtOptions, simulate_microct
+from sim.devices.scanner.oct import OctOptions, simulate_oct
+from sim.devices.scanner.placing import Placing, ScannerOutput
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
-from sim.gcode.deposit.lay import Deposit, deposit, deposit_of_heads, unite_deposits
-from sim.gcode.deposit.pneumatic import pneumatic_deposit
+from sim.gcode.deposit.lay import (
+    Deposit,
+    deposit,
+    deposit_of_heads,
+    pneumatic_deposit,
+    unite_deposits,
+)
 from sim.gcode.motion.executed import ExecutedMotion
 
 MAX_SCAN_MB: Final = 1000.0

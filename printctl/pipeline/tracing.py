@@ -19,7 +19,7 @@ from firmware_profiles import Printer
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.lines import plunger_strokes, valve_strokes
 from registration import RegistrationReport
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 from sim.gcode.heads import read_with_valve
 
 _ALONG_MM = 0.2

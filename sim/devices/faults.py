@@ -30,7 +30,7 @@ from sim.user_files import read_model
 # drop_ok: 0.001           # chance of each ok
 # delay: 0.001             # chance of each reply that it comes delay_s late
 # delay_s: 0.3
-# ok_delays_s: [0, 0, 5]   # each ok in turn comes so late, and what is said behind it with it
+# ok_delays_s: [0, 0, 5]   # each ok in turn comes so late, and what follows it with it
 # ok_delay_up_to_s: 5      # or: each ok by itself, anything up to this
 # drop_byte: 0.0001        # chance of each byte that it is lost
 # speed: 0.5               # the whole board runs at this share of its time
@@ -159,7 +159,7 @@ class Gauge(BaseModel):
         Which asks for it, such as M871.
     says : str
         The answer, with ``{value}`` where the number stands; it may have a format,
-        ``{value:.2f}``. An answer without it is one that nobody can read.
+        ``{value:.2f}``. An answer without it is unreadable.
     ramp : tuple of (time, value)
         Straight between them by the printer's clock, s; constant before and after.
     """
@@ -253,7 +253,6 @@ class FaultyCable:
 
     Parameters
     ----------
-    troubles : PermanentFaults
     rng : Generator, optional
         Of what goes wrong; needed where anything does by chance.
     """
@@ -349,9 +348,6 @@ class FaultyCable:
             return data
         bits = (1 << self._rng.integers(0, 8, len(data))).astype(np.uint8)
         return bytes(np.frombuffer(data, np.uint8) ^ np.where(hit, bits, 0).astype(np.uint8))
-
-
-# Map a simulated board's clock to the host's clock; planned faults slow or freeze it.
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,6 @@ class InkBox(BaseModel):
     ----------
     low_mm, high_mm : (x, y, z), mm
         Corners of the box.
-    laid : InkSource
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

@@ -5,15 +5,16 @@ Goes in: a program. Comes out: the head in use, tip positions and open valves, r
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Head, Pneumatic, Printer
+from firmware_profiles import Pneumatic, Printer
 from firmware_profiles.families import family_of
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import GcodeError, LineError
@@ -21,12 +22,11 @@ from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import Program, code, parse_line
 from sim.gcode.program.modal import DWELL, MOVE, SET_POSITION, TOOL
 from sim.gcode.program.read_program import read_written
-from sim.gcode.reading.line import Finding, NamedCommand
-from sim.gcode.reading.words import output_of
+from sim.gcode.reading.line import Finding, NamedCommand, output_of
 
 # Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
 #
-# A firmware that is told by T which head to use can still do something else than the file's author
+# A firmware that gets a T for the head to use can still do something else than the file's author
 # meant: T that it doesn't know leaves the old head in use, an offset of its own moves what the file
 # has moved already, and a count of E that goes on from another plunger's pushes or draws by all the
 # difference. All that is found here, from the file alone.
@@ -42,8 +42,8 @@ class Heads:
     ----------
     raised : (n, heads) bool
         Whether each head is surely raised during each row of the program; a fixed one never is.
-    said : (n, heads) bool
-        Whether the file has said it before; always true of a fixed one.
+    commanded : (n, heads) bool
+        Whether the file has commanded it before; always true of a fixed one.
     lift_mm : (heads,) float64, mm
         How much higher each stands when raised.
     offset_mm : (heads, 3) float64, mm
@@ -51,7 +51,7 @@ class Heads:
     """
 
     raised: NDArray[np.bool_]
-    said: NDArray[np.bool_]
+    commanded: NDArray[np.bool_]
     lift_mm: FloatArray
     offset_mm: FloatArray
 
@@ -67,26 +67,19 @@ class Heads:
 def read_heads(
     program: Program, gcode: bytes, named: tuple[NamedCommand, ...], printer: Printer
 ) -> Heads:
-    """Follow the commands that raise and lower heads; parameters as for `valve.read_switch`."""
+    """Follow the commands that raise and lower heads; parameters as for `read_switch`."""
     heads = printer.heads or ()
     count = printer.head_count
     raised = np.zeros((len(program), count), dtype=np.bool_)
     commanded = np.ones((len(program), count), dtype=np.bool_)
     for number, head in enumerate(heads):
-        if (switch := _switch(program, gcode, named, head)) is not None:
+        if head.raises is not None and head.lowers is not None:
+            switch = read_switch(program, gcode, named, head.lowers, head.raises)
             raised[:, number] = switch.before == CLOSED
             commanded[:, number] = switch.before != UNKNOWN
     offset = np.array([head.offset_mm.mm for head in heads] or [(0.0, 0.0, 0.0)])
     lift = np.array([head.raised_mm for head in heads] or [0.0])
     return Heads(raised, commanded, lift, offset)
-
-
-def _switch(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], head: Head
-) -> Valve | None:
-    if head.raises is None or head.lowers is None:
-        return None
-    return read_switch(program, gcode, named, head.lowers, head.raises)
 
 
 def head_findings(program: Program, gcode: bytes, printer: Printer) -> list[Finding]:
@@ -107,23 +100,23 @@ def _no_such_head(program: Program, printer: Printer) -> list[Finding]:
     known = [code(f"T{number}") for number in range(printer.head_count)]
     first, last = code("T0"), code("T99999")
     where = (program.code >= first) & (program.code <= last) & ~np.isin(program.code, known)
-    return _one(
+    return first_finding(
         program,
         where,
         "no_such_head",
-        f"chooses a head that {printer.name} hasn't (0 to {printer.head_count - 1}): the "
+        f" chooses a head that {printer.name} hasn't (0 to {printer.head_count - 1}): the "
         "firmware would go on with the one before, and its syringe be pushed for the other",
     )
 
 
 def _unchosen(program: Program) -> list[Finding]:
-    """Plunger moves before the first T: which head was left in use nobody knows."""
+    """Plunger moves before the first T: which head is in use is unknown."""
     chosen = np.cumsum(program.kind == TOOL) > 0
-    return _one(
+    return first_finding(
         program,
         (program.pushed != 0) & ~chosen,
         "head_not_chosen",
-        "moves a plunger before the file has chosen a head; an earlier job may have left another "
+        " moves a plunger before the file has chosen a head; an earlier job may have left another "
         "in use: begin the file with T0",
     )
 
@@ -137,11 +130,11 @@ def _uncounted(program: Program, lines: list[bytes]) -> list[Finding]:
     at = np.arange(len(program))
     last_change = np.maximum.accumulate(np.where(changes, at, -1))
     last_count = np.maximum.accumulate(np.where(counts, at, -1))
-    return _one(
+    return first_finding(
         program,
         (program.pushed != 0) & (last_change > last_count),
         "plunger_not_counted",
-        "moves a plunger after a change of head without G92 E between: firmwares go on counting "
+        " moves a plunger after a change of head without G92 E between: firmwares go on counting "
         "from the other plunger, or from 0; say G92 E behind each T",
     )
 
@@ -170,46 +163,52 @@ def _offsets(program: Program, lines: list[bytes], printer: Printer) -> list[Fin
         unsaid[row] = number in needed and cleared.get(number, len(program)) > row
     remedy = f"{command} {word}1 X0 Y0 Z0"
     return [
-        *_one(
+        *first_finding(
             program,
             twice,
             "offset_twice",
-            "gives the firmware an offset of a head, which the places in the file have taken off "
+            " gives the firmware an offset of a head, which the places in the file have taken off "
             f"already (profile: heads, offset_mm): the needle would go wrong by it; say {remedy}",
         ),
-        *_one(
+        *first_finding(
             program,
             unsaid,
             "offset_unknown",
-            "chooses a head whose offset the firmware may keep from its settings; say it is none "
+            " chooses a head whose offset the firmware may keep from its settings; say it is none "
             f"before ({remedy}): the places in the file have it taken off already",
         ),
     ]
 
 
-def _one(program: Program, where: NDArray[np.bool_], sort: str, text: str) -> list[Finding]:
+def first_finding(
+    program: Program,
+    where: NDArray[np.bool_],
+    sort: str,
+    text: str,
+    value: float = math.nan,
+    limit: float = math.nan,
+) -> list[Finding]:
+    """Return one finding for all rows where something is wrong, with the first one's line."""
     if not where.any():
         return []
     line = int(program.line[int(where.argmax())])
-    return [Finding(line, sort, f"line {line} {text}", count=int(where.sum()))]
+    return [Finding(line, sort, f"line {line}{text}", value, limit, int(where.sum()))]
 
 
 # Find a pneumatic head's valve commands in G-code, and the times of ink flow.
 #
 # Which commands those are the profile says (`dispenser`: opens, closes); a line is one of them if
 # it has the same command and words, in any order. The same command with the same address (what both
-# have in common, a pin or a fan) and another value leaves the valve somewhere between; it is told
-# as that, and counts as open.
+# have in common, a pin or a fan) and another value leaves the valve somewhere between; it is
+# reported as that, and counts as open.
 #
 # Ink flows from the opening delay after an opening until the closing delay after a closing. When
 # that was follows from the blocks that ran between the two commands and from the dwells beside
 # them; the time that a line takes to come isn't in it. Pressure and flow are taken as steady
 # meanwhile: no rise, no lag of the ink, no oozing from a closed valve.
 
-OPEN: Final = 1
-CLOSED: Final = 0
-BETWEEN: Final = 2
-UNKNOWN: Final = -1
+UNKNOWN, CLOSED, OPEN, BETWEEN = range(-1, 3)
+"""States of a valve."""
 _CODE: Final = re.compile(rb"[GMT]\d+")
 Words = frozenset[tuple[str, str | float]]
 
@@ -246,12 +245,10 @@ def read_valve(
 
     Parameters
     ----------
-    program : Program
     gcode : bytes
         What it was read from, Klipper's commands with names as they came or not.
     named : tuple of NamedCommand
         Klipper's commands with names.
-    head : Pneumatic
     """
     return read_switch(program, gcode, named, head.opens, head.closes)
 
@@ -299,8 +296,6 @@ def read_with_valve(
 
     Parameters
     ----------
-    gcode : bytes
-    printer : Printer
     start_mm : tuple, mm
         Where the tip stands before the first line.
 
@@ -362,8 +357,6 @@ def flowing(
         Of a dry run, or of the simulated printer: its `line` counts commands from 0.
     program : Program
         Of the same file.
-    valve : Valve
-    head : Pneumatic
     """
     spans: list[list[float]] = []
     for opened, shut in _openings(program, valve):
@@ -444,10 +437,16 @@ def as_plunger(executed: ExecutedMotion, spans: FloatArray, flow_ul_s: float) ->
 # in the file's order, where its moves end, to a motor step, and begin where the last one of the
 # file ended; a move that the planner merged into the next has none.
 
-WITHIN_MM: Final = 0.02
-"""A step of a usual axis and the rounding of the text; a place is told from the next by more."""
-AHEAD: Final = 64
-"""Moves that may be merged or left out in a row."""
+
+class BlockMatch(NamedTuple):
+    """How executed blocks are matched to places of the file."""
+
+    # A step of a usual axis and the rounding of the text; places differ by more.
+    within_mm: float = 0.02
+    max_skipped: int = 64  # Moves that may be merged or left out in a row.
+
+
+MATCH: Final = BlockMatch()
 
 
 def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
@@ -455,7 +454,6 @@ def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
 
     Parameters
     ----------
-    executed : ExecutedMotion
     program : Program
         Read with the tip where the motion begins.
     """
@@ -464,9 +462,9 @@ def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
     line = np.full(len(executed), -1, dtype=np.int64)
     at, last = 0, program.start[:3]
     for block, end in enumerate(executed.end):
-        if np.abs(executed.start[block] - last).max() > WITHIN_MM:
+        if np.abs(executed.start[block] - last).max() > MATCH.within_mm:
             continue
-        near = np.abs(target[at : at + AHEAD] - end).max(axis=1) <= WITHIN_MM
+        near = np.abs(target[at : at + MATCH.max_skipped] - end).max(axis=1) <= MATCH.within_mm
         if near.any():
             nearest = at + int(near.argmax())
             line[block] = program.command[rows[nearest]]

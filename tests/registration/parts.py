@@ -15,7 +15,7 @@ from registration.alignment import Fit
 from registration.scan import Scan
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
-from sim.devices.scanner import ScannerOutput
+from sim.devices.scanner.placing import ScannerOutput
 from sim.gcode.deposit.lay import Deposit
 from tests.design.networks import network
 

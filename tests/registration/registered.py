@@ -6,14 +6,9 @@ import pytest
 from design.network import VesselNetwork
 from registration import RegistrationOptions, RegistrationReport, Scan, register_scan
 from registration.alignment import AlignmentOptions
-from sim.devices.scanner import (
-    MicroCtOptions,
-    OctOptions,
-    Placing,
-    ScannerOutput,
-    simulate_microct,
-    simulate_oct,
-)
+from sim.devices.scanner.microct import MicroCtOptions, simulate_microct
+from sim.devices.scanner.oct import OctOptions, simulate_oct
+from sim.devices.scanner.placing import Placing, ScannerOutput
 from tests.made_once import made_once
 from tests.registration.parts import (
     analytic_deposit,

@@ -33,7 +33,7 @@ from registration.report.views import Views, add_scan_places, load_views, save_v
 from registration.report.views.stack import PIXELS
 from registration.segmentation import Segmentation, SegmentationOptions, segment
 from registration.wall_reference import ReferenceScan, WallCalibration, measured_walls
-from sim.devices.scanner import OctOptions, simulate_oct
+from sim.devices.scanner.oct import OctOptions, simulate_oct
 from tests.design.networks import network as network_of
 from tests.design.networks import polyline
 from tests.registration import parts

@@ -22,7 +22,7 @@ from printctl.checks.bead.time_line import write_time_line
 from printctl.checks.bead.vessels import VesselDiameters
 from registration.files.exports import nrrd_header
 from registration.report.play import save_played, write_play_html
-from sim.gcode.bead import Bead, bead_deposit, swell
+from sim.gcode.bead.predict import Bead, bead_deposit, swell
 from sim.gcode.deposit.lay import Deposit
 
 # Table of predicted ink volume and line width by layer, with and without pressure lag.

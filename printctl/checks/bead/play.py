@@ -14,7 +14,7 @@ from printctl.checks.bead.predict import InkPrediction
 from printctl.checks.bead.vessels import VesselDiameters
 from registration.report.gcode import Act
 from registration.report.play import Playback, PlayNote, PlayRows, thin_playback
-from sim.gcode.bead import swell
+from sim.gcode.bead.predict import swell
 from sim.gcode.deposit.written import written_levels
 
 DROP_UL: Final = 1e-3

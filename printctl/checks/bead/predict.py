@@ -17,10 +17,10 @@ from printctl.checks.gcode_view.read import cross_sections
 from printctl.checks.lumens.read import split_by_head
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
-from sim.gcode.bead import Bead, advance_of, cut, nozzle_of, predict_bead
-from sim.gcode.bead.flow import median_flow
+from sim.gcode.bead.flow import advance_of, cut, median_flow, nozzle_of
+from sim.gcode.bead.predict import Bead, predict_bead
 from sim.gcode.deposit.lay import Style
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.heads import as_plunger, flowing
 from sim.gcode.motion.executed import ExecutedMotion

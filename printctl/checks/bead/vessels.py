@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
-from sim.gcode.bead import Bead
+from sim.gcode.bead.predict import Bead
 
 # Merge the predicted diameters of a vessel's several strands into one diameter per vessel.
 

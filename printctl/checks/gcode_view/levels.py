@@ -8,7 +8,7 @@ import numpy as np
 
 from kernels.arrays import FloatArray, IntArray
 from registration.report.gcode import Layers
-from sim.gcode.reading.comments import Comments
+from sim.gcode.program.read_program import Comments
 
 LEVEL_MM: Final = 5e-3
 """Written heights closer than this are one level (two steps of a usual z axis)."""

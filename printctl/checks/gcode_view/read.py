@@ -23,8 +23,13 @@ from sim.errors import GcodeError, LineError
 from sim.gcode.heads import Valve, read_valve, refuse_unread
 from sim.gcode.program.gcode import Program, code
 from sim.gcode.program.modal import BAD, DWELL, HOME, MOVE
-from sim.gcode.program.read_program import read_written
-from sim.gcode.reading.comments import Comments, declared_start, plain_lines, read_comments
+from sim.gcode.program.read_program import (
+    Comments,
+    declared_start,
+    plain_lines,
+    read_comments,
+    read_written,
+)
 
 # Select the rows of a G-code file that move or extrude, with the kind of each.
 

@@ -15,7 +15,7 @@ from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.lines import in_short_pieces
 from printctl.checks.lumens.report import LumenReport, list_names, report_dict, report_lumens
 from printctl.checks.lumens.stations import Openings, SectionStations, network_lumens
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 
 # Measure the diameter and area of the lumen that washed-out filaments leave along each vessel.
 #

@@ -30,10 +30,10 @@ from printctl.checks.lumens.lines import (
     valve_strokes,
 )
 from printctl.errors import UsageError
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.heads import read_with_valve
-from sim.gcode.reading.comments import declared_start, plain_lines
+from sim.gcode.program.read_program import declared_start, plain_lines
 
 
 def split_by_head(run: DryRun, printer: Printer) -> list[DryRun]:

@@ -20,8 +20,7 @@ from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.gcode import code
 from sim.gcode.program.modal import MOVE
 from sim.gcode.reading import GcodeLine
-from sim.gcode.reading.line import SORTS, Finding, is_known_line
-from sim.gcode.reading.words import SETS_ARRAY, SETS_CALL, output_of
+from sim.gcode.reading.line import SETS_ARRAY, SETS_CALL, SORTS, Finding, is_known_line, output_of
 
 # Check that a job doesn't redefine its X, Y or Z coordinates (G92) after its first move.
 #

@@ -90,7 +90,7 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
     rows = (
         (
             "moves before every head is said to be raised or lowered",
-            moves & ~heads.said.all(axis=1),
+            moves & ~heads.commanded.all(axis=1),
             "nobody knows which needle is down; begin the file by raising and lowering them",
         ),
         (

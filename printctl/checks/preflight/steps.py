@@ -13,7 +13,7 @@ import numpy as np
 from firmware_profiles import Printer, Syringe
 from printctl.checks.set_up import Check
 from printctl.rounding import last_digit_mm
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.modal import MOVE
 

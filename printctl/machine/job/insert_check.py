@@ -20,7 +20,7 @@ from printctl.machine.job.coordinates import Modal, Move, Place, Spot, moves_of
 from printctl.machine.job.dispensing import is_about_valve, is_open
 from printctl.machine.job.job import Job, parse_job
 from sim.gcode.reading import GcodeLine, read_sent
-from sim.gcode.reading.sent_line import LEAST, MOST
+from sim.gcode.reading.read import LEAST, MOST
 
 MAX_LINES: Final = 20_000
 MAX_WAIT_S: Final = 60.0

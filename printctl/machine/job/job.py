@@ -22,7 +22,7 @@ from printctl.machine.errors import JobError
 from printctl.machine.job.marks import Marks, Position, read_marks
 from sim.errors import GcodeError
 from sim.gcode.reading.file import GcodeFile, Others, kinds_of, other_lines, read_file
-from sim.gcode.reading.sent_line import plunger_word, with_flow
+from sim.gcode.reading.read import plunger_word, with_flow
 from sim.user_files import read_gcode_path, text_of
 
 _MOVES: Final = (b"G0 ", b"G1 ")
@@ -133,7 +133,7 @@ class Job:
         """Return the job with an insert's lines behind its first ``insert.after`` lines.
 
         Marks at that place stay before them. What writes behind them pushes ``insert.flow`` of what
-        the file says (`sim.gcode.reading.sent_line`). Raises `JobError` where the job has fewer
+        the file says (`sim.gcode.reading.read`). Raises `JobError` where the job has fewer
         lines, a later insert, or no count of the plunger where its flow is to change.
         """
         after, count = insert.after, len(insert.lines)

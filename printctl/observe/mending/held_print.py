@@ -19,8 +19,7 @@ from printctl.machine.job.coordinates import Modal, modal_state, relieved_mm
 from sim.gcode.deposit.written import level_areas, level_heights, written_levels
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE
-from sim.gcode.program.read_program import read_written
-from sim.gcode.reading.comments import declared_start
+from sim.gcode.program.read_program import declared_start, read_written
 
 
 class MendError(PrintctlError):

@@ -21,13 +21,10 @@ from firmware_profiles import Needle
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.mending.held_print import HeldPrint, MendError, WrittenPath, written_paths
 from printctl.observe.mending.laid_ink import LaidInk, laid_ink
-from sim.gcode.clearance import (
-    NeedleBody,
-    NeedleMotion,
-    ShaftContact,
-    WrittenNetwork,
-    check_clearance,
-)
+from sim.gcode.clearance.check import ShaftContact, check_clearance
+from sim.gcode.clearance.kernels import NeedleBody
+from sim.gcode.clearance.motion import NeedleMotion
+from sim.gcode.clearance.network import WrittenNetwork
 from sim.gcode.deposit.written import LEVEL_TOLERANCE_MM
 
 _RIM_PLACES = 16

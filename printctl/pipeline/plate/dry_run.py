@@ -41,7 +41,7 @@ from printctl.pipeline.stages import dry_run as alone
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
-from sim.gcode.clearance import Clearance
+from sim.gcode.clearance.check import Clearance
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.program.gcode import Program
 

@@ -54,7 +54,7 @@ from printctl.pipeline.stages.toolpath import of_heads
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
-from sim.gcode.clearance import Clearance
+from sim.gcode.clearance.check import Clearance
 from sim.gcode.dry_run.run import DryRun, dry_run
 
 CHECKS = "dry_run.json"

@@ -33,7 +33,7 @@ from printctl.pipeline.stages.toolpath import of_heads, plain_job
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 from sim.gcode.dry_run.run import dry_run
 
 LUMENS: Final = "lumens.json"

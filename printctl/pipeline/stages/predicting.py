@@ -24,7 +24,7 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.stages.toolpath import plain_job, written_bundles
 from printctl.recipe.making import Embedded
 from printctl.run_folder.artefacts import GCODE
-from sim.gcode.bead import Bead, swell
+from sim.gcode.bead.predict import Bead, swell
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.heads import with_commands
 from sim.gcode.motion.executed import ExecutedMotion

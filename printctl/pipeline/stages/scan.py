@@ -45,8 +45,9 @@ from registration.errors import RegistrationError
 from registration.files.readers import is_mosaic, listed_files
 from registration.files.writers import write_scan
 from sim.devices.faults import load_faults
-from sim.devices.scanner import Defect, ScannerOutput, with_defects
-from sim.gcode.bead import bead_deposit
+from sim.devices.scanner.defects import Defect, with_defects
+from sim.devices.scanner.placing import ScannerOutput
+from sim.gcode.bead.predict import bead_deposit
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
 from sim.gcode.deposit.lay import Deposit
 from sim.gcode.dry_run.run import dry_run

@@ -3,24 +3,117 @@
 from __future__ import annotations
 
 import math
+import re
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from firmware_profiles import Printer
-from sim.devices.board.firmware import Firmware
-from sim.devices.board.heaters import HeatFault
-from sim.devices.board.machine import Machine
-from sim.devices.board.waits import Steps, Task, Wait
+from sim.devices.board.machine import HeatFault, Machine, Steps, Task, Wait
 from sim.devices.board.wire import BITS_PER_BYTE, LineReader, Numbering, Wire
-from sim.devices.faults import Fault, FaultKind, FaultyCable, Gauge, Pace
-from sim.gcode.motion.hardware import Board
+from sim.devices.faults import Fault, FaultyCable, Gauge, Pace
+from sim.gcode.motion.state import Board
 from sim.gcode.program.gcode import Command
-from sim.gcode.program.words import WORDS
+from sim.gcode.program.modal import WORDS
+
+# Interface of a firmware family on a simulated board: messages, commands, line numbers, kill.
+
+
+class Firmware(Protocol):
+    """A family's own part; it is made for one board and knows that board.
+
+    Attributes
+    ----------
+    banner : tuple of str
+        Said after a reset.
+    too_cold_words, too_long_words : str
+        Said where the plunger's part of a move is dropped.
+    bad_arc_words : str
+        Said to an arc that can't be made.
+    runs_on : bool
+        Whether the motors run on for a while after a kill.
+    """
+
+    banner: ClassVar[tuple[str, ...]]
+    too_cold_words: ClassVar[str]
+    too_long_words: ClassVar[str]
+    bad_arc_words: ClassVar[str]
+    runs_on: ClassVar[bool]
+
+    # -- lines
+
+    def urgent_pattern(self) -> re.Pattern[bytes] | None:
+        """Begin of a line that acts as its bytes arrive; None where none does."""
+
+    def numbering(self) -> Numbering:
+        """A new reader of line numbers and checksums."""
+
+    def look_at(self, ring: bytearray) -> None:
+        """Look at the received bytes before the next line is cut from them."""
+
+    def refuse(self, reason: bytes) -> None:
+        """Tell that a line wasn't taken, and what to do about it."""
+
+    def urgent_code(self, line: bytes) -> bytes | None:
+        """Code of a line that acts as it enters the queue."""
+
+    def act_urgently(self, code: bytes) -> Steps:
+        """Do what an urgent code asks for."""
+
+    # -- commands
+
+    def take_at_once(self, data: bytes, alarm: Callable[[], float]) -> bytes:
+        """Take what needs no main loop from the front of ``data``; return what is left.
+
+        ``alarm`` tells when the main loop next has something to do of its own, s.
+        """
+
+    def start(self, command: Command) -> Steps:
+        """Begin a command."""
+
+    def echo(self, line: bytes) -> None:
+        """Echo the line that begins, where the firmware was set to."""
+
+    def ok_words(self) -> str:
+        """Words behind the present command's ok."""
+
+    # -- reports by the clock
+
+    def say_busy(self, wait: Wait) -> None:
+        """Tell that a command is under way."""
+
+    def report_temperatures(self) -> None:
+        """Tell the temperatures unasked."""
+
+    def report_position(self) -> None:
+        """Tell the position unasked."""
+
+    # -- ends
+
+    def power_up(self) -> None:
+        """Set what this firmware begins with, after the board has forgotten everything."""
+
+    def idle_is_over(self) -> None:
+        """Act where nothing has moved for longer than the firmware's idle limit."""
+
+    def fail_heat(self, fault: HeatFault) -> None:
+        """Tell a heater's fault, and stop for good."""
+
+    def say_halted(self, reason: str) -> None:
+        """Tell that it stops for good."""
+
+    def halt_time(self) -> Callable[[], float]:
+        """When motors that run on after a kill stop, s, by what is known at each call."""
+
+    def answer_unserved(self, waiting: list[bytes]) -> None:
+        """Answer the lines that waited when it was killed, if it does."""
+
+    def hear_dead(self) -> None:
+        """Take what comes after a halt."""
 
 
 class Job(Protocol):
@@ -58,11 +151,10 @@ class Controller(ABC):
         Bytes in flight and the receive ring.
     reader, lines : LineReader, Numbering
         What cuts lines, and what decides about their numbers.
-    words : (1,) of `sim.gcode.program.words.WORDS`
+    words : (1,) of `sim.gcode.program.modal.WORDS`
         Of the command in hand.
     work : BoardWork
         Commands in line and in hand.
-    plan : FaultPlan
     unplugged : bool
         Set by a fault; whoever owns the port closes it.
     back_after_s : float or None
@@ -122,14 +214,13 @@ class Controller(ABC):
     def kill(self, reason: str) -> None:
         """Heaters off, fall silent, and halt: the motors at once, or after the firmware's wait."""
         waiting = list(self.work.queue)
-        run_on = self.firmware.run_on()
-        if run_on is None:
+        if not self.firmware.runs_on:
             self.machine.stop()
-        self.machine.heaters_off()
+        self.machine.heat.off(self.machine.now)
         self.firmware.say_halted(reason)
         self._forget()
         self.machine.dead = True
-        self.machine.run_on = None if run_on is None else run_on(self.machine)
+        self.machine.halts_s = self.firmware.halt_time() if self.firmware.runs_on else None
         self.firmware.answer_unserved(waiting)
 
     def _forget(self) -> None:
@@ -140,7 +231,7 @@ class Controller(ABC):
     @property
     def halted(self) -> bool:
         """Whether the firmware is killed and the motors stand."""
-        return self.machine.dead and self.machine.run_on is None
+        return self.machine.dead and self.machine.halts_s is None
 
     def say_ok(self, rest: str = "") -> None:
         """Answer the present command; no other ok will follow."""
@@ -159,9 +250,6 @@ Handler = Callable[[Controller, Command], Steps]
 """What a command does."""
 Handlers = Mapping[str, Handler]
 """By letter and number."""
-
-
-# Command queue of a simulated board: waiting commands, and the one being executed.
 
 
 @dataclass
@@ -205,9 +293,6 @@ class BoardWork:
         self.tasks.clear()
         self.mute = False
         self.busy_at = math.inf
-
-
-# Schedule a simulated board's faults, each due once, by line, clock or bytes received.
 
 
 class FaultPlan:
@@ -263,69 +348,30 @@ class FaultPlan:
         return None
 
 
-# Apply a planned fault to a simulated board: reset, kill, unplugging, lost ok, noise, stall.
-
-
 def apply_fault(board: Controller, fault: Fault) -> bool:
     """Let a fault happen; True when the board forgets what it was doing."""
-    _HAPPENINGS[fault.fault](board, fault)
+    now, seconds = board.machine.now, fault.seconds or 0.0
+    match fault.fault:
+        case "reset":
+            board.reset()
+        case "kill":
+            board.firmware.fail_heat(HeatFault.RUNAWAY)
+        case "unplug":
+            board.unplugged, board.back_after_s = True, fault.back_after_s
+        case "runaway":
+            board.machine.heat.hotend.lose_power(now)
+        case "drop_ok":
+            board.plan.muted.add(fault.line or 0)
+        case "noise":
+            board.bad_line.burst(fault.rate or 0.0, fault.length_bytes or 0)
+        case "delay":
+            board.bad_line.hold(seconds)
+        case "late_oks":
+            board.bad_line.delay_oks(seconds)
+        case "stall":
+            board.pace.freeze(now, seconds)
+        case "slow":
+            board.pace.set_share(now, fault.share or 1.0)
+        case "endstop_stuck":
+            board.machine.stuck["xyz".index(fault.axis or "x")] = fault.stuck or "open"
     return fault.fault in ("reset", "kill")
-
-
-def _reset(board: Controller, fault: Fault) -> None:
-    board.reset()
-
-
-def _kill(board: Controller, fault: Fault) -> None:
-    board.firmware.fail_heat(HeatFault.RUNAWAY)
-
-
-def _unplug(board: Controller, fault: Fault) -> None:
-    board.unplugged, board.back_after_s = True, fault.back_after_s
-
-
-def _runaway(board: Controller, fault: Fault) -> None:
-    board.machine.heat.hotend.lose_power(board.machine.now)
-
-
-def _drop_ok(board: Controller, fault: Fault) -> None:
-    board.plan.muted.add(fault.line or 0)
-
-
-def _noise(board: Controller, fault: Fault) -> None:
-    board.bad_line.burst(fault.rate or 0.0, fault.length_bytes or 0)
-
-
-def _delay(board: Controller, fault: Fault) -> None:
-    board.bad_line.hold(fault.seconds or 0.0)
-
-
-def _late_oks(board: Controller, fault: Fault) -> None:
-    board.bad_line.delay_oks(fault.seconds or 0.0)
-
-
-def _stall(board: Controller, fault: Fault) -> None:
-    board.pace.freeze(board.machine.now, fault.seconds or 0.0)
-
-
-def _slow(board: Controller, fault: Fault) -> None:
-    board.pace.set_share(board.machine.now, fault.share or 1.0)
-
-
-def _endstop(board: Controller, fault: Fault) -> None:
-    board.machine.stuck["xyz".index(fault.axis or "x")] = fault.stuck or "open"
-
-
-_HAPPENINGS: Final[dict[FaultKind, Callable[[Controller, Fault], None]]] = {
-    "reset": _reset,
-    "kill": _kill,
-    "unplug": _unplug,
-    "runaway": _runaway,
-    "drop_ok": _drop_ok,
-    "noise": _noise,
-    "delay": _delay,
-    "late_oks": _late_oks,
-    "stall": _stall,
-    "slow": _slow,
-    "endstop_stuck": _endstop,
-}

@@ -3,26 +3,174 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from enum import Enum
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from firmware_profiles import Printer
-from sim.devices.board.heaters import Heat
 from sim.devices.board.motion import Motion
-from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.motion.hardware import Board
-from sim.gcode.motion.state import Records
+from sim.gcode.motion.state import Board, Records
+
+# Simulated heater with thermal mass, solved in closed form for virtual time.
+#
+# While it heats, a body of heat capacity C loses heat to the room through a resistance R and takes
+# the full power P: T(t) = T_end + (T_0 - T_end) exp(-t / τ) with T_end = T_room + P R and τ = R C
+# (Newton's law of cooling). At its target it is held there exactly; above it, it cools freely.
+#
+# Not modelled: the controller's overshoot and ripple, sensors' noise and lag, one heater warming
+# another.
+
+ROOM_C: Final = 21.0
 
 
-class MotorRunOn(Protocol):
-    """Time between a firmware's last words and the halt of its motors."""
+class HeaterFacts(NamedTuple):
+    """Heaters as Marlin has them."""
 
-    def ends_s(self) -> float:
-        """When the motors stop, s, by what is known now; later events put it off."""
+    unwired_c: float = -15.0  # What a thermistor input reads that nothing is connected to.
+    full_duty: int = 127
+    runaway_s: float = 40.0
+    # THERMAL_PROTECTION_PERIOD and _HYSTERESIS as Marlin's default configuration has them
+    # (Configuration_adv.h).
+    runaway_c: float = 4.0
+    cold_c: float = 170.0  # Below it no plunger moves, as Marlin and those after it are built.
+
+
+HEATERS: Final = HeaterFacts()
+
+
+@dataclass
+class Heater:
+    """Simulated heater.
+
+    Attributes
+    ----------
+    hottest_c : float, °C
+        Where it would end at full power.
+    time_constant_s : float
+        τ of warming and cooling.
+    wired : bool
+        Whether its thermistor is connected.
+    powered : bool
+        Whether power reaches it when it is switched on.
+    """
+
+    hottest_c: float
+    time_constant_s: float
+    wired: bool = True
+    target_c: float = 0.0
+    powered: bool = True
+    _since_s: float = field(default=0.0, repr=False)
+    _from_c: float = field(default=ROOM_C, repr=False)
+
+    def set_target(self, now: float, target_c: float) -> None:
+        """Heat to ``target_c`` from ``now`` on, s; 0 switches off."""
+        self._from_c = self._true(now)
+        self._since_s = now
+        self.target_c = target_c
+
+    def lose_power(self, now: float) -> None:
+        """From ``now`` on, s, it only cools; the firmware doesn't know."""
+        self._from_c = self._true(now)
+        self._since_s = now
+        self.powered = False
+
+    def runs_away_at(self) -> float:
+        """When thermal protection stops it, s; infinity where it has its power or is off.
+
+        `runaway_s` after the temperature fell by `runaway_c` below a target that it had reached.
+        """
+        if self.powered or self.target_c <= ROOM_C:
+            return math.inf
+        return self.reaches_at(self.target_c - HEATERS.runaway_c) + HEATERS.runaway_s
+
+    def read(self, now: float) -> float:
+        """Temperature that the firmware sees, °C."""
+        return self._true(now) if self.wired else HEATERS.unwired_c
+
+    def duty(self, now: float) -> int:
+        """Share of full power, 0 to 127, as the firmware reports it."""
+        if self.target_c <= ROOM_C or not self.wired:
+            return 0
+        if self._true(now) < self.target_c - 0.01:
+            return HEATERS.full_duty
+        return round(HEATERS.full_duty * (self.target_c - ROOM_C) / (self.hottest_c - ROOM_C))
+
+    def reaches_at(self, target_c: float) -> float:
+        """When it passes ``target_c`` on its present way, s; infinity where it never does."""
+        if self.wired and self._from_c == target_c:
+            return self._since_s
+        end = self._end()
+        if not self.wired or not min(self._from_c, end) < target_c < max(self._from_c, end):
+            return math.inf
+        share = (target_c - end) / (self._from_c - end)
+        return self._since_s - self.time_constant_s * math.log(share)
+
+    def _end(self) -> float:
+        return self.hottest_c if self.powered and self._from_c < self.target_c else ROOM_C
+
+    def _true(self, now: float) -> float:
+        end = self._end()
+        decay = math.exp(-max(now - self._since_s, 0.0) / self.time_constant_s)
+        free = end + (self._from_c - end) * decay
+        if end == self.hottest_c:
+            return min(free, self.target_c)
+        return max(free, self.target_c) if self.powered and self.target_c > ROOM_C else free
+
+
+class HeatFault(Enum):
+    """Why a heater makes the firmware stop."""
+
+    SENSOR = "sensor"
+    RUNAWAY = "runaway"
+
+
+class Heat:
+    """Hotend and bed heater of a board.
+
+    Parameters
+    ----------
+    thermistors : bool
+        Whether they are wired.
+
+    Attributes
+    ----------
+    cold_allowed : bool
+        Whether the plunger may move below `coldest_c` (°C).
+    awaited : bool
+        Whether a command waits for a temperature.
+    """
+
+    def __init__(self, thermistors: bool) -> None:
+        self.hotend = Heater(400.0, 60.0, thermistors)
+        self.bed = Heater(140.0, 300.0, thermistors)
+        self.cold_allowed = False
+        self.coldest_c = HEATERS.cold_c
+        self.awaited = False
+        self._sensor_fault_at = math.inf
+
+    def off(self, now: float) -> None:
+        """Switch both off at ``now``, s."""
+        self._sensor_fault_at = math.inf
+        self.hotend.set_target(now, 0.0)
+        self.bed.set_target(now, 0.0)
+
+    def sensor_fails_at(self, time: float) -> None:
+        """Note that a heater was switched on whose thermistor will be found to read nonsense, s."""
+        self._sensor_fault_at = min(self._sensor_fault_at, time)
+
+    def alarm(self) -> tuple[float, HeatFault]:
+        """When a heater next makes the firmware stop, s (infinity: never), and why."""
+        if math.isfinite(self._sensor_fault_at):
+            return self._sensor_fault_at, HeatFault.SENSOR
+        return self.hotend.runs_away_at(), HeatFault.RUNAWAY
+
+    def too_cold(self, now: float) -> bool:
+        """Whether the firmware refuses to move the plunger at ``now``, s."""
+        return not self.cold_allowed and self.hotend.read(now) < self.coldest_c
 
 
 @dataclass
@@ -37,9 +185,6 @@ class Machine:
         Whether the firmware is killed.
     host_pace : float
         Seconds of this clock in one of the host's.
-    motion : Motion
-    heat : Heat
-    settings : Settings
     stored, built : StoredSettings
         What the memory holds (None: nothing yet), and what the firmware was built with.
     stuck : dict of int to str
@@ -74,11 +219,11 @@ class Machine:
         self.idle_since = self.now
         self.stalled_until = 0.0
         self.waits_for_user = False
-        self.run_on: MotorRunOn | None = None
+        self.halts_s: Callable[[], float] | None = None
         self.debug = 0
         self.speed_percent_kept = 100.0
         self.dead = False
-        self.built = StoredSettings.of(self.motion.planner, self.settings)
+        self.built = copy_settings(self.motion.planner, self.settings)
         if self.stored is not None:
             self.put_settings(self.stored)
             self.set_flow()
@@ -93,13 +238,11 @@ class Machine:
 
     # -- settings
 
-    def store_settings(self) -> None:
-        """Store all settings as they are."""
-        self.stored = StoredSettings.of(self.motion.planner, self.settings)
-
     def put_settings(self, stored: StoredSettings) -> None:
         """Set all of them; the motors stay where they are."""
-        self.settings = stored.put(self.motion.planner)
+        for name, value in stored[0].items():
+            self.motion.planner[name] = value
+        self.settings = deepcopy(stored[1])
         self.motion.count_anew()
 
     def set_flow(self) -> None:
@@ -111,10 +254,6 @@ class Machine:
     def roll(self) -> None:
         """Let the motors run until now."""
         self.motion.run_until(self.now)
-
-    def command_s(self) -> float:
-        """Processor's time for a command now, s."""
-        return self.motion.command_s(self.now)
 
     def move_to(self, target_mm: Any, feed: float, line: int) -> None:
         """Put a straight move into the ring, which must have a place."""
@@ -133,24 +272,7 @@ class Machine:
         """Drop all moves; the firmware's position becomes where the motors stand."""
         self.motion.stop(self.now)
 
-    def use_head(self, number: int) -> None:
-        """Have E move that head's plunger from now on; the motors stand."""
-        self.motion.use_head(number, self.now)
-
-    def executed(self) -> ExecutedMotion:
-        """Blocks that ran up to now."""
-        return self.motion.executed(self.now)
-
     # -- heat, now
-
-    def heaters_off(self) -> None:
-        """Switch both heaters off."""
-        self.heat.off(self.now)
-
-    @property
-    def too_cold(self) -> bool:
-        """Whether the firmware refuses to move the plunger."""
-        return self.heat.too_cold(self.now)
 
     @property
     def dry(self) -> bool:
@@ -166,10 +288,6 @@ _OF_PLANNER: Final = (
 )
 
 
-def _pid() -> dict[str, float]:
-    return {"P": 22.20, "I": 1.08, "D": 114.00}
-
-
 @dataclass
 class Settings:
     """What a firmware keeps besides the planner's own settings.
@@ -182,9 +300,9 @@ class Settings:
         Below which nothing moves.
     home_offset : list of float, mm
     pid : dict
-        Kept and told; the heaters' model has no controller.
-    told_only : dict
-        Values by planner's field and axis that were set and are told, but not kept to.
+        Kept and reported; the heaters' model has no controller.
+    reported_only : dict
+        Values by planner's field and axis that were set and are reported, but not applied.
     """
 
     filament_mm: float = 1.75
@@ -192,8 +310,8 @@ class Settings:
     least_feed: float = 0.0
     least_travel_feed: float = 0.0
     home_offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    pid: dict[str, float] = field(default_factory=_pid)
-    told_only: dict[tuple[str, int], float] = field(default_factory=dict)
+    pid: dict[str, float] = field(default_factory=lambda: {"P": 22.20, "I": 1.08, "D": 114.00})
+    reported_only: dict[tuple[str, int], float] = field(default_factory=dict)
 
     @property
     def has_least_feeds(self) -> bool:
@@ -206,28 +324,13 @@ class Settings:
         return math.pi * self.filament_mm**2 / 4 if self.volumetric else 1.0
 
 
-@dataclass(frozen=True)
-class StoredSettings:
-    """Copy of all settings, the planner's own too."""
-
-    planner: Mapping[str, Any]
-    others: Settings
-
-    @staticmethod
-    def of(planner: Records, others: Settings) -> StoredSettings:
-        """Copy them."""
-        return StoredSettings(
-            {name: np.array(planner[name]) for name in _OF_PLANNER}, deepcopy(others)
-        )
-
-    def put(self, planner: Records) -> Settings:
-        """Set the planner's own; return the others."""
-        for name, value in self.planner.items():
-            planner[name] = value
-        return deepcopy(self.others)
+StoredSettings = tuple[dict[str, Any], Settings]
+"""Copy of the planner's own settings, and of the others."""
 
 
-# Unsolicited reports of a simulated firmware (temperature, position), and its print timer.
+def copy_settings(planner: Records, others: Settings) -> StoredSettings:
+    """Copy all settings."""
+    return {name: np.array(planner[name]) for name in _OF_PLANNER}, deepcopy(others)
 
 
 @dataclass
@@ -262,3 +365,59 @@ class JobTimer:
         """Seconds gathered."""
         running = 0.0 if self.started_at is None else now - self.started_at
         return self.gathered_s + running
+
+
+@dataclass(frozen=True)
+class Wait:
+    """Something that a command waits for.
+
+    Attributes
+    ----------
+    done : function
+        Whether it has come.
+    at : function
+        When to look next, s; infinity where only the host can end it.
+    for_user : bool
+        Whether somebody has to do something.
+    """
+
+    done: Callable[[Machine], bool]
+    at: Callable[[Machine], float]
+    for_user: bool = False
+
+
+Task = Iterator[Wait]
+Steps = Task | None
+"""What a command still has to wait for; None where it is done at once."""
+
+FREE_SLOT: Final = Wait(
+    lambda machine: machine.motion.blocks < len(machine.motion.ring) - 1,
+    lambda machine: machine.motion.next_event(),
+)
+"""A free place in the planner's ring."""
+
+
+def _ends_at(machine: Machine) -> float:
+    motion = machine.motion
+    return motion.next_event() if motion.blocks else motion.closed_until
+
+
+STANDSTILL: Final = Wait(
+    lambda machine: machine.motion.blocks == 0 and machine.now >= machine.motion.closed_until,
+    _ends_at,
+)
+"""All motors stand and the planner takes moves."""
+
+
+def wait_until(time: float) -> Wait:
+    """Return the wait for a moment on the printer's clock, s."""
+    return Wait(lambda machine: machine.now >= time, lambda machine: time)
+
+
+def wait_for_user(until: float) -> Wait:
+    """Return the wait for somebody's click, or for a moment by which none came, s."""
+    return Wait(
+        lambda machine: not machine.waits_for_user or machine.now >= until,
+        lambda machine: until,
+        for_user=True,
+    )

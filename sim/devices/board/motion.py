@@ -1,6 +1,6 @@
 """Motors of the simulated board, their planner, and the G-code modal state.
 
-No clock here: each function that depends on the time is told it, s.
+No clock here: functions that depend on the time get it as a parameter, s.
 """
 
 from __future__ import annotations
@@ -36,7 +36,6 @@ class Motion:
 
     Parameters
     ----------
-    printer : Printer
     start_mm : tuple, mm
         Where the tip stands, and where the firmware believes it at power-up.
     costs : (5,) float64
@@ -47,7 +46,7 @@ class Motion:
     modal, planner, ring, log : records
         See `sim.gcode.program.modal` and `sim.gcode.motion.state`.
     tool_offset : (heads, 3) float64, mm
-        As the firmware was told.
+        As commanded (M218, G10).
     closed_until : float, s
         Before it the planner takes no moves.
     slope : float
@@ -192,7 +191,7 @@ _ALL: Final = frozenset("XYZ")
 
 
 class PlacedAxes:
-    """Axes that were homed, or told where they are, since power came or the motors lost it."""
+    """Axes that were homed, or given a place, since power came or the motors lost it."""
 
     def __init__(self) -> None:
         self._placed: set[str] = set()

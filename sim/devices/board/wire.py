@@ -17,7 +17,6 @@ class Wire:
 
     Parameters
     ----------
-    baud, ring_bytes : int
     urgent : pattern, optional
         Begin of a line that the firmware acts on as its bytes arrive; its group is the code.
 
@@ -32,7 +31,7 @@ class Wire:
     received : int
         Bytes that arrived, but for those of moves that took the short road.
     urgent : list of bytes
-        Codes (``b"112"``) that were seen on arrival and nobody has taken yet.
+        Codes (``b"112"``) that were seen on arrival and not acted on yet.
     """
 
     def __init__(self, baud: int, ring_bytes: int, urgent: re.Pattern[bytes] | None = None) -> None:
@@ -107,9 +106,6 @@ class Wire:
         self._flying.clear()
         self._line.clear()
         self.urgent.clear()
-
-
-# Split a simulated board's received bytes into lines; interface for checking their numbers.
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -29,7 +29,7 @@ from pydantic import Field
 
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import BoolArray, FloatArray
-from sim.devices.camera.ink_map import draw_lines
+from sim.devices.camera.paint import draw_lines
 from sim.devices.recorded_ink import InkBox
 from sim.errors import CameraError
 from sim.gcode.deposit.lay import Laid
@@ -38,16 +38,23 @@ from sim.user_files import read_model
 SingleArray = NDArray[np.float32]
 Region = tuple[FloatArray, FloatArray]
 
-_FINER: Final = 2
-"""Cells of the drawn surface in one of the profiler's, each way."""
+
+class LaserSurface(NamedTuple):
+    """How the measured surface is drawn."""
+
+    finer: int = 2  # Cells of the drawn surface in one of the profiler's, each way.
+    max_cells: int = 60_000_000
+    wet_mm: float = 0.15  # Size of the patches that mirror.
+    spot_mm: float = 0.06
+
+
+SURFACE: Final = LaserSurface()
+
+
 _SHOULDER: Final = np.linspace(1, 0, 1025) ** 0.25
 """A line's height over that of its crest, evenly over the square of the share of its radius."""
-_MOST_CELLS: Final = 60_000_000
-_WET_MM: Final = 0.15
-"""Size of the patches that mirror."""
 _MIRRORED: Final = math.radians(3.0)
 """From the slope at which a crest throws the laser into the camera."""
-_SPOT_MM: Final = 0.06
 
 
 class ProfilerField(InkBox):
@@ -56,9 +63,7 @@ class ProfilerField(InkBox):
     Attributes
     ----------
     low_mm, high_mm : (x, y, z), mm
-        What it measures: below and above nothing is told. The plate lies at ``plate_z_mm``.
-    plate_z_mm : float, mm
-    pixel_um : (x, y), µm
+        What it measures: below and above it nothing is measured. The plate lies at ``plate_z_mm``.
     angle_deg : float, degrees
         Between the laser's sheet and the camera's view.
     noise_um, spot_um : float, µm
@@ -71,7 +76,6 @@ class ProfilerField(InkBox):
         Spots that are lost anywhere.
     tilt : (x, y), mm per mm
         Of the profiler; its frame doesn't know of it.
-    laid : InkSource
     """
 
     plate_z_mm: float
@@ -92,8 +96,6 @@ def measured_heights(
 
     Parameters
     ----------
-    ink : Laid
-    field : ProfilerField
     seed : int
         Of all that changes from look to look.
     region : (low, high), each (3,), mm, optional
@@ -112,17 +114,19 @@ def measured_heights(
         When the region lies outside the field, or has too many cells.
     """
     low, high = _measured_box(field, region)
-    pitch = np.array(field.pixel_um) * 1e-3 / _FINER
-    count = np.maximum(np.ceil((high - low) / (_FINER * pitch)).astype(int), 1) * _FINER
-    if count.prod() > _MOST_CELLS:
+    pitch = np.array(field.pixel_um) * 1e-3 / SURFACE.finer
+    count = (
+        np.maximum(np.ceil((high - low) / (SURFACE.finer * pitch)).astype(int), 1) * SURFACE.finer
+    )
+    if count.prod() > SURFACE.max_cells:
         raise CameraError(f"{count[0]} by {count[1]} cells are too many; raise pixel_um")
     truth = _surface(ink, field, low, pitch, (int(count[1]), int(count[0])))
     rng = np.random.default_rng((seed, 17))
     lost = _lost(truth, field, pitch, rng)
     heights = _seen(truth, lost, field, pitch)
     heights += rng.normal(0.0, 1e-3 * field.noise_um, heights.shape).astype(np.float32)
-    first = low + _FINER / 2 * pitch
-    x, y = (first[k] + _FINER * pitch[k] * np.arange(heights.shape[1 - k]) for k in range(2))
+    first = low + SURFACE.finer / 2 * pitch
+    x, y = (first[k] + SURFACE.finer * pitch[k] * np.arange(heights.shape[1 - k]) for k in range(2))
     tilted = field.tilt[0] * (x - x.mean()) + (field.tilt[1] * (y - y.mean()))[:, None]
     height = heights + tilted.astype(np.float32)
     z = height + field.plate_z_mm
@@ -184,9 +188,9 @@ def _lost(
     above = np.maximum.accumulate(sight[::-1], axis=0)[::-1]
     lost |= above > sight + 1e-6
     mirrors = np.abs(np.arctan(-down) - math.radians(field.angle_deg) / 2) < _MIRRORED
-    lost |= mirrors & _patches(truth.shape, field.wet, _WET_MM / pitch, rng)
-    spots = field.lost_per_mm2 * _SPOT_MM**2
-    return np.asarray(lost | _patches(truth.shape, spots, _SPOT_MM / pitch, rng))
+    lost |= mirrors & _patches(truth.shape, field.wet, SURFACE.wet_mm / pitch, rng)
+    spots = field.lost_per_mm2 * SURFACE.spot_mm**2
+    return np.asarray(lost | _patches(truth.shape, spots, SURFACE.spot_mm / pitch, rng))
 
 
 def _patches(
@@ -207,13 +211,13 @@ def _seen(
 ) -> SingleArray:
     """Mean of what is seen of the line's thickness, per cell of the profiler; NaN where most isn't.
 
-    A line that is half hidden is told by its other half, as the middle of light that a camera sees.
+    A line that is half hidden is measured by its other half: the middle of the light that is seen.
     """
     weight = (~lost).astype(np.float32)
     thick = max(1e-3 * field.spot_um / float(pitch[1]), 0.01)
     kernel = (0, 0)
     parts = [cv2.GaussianBlur(one, kernel, 0.5, sigmaY=thick) for one in (weight * truth, weight)]
-    size = (truth.shape[1] // _FINER, truth.shape[0] // _FINER)
+    size = (truth.shape[1] // SURFACE.finer, truth.shape[0] // SURFACE.finer)
     total, share = (cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in parts)
     own = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
     return np.where(own >= 0.5, total / np.maximum(share, 1e-6), np.nan).astype(np.float32)

@@ -1,6 +1,6 @@
 """Find the simulated printer class of the firmware that a printer's profile names.
 
-A family's folder may hold ``printer.py``, whose ``PRINTER`` plays its firmware.
+A family may have ``NAME_printer.py``, whose ``PRINTER`` plays its firmware.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_names
 from sim.devices.board.printer import SimulatedPrinter
 from sim.errors import ServeError
-from sim.family_parts import family_part
+from sim.gcode.reading.line import family_part
 
 
 def simulated_printer(printer: Printer) -> type[SimulatedPrinter]:

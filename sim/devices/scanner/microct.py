@@ -29,8 +29,17 @@ from numpy.typing import NDArray
 
 from kernels import pjit
 from kernels.arrays import FloatArray
-from sim.devices.scanner.placing import Placing, ScannerOutput, check_range, place, voxel_counts
-from sim.devices.scanner.sampling import blurred, index_map, lookup, random_bits
+from sim.devices.scanner.placing import (
+    Placing,
+    ScannerOutput,
+    blurred,
+    check_range,
+    index_map,
+    lookup,
+    place,
+    random_bits,
+    voxel_counts,
+)
 from sim.gcode.deposit.lay import Deposit
 
 

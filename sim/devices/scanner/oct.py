@@ -35,8 +35,17 @@ from pydantic import Field
 from kernels import pjit
 from kernels.arrays import FloatArray
 from sim.devices.recorded_ink import InkBox
-from sim.devices.scanner.placing import Placing, ScannerOutput, check_range, place, voxel_counts
-from sim.devices.scanner.sampling import blurred, index_map, lookup, random_bits
+from sim.devices.scanner.placing import (
+    Placing,
+    ScannerOutput,
+    blurred,
+    check_range,
+    index_map,
+    lookup,
+    place,
+    random_bits,
+    voxel_counts,
+)
 from sim.errors import ScannerError
 from sim.gcode.deposit.lay import Deposit, Laid, deposit_of_laid
 from sim.user_files import read_model
@@ -234,7 +243,6 @@ class OctField(InkBox):
         z is optical path.
     refractive_index, attenuation_mm, signal_db, looks
         As of `sim.devices.scanner.oct.OctOptions`.
-    laid : InkSource
     """
 
     voxel_um: tuple[Micron, Micron, Micron] = (20, 20, 15)
@@ -249,9 +257,6 @@ def live_scan(ink: Laid, field: OctField, seed: int, region: Region | None = Non
 
     Parameters
     ----------
-    ink : Laid
-    field : OctField
-    seed : int
     region : (low, high), each (3,), mm, optional
         Only what of the field lies in this box of the printer's frame is scanned. What lies above
         it dims nothing, so no ink should.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
@@ -13,10 +12,9 @@ from firmware_profiles import Printer, ProfileError, load
 from sim.devices.families.registry import simulated_printer
 from sim.devices.faults import Fault, FaultFile, FaultyCable, Pace, load_faults, parse_fault
 from sim.devices.serving.job_lines import JobLines
-from sim.devices.serving.ports import Port, PtyPort, TcpPort
-from sim.devices.serving.serve import Server, Serving
+from sim.devices.serving.serve import Server, Serving, open_port
 from sim.errors import ServeError, SimError
-from sim.gcode.motion.hardware import Board
+from sim.gcode.motion.state import Board
 from sim.gcode.program.gcode import checksum
 
 
@@ -88,14 +86,6 @@ def parser() -> argparse.ArgumentParser:
     return options
 
 
-def _open_port(link: Path | None, tcp: int | None) -> Port:
-    if tcp is not None:
-        return TcpPort(tcp)
-    if not hasattr(os, "openpty"):
-        raise ServeError("this system has no pseudo-terminals; use --tcp 0")
-    return PtyPort(link)
-
-
 def _faults(given: argparse.Namespace) -> tuple[FaultFile, tuple[Fault, ...]]:
     """The file, and its faults with those of the command line."""
     file = load_faults(given.faults) if given.faults else FaultFile()
@@ -116,7 +106,7 @@ def _read(path: Path) -> bytes:
 
 
 def serve_printer(words: list[str]) -> int:
-    """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
+    """Serve until stopped by a signal; 0 when that went well, 1 when not, 2 for a wrong use."""
     given = parser().parse_args(words)
     try:
         file, faults = _faults(given)
@@ -133,7 +123,7 @@ def serve_printer(words: list[str]) -> int:
         if given.job:
             machine = printer.machine.printer
             printer.job = JobLines(_read(given.job), machine, given.journal)
-        port = _open_port(given.link, given.tcp)
+        port = open_port(given.link, given.tcp)
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)
         return 2

@@ -21,7 +21,7 @@ from firmware_profiles import Printer
 from sim.errors import LineError
 from sim.gcode.reading import read_line
 from sim.gcode.reading.file import read_file
-from sim.gcode.reading.sent_line import plunger_count, with_flow
+from sim.gcode.reading.read import plunger_count, with_flow
 
 _NUMBERED: Final = re.compile(rb"(?:N\d+ *)?(.*?) *(?:\*\d*)?$", re.DOTALL)
 _BEGINS: Final = re.compile(rb"(?:N-?\d+ *)?M0*110(?!\d)")
@@ -124,7 +124,7 @@ class Inserted(NamedTuple):
 def inserted_lines(journal: Path) -> list[Inserted]:
     """Return what was inserted, in order.
 
-    Records of a print before the last one that began anew aren't told apart: the host keeps one
+    Records of a print before the last one that began anew aren't distinguished: the host keeps one
     print in a journal. A line that is torn or damaged is passed over.
     """
     inserted: list[Inserted] = []

@@ -12,28 +12,297 @@ end.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import math
 import os
+import select
 import signal
 import socket
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Final
+from typing import Final, NamedTuple, Protocol
 
 from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.serving.ports import Event, Port, Waiter
 from sim.errors import ServeError
 
-BOOT_S: Final = 0.05
-"""Real time between a reset by the port's opening and the first word, so that a host that empties
-its buffers after opening doesn't miss it."""
-_ABSENT_S: Final = 0.01
-_WATCH_S: Final = 0.5
-_TICK_S: Final = 0.002
+# Port of the simulated printer: a pseudo-terminal, or a local TCP socket.
+
+_READ_BYTES = 65536
+
+
+class Port(Protocol):
+    """One end of a line; a host may have the other."""
+
+    address: str
+    """What a host opens."""
+
+    def fileno(self) -> int:
+        """What to poll."""
+
+    def connected(self, hung_up: bool) -> bool:
+        """Whether a host is there now; ``hung_up`` is the poll's answer."""
+
+    def resets_board(self) -> bool:
+        """Whether the host that has just come pulled the reset line."""
+
+    def read(self) -> bytes:
+        """What the host has sent; empty when nothing is there."""
+
+    def write(self, data: bytes) -> int:
+        """Send what fits; returns how many bytes did."""
+
+    def close(self) -> None:
+        """Take the port away."""
+
+    def again(self) -> Port:
+        """A port of the same name, after this one was closed."""
+
+
+class _PtyPort:
+    """A pseudo-terminal, raw, with a link of a fixed name to it.
+
+    A host may open and close it as often as it likes. On Linux its absence is seen, and the data
+    terminal ready line is modelled: it rises when a host opens the port, and falls at the close
+    unless the host has cleared the hang-up flag (HUPCL); each rise resets boards that have it so.
+    Elsewhere the port's own side stays open, so that a host's absence isn't seen.
+    """
+
+    def __init__(self, link: Path | None) -> None:
+        import termios  # not on Windows
+        import tty
+
+        self._termios = termios
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        modes = termios.tcgetattr(slave)
+        modes[2] |= termios.HUPCL
+        termios.tcsetattr(slave, termios.TCSANOW, modes)
+        os.set_blocking(self._master, False)
+        self._name = os.ttyname(slave)
+        self._slave = -1 if sys.platform == "linux" else slave
+        if self._slave < 0:
+            os.close(slave)
+        self._link = link
+        self._ready_line = False
+        if link is not None:
+            _point(link, self._name)
+        self.address = self._name if link is None else str(link)
+
+    def fileno(self) -> int:
+        return self._master
+
+    def connected(self, hung_up: bool) -> bool:
+        if hung_up and self._termios.tcgetattr(self._master)[2] & self._termios.HUPCL:
+            self._ready_line = False
+        return not hung_up
+
+    def resets_board(self) -> bool:
+        rose = not self._ready_line
+        self._ready_line = True
+        return rose
+
+    def read(self) -> bytes:
+        try:
+            return os.read(self._master, _READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError as exc:
+            if exc.errno == errno.EIO:
+                return b""
+            raise
+
+    def write(self, data: bytes) -> int:
+        try:
+            return os.write(self._master, data)
+        except BlockingIOError:
+            return 0
+        except OSError as exc:
+            if exc.errno == errno.EIO:
+                return len(data)
+            raise
+
+    def close(self) -> None:
+        if self._link is not None and self._link.is_symlink():
+            with contextlib.suppress(OSError):
+                if os.readlink(self._link) == self._name:
+                    self._link.unlink()
+        for handle in (self._master, self._slave):
+            if handle >= 0:
+                with contextlib.suppress(OSError):
+                    os.close(handle)
+
+    def again(self) -> _PtyPort:
+        return _PtyPort(self._link)
+
+
+def _point(link: Path, name: str) -> None:
+    """Make ``link`` point to ``name`` in one step; only a link may be replaced."""
+    if link.exists() and not link.is_symlink():
+        raise ServeError(f"{link} is there already and isn't a link; choose another --link path")
+    draft = link.with_name(f".{link.name}.{os.getpid()}.part")
+    try:
+        link.parent.mkdir(parents=True, exist_ok=True)
+        draft.unlink(missing_ok=True)
+        draft.symlink_to(name)
+        draft.replace(link)
+    except OSError as exc:
+        raise ServeError(f"can't make the link {link}: {exc.strerror}") from exc
+
+
+class _TcpPort:
+    """One host at a time on a local TCP port; a new connection counts as a reset."""
+
+    def __init__(self, port: int) -> None:
+        self._server = socket.socket()
+        self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._server.bind(("127.0.0.1", port))
+        except OSError as exc:
+            raise ServeError(f"can't listen on TCP port {port}: {exc.strerror}") from exc
+        self._server.listen(1)
+        self._server.setblocking(False)
+        self._client: socket.socket | None = None
+        self._fresh = False
+        self._number = int(self._server.getsockname()[1])
+        self.address = f"socket://127.0.0.1:{self._number}"
+
+    def fileno(self) -> int:
+        return (self._client or self._server).fileno()
+
+    def connected(self, hung_up: bool) -> bool:
+        if self._client is None:
+            try:
+                self._client, _ = self._server.accept()
+            except BlockingIOError:
+                return False
+            self._client.setblocking(False)
+            self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._fresh = True
+        return True
+
+    def resets_board(self) -> bool:
+        fresh, self._fresh = self._fresh, False
+        return fresh
+
+    def read(self) -> bytes:
+        if self._client is None:
+            return b""
+        try:
+            data = self._client.recv(_READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except ConnectionError:
+            data = b""
+        if not data:
+            self._client.close()
+            self._client = None
+        return data
+
+    def write(self, data: bytes) -> int:
+        if self._client is None:
+            return len(data)
+        try:
+            return self._client.send(data)
+        except BlockingIOError:
+            return 0
+        except ConnectionError:
+            return len(data)
+
+    def close(self) -> None:
+        if self._client is not None:
+            self._client.close()
+        self._server.close()
+
+    def again(self) -> _TcpPort:
+        return _TcpPort(self._number)
+
+
+def open_port(link: Path | None, tcp: int | None) -> Port:
+    """Open a TCP port where one is given, else a pseudo-terminal."""
+    if tcp is not None:
+        return _TcpPort(tcp)
+    if not hasattr(os, "openpty"):
+        raise ServeError("this system has no pseudo-terminals; use --tcp 0")
+    return _PtyPort(link)
+
+
+class Event(NamedTuple):
+    """What the port is ready for."""
+
+    readable: bool = False
+    hung_up: bool = False
+
+
+class Waiter:
+    """Waits for a file descriptor to be readable (and, where wanted, writable), or for the alarm's.
+
+    Parameters
+    ----------
+    alarm : int
+        A descriptor that ends every wait when it becomes readable.
+    """
+
+    def __init__(self, alarm: int) -> None:
+        self._alarm = alarm
+        self._watched = -1
+        self._poll = None if sys.platform == "win32" else select.poll()
+        if self._poll is not None:
+            self._poll.register(alarm, select.POLLIN)
+
+    def wait(self, port: int, writes: bool, timeout_s: float) -> Event:
+        """Wait for ``port`` (negative: for the alarm only); at most ``timeout_s``."""
+        if self._poll is None:
+            return self._select(port, writes, timeout_s)
+        if 0 < timeout_s < TIMES.poll_s:
+            self._select(port, writes, timeout_s)
+            timeout_s = 0.0  # it tells no hang-up; poll does
+        if port != self._watched:
+            if self._watched >= 0:
+                self._poll.unregister(self._watched)
+            if port >= 0:
+                self._poll.register(port, select.POLLIN)
+            self._watched = port
+        if writes and port >= 0:
+            self._poll.modify(port, select.POLLIN | select.POLLOUT)
+        event = Event()
+        for at, flags in self._poll.poll(timeout_s * 1e3):
+            if at == port:
+                event = Event(bool(flags & select.POLLIN), bool(flags & select.POLLHUP))
+        if writes and port >= 0:
+            self._poll.modify(port, select.POLLIN)
+        return event
+
+    def _select(self, port: int, writes: bool, timeout_s: float) -> Event:
+        ports = [port] if port >= 0 else []
+        ready, _, _ = select.select([*ports, self._alarm], ports if writes else [], [], timeout_s)
+        return Event(port in ready)
+
+    def forget(self) -> None:
+        """The port was closed."""
+        if self._watched >= 0 and self._poll is not None:
+            self._poll.unregister(self._watched)
+        self._watched = -1
+
+
+class ServeTimes(NamedTuple):
+    """Waits of the serving process, s."""
+
+    # Real time between a reset by the port's opening and the first word, so that a host that
+    # empties its buffers after opening doesn't miss it.
+    boot_s: float = 0.05
+    absent_s: float = 0.01
+    watch_s: float = 0.5
+    tick_s: float = 0.002
+    poll_s: float = 2e-3  # `poll` rounds shorter times up to whole milliseconds.
+
+
+TIMES: Final = ServeTimes()
 
 
 @dataclass(frozen=True)
@@ -59,14 +328,7 @@ class Serving:
 
 
 class Server:
-    """Loop between a port and the firmware.
-
-    Parameters
-    ----------
-    printer : SimulatedPrinter
-    port : Port
-    serving : Serving
-    """
+    """Loop between a port and the firmware."""
 
     def __init__(self, printer: SimulatedPrinter, port: Port, serving: Serving) -> None:
         self._printer = printer
@@ -84,7 +346,7 @@ class Server:
         self._zero = time.monotonic()
 
     def run(self) -> None:
-        """Serve until told to stop; the record is written whatever happens.
+        """Serve until stopped by a signal; the record is written whatever happens.
 
         Raises
         ------
@@ -114,18 +376,18 @@ class Server:
             now = time.monotonic()
             if now >= self._plugs_in_at:
                 self._plug_in()
-            if now - watched > _WATCH_S:
+            if now - watched > TIMES.watch_s:
                 watched = now
                 self._stop |= self._orphaned()
 
     def _patience_s(self) -> float:
         paced = self._serving.speed > 0 and not self._printer.halted
         if self._boots_at is not None or not math.isinf(self._plugs_in_at):
-            return _TICK_S
+            return TIMES.tick_s
         if paced:
             wakes_s = self._printer.pace.host_time(self._printer.wakes_s) - self._host_s()
-            return min(max(wakes_s / self._serving.speed, 0.0), _TICK_S)
-        return min(_WATCH_S, max(self._printer.bad_line.next_s - time.monotonic(), 0.0))
+            return min(max(wakes_s / self._serving.speed, 0.0), TIMES.tick_s)
+        return min(TIMES.watch_s, max(self._printer.bad_line.next_s - time.monotonic(), 0.0))
 
     def _turn(self, event: Event) -> bool:
         """One round: who is there, what came, what goes. False when the port was pulled out."""
@@ -137,7 +399,7 @@ class Server:
             self._pace(b"")
             self._outbox = b""
             if event.hung_up:
-                time.sleep(_ABSENT_S)
+                time.sleep(TIMES.absent_s)
             return True
         if self._boots_at is not None:
             if time.monotonic() < self._boots_at:
@@ -157,7 +419,7 @@ class Server:
             self._host_came = True
             wants = self._printer.machine.printer.resets_on_connect
             if self._port.resets_board() and wants:
-                self._boots_at = time.monotonic() + BOOT_S
+                self._boots_at = time.monotonic() + TIMES.boot_s
             return
         self._let_go()
         if self._serving.exit_on_hangup:

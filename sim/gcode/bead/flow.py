@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -157,14 +157,16 @@ def nozzle_of(ink: Ink, needle: Needle | None, lag_s: float, flow_ul_s: float) -
     return Nozzle(lag_s, (pressure_pa(ink, needle, flow_ul_s) - held) / flow_ul_s, held)
 
 
-# Split executed motion into intervals of constant tip and plunger speed, pauses included.
+class PieceRules(NamedTuple):
+    """How motion is cut into pieces."""
 
-GAP_S: Final = 1e-6
-"""Less between two blocks is rounding."""
-PER_LAG: Final = 8
-"""Pieces in a time constant: the flow within one is told by its mean."""
-STANDING: Final = 40
-"""Most pieces of a block or pause; five time constants are over by then."""
+    longest_mm: float = 0.25  # Longest piece of way.
+    gap_s: float = 1e-6  # Less between two blocks is rounding.
+    per_lag: int = 8  # Pieces in a time constant: the mean stands for the flow within one.
+    max_standing: int = 40  # Most pieces of a block or pause; five time constants are over by then.
+
+
+PIECES: Final = PieceRules()
 
 
 @dataclass(frozen=True)
@@ -215,8 +217,6 @@ def cut(
     advance_mm: FloatArray | None = None,
     *,
     lag_s: float = 0.0,
-    longest_mm: float = 0.25,
-    until_s: float = 0.0,
 ) -> Pieces:
     """Cut a motion, so that no piece is long against the lag or the way.
 
@@ -229,14 +229,8 @@ def cut(
     advance_mm : (n,) float64, mm, optional
         How far the firmware's advance holds the plunger ahead in each block; nothing without.
         It is put in as the block begins.
-    lag_s : float, s
-    longest_mm : float, mm
-        Longest piece of way.
-    until_s : float, s
-        How long all stands after the last block.
     """
-    rows = _with_gaps(executed, until_s)
-    block, time, start, end = rows
+    block, time, start, end = _with_gaps(executed)
     moved = block >= 0
     travel = executed.plunger_end - executed.plunger_start
     push = np.where(moved, travel[block], 0.0) * area_mm2
@@ -245,27 +239,24 @@ def cut(
         ahead = np.where(moved, advance_mm[block], 0.0) * area_mm2
     jump = np.diff(ahead, prepend=0.0)
     length = np.linalg.norm(end - start, axis=1)
-    parts = np.ceil(length / longest_mm - 1e-9)
+    parts = np.ceil(length / PIECES.longest_mm - 1e-9)
     if lag_s > 0:
-        by_time = np.ceil(np.diff(time) * PER_LAG / lag_s - 1e-9)
-        parts = np.maximum(parts, np.minimum(by_time, STANDING))
+        by_time = np.ceil(np.diff(time) * PIECES.per_lag / lag_s - 1e-9)
+        parts = np.maximum(parts, np.minimum(by_time, PIECES.max_standing))
     return _divided(start, end, time, push, jump, block, np.maximum(parts, 1).astype(np.int64))
 
 
 def _with_gaps(
-    executed: ExecutedMotion, until_s: float
+    executed: ExecutedMotion,
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     """Blocks and the pauses between them: numbers (-1 a pause), times (n + 1,), places."""
     count = len(executed)
-    begins = np.append(executed.time_start, executed.time_end[-1:] + until_s)
-    gap = np.flatnonzero(begins[1:] - executed.time_end > GAP_S) + 1
+    gap = np.flatnonzero(executed.time_start[1:] - executed.time_end[:-1] > PIECES.gap_s) + 1
     block = np.insert(np.arange(count, dtype=np.int64), gap, -1)
-    after = np.append(executed.start, executed.end[-1:], axis=0)[gap]
     start = np.insert(executed.start, gap, executed.end[gap - 1], axis=0)
-    end = np.insert(executed.end, gap, after, axis=0)
+    end = np.insert(executed.end, gap, executed.start[gap], axis=0)
     first = np.insert(executed.time_start, gap, executed.time_end[gap - 1])
-    last = begins[-1] if count in gap else executed.time_end[-1]
-    return block, np.maximum.accumulate(np.append(first, last)), start, end
+    return block, np.maximum.accumulate(np.append(first, executed.time_end[-1:])), start, end
 
 
 def _divided(

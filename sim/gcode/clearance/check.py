@@ -3,7 +3,7 @@
 Ink is kept as filaments in the order of time, their radius from what the plunger really pushes over
 the length on which it does. For every move of every needle (writes, travels, lifts, changes of
 head, needles that only ride along) the bare shaft's nearest approach to all ink written before is
-found, exact to `ERROR_MM` (the proof is in `sim.gcode.clearance.kernels`).
+found, exact to 2 µm (the proof is in `sim.gcode.clearance.kernels`).
 
 Left out is only the joint meant, of the reach J = sqrt(2) (R + r) + overlap: R the bare radius of
 the thinnest needle's tip, r the larger filament's. Ink is a joint's
@@ -32,8 +32,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import ClearanceError
-from sim.gcode.clearance.bodies import Ink, Joints, NeedleBody, Tips
-from sim.gcode.clearance.kernels import FOUND, search, squares_of
+from sim.gcode.clearance.kernels import FOUND, Ink, Joints, NeedleBody, Tips, search, squares_of
 from sim.gcode.clearance.motion import (
     KINDS,
     LIFT,
@@ -57,35 +56,31 @@ def check_clearance(
     network: WrittenNetwork,
     needles: Sequence[NeedleBody],
     overlap_radii: float = 0.0,
-    look_mm: float = LOOK_MM,
 ) -> Clearance:
     """Find each move's nearest approach of the shaft to what was written before it.
 
     Parameters
     ----------
-    motion : NeedleMotion
     network : WrittenNetwork
         What is written, in the motion's frame.
     needles : sequence of NeedleBody
         One for each head.
     overlap_radii : float
         Overlap of joints, in radii of the filament.
-    look_mm : float, mm
-        How far to look.
 
     Raises
     ------
     ClearanceError
         For another count of needles than heads, or a vessel that the network hasn't.
     """
-    _check(motion, network, needles, overlap_radii, look_mm)
+    _check(motion, network, needles, overlap_radii)
     pieces, heads = Pieces.of(motion.length_mm), heads_of(motion, network)
     ink, radius = ink_of(motion, network, heads, pieces)
     tips, row, head = tips_of(motion, heads, pieces, radius)
     tip = min(needle.tip_mm for needle in needles)
     clearance = max(needle.clearance_mm for needle in needles)
     joints, overlaps = joints_of(network, tip, overlap_radii)
-    contacts = _searched(tips, ink, joints, needles, look_mm, clearance, len(row))
+    contacts = _searched(tips, ink, joints, needles, clearance, len(row))
     return SearchInput(motion, heads, pieces, tips, ink, row, head).clearance(
         *contacts, overlaps, clearance
     )
@@ -96,7 +91,6 @@ def _searched(
     ink: Ink,
     joints: Joints,
     needles: Sequence[NeedleBody],
-    look_mm: float,
     clearance_mm: float,
     moves: int,
 ) -> tuple[Found, Found, Found]:
@@ -104,21 +98,21 @@ def _searched(
     room = moves
     while True:
         near, apart, hits = np.zeros(moves, FOUND), np.zeros(moves, FOUND), np.zeros(room, FOUND)
-        near["value"] = apart["value"] = look_mm
+        near["value"] = apart["value"] = LOOK_MM
         near["ink"] = apart["ink"] = -1
         if not len(ink.when):
             return near, apart, hits[:0]
         bodies = np.stack([needle.as_row() for needle in needles])
-        squares = squares_of(ink, _pitch(needles, ink, look_mm))
-        count = search(tips, ink, joints, bodies, squares, look_mm, clearance_mm, near, apart, hits)
+        squares = squares_of(ink, _pitch(needles, ink))
+        count = search(tips, ink, joints, bodies, squares, LOOK_MM, clearance_mm, near, apart, hits)
         if count <= room:
             return near, apart, hits[:count]
         room = count
 
 
-def _pitch(needles: Sequence[NeedleBody], ink: Ink, look_mm: float) -> float:
+def _pitch(needles: Sequence[NeedleBody], ink: Ink) -> float:
     """Of the squares: half of what is looked at round a tip."""
-    return (max(one.widest_mm for one in needles) + float(ink.radius.max()) + look_mm) / 2
+    return (max(one.widest_mm for one in needles) + float(ink.radius.max()) + LOOK_MM) / 2
 
 
 def _check(
@@ -126,24 +120,18 @@ def _check(
     network: WrittenNetwork,
     needles: Sequence[NeedleBody],
     overlap_radii: float,
-    look_mm: float,
 ) -> None:
     if len(needles) != len(motion.tips):
         raise ClearanceError(f"{len(needles)} needles for {len(motion.tips)} heads; give one each")
-    for name, value in (("overlap_radii", overlap_radii), ("look_mm", look_mm)):
-        if not (np.isfinite(value) and value >= 0):
-            raise ClearanceError(f"{name} is {value:g}; give a number of 0 or more")
+    if not (np.isfinite(overlap_radii) and overlap_radii >= 0):
+        raise ClearanceError(f"overlap_radii is {overlap_radii:g}; give a number of 0 or more")
     highest = int(motion.vessel.max(initial=-1))
     if highest >= network.vessel_count:
         raise ClearanceError(
             f"the map names vessel {highest}, and the network has {network.vessel_count} (from "
             "0): they aren't of one job; write both anew"
         )
-    _check_finite(motion.tips)
-
-
-def _check_finite(places: NDArray[np.float64]) -> None:
-    if not np.isfinite(places).all():
+    if not np.isfinite(motion.tips).all():
         raise ClearanceError("the G-code has places that are no numbers; write it anew")
 
 
@@ -293,9 +281,6 @@ class ShaftContact:
             f"line {self.line} ({self.kind}{own}) {what}, written by line {self.crossed_line}, at "
             f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm (printer's frame)"
         )
-
-
-# Result of the needle shaft check of a job: each move's least distance from ink, JSON summary.
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,194 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
-from sim.gcode.clearance.bodies import LEFT, Ink, Joints, Tips
+from sim.errors import ClearanceError
 from sim.gcode.motion.state import Record, Records
+
+# Input arrays of the shaft check kernels: written ink, moving tips, vessel joints.
+
+LEFT, NEXT = 0, 1
+"""Roles of a vessel for a piece of motion: written or left, and gone to."""
+
+
+class Ink(NamedTuple):
+    """Written pieces in the order of time, each a filament with a straight axis.
+
+    Attributes
+    ----------
+    start, end : (n, 3) float64, mm
+    radius : (n, 2) float64, mm
+        At both.
+    when : (n,) int64
+        Piece of motion that wrote it.
+    run : (n,) int64
+        Pass that it is of.
+    vessel : (n,) int64
+        -1 for none.
+    arc : (n, 2) float64, mm
+        Path written in its pass before each end.
+    along : (n, 2) float64, mm
+        Of each end, along its vessel.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    radius: FloatArray
+    when: IntArray
+    run: IntArray
+    vessel: IntArray
+    arc: FloatArray
+    along: FloatArray
+
+
+class Tips(NamedTuple):
+    """Pieces of motion of every needle's tip.
+
+    Attributes
+    ----------
+    start, end : (n, 3) float64, mm
+    move : (n,) int64
+        Which move each is of; those of one move stand together.
+    when : (n,) int64
+        Order in time.
+    needle : (n,) int64
+    run : (n,) int64
+        Pass that it writes, or that this needle has written last; -1 for none.
+    arc : (n, 2) float64, mm
+        Path in that pass, and since its end, before each end.
+    vessel : (n, 2) int64
+        By role: written or left, and gone to; -1 for none.
+    radius : (n, 2) float64, mm
+        Of the filament, by role.
+    along : (n, 2, 2) float64, mm
+        By role, at each end: the place along that vessel.
+    since : (n, 2, 2) float64, mm
+        By role, at each end: way from the pass's end, or to the next one's start; 0 in a pass.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    move: IntArray
+    when: IntArray
+    needle: IntArray
+    run: IntArray
+    arc: FloatArray
+    vessel: IntArray
+    radius: FloatArray
+    along: FloatArray
+    since: FloatArray
+
+
+class Joints(NamedTuple):
+    """Where vessels meet, those of vessel ``v`` in ``begin[v] : begin[v + 1]``.
+
+    Attributes
+    ----------
+    begin : (v + 1,) int64
+    other : (m,) int64
+        The vessel met, ascending for each vessel; the same one where it meets itself.
+    own, there : (m,) float64, mm
+        Way along the vessel, ascending for each other, and along that one.
+    wide : (m,) float64, mm
+        How far the place itself reaches to either side: 0 for a node.
+    gap : (m,) float64, mm
+        Between the two axes: 0 for a node.
+    radius_mm : float, mm
+        The thinnest needle's at its tip, without its clearance.
+    lumen_mm : (v,) float64, mm
+        Radius of a lumen that is written as several strands: joints reach by it. 0 for others.
+    length_mm : (v,) float64, mm
+    """
+
+    begin: IntArray
+    other: IntArray
+    own: FloatArray
+    there: FloatArray
+    wide: FloatArray
+    gap: FloatArray
+    radius_mm: float
+    overlap_radii: float
+    lumen_mm: FloatArray
+    length_mm: FloatArray
+
+
+@dataclass(frozen=True)
+class NeedleBody:
+    """A vertical needle, a body of revolution about the line above its tip.
+
+    Attributes
+    ----------
+    radius_mm : float, mm
+        Outer radius of the shaft.
+    tip_radius_mm : float or None, mm
+        Outer radius at the tip, at most the shaft's; None for a blunt tube.
+    cone_mm : float, mm
+        Height over which the one grows to the other; 0 for a blunt tube.
+    length_mm : float, mm
+        From the tip to the hub; inf where unknown.
+    hub_radius_mm : float or None, mm
+        Of the hub above the shaft; None where unknown: the shaft then goes on.
+    clearance_mm : float, mm
+        Between the shaft and what is written. Nearer is reported; touching is a crossing.
+
+    Raises
+    ------
+    ClearanceError
+        For lengths that are none, or a tip wider than the shaft.
+    """
+
+    radius_mm: float
+    tip_radius_mm: float | None = None
+    cone_mm: float = 0.0
+    length_mm: float = math.inf
+    hub_radius_mm: float | None = None
+    clearance_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("radius_mm", "length_mm"):
+            if not getattr(self, name) > 0:
+                raise ClearanceError(f"needle: {name} is {getattr(self, name):g}; give more than 0")
+        for name in ("cone_mm", "clearance_mm"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ClearanceError(f"needle: {name} is {getattr(self, name):g}; give 0 or more")
+        tip = self.tip_radius_mm
+        if tip is not None and not 0 <= tip <= self.radius_mm:
+            raise ClearanceError(
+                f"needle: tip_radius_mm {tip:g} isn't between 0 and the shaft's {self.radius_mm:g}"
+            )
+        if self.hub_radius_mm is not None and not self.hub_radius_mm >= self.radius_mm:
+            raise ClearanceError(
+                f"needle: hub_radius_mm {self.hub_radius_mm:g} is below the shaft's "
+                f"{self.radius_mm:g}"
+            )
+
+    @property
+    def tip_mm(self) -> float:
+        """Outer radius at the tip, mm."""
+        return self.radius_mm if self.tip_radius_mm is None else self.tip_radius_mm
+
+    @property
+    def widest_mm(self) -> float:
+        """Largest radius anywhere, mm."""
+        return self.radius_mm if self.hub_radius_mm is None else self.hub_radius_mm
+
+    def as_row(self) -> FloatArray:
+        """For `clearance.kernels.shaft_distance`: radius, tip, cone, length, hub."""
+        tip, cone = self.tip_radius_mm, self.cone_mm
+        if tip is None or cone == 0:
+            tip, cone = self.radius_mm, 0.0
+        length, hub = self.length_mm, self.hub_radius_mm
+        if hub is None:
+            length, hub = math.inf, self.radius_mm
+        return np.array([self.radius_mm, tip, cone, length, hub], dtype=np.float64)
+
 
 MOST_SQUARES: Final = 4_000_000
 FOUND: Final = np.dtype(
@@ -35,7 +215,6 @@ class Squares(NamedTuple):
     origin : (2,) float64, mm
     pitch : float, mm
     shape : (2,) int64
-    begin, member : int64 arrays
     """
 
     origin: FloatArray
@@ -110,7 +289,6 @@ def search(
 
     Parameters
     ----------
-    tips, ink, joints, squares
     bodies : (needles, 5) float64
         `NeedleBody.as_row` of each.
     look : float, mm
@@ -199,15 +377,22 @@ def _keep_nearer(
 # a rectangle of s and t with half sides hs and ht holds nothing below its middle's g less those
 # slopes times hs and ht: `pair_approach` cuts rectangles in half and drops those that can't lie
 # below what is found already. What it returns is attained, and not above the true minimum by more
-# than `ERROR_MM` (or `ERROR_SHARE` of it, where that is more). A joint's border is found within
-# `DECIDING_ERROR_MM` of arc length in the same way, since its slack is Lipschitz, too.
+# than `error_mm` (or `error_share` of it, where that is more). A joint's border is found within
+# `deciding_error_mm` of arc length in the same way, since its slack is Lipschitz, too.
 
-ERROR_MM: Final = 0.002
-ERROR_SHARE: Final = 0.05
-DECIDING_MM: Final = 0.02
-DECIDING_ERROR_MM: Final = 0.0005
-"""So small an error where the shaft is no deeper in ink than the first: there it decides what
-crosses."""
+
+class SearchAccuracy(NamedTuple):
+    """Accuracy of the shaft search."""
+
+    error_mm: float = 0.002
+    error_share: float = 0.05
+    deciding_mm: float = 0.02
+    # So small an error where the shaft is no deeper in ink than the first: there it decides what
+    # crosses.
+    deciding_error_mm: float = 0.0005
+
+
+SEARCH: Final = SearchAccuracy()
 
 
 @jit
@@ -226,9 +411,8 @@ def pair_approach(
 
     Parameters
     ----------
-    i, j : int
     limit : float, mm
-        What is asked is an approach below it.
+        Only an approach below it counts.
     joined : bool
         As `related` says.
     stack : (64, 4) float64
@@ -254,22 +438,22 @@ def pair_approach(
         s0, s1, t0, t1 = stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3]
         s, t, hs, ht = 0.5 * (s0 + s1), 0.5 * (t0 + t1), 0.5 * (s1 - s0), 0.5 * (t1 - t0)
         value = approach(i, j, s, t, tips, ink, body)
-        error = max(ERROR_MM, ERROR_SHARE * best)
-        if -DECIDING_MM < best < 0.0:
-            error = DECIDING_ERROR_MM
+        error = max(SEARCH.error_mm, SEARCH.error_share * best)
+        if -SEARCH.deciding_mm < best < 0.0:
+            error = SEARCH.deciding_error_mm
         if value - hs * move - ht * fall >= best - error:
             continue
         if joined:
             slack, margin = slack_of(i, j, s, t, tips, ink, joints), hs * by_s + ht * by_t
             if slack > margin:
                 continue
-            if slack > 0.0 and margin <= DECIDING_ERROR_MM:
+            if slack > 0.0 and margin <= SEARCH.deciding_error_mm:
                 continue
             if slack <= 0.0 and value < best:
                 best, best_s, best_t = value, s, t
         elif value < best:
             best, best_s, best_t = value, s, t
-        if hs * by_s + ht * by_t <= 0.25 * DECIDING_ERROR_MM:
+        if hs * by_s + ht * by_t <= 0.25 * SEARCH.deciding_error_mm:
             continue
         if hs * by_s >= ht * by_t:
             stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3] = s0, s, t0, t1
@@ -281,9 +465,6 @@ def pair_approach(
             stack[count + 1, 2], stack[count + 1, 3] = t, t1
         count += 2
     return best, best_s, best_t
-
-
-# Distance between a vertical needle shaft and a filament (compiled).
 
 
 @jit
@@ -350,10 +531,15 @@ def approach(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, body: Flo
 # vessels meet (`sim.gcode.clearance.network`): R the bare tip's radius, r the larger filament's, or
 # the lumen's where a vessel is several filaments side by side.
 
-WIDEST_MM: Final = 0.025
-"""Reach of a place where vessels meet, to either side."""
-PAST_MM: Final = 0.002
-"""Rounding of a place at a vessel's end."""
+
+class JointTolerance(NamedTuple):
+    """Tolerances of a joint."""
+
+    widest_mm: float = 0.025  # Reach of a place where vessels meet, to either side.
+    past_mm: float = 0.002  # Rounding of a place at a vessel's end.
+
+
+JOINT: Final = JointTolerance()
 
 
 @jit
@@ -415,13 +601,13 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
             continue
         reach = _reach(i, j, role, tips, ink, joints)
         left = reach - _mixed(tips.since[i, role], s)
-        if left + WIDEST_MM <= best:
+        if left + JOINT.widest_mm <= best:
             continue
         at = _mixed(tips.along[i, role], s)
         if v == w:
             best = max(best, left - abs(place - at))
         low, high = _between(v, w, joints)
-        most = reach + WIDEST_MM
+        most = reach + JOINT.widest_mm
         for m in range(low + np.searchsorted(joints.own[low:high], at - most), high):
             if joints.own[m] > at + most:
                 break
@@ -430,7 +616,7 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
             if joints.wide[m] == 0.0:
                 past = _past_far_end(v, at, joints.own[m], joints)
                 past = max(past, _past_far_end(w, place, joints.there[m], joints))
-                here = min(here, PAST_MM - past)
+                here = min(here, JOINT.past_mm - past)
             best = max(best, here)
     return float(best)
 
@@ -443,7 +629,7 @@ def are_related(i: int, j: int, tips: Tips, ink: Ink, joints: Joints) -> bool:
         return True
     for role in range(2):
         v, since = tips.vessel[i, role], min(tips.since[i, role, 0], tips.since[i, role, 1])
-        if since > _reach(i, j, role, tips, ink, joints) + WIDEST_MM:
+        if since > _reach(i, j, role, tips, ink, joints) + JOINT.widest_mm:
             continue
         if w < 0 and role == LEFT and tips.run[i] >= 0 and tips.run[i] == ink.run[j]:
             return True

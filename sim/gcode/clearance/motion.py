@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import ClearanceError
-from sim.gcode.clearance.bodies import Ink, Tips
+from sim.gcode.clearance.kernels import Ink, Tips
 from sim.gcode.clearance.network import WrittenNetwork
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.modal import MOVE
@@ -76,8 +76,6 @@ def motion_of(run: DryRun, sources: LineSources, volume_ul: FloatArray) -> Needl
 
     Parameters
     ----------
-    run : DryRun
-    sources : LineSources
     volume_ul : (rows,) float64, µL
         What comes out of the head in use in each row of the program.
 
@@ -150,9 +148,6 @@ class Pieces:
         values = np.column_stack([low + self.low * (high - low), low + self.high * (high - low)])
         values[~known[self.row]] = np.inf
         return values
-
-
-# Number a needle's unbroken writing strokes; path length from each move to stroke ends.
 
 
 @dataclass(frozen=True)
@@ -247,7 +242,6 @@ class Head:
     Attributes
     ----------
     tips : (n, 2, 3) float64, mm
-    passes : Passes
     along : (n, 2) float64, mm
         Of a written row's ends, along its vessel.
     """
@@ -279,9 +273,6 @@ def kinds_of(tips: FloatArray, writes: NDArray[np.bool_]) -> IntArray:
     kind[(step == 0).all(axis=1)] = HEAD_CHANGE
     kind[writes] = WRITE
     return kind
-
-
-# Build the shaft check's array of needle motion: each head's pieces with stroke and vessel.
 
 
 def tips_of(

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import permutations
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import ClearanceError
-from sim.gcode.clearance.bodies import Joints
+from sim.gcode.clearance.kernels import Joints
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -96,7 +96,7 @@ class WrittenNetwork:
 
     @cached_property
     def _axes(self) -> dict[int, Axis]:
-        """Axes as they are asked for."""
+        """Axes found so far."""
         return {}
 
     @cached_property
@@ -239,16 +239,24 @@ class Axis:
         return best_arc
 
 
-# Find overlaps of a network's filaments in the design, away from their common nodes.
+class OverlapRules(NamedTuple):
+    """Which places of a network count as overlapping."""
 
-DEEP: Final = 0.25
-"""Two filaments are one body where they reach so far into each other, in radii of the thinner one.
-Where they only brush each other the needle may as well stay out."""
-TURN: Final = 0.7
-"""Of the way along the vessels, the gap between two places: below it the way has turned by more
-than a right angle, or forks at less. A thick vessel's own way ahead is near, too."""
-FINEST_MM: Final = 0.05
-COARSEST_MM: Final = 0.1
+    # Two filaments are one body where they reach so far into each other, in radii of the thinner
+    # one. Where they only brush each other the needle may as well stay out.
+    deep: float = 0.25
+    # Of the way along the vessels, the gap between two places: below it the way has turned by more
+    # than a right angle, or forks at less. A thick vessel's own way ahead is near, too.
+    turn: float = 0.7
+    finest_mm: float = 0.05
+    coarsest_mm: float = 0.1
+    grain_mm: float = 0.05
+    # Overlapping places are kept once for each cell of that size along both vessels, as its middle.
+    # Cells begin at such a part of one, where no spot of a straight vessel of round length lies.
+    grain_from: float = 0.3183
+
+
+OVERLAP: Final = OverlapRules()
 
 
 @dataclass(frozen=True)
@@ -288,10 +296,8 @@ def overlaps_of(network: WrittenNetwork, radius_mm: float, overlap_radii: float)
 
     Parameters
     ----------
-    network : WrittenNetwork
     radius_mm : float, mm
         Of the bare shaft.
-    overlap_radii : float
     """
     spots = _spots(network)
     one, other, gap = _near(spots)
@@ -300,7 +306,7 @@ def overlaps_of(network: WrittenNetwork, radius_mm: float, overlap_radii: float)
     deep = thin + thick - gap
     reach = np.sqrt(2.0) * (radius_mm + thick) + overlap_radii * thick
     way, joined = _through_nodes(network, spots, one, other, reach)
-    deep_enough = (deep >= DEEP * thin) & ~joined & (gap < TURN * way)
+    deep_enough = (deep >= OVERLAP.deep * thin) & ~joined & (gap < OVERLAP.turn * way)
     pair = np.column_stack([one, other])[deep_enough]
     order = np.argsort(spots.vessel[pair], axis=1, kind="stable")
     pair = np.take_along_axis(pair, order, axis=1)
@@ -311,7 +317,7 @@ def _spots(network: WrittenNetwork) -> _Spots:
     """Every vessel cut into stretches of half its least radius."""
     count = np.diff(network.offset)
     finest = np.minimum.reduceat(network.radius, network.offset[:-1]) / 2
-    pitch = np.repeat(finest.clip(FINEST_MM, COARSEST_MM), count)
+    pitch = np.repeat(finest.clip(OVERLAP.finest_mm, OVERLAP.coarsest_mm), count)
     length = np.diff(network.arc, append=0.0)
     length[network.offset[1:] - 1] = 0.0
     parts = np.maximum(np.ceil(length / pitch), 1).astype(np.int64)
@@ -363,14 +369,6 @@ def _through_nodes(
     return way, joined
 
 
-# Find a network's joints for the shaft check: nodes, and overlaps of vessel filaments.
-
-_GRAIN_MM: Final = 0.05
-_GRAIN_FROM: Final = 0.3183
-"""Overlapping places are kept once for each cell of that size along both vessels, as its middle.
-Cells begin at such a part of one, where no spot of a straight vessel of round length lies."""
-
-
 @dataclass(frozen=True)
 class DesignedOverlap:
     """Two vessels without a common node whose filaments are one body in the design.
@@ -396,17 +394,17 @@ def joints_of(
 ) -> tuple[Joints, tuple[DesignedOverlap, ...]]:
     """What counts as a joint for a shaft, and which of it no node explains, the deepest first."""
     overlaps = overlaps_of(network, radius_mm, overlap_radii)
-    cells = np.floor(overlaps.along / _GRAIN_MM + _GRAIN_FROM)
+    cells = np.floor(overlaps.along / OVERLAP.grain_mm + OVERLAP.grain_from)
     nearest = np.argsort(overlaps.gap, kind="stable")
     keys = np.column_stack([overlaps.vessel, cells])[nearest]
     keys, first = np.unique(keys, axis=0, return_index=True)
     gap = overlaps.gap[nearest[first]]
     u, v, a, b = keys.T
-    a, b = ((one + 0.5 - _GRAIN_FROM) * _GRAIN_MM for one in (a, b))
+    a, b = ((one + 0.5 - OVERLAP.grain_from) * OVERLAP.grain_mm for one in (a, b))
     forth, back = np.column_stack([u, v, a, b, gap]), np.column_stack([v, u, b, a, gap])
     at_nodes = _at_nodes(network)
     rows = np.concatenate([at_nodes, forth, back])
-    wide = np.where(np.arange(len(rows)) < len(at_nodes), 0.0, _GRAIN_MM / 2)
+    wide = np.where(np.arange(len(rows)) < len(at_nodes), 0.0, OVERLAP.grain_mm / 2)
     order = np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))
     rows, wide = rows[order], wide[order]
     count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)

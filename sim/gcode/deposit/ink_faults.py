@@ -21,28 +21,35 @@ there on), ``time_s`` (printer's clock), ``written_mm`` (way of written lines, m
 know nothing of them: the simulated scanner and camera do (`sim.gcode.deposit.lay`).
 
 A purge is what the plunger pushes beyond its foremost place while the tip stands, or along a way
-with at least `PURGE_RATIO` times the job's median dose per mm.
+with at least `PURGE.ratio` times the job's median dose per mm.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import Annotated, Final, Literal
+from dataclasses import dataclass, replace
+from typing import Annotated, Final, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from sim.gcode.deposit.strands import Strands
-from sim.gcode.deposit.written import Layering
+from sim.gcode.deposit.written import Layering, Strands
 
-PURGE_RATIO: Final = 2.0
-LEAST_PURGE_UL: Final = 0.02
-"""Less in a move that stands is the rounding of a prime to motor steps."""
-RELOAD_UL: Final = 30.0
-"""No retraction is so long: a plunger that goes back farther is put to a full syringe."""
+
+class PurgeRules(NamedTuple):
+    """What counts as a purge."""
+
+    ratio: float = 2.0
+    least_ul: float = 0.02  # Less in a move that stands is the rounding of a prime to motor steps.
+    # No retraction is so long: a plunger that goes back farther is put to a full syringe.
+    reload_ul: float = 30.0
+
+
+PURGE: Final = PurgeRules()
+
+
 Amount = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 More = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -186,8 +193,7 @@ class Placed:
 
     def kept(self, rows: BoolArray) -> Placed:
         """Some of the lines."""
-        chosen = {item.name: getattr(self.strands, item.name)[rows] for item in fields(Strands)}
-        return Placed(Strands(**chosen), self.first[rows], self.last[rows])
+        return Placed(self.strands.chosen(rows), self.first[rows], self.last[rows])
 
 
 def faulty_lines(
@@ -197,7 +203,7 @@ def faulty_lines(
     changes = [flow_change(fault, timeline) for fault in faults.each]
     flows = [change for change in changes if change is not None]
     begins = np.array([timeline.begins(fault) for fault in faults.each])
-    cuts = np.concatenate([begins, *(change.cuts for change in flows)])
+    cuts = np.concatenate([begins, *(places for places, _ in flows)])
     lines = _thinned(_cut(lines, np.unique(cuts[np.isfinite(cuts)])), flows)
     clumps = []
     for number, (fault, begin) in enumerate(zip(faults.each, begins.tolist(), strict=True)):
@@ -249,8 +255,8 @@ def _cut(lines: Placed, cuts: FloatArray) -> Placed:
 
 def _thinned(lines: Placed, flows: list[FlowChange]) -> Placed:
     factor = np.ones(len(lines.first))
-    for change in flows:
-        factor = factor * change.factor(lines.middle)
+    for _, change in flows:
+        factor = factor * change(lines.middle)
     old = lines.strands
     ink = replace(old, dose_ul=old.dose_ul * factor, area_mm2=old.area_mm2 * factor)
     return replace(lines, strands=ink).kept(factor > _NOTHING)
@@ -329,20 +335,9 @@ _STEPS: Final = 40
 _MOST_CUTS: Final = 100_000
 
 
-@dataclass(frozen=True)
-class FlowChange:
-    """What a fault does to the flow.
-
-    Attributes
-    ----------
-    cuts : (k,) float64
-        Places at which lines must be cut for the factor to hold within each piece.
-    factor : callable
-        Of places (n,): flow over what is pushed, (n,).
-    """
-
-    cuts: FloatArray
-    factor: Callable[[FloatArray], FloatArray]
+FlowChange = tuple[FloatArray, Callable[[FloatArray], FloatArray]]
+"""What a fault does to the flow: the places (k,) at which lines must be cut, and the flow over what
+is pushed (n,) at places (n,), which holds within each piece."""
 
 
 def flow_change(fault: InkFault, line: Timeline) -> FlowChange | None:
@@ -371,22 +366,20 @@ def _clog(fault: Clog, line: Timeline, begin: float) -> FlowChange:
     if fault.clears_ul is not None:
         end = min(end, when(line.purged_ul, float(at(line.purged_ul, begin)) + fault.clears_ul))
     cuts = np.array([place for place in (begin, end) if math.isfinite(place)])
-    return FlowChange(
-        cuts, lambda place: np.where((place >= begin) & (place < end), fault.passes, 1.0)
-    )
+    return cuts, lambda place: np.where((place >= begin) & (place < end), fault.passes, 1.0)
 
 
 def _ramp(total: FloatArray, begin: float, over: float, to: float) -> FlowChange:
     """From 1 to `to` while a running sum grows by `over`; at once for 0."""
     first = float(at(total, begin))
     if over <= 0:
-        return FlowChange(np.array([begin]), lambda place: np.where(place >= begin, to, 1.0))
+        return np.array([begin]), lambda place: np.where(place >= begin, to, 1.0)
 
     def factor(place: FloatArray) -> FloatArray:
         done = np.clip((at(total, place) - first) / over, 0.0, 1.0)
         return np.where(place >= begin, 1.0 + (to - 1.0) * done, 1.0)
 
-    return FlowChange(_reached(total, first + over * np.linspace(0, 1, _STEPS + 1)), factor)
+    return _reached(total, first + over * np.linspace(0, 1, _STEPS + 1)), factor
 
 
 def _swing(fault: Temperature, line: Timeline, begin: float) -> FlowChange:
@@ -399,7 +392,7 @@ def _swing(fault: Temperature, line: Timeline, begin: float) -> FlowChange:
         phase = 2 * np.pi * (line.seconds(place) - zero) / fault.period_s
         return np.where(place >= begin, 1.0 + fault.amplitude * np.sin(phase), 1.0)
 
-    return FlowChange(np.append(begin, cuts), factor)
+    return np.append(begin, cuts), factor
 
 
 def _bubble(fault: Bubble, line: Timeline, begin: float) -> FlowChange:
@@ -411,7 +404,7 @@ def _bubble(fault: Bubble, line: Timeline, begin: float) -> FlowChange:
         return np.where(place < begin, 1.0, np.where(passed < 1.0, 0.0, after))
 
     cuts = _reached(line.pushed_ul, first + fault.ul * np.array([1.0, 2.0]))
-    return FlowChange(np.concatenate([[begin], cuts]), factor)
+    return np.append(begin, cuts), factor
 
 
 def _reached(total: FloatArray, values: FloatArray) -> FloatArray:
@@ -457,7 +450,7 @@ class Timeline:
         new = _pushed_anew(push_ul)
         dense = np.divide(new, way_mm, out=np.full(len(new), np.inf), where=way_mm > 0)
         usual = np.median(dense[writes & (new > 0)]) if (writes & (new > 0)).any() else np.inf
-        purge = np.where((new >= LEAST_PURGE_UL) & (dense >= PURGE_RATIO * usual), new, 0.0)
+        purge = np.where((new >= PURGE.least_ul) & (dense >= PURGE.ratio * usual), new, 0.0)
         return Timeline(
             time_s,
             line,
@@ -500,13 +493,13 @@ class Timeline:
 def _pushed_anew(push_ul: FloatArray) -> FloatArray:
     """What each block pushes beyond the plunger's foremost place, (n,), µL.
 
-    A plunger that goes back by more than `RELOAD_UL` comes to a full syringe.
+    A plunger that goes back by more than `PURGE.reload_ul` comes to a full syringe.
     """
     total = np.concatenate([[0.0], np.cumsum(push_ul)])
     new, begin = np.zeros(len(push_ul)), 0
     while begin < len(push_ul):
         foremost = np.maximum.accumulate(total[begin:])
-        back = np.flatnonzero(foremost - total[begin:] > RELOAD_UL)
+        back = np.flatnonzero(foremost - total[begin:] > PURGE.reload_ul)
         if not len(back):
             new[begin:] = np.diff(foremost)
             break

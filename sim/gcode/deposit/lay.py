@@ -13,7 +13,7 @@ Modelled
   area.
 - Lines that overlap are united: ink doesn't pile up.
 
-A pneumatic head's ink is laid likewise, by `sim.gcode.deposit.pneumatic`. Faults of the ink
+A pneumatic head's ink is laid likewise, by `sim.gcode.deposit.lay`. Faults of the ink
 (`sim.gcode.deposit.ink_faults`) act on the lines (`sim.gcode.deposit.lay`).
 
 Not modelled
@@ -25,29 +25,33 @@ deposit nothing; their sum is given as `standing_ul`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles import Printer
 from kernels.arrays import FloatArray
 from sim.errors import DepositError
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults, Placed, Timeline, faulty_lines
 from sim.gcode.deposit.kernels import paint_filaments, paint_layers, stack_layers
-from sim.gcode.deposit.strands import Strands
 from sim.gcode.deposit.written import (
     Layering,
+    Strands,
     Written,
     check_positive,
     united,
     written,
     written_levels,
 )
+from sim.gcode.heads import as_plunger, flowing, read_with_valve, with_commands
 from sim.gcode.motion.executed import ExecutedMotion
 
 MOST_VOXELS = 2_000_000_000
+_ENDS = ("start", "end")
 
 
 # Compute ink deposited in the dish by executed motion, with ink faults.
@@ -124,26 +128,7 @@ def deposit(
     plunger_step_mm: float | None = None,
     faults: InkFaults = NO_FAULTS,
 ) -> Deposit:
-    """Lay the ink of an executed motion into voxels.
-
-    Parameters
-    ----------
-    executed : ExecutedMotion
-        What the printer did.
-    plunger_area_mm2 : float, mm²
-        Bore of the syringe.
-    voxel_mm : float, mm
-        Edge of a voxel.
-    smoothing_mm : float, mm
-        Length of path over which the plunger's steps are smoothed.
-    style : "layered" or "embedded" or None
-        None decides from the motion, see the module.
-    plunger_step_mm : float or None, mm
-        One motor step of the plunger; None finds it from the motion. A move shorter than the
-        path of 1.5 steps that got no step still writes when it goes straight on and writing goes
-        on after it.
-    faults : InkFaults
-        What became of the ink.
+    """Lay the ink of an executed motion into voxels of an edge; parameters as of `laid`.
 
     Raises
     ------
@@ -167,8 +152,6 @@ def deposit_of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray | None = None
 
     Parameters
     ----------
-    ink : Laid
-    voxel_mm : float, mm
     box_mm : (2, 3) float64 or None, mm
         Lowest and highest corner of what the grid covers, one voxel more all round, whatever of
         the ink lies there; None for all ink.
@@ -181,7 +164,8 @@ def deposit_of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray | None = None
     check_positive(voxel_mm=voxel_mm)
     if not len(ink.strands) and box_mm is None:
         raise DepositError("no ink is laid along any way, so nothing was deposited")
-    return _of_laid(ink, voxel_mm, _box(ink) if box_mm is None else box_mm)
+    volume, origin = _painted(ink, voxel_mm, _box(ink) if box_mm is None else box_mm)
+    return Deposit(volume, origin, voxel_mm, ink.style, ink.written_ul, ink.standing_ul)
 
 
 def deposit_of_heads(
@@ -189,8 +173,6 @@ def deposit_of_heads(
     plunger_area_mm2: Sequence[float],
     voxel_mm: float,
     *,
-    smoothing_mm: float = 1.0,
-    style: Style | None = None,
     plunger_step_mm: Sequence[float] | None = None,
     faults: Sequence[InkFaults] | None = None,
 ) -> tuple[Deposit, ...]:
@@ -203,8 +185,8 @@ def deposit_of_heads(
         write nothing are left out by the caller.
     plunger_area_mm2, plunger_step_mm, faults : sequence
         Of each.
-    voxel_mm, smoothing_mm, style
-        As of `deposit`; the style of all follows from the whole.
+    voxel_mm : float, mm
+        Edge of a voxel; the style of all follows from the whole.
 
     Raises
     ------
@@ -214,12 +196,12 @@ def deposit_of_heads(
     check_positive(voxel_mm=voxel_mm)
     steps: Sequence[float | None] = plunger_step_mm or [None] * len(executed)
     each = [
-        written(motion, area, smoothing_mm, step)
+        written(motion, area, plunger_step_mm=step)
         for motion, area, step in zip(executed, plunger_area_mm2, steps, strict=True)
     ]
-    chosen = style or writing_style(Strands.joined([one.lines for one in each]))
+    chosen = _style_of([one.lines for one in each])
     inks = [
-        laid_of_written(one, motion, area, wrong, chosen)
+        _laid_of(one, motion, area, wrong, chosen)
         for one, motion, area, wrong in zip(
             each, executed, plunger_area_mm2, faults or [NO_FAULTS] * len(each), strict=True
         )
@@ -228,7 +210,7 @@ def deposit_of_heads(
     if not boxes:
         raise DepositError("no ink is laid along any way, so nothing was deposited")
     box = np.array([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
-    return tuple(_of_laid(ink, voxel_mm, box) for ink in inks)
+    return tuple(deposit_of_laid(ink, voxel_mm, box) for ink in inks)
 
 
 def unite_deposits(deposits: Sequence[Deposit]) -> Deposit:
@@ -256,11 +238,6 @@ def unite_deposits(deposits: Sequence[Deposit]) -> Deposit:
         sum(one.written_ul for one in deposits),
         sum(one.standing_ul for one in deposits),
     )
-
-
-def _of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray) -> Deposit:
-    volume, origin = _painted(ink, voxel_mm, box_mm)
-    return Deposit(volume, origin, voxel_mm, ink.style, ink.written_ul, ink.standing_ul)
 
 
 def _box(ink: Laid) -> FloatArray:
@@ -366,9 +343,17 @@ def laid(
         Up to now; what was laid by then is the same in the record of a longer print, where
         `plunger_step_mm` is given.
     faults : InkFaults
+        What became of the ink.
     plunger_area_mm2 : float, mm²
-    smoothing_mm, style, plunger_step_mm
-        As of `sim.gcode.deposit.lay.deposit`.
+        Bore of the syringe.
+    smoothing_mm : float, mm
+        Length of path over which the plunger's steps are smoothed.
+    style : "layered" or "embedded" or None
+        None decides from the motion, see the module.
+    plunger_step_mm : float or None, mm
+        One motor step of the plunger; None finds it from the motion. A move shorter than the path
+        of 1.5 steps that got no step still writes when it goes straight on and writing goes on
+        after it.
     layer_mm : float or None, mm
         Height of the lines while there is but one level, which doesn't tell it.
 
@@ -378,11 +363,11 @@ def laid(
         When nothing is written.
     """
     motion_ink = written(executed, plunger_area_mm2, smoothing_mm, plunger_step_mm)
-    chosen = style or writing_style(motion_ink.lines, layer_mm)
-    return laid_of_written(motion_ink, executed, plunger_area_mm2, faults, chosen, layer_mm)
+    chosen = style or _style_of([motion_ink.lines], layer_mm)
+    return _laid_of(motion_ink, executed, plunger_area_mm2, faults, chosen, layer_mm)
 
 
-def laid_of_written(
+def _laid_of(
     source: Written,
     executed: ExecutedMotion,
     plunger_area_mm2: float,
@@ -390,24 +375,20 @@ def laid_of_written(
     style: Style,
     layer_mm: float | None = None,
 ) -> Laid:
-    """Return the ink of lines that `written` found in a motion; parameters as of `laid`."""
+    """Return the ink of the lines that a motion writes."""
     ink = laid_as_is(source.lines, style, source.standing_ul, layer_mm)
-    if not faults.each:
-        return _as_it_lies(ink)
-    writes = np.zeros(len(executed), dtype=np.bool_)
-    writes[source.block] = True
-    line = Timeline.of(
-        np.column_stack([executed.time_start, executed.time_end]),
-        executed.line,
-        np.linalg.norm(executed.end - executed.start, axis=1),
-        (executed.plunger_end - executed.plunger_start) * plunger_area_mm2,
-        writes,
-    )
-    return _as_it_lies(with_faults(ink, source.block, line, faults))
-
-
-def _as_it_lies(ink: Laid) -> Laid:
-    """Ink of layers that was written along older ink, with both volumes."""
+    if faults.each:
+        writes = np.zeros(len(executed), dtype=np.bool_)
+        writes[source.block] = True
+        line = Timeline.of(
+            np.column_stack([executed.time_start, executed.time_end]),
+            executed.line,
+            np.linalg.norm(executed.end - executed.start, axis=1),
+            (executed.plunger_end - executed.plunger_start) * plunger_area_mm2,
+            writes,
+        )
+        ink = with_faults(ink, source.block, line, faults)
+    # Ink of layers that was written along older ink holds both volumes.
     return ink if ink.layering is None else replace(ink, strands=united(ink.strands))
 
 
@@ -435,8 +416,84 @@ def nothing_laid() -> Laid:
     return Laid(Strands(places, places, none, none, number, number), None)
 
 
-def writing_style(lines: Strands, layer_mm: float | None = None) -> Style:
+def _style_of(lines: Sequence[Strands], layer_mm: float | None = None) -> Style:
+    start, end = (np.concatenate([getattr(one, at)[:, 2] for one in lines]) for at in _ENDS)
+    return writing_style(start, end, layer_mm)
+
+
+def writing_style(
+    start_z_mm: FloatArray, end_z_mm: FloatArray, layer_mm: float | None = None
+) -> Style:
     """Layered when all is flat, on two levels or more; or on one where `layer_mm` is given."""
-    flat = np.abs(lines.end[:, 2] - lines.start[:, 2]).max() < 1e-3
-    known = layer_mm is not None or len(written_levels(lines.end[:, 2])) > 1
+    flat = np.abs(end_z_mm - start_z_mm).max() < 1e-3
+    known = layer_mm is not None or len(written_levels(end_z_mm)) > 1
     return "layered" if flat and known else "embedded"
+
+
+# Lay a pneumatic head's ink into voxels, by the valve's open time along the path.
+#
+# The flow is steady while the valve stands open, so a block gets flow times its time: a corner at
+# which the head slows down gets more. Within one block ink is spread evenly, though the head slows
+# down at its ends. What flows while the head stands (a valve that opens early or closes late) would
+# make a drop; the deposit model lays none, and tells its volume as `standing_ul`.
+
+_EXACT_MM: Final = 1e-6
+_KNOWN: Final = 0.9
+
+
+def pneumatic_deposit(
+    executed: ExecutedMotion,
+    gcode: bytes,
+    printer: Printer,
+    flow_ul_s: float,
+    voxel_mm: float,
+    style: Style | None = None,
+    faults: InkFaults = NO_FAULTS,
+) -> Deposit:
+    """Lay the ink of a pneumatic head's executed motion into voxels.
+
+    Parameters
+    ----------
+    executed : ExecutedMotion
+        What the printer did, from the first move on.
+    gcode : bytes
+        The file, for when the valve stood open.
+    flow_ul_s : float, µL/s
+        While it does.
+    faults : InkFaults
+        As for `deposit`.
+
+    Raises
+    ------
+    DepositError
+        When the head is no pneumatic one, the motion isn't the file's, nothing is written or the
+        grid would be too large.
+    """
+    head = printer.pneumatic
+    if head is None:
+        raise DepositError(f"{printer.name} has no pneumatic head (dispenser); use deposit")
+    if not (math.isfinite(flow_ul_s) and flow_ul_s > 0):
+        raise DepositError(f"flow_ul_s is {flow_ul_s:g}; it must be a number above 0")
+    if not len(executed):
+        raise DepositError("nothing moved, so nothing was deposited")
+    x, y, z = executed.start[0].tolist()
+    program, valve = read_with_valve(gcode, printer, (x, y, z))
+    commanded = with_commands(executed, program)
+    known = float((commanded.line >= 0).mean())  # a host puts in a pause's lift, say
+    if known < _KNOWN:
+        raise DepositError(
+            f"only {known:.0%} of the motion is in the G-code, below {_KNOWN:.0%}; they aren't of "
+            "the same print: give the file that was printed"
+        )
+    spans = np.zeros((0, 2)) if valve is None else flowing(commanded, program, valve, head)
+    motion = as_plunger(executed, spans, flow_ul_s)
+    # What flows is known at every moment: there are no plunger steps to smooth or to bridge.
+    return deposit(
+        motion,
+        1.0,
+        voxel_mm,
+        smoothing_mm=_EXACT_MM,
+        style=style,
+        plunger_step_mm=_EXACT_MM,
+        faults=faults,
+    )

@@ -2,18 +2,88 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import DepositError
 from sim.gcode.deposit.kernels import writing_runs
-from sim.gcode.deposit.strands import Strands
 from sim.gcode.motion.executed import ExecutedMotion
+
+# Data class of written ink as straight strands: ends, ink volume, cross-section, stroke.
+
+
+@dataclass(frozen=True)
+class Strands:
+    """Straight pieces that are written, in the order of writing.
+
+    Attributes
+    ----------
+    start, end : (n, 3) float64, mm
+        Of the tip.
+    dose_ul : (n,) float64, µL
+    area_mm2 : (n,) float64, mm²
+        Cross-section: the dose over the way, or over a window of it.
+    stroke : (n,) int64
+        Ascending: which unbroken line each is of.
+    line : (n,) int64
+        Of the file, from 1; of executed motion as `ExecutedMotion.line`.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    dose_ul: FloatArray
+    area_mm2: FloatArray
+    stroke: IntArray
+    line: IntArray
+
+    @staticmethod
+    def dosed(
+        start: FloatArray, end: FloatArray, dose_ul: FloatArray, stroke: IntArray, line: IntArray
+    ) -> Strands:
+        """Return strands whose cross-section is each one's own dose over its way, above 0 mm."""
+        length = np.linalg.norm(end - start, axis=1)
+        return Strands(start, end, dose_ul, dose_ul / length, stroke, line)
+
+    @staticmethod
+    def joined(each: Sequence[Strands]) -> Strands:
+        """Return those of several heads, one after the other; no two heads share a stroke."""
+        past = np.cumsum([0, *(int(one.stroke.max(initial=-1)) + 1 for one in each)])
+        own = [replace(one, stroke=one.stroke + k) for one, k in zip(each, past[:-1], strict=True)]
+        return Strands(
+            *(np.concatenate([getattr(one, item.name) for one in own]) for item in fields(Strands))
+        )
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def chosen(self, rows: IntArray | BoolArray) -> Strands:
+        """Return some of them, by number or mask."""
+        return Strands(*(getattr(self, item.name)[rows] for item in fields(Strands)))
+
+    @property
+    def length(self) -> FloatArray:
+        """Way of each, (n,), mm."""
+        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+    @property
+    def radius(self) -> FloatArray:
+        """Of each as a round filament, (n,), mm."""
+        return np.sqrt(4 / np.pi * self.area_mm2) / 2
+
+    @property
+    def passes(self) -> int:
+        """Number of unbroken lines."""
+        return len(np.unique(self.stroke))
+
+    def moved(self, by_mm: FloatArray) -> Strands:
+        """Return the same, moved by (3,) mm."""
+        return replace(self, start=self.start + by_mm, end=self.end + by_mm)
 
 
 @dataclass(frozen=True)
@@ -22,7 +92,6 @@ class Written:
 
     Attributes
     ----------
-    lines : Strands
     block : (n,) int64
         Of the executed motion, ascending.
     standing_ul : float, µL
@@ -51,7 +120,6 @@ def written(
     ----------
     executed : ExecutedMotion
         Of one head.
-    plunger_area_mm2 : float, mm²
     smoothing_mm : float, mm
         Length of path over which the plunger's steps are smoothed.
     plunger_step_mm : float or None, mm
@@ -70,7 +138,7 @@ def written(
     # Pressure lives through a short travel, but not through a retraction.
     stretch = np.cumsum(plunger < 0, dtype=np.int64)[chosen]
     dose = plunger[chosen] * plunger_area_mm2
-    area = _smoothed_area(stretch, length[chosen], dose, smoothing_mm)
+    area = smoothed_area(stretch, length[chosen], dose, smoothing_mm)
     kept = area > 0
     chosen = chosen[kept]
     lines = Strands(
@@ -121,7 +189,7 @@ def _plunger_quantum(plunger: FloatArray) -> float:
     return float(steps[steps > 1e-6].min())
 
 
-def _smoothed_area(
+def smoothed_area(
     stretch: IntArray, length: FloatArray, volume: FloatArray, smoothing: float
 ) -> FloatArray:
     """Cross-section (n,), mm²: volume per length over a window around each block's middle.
@@ -151,12 +219,17 @@ def _smoothed_area(
 # Not modelled: what a needle drags along, lines that cross or lie beside each other (their ink is
 # united without a bulge), and how far fresh ink flows under the tip to both sides alike.
 
-_STATION_MM: Final = 0.3
-_SAME_MM: Final = 0.03
-"""Distance of two axes that are one line: some motor steps."""
-_PARALLEL: Final = 0.99
-_LEAST_MM: Final = 0.02
-"""Shorter overlaps aren't cut out: lines meet end to end."""
+
+class SamePath(NamedTuple):
+    """When ink is written along older ink."""
+
+    station_mm: float = 0.3
+    distance_mm: float = 0.03  # Distance of two axes that are one line: some motor steps.
+    min_cosine: float = 0.99
+    min_overlap_mm: float = 0.02  # Shorter overlaps aren't cut out: lines meet end to end.
+
+
+SAME_PATH: Final = SamePath()
 
 
 def united(strands: Strands) -> Strands:
@@ -171,7 +244,7 @@ def united(strands: Strands) -> Strands:
     if not len(pairs):
         return strands
     spans = np.array([_overlap(strands, old, new) for old, new in pairs.tolist()])
-    real = (spans[:, 1] - spans[:, 0]) * strands.length[pairs[:, 0]] > _LEAST_MM
+    real = (spans[:, 1] - spans[:, 0]) * strands.length[pairs[:, 0]] > SAME_PATH.min_overlap_mm
     pairs, spans = pairs[real], spans[real]
     cuts: dict[int, list[float]] = {}
     for (old, new), (a, b, c, d) in zip(pairs.tolist(), spans.tolist(), strict=True):
@@ -184,19 +257,21 @@ def united(strands: Strands) -> Strands:
 def _written_twice(strands: Strands) -> IntArray:
     """Pairs (k, 2) of an older and a newer strand that lie along each other somewhere."""
     length = strands.length
-    count = np.maximum(1, np.ceil(length / _STATION_MM)).astype(np.int64)
+    count = np.maximum(1, np.ceil(length / SAME_PATH.station_mm)).astype(np.int64)
     of = np.repeat(np.arange(len(count)), count)
     share = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[of]
     way = strands.end - strands.start
     place = strands.start[of] + share[:, None] * way[of]
-    close = cKDTree(place).query_pairs(_STATION_MM / 2 + _SAME_MM, output_type="ndarray")
+    close = cKDTree(place).query_pairs(
+        SAME_PATH.station_mm / 2 + SAME_PATH.distance_mm, output_type="ndarray"
+    )
     close = close[strands.stroke[of[close[:, 0]]] != strands.stroke[of[close[:, 1]]]]
     old, new = of[close.min(axis=1)], of[close.max(axis=1)]
     along = way / np.maximum(length, 1e-12)[:, None]
     step = place[close.max(axis=1)] - place[close.min(axis=1)]
     aside = step - (step * along[old]).sum(axis=1)[:, None] * along[old]
-    one_line = np.abs((along[old] * along[new]).sum(axis=1)) > _PARALLEL
-    one_line &= np.linalg.norm(aside, axis=1) < _SAME_MM
+    one_line = np.abs((along[old] * along[new]).sum(axis=1)) > SAME_PATH.min_cosine
+    one_line &= np.linalg.norm(aside, axis=1) < SAME_PATH.distance_mm
     one_line &= np.abs(step[:, 2]) < LEVEL_TOLERANCE_MM
     return np.unique(np.column_stack([old, new])[one_line], axis=0)
 
@@ -218,7 +293,7 @@ def _cut(strands: Strands, cuts: dict[int, list[float]]) -> tuple[Strands, IntAr
     of, shares = list[int](), list[tuple[float, float]]()
     length = strands.length
     for k in range(len(strands)):
-        least = _LEAST_MM / 2 / max(float(length[k]), 1e-12)
+        least = SAME_PATH.min_overlap_mm / 2 / max(float(length[k]), 1e-12)
         at = [0.0]
         for cut in sorted(cuts.get(k, ())):
             if at[-1] + least < cut < 1.0 - least:
@@ -227,7 +302,7 @@ def _cut(strands: Strands, cuts: dict[int, list[float]]) -> tuple[Strands, IntAr
         of += [k] * (len(at) - 1)
         shares += pairwise(at)
     row, share = np.array(of), np.array(shares)
-    chosen = Strands(**{item.name: getattr(strands, item.name)[row] for item in fields(Strands)})
+    chosen = strands.chosen(row)
     way = (strands.end - strands.start)[row]
     whole = (share[:, 1] - share[:, 0] == 1.0)[:, None]
     return replace(
@@ -248,12 +323,11 @@ def _joined(pieces: Strands, of: IntArray, pairs: IntArray) -> Strands:
         for piece in its:
             away = np.linalg.norm(middle[mine] - middle[piece], axis=1)
             k = int(away.argmin())
-            if kept[piece] and away[k] < 2 * _SAME_MM:
+            if kept[piece] and away[k] < 2 * SAME_PATH.distance_mm:
                 kept[piece] = False
                 area[first[new] + k] += area[piece]
                 dose[first[new] + k] += dose[piece]
-    chosen = replace(pieces, area_mm2=area, dose_ul=dose)
-    return Strands(**{item.name: getattr(chosen, item.name)[kept] for item in fields(Strands)})
+    return replace(pieces, area_mm2=area, dose_ul=dose).chosen(kept)
 
 
 # Layer heights found in executed motion, and the heights of the lines printed there.
@@ -343,9 +417,15 @@ class Layering:
     @staticmethod
     def of(lines: Strands, single_mm: float | None = None) -> Layering:
         """Find them in written lines; `single_mm` as of `level_heights`."""
-        levels = written_levels(lines.end[:, 2])
-        area = level_areas(levels, lines.end[:, 2], lines.area_mm2)
-        return Layering(levels, level_heights(levels, area, single_mm))
+        return Layering.at(lines.end[:, 2], lines.area_mm2, single_mm)
+
+    @staticmethod
+    def at(z_mm: FloatArray, area_mm2: FloatArray, single_mm: float | None = None) -> Layering:
+        """Find them in the written heights (n,) of lines, and their cross-sections (n,)."""
+        levels = written_levels(z_mm)
+        return Layering(
+            levels, level_heights(levels, level_areas(levels, z_mm, area_mm2), single_mm)
+        )
 
     def number(self, z_mm: FloatArray) -> IntArray:
         """Level of each written height, (n,)."""

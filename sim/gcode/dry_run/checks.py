@@ -12,8 +12,8 @@ from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
 from kernels.arrays import FloatArray
 from sim.errors import LineError
-from sim.gcode.heads import head_findings
-from sim.gcode.motion.stepper import LEAST_RATE
+from sim.gcode.heads import first_finding, head_findings
+from sim.gcode.motion.planner import TIMER
 from sim.gcode.program.gcode import NO_COMMAND, Program, code_name
 from sim.gcode.program.modal import BAD, HOME, MOVE
 from sim.gcode.reading.file import kinds_of
@@ -89,14 +89,11 @@ def _empty(program: Program, refused: tuple[tuple[int, LineError], ...]) -> list
 
 
 def _unreadable(refused: tuple[tuple[int, LineError], ...]) -> list[Finding]:
-    return [
-        Finding(line, error.sort, f"line {line}: {error}{_such(count)}", count=count)
-        for line, error, count in kinds_of(refused)
-    ]
-
-
-def _such(count: int) -> str:
-    return f" ({count} such lines)" if count > 1 else ""
+    findings = []
+    for line, error, count in kinds_of(refused):
+        more = f" ({count} such lines)" if count > 1 else ""
+        findings.append(Finding(line, error.sort, f"line {line}: {error}{more}", count=count))
+    return findings
 
 
 def sent_length(program: Program) -> NDArray[np.int64]:
@@ -143,10 +140,6 @@ def _steps(program: Program, printer: Printer) -> FloatArray:
     return steps
 
 
-def _first(program: Program, where: NDArray[np.bool_]) -> tuple[int, int]:
-    return int(program.line[int(where.argmax())]), int(where.sum())
-
-
 def _outside(program: Program, printer: Printer, moves: NDArray[np.bool_]) -> list[Finding]:
     findings = []
     spans: tuple[Span, ...] = (printer.x_mm, printer.y_mm, printer.z_mm)
@@ -154,21 +147,17 @@ def _outside(program: Program, printer: Printer, moves: NDArray[np.bool_]) -> li
         at = program.target[:, axis]
         for beyond, limit, sign in ((span.low - at, span.low, -1), (at - span.high, span.high, 1)):
             where = moves & (beyond > _TINY_MM)
-            if where.any():
-                line, count = _first(program, where)
-                worst = limit + sign * float(beyond[where].max())
-                findings.append(
-                    Finding(
-                        line,
-                        f"outside_{name}",
-                        f"line {line}: {name} reaches {worst:.3f} mm, outside {span.low:g} to "
-                        f"{span.high:g} mm ({printer.name}: {name}_mm), in {count} moves; "
-                        "move the part (place_mm) or check the start position",
-                        worst,
-                        limit,
-                        count,
-                    )
-                )
+            worst = limit + sign * float(beyond[where].max(initial=0.0))
+            findings += first_finding(
+                program,
+                where,
+                f"outside_{name}",
+                f": {name} reaches {worst:.3f} mm, outside {span.low:g} to {span.high:g} mm "
+                f"({printer.name}: {name}_mm), in {where.sum()} moves; move the part (place_mm) or "
+                "check the start position",
+                worst,
+                limit,
+            )
     return findings
 
 
@@ -180,21 +169,17 @@ def _too_fast(
     for axis, name in enumerate((*_AXES, "e")):
         most = plungers[program.tool] if name == "e" else limit[axis]
         where = speed[:, axis] > most * (1 + 1e-6)
-        if where.any():
-            line, count = _first(program, where)
-            worst = float(speed[where, axis].max())
-            findings.append(
-                Finding(
-                    line,
-                    f"speed_{name}",
-                    f"line {line}: {name} is asked for {worst:.3f} mm/s, above "
-                    f"{limit[axis]:g} mm/s ({printer}: max_speed_mm_s.{name}), in {count} moves; "
-                    "the firmware would slow the whole move down: lower the feed",
-                    worst,
-                    float(limit[axis]),
-                    count,
-                )
-            )
+        worst = float(speed[where, axis].max(initial=0.0))
+        findings += first_finding(
+            program,
+            where,
+            f"speed_{name}",
+            f": {name} is asked for {worst:.3f} mm/s, above {limit[axis]:g} mm/s ({printer}: "
+            f"max_speed_mm_s.{name}), in {where.sum()} moves; the firmware would slow the whole "
+            "move down: lower the feed",
+            worst,
+            float(limit[axis]),
+        )
     return findings
 
 
@@ -204,68 +189,49 @@ def _too_slow(program: Program, printer: Printer) -> list[Finding]:
     moving &= events >= printer.min_steps_per_segment
     rate = np.full(len(program), np.inf)
     np.divide(events * program.feed, length, out=rate, where=moving)
-    where = rate < LEAST_RATE * (1 - 1e-6)
-    if not where.any():
-        return []
-    line, count = _first(program, where)
-    worst = float(rate.min())
-    return [
-        Finding(
-            line,
-            "too_slow",
-            f"line {line}: {worst:.1f} steps/s asked for, below {LEAST_RATE}, the slowest that the "
-            f"timer of an 8-bit board can do, in {count} moves; they run up to "
-            f"{LEAST_RATE / worst:.1f} times faster than written: raise the feed or the "
-            "steps per mm",
-            worst,
-            LEAST_RATE,
-            count,
-        )
-    ]
+    where = rate < TIMER.least_rate * (1 - 1e-6)
+    worst, least = float(rate.min(initial=np.inf)), TIMER.least_rate
+    return first_finding(
+        program,
+        where,
+        "too_slow",
+        f": {worst:.1f} steps/s asked for, below {least}, the slowest that the timer of an "
+        f"8-bit board can do, in {where.sum()} moves; they run up to {least / worst:.1f} "
+        "times faster than written: raise the feed or the steps per mm",
+        worst,
+        least,
+    )
 
 
 def _plunger(program: Program, printer: Printer) -> list[Finding]:
     """The travel of each head's plunger; the first that goes too far."""
-    if printer.pneumatic:
-        return []
     heads = [printer.of_head(number) for number in range(printer.head_count)]
     limits = np.array([head.plunger_travel_mm or np.inf for head in heads])
-    beyond = program.plunger - limits[program.tool]
-    where = beyond > _TINY_MM
-    if not where.any():
+    where = program.plunger - limits[program.tool] > _TINY_MM
+    if printer.pneumatic or not where.any():
         return []
-    line, count = _first(program, where)
     head = int(program.tool[int(where.argmax())])
     worst, limit = float(program.plunger[program.tool == head].max()), float(limits[head])
-    return [
-        Finding(
-            line,
-            "plunger_travel",
-            f"line {line}: the plunger reaches {worst:.3f} mm, above "
-            f"{limit:g} mm ({heads[head].name}: plunger_travel_mm); use a larger "
-            "syringe or split the print",
-            worst,
-            limit,
-            count,
-        )
-    ]
+    return first_finding(
+        program,
+        where,
+        "plunger_travel",
+        f": the plunger reaches {worst:.3f} mm, above {limit:g} mm ({heads[head].name}: "
+        "plunger_travel_mm); use a larger syringe or split the print",
+        worst,
+        limit,
+    )
 
 
 def _cold(program: Program, moves: NDArray[np.bool_], remedy: str) -> list[Finding]:
-    before = np.concatenate([[program.start[3]], program.target[:-1, 3]])[: len(program)]
-    where = moves & (program.target[:, 3] != before)
-    if not where.any():
-        return []
-    line, count = _first(program, where)
-    return [
-        Finding(
-            line,
-            "cold_extrusion",
-            f"line {line}: the plunger would move while cold extrusion isn't allowed, in {count} "
-            f"moves; the firmware drops or refuses such motion: {remedy}",
-            count=count,
-        )
-    ]
+    where = moves & (program.target[:, 3] != program.before[:, 3])
+    return first_finding(
+        program,
+        where,
+        "cold_extrusion",
+        f": the plunger would move while cold extrusion isn't allowed, in {where.sum()} moves; the "
+        f"firmware drops or refuses such motion: {remedy}",
+    )
 
 
 def _unknown(
@@ -285,43 +251,50 @@ def _unknown(
 def _strange(
     program: Program, unknown: tuple[tuple[int, str], ...], printer: Printer
 ) -> list[Finding]:
-    findings = []
+    findings: list[Finding] = []
     lines_of: dict[str, list[int]] = {}
     for line, name in unknown:
         lines_of.setdefault(name, []).append(line)
     for name, lines in sorted(lines_of.items())[:_MOST_NAMES]:
-        sort = "no_command" if name == code_name(NO_COMMAND) else "unknown_command"
-        what = (
-            "isn't a command"
-            if sort == "no_command"
-            else f"{name} is unknown to {printer.firmware}"
-        )
+        sort, what, remedy = "no_command", "isn't a command", ""
+        if name != code_name(NO_COMMAND):
+            sort, what = "unknown_command", f"{name} is unknown to {printer.firmware}"
+            remedy = (
+                ", or name it in the printer's profile (extra_commands) if this machine knows it"
+            )
         findings.append(
             Finding(
                 lines[0],
                 sort,
-                f"line {lines[0]}: {what} ({len(lines)} such lines); take it out{_or_name(sort)}",
+                f"line {lines[0]}: {what} ({len(lines)} such lines); take it out{remedy}",
                 count=len(lines),
             )
         )
-    for kind, sort, text in (
-        (BAD, "bad_arc", "the arc has no centre (I, J or R), its end lies off its circle by "
-         "more than 0.1 mm or abreast of its begin, or it is longer than 10 m; firmwares differ "
-         "then: write straight moves"),
-        (HOME, "homing", "homing with needle and dish mounted drives the needle through them; "
-         "take G28 out and touch off instead"),
-    ):  # fmt: skip
-        where = program.kind == kind
-        if where.any():
-            line, count = _first(program, where)
-            findings.append(Finding(line, sort, f"line {line}: {text}", count=count))
-    return findings
+    return [
+        *findings,
+        *first_finding(
+            program,
+            program.kind == BAD,
+            "bad_arc",
+            ": the arc has no centre (I, J or R), its end lies off its circle by more than 0.1 mm "
+            "or abreast of its begin, or it is longer than 10 m; firmwares differ then: write "
+            "straight moves",
+        ),
+        *first_finding(
+            program,
+            program.kind == HOME,
+            "homing",
+            ": homing with needle and dish mounted drives the needle through them; take G28 out "
+            "and touch off instead",
+        ),
+    ]
 
 
 def _offset(named: tuple[NamedCommand, ...]) -> list[Finding]:
     """Offsets by a command with a name: they shift what comes after, unknown to this dry run."""
     offsets = [at for at in named if meanings().get(at.name) is Meaning.SHIFTS]
-    lines = [at.line for at in offsets if _shifts(at.words)]
+    # Taking offsets back to 0 shifts nothing.
+    lines = [at.line for at in offsets if set(at.words.values()) - {"0", "0.0"}]
     if not lines:
         return []
     text = (
@@ -331,32 +304,15 @@ def _offset(named: tuple[NamedCommand, ...]) -> list[Finding]:
     return [Finding(lines[0], "offset", text, count=len(lines))]
 
 
-def _shifts(words: dict[str, str]) -> bool:
-    """Whether anything but taking offsets back to 0 is asked for."""
-    return any(word not in ("0", "0.0") for word in words.values())
-
-
-def _or_name(sort: str) -> str:
-    named = ", or name it in the printer's profile (extra_commands) if this machine knows it"
-    return named if sort == "unknown_command" else ""
-
-
 def _too_long(program: Program, size: NDArray[np.int64], printer: Printer) -> list[Finding]:
     # The firmware keeps one byte for the terminator.
-    limit = printer.max_line_bytes - 1
-    where = size - 1 > limit
-    if not where.any():
-        return []
-    line, count = _first(program, where)
-    worst = int(size.max()) - 1
-    return [
-        Finding(
-            line,
-            "long_line",
-            f"line {line}: {worst} bytes with line number and checksum, above {limit} "
-            f"({printer.name}: max_line_bytes); the firmware cuts it off: split the line",
-            worst,
-            limit,
-            count,
-        )
-    ]
+    limit, worst = printer.max_line_bytes - 1, int(size.max(initial=0)) - 1
+    return first_finding(
+        program,
+        size - 1 > limit,
+        "long_line",
+        f": {worst} bytes with line number and checksum, above {limit} ({printer.name}: "
+        "max_line_bytes); the firmware cuts it off: split the line",
+        worst,
+        limit,
+    )

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer
 from firmware_profiles.families.pairing import Pairing
 from kernels import jit
-from kernels.arrays import FloatArray
-from sim.gcode.motion.hardware import BLOCK_S, CORNER_S, TRAPEZOID_S, Board
+from kernels.arrays import FloatArray, IntArray
 from sim.gcode.motion.planner import (
     add_move,
     main_share,
@@ -22,12 +21,19 @@ from sim.gcode.motion.planner import (
     set_axis,
     take_head,
 )
-from sim.gcode.motion.state import LOG, Records, new_planner, new_ring
+from sim.gcode.motion.state import (
+    LOG,
+    PLANNING,
+    Board,
+    Records,
+    new_planner,
+    new_ring,
+)
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
 
 LEAST_LOSS: Final = 0.005
-"""Share of a file's time below which lost time isn't told."""
+"""Share of a file's time below which lost time isn't reported."""
 
 
 @dataclass(frozen=True)
@@ -62,38 +68,25 @@ def run_program(
 
     Parameters
     ----------
-    program : Program
-    printer : Printer
-    start_mm : tuple, mm
     extrudes : (n,) bool
         Where the plunger may move.
-    times : LineTimes
     """
     planner, ring = new_planner(printer, start_mm), new_ring(printer)
     log = np.zeros(len(program) + len(ring), LOG)
     starved = np.zeros(len(program), np.bool_)
-    plan_s = np.array([BLOCK_S, CORNER_S, TRAPEZOID_S]) * (1.0 if times.byte_s else 0.0)
-    duration = _feed(
+    scale = 1.0 if times.byte_s else 0.0
+    rows = _Rows(
         program.kind,
         program.target,
         program.feed,
         program.value,
         program.command,
         program.tool,
-        times.out_s,
-        times.ok_s,
-        times.board_s,
-        times.follows,
-        times.withheld_s,
-        np.array([times.turnaround_s, 2 * times.byte_s, times.receive_share]),
         extrudes,
-        plan_s,
-        Board().costs(),
-        planner,
-        ring,
-        log,
-        starved,
     )
+    block_s, corner_s, trapezoid_s = (scale * seconds for seconds in PLANNING)
+    costs = _Costs(block_s, corner_s, trapezoid_s, Board().costs())
+    duration = _feed(rows, times, costs, planner, ring, log, starved)
     made = log[: int(planner["logged"][0])]
     return PlannedProgram(made, float(duration), int(planner["merged"][0]), starved)
 
@@ -128,9 +121,12 @@ def starvation(
     """Compare a run with one in which lines come at once; parameters as of `run_program`."""
     if not fed.starved.any() or not times.byte_s:
         return StarvedMotion()
-    at_once = replace(times, out_s=np.sign(times.out_s) * 1e-9, ok_s=times.ok_s * 0.0,
-                      withheld_s=times.withheld_s * 0.0,
-                      turnaround_s=0.0)  # fmt: skip
+    at_once = times._replace(
+        out_s=np.sign(times.out_s) * 1e-9,
+        ok_s=times.ok_s * 0.0,
+        withheld_s=times.withheld_s * 0.0,
+        turnaround_s=0.0,
+    )
     free = run_program(program, printer, start_mm, extrudes, at_once)
     late = fed.starved & ~free.starved
     seconds = fed.duration_s - free.duration_s
@@ -139,23 +135,32 @@ def starvation(
     return StarvedMotion(int(late.sum()), seconds, int(program.line[int(late.argmax())]))
 
 
+class _Rows(NamedTuple):
+    """A program's columns, and where the plunger may move."""
+
+    kind: IntArray
+    target: FloatArray
+    feed: FloatArray
+    value: FloatArray
+    command: IntArray
+    tool: IntArray
+    extrudes: NDArray[np.bool_]
+
+
+class _Costs(NamedTuple):
+    """Processor time for a block, its corner and each trapezoid, s; as of `command_time`."""
+
+    block_s: float
+    corner_s: float
+    trapezoid_s: float
+    board: FloatArray
+
+
 @jit
 def _feed(
-    kind: NDArray[np.int64],
-    target: FloatArray,
-    feed: FloatArray,
-    value: FloatArray,
-    command: NDArray[np.int64],
-    tool: NDArray[np.int64],
-    out_s: FloatArray,
-    ok_s: FloatArray,
-    board_s: FloatArray,
-    follows: NDArray[np.bool_],
-    withheld_s: FloatArray,
-    host_s: FloatArray,
-    extrudes: NDArray[np.bool_],
-    plan_s: FloatArray,
-    costs: FloatArray,
+    rows: _Rows,
+    times: LineTimes,
+    costs: _Costs,
     planner: Records,
     ring: Records,
     log: Records,
@@ -163,67 +168,79 @@ def _feed(
 ) -> float:
     """Feed the planner row by row; returns the time from the first pulse or dwell to the last, s.
 
-    Parameters
-    ----------
-    out_s, ok_s, board_s, follows, withheld_s
-        As in `LineTimes`.
-    host_s : (3,) float64
-        The host's turnaround, s; two bytes, which the board's transmitter takes at once, s; the
-        share of the processor that received bytes take.
-    plan_s : (3,) float64, s
-        For a block, its corner, and each trapezoid; ``costs`` as for `planner.command_time`.
+    ``starved`` (n,) is set where a move came too late.
     """
-    now, arrival, answered, answer = 0.0, 0.0, -host_s[0], 0.0
+    now, arrival, answered, answer = 0.0, 0.0, -times.turnaround_s, 0.0
     begin, finish = np.inf, 0.0
     along = flowing = False
-    for i in range(len(kind)):
-        if out_s[i] > 0.0:
-            if along and follows[i]:
-                # bytes that come while the line ahead is worked on take their interrupts from it
-                now += host_s[2] * min(max(now - arrival, 0.0), out_s[i] - withheld_s[i])
-            answered = max(answered, now + answer)
-            now = max(now, answered - host_s[1])
-            if along and follows[i] and withheld_s[i] > 0.0:
-                text = arrival + out_s[i] - withheld_s[i]
-                arrival = max(text, answered + host_s[0]) + withheld_s[i]
-            elif along and follows[i]:
-                arrival += out_s[i]
-                along = False
-            else:
-                arrival = answered + host_s[0] + out_s[i]
-                along = True
-            answer = ok_s[i]
-            now = max(now, arrival)
+    for i in range(len(rows.kind)):
+        kind = rows.kind[i]
+        if times.out_s[i] > 0.0:
+            now, arrival, answered, along = _line(times, i, now, arrival, answered, answer, along)
+            answer = times.ok_s[i]
             run_until(planner, ring, log, now)
-            now += board_s[i] / main_share(planner, ring, now, costs)
+            now += times.board_s[i] / main_share(planner, ring, now, costs.board)
         run_until(planner, ring, log, now)
-        if kind[i] == MOVE:
+        if kind == MOVE:
             now = _room(planner, ring, log, now)
-            if not extrudes[i]:
-                set_axis(planner, 3, target[i, 3])
+            if not rows.extrudes[i]:
+                set_axis(planner, 3, rows.target[i, 3])
             now, made = _move(
-                planner, ring, log, target[i], feed[i], command[i], plan_s, costs, now
+                planner, ring, log, rows.target[i], rows.feed[i], rows.command[i], costs, now
             )
             starved[i] = made and flowing and planner[0].starved
             flowing = flowing or made
-        elif kind[i] == SET_POSITION:
-            set_axis(planner, 3, target[i, 3])
-        elif kind[i] == TOOL:
+        elif kind == SET_POSITION:
+            set_axis(planner, 3, rows.target[i, 3])
+        elif kind == TOOL:
             now = _drain(planner, ring, log, now)
-            take_head(planner, tool[i], target[i, 3])
-        elif kind[i] == DWELL:
+            take_head(planner, rows.tool[i], rows.target[i, 3])
+        elif kind == DWELL:
             now = _drain(planner, ring, log, now)
             begin = min(begin, now)
-            now += value[i]
+            now += rows.value[i]
             finish = max(finish, now)
             flowing = False
-        elif kind[i] == SYNC or kind[i] == HOME:
+        elif kind in (SYNC, HOME):
             now = _drain(planner, ring, log, now)
             flowing = False
-            if kind[i] == HOME:
-                _homed(planner, target[i])
+            if kind == HOME:
+                _homed(planner, rows.target[i])
     _drain(planner, ring, log, now)
     return _lasted(planner, begin, finish)
+
+
+@jit
+def _line(
+    times: LineTimes,
+    i: int,
+    now: float,
+    arrival: float,
+    answered: float,
+    answer: float,
+    along: bool,
+) -> tuple[float, float, float, bool]:
+    """Send line i; returns when the board takes it, when it and the answer before it arrived.
+
+    ``along`` tells whether the line before may be followed unanswered; returned for this one.
+    """
+    out, withheld, follows = times.out_s[i], times.withheld_s[i], along and times.follows[i]
+    if follows:
+        # bytes that come while the line ahead is worked on take their interrupts from it
+        share = LINE_TIME.receive_s / times.byte_s if times.byte_s > 0.0 else 0.0
+        now += share * min(max(now - arrival, 0.0), out - withheld)
+    answered = max(answered, now + answer)
+    # The board's transmitter takes two bytes at once.
+    now = max(now, answered - 2 * times.byte_s)
+    if follows and withheld > 0.0:
+        arrival = max(arrival + out - withheld, answered + times.turnaround_s) + withheld
+    elif follows:
+        arrival += out
+        along = False
+    else:
+        arrival = answered + times.turnaround_s + out
+        along = True
+    return max(now, arrival), arrival, answered, along
 
 
 @jit
@@ -234,18 +251,17 @@ def _move(
     target: FloatArray,
     feed: float,
     command: int,
-    plan_s: FloatArray,
-    costs: FloatArray,
+    costs: _Costs,
     now: float,
 ) -> tuple[float, bool]:
     """Plan a move that there is room for; returns when that is done, and if it made a block."""
-    share = main_share(planner, ring, now, costs)
+    share = main_share(planner, ring, now, costs.board)
     waits = planner[0].count > (1 if planner[0].running else 0)
-    planned = now + (plan_s[0] + (plan_s[1] if waits else 0.0)) / share
+    planned = now + (costs.block_s + (costs.corner_s if waits else 0.0)) / share
     run_until(planner, ring, log, planned)
     if not add_move(planner, ring, target, feed, command, planned):
         return now, False
-    planned += planner[0].trapezoids * plan_s[2] / share
+    planned += planner[0].trapezoids * costs.trapezoid_s / share
     return planned, True
 
 
@@ -266,7 +282,7 @@ def _homed(planner: Records, target: FloatArray) -> None:
 
 @jit
 def _lasted(planner: Records, begin: float, finish: float) -> float:
-    """Seconds from the first pulse or dwell to the last, both as far as dwells have told them."""
+    """Seconds from the first pulse or dwell to the last, dwells included."""
     if planner[0].logged > 0:
         begin = min(begin, planner[0].first_pulse)
         finish = max(finish, planner[0].run_end)
@@ -299,31 +315,38 @@ def _drain(planner: Records, ring: Records, log: Records, now: float) -> float:
 # modelled: a report that the board makes on its own, lines sent again, a host that stalls.
 
 _BITS_PER_BYTE: Final = 10
-_CLOCK_HZ: Final = 16_000_000
-"""Of the boards that make their baud with a divider of 8 bits' grain."""
-_FINE_BAUD: Final = 57_600
-"""Above it the divider counts eighths of the clock (U2X)."""
-_LINE_S: Final = 0.06e-3
-_BYTE_S: Final = 15.5e-6
-_MOVE_S: Final = 0.34e-3
-_RECEIVE_S: Final = 8e-6
-"""A received byte's interrupt, some 130 cycles; felt where the processor works meanwhile."""
 
 
-@dataclass(frozen=True)
-class LineTimes:
+class LineTime(NamedTuple):
+    """Time of an 8-bit board for a line, measured as described above."""
+
+    # Of the boards that make their baud with a divider of 8 bits' grain.
+    clock_hz: int = 16_000_000
+    fine_baud: int = 57_600  # Above it the divider counts eighths of the clock (U2X).
+    line_s: float = 0.06e-3
+    byte_s: float = 15.5e-6
+    move_s: float = 0.34e-3
+    # A received byte's interrupt, some 130 cycles; felt where the processor works meanwhile.
+    receive_s: float = 8e-6
+
+
+LINE_TIME: Final = LineTime()
+
+
+class LineTimes(NamedTuple):
     """Times of each row of a program, (n,) float64, s; 0 for rows that come with the one before.
 
     Attributes
     ----------
-    out_s : bytes to the board.
-    ok_s : bytes of the answer.
-    board_s : the processor's, without the planner's.
+    out_s, ok_s, board_s : (n,) float64, s
+        Of the bytes to the board, of the answer's bytes, and of the processor without the planner.
     follows : (n,) bool
         Rows whose line may leave before the one ahead of it is answered.
-    withheld_s : of a line that follows, the end that leaves once the one ahead is answered; 0
-        where both leave whole, and the next with the answer to both.
+    withheld_s : (n,) float64, s
+        Of a line that follows, the end that leaves once the one ahead is answered; 0 where both
+        leave whole, and the next with the answer to both.
     byte_s : float, s
+        0 where the controller has the whole file.
     turnaround_s : float, s
         From an answer's last byte to the next line's first.
     """
@@ -336,17 +359,14 @@ class LineTimes:
     byte_s: float
     turnaround_s: float
 
-    @property
-    def receive_share(self) -> float:
-        """Share of the processor that bytes take as they come in, one behind the other."""
-        return _RECEIVE_S / self.byte_s if self.byte_s else 0.0
-
 
 def byte_seconds(printer: Printer) -> float:
     """Return a byte's time on the wire, s, as the board's divider of its clock gives it."""
     baud = float(printer.baud)
-    if printer.max_step_rate_hz is None and printer.baud > _FINE_BAUD:  # an 8-bit board
-        baud = _CLOCK_HZ / 8 / max((_CLOCK_HZ // 4 // printer.baud - 1) // 2 + 1, 1)
+    if printer.max_step_rate_hz is None and printer.baud > LINE_TIME.fine_baud:  # an 8-bit board
+        baud = (
+            LINE_TIME.clock_hz / 8 / max((LINE_TIME.clock_hz // 4 // printer.baud - 1) // 2 + 1, 1)
+        )
     return _BITS_PER_BYTE / baud
 
 
@@ -355,10 +375,8 @@ def line_times(program: Program, gcode: bytes, printer: Printer) -> LineTimes:
 
     Parameters
     ----------
-    program : Program
     gcode : bytes
         What it was read from, each line as it is sent.
-    printer : Printer
     """
     sums = checksums(program, gcode)
     sent, nothing = sent_bytes(program, sums), np.zeros(len(program))
@@ -374,7 +392,9 @@ def line_times(program: Program, gcode: bytes, printer: Printer) -> LineTimes:
     return LineTimes(
         out_s=sent * byte_s,
         ok_s=answer * byte_s,
-        board_s=np.where(sent > 0, _LINE_S + _BYTE_S * sent + _MOVE_S * moves, 0.0),
+        board_s=np.where(
+            sent > 0, LINE_TIME.line_s + LINE_TIME.byte_s * sent + LINE_TIME.move_s * moves, 0.0
+        ),
         follows=follows,
         withheld_s=withheld * byte_s,
         byte_s=byte_s,
@@ -387,7 +407,7 @@ def _followers(
 ) -> tuple[NDArray[np.bool_], FloatArray]:
     """Return which lines may follow the one ahead unanswered, and how many bytes they keep back.
 
-    The rule is the link's own, asked for each two lines: both (n,).
+    The rule is the link's own, applied to each two lines: both (n,).
     """
     pairing = Pairing(printer.receive_buffer_bytes, printer.withholds)
     follows, withheld = np.zeros(len(program), np.bool_), np.zeros(len(program))
@@ -400,11 +420,21 @@ def _followers(
     return follows, withheld
 
 
-def checksums(program: Program, gcode: bytes) -> NDArray[np.int64]:
-    """Return the checksum of each row's line as sent, (n,)."""
-    sums = np.zeros(len(program), np.int64)
-    _checksums(np.frombuffer(gcode, np.uint8), program.line, program.length, program.command, sums)
-    return sums
+def checksums(program: Program, gcode: bytes) -> IntArray:
+    """Return the checksum of each row's line as sent, (n,): the XOR of its bytes and its number's.
+
+    ``gcode`` has its lines as they are sent, without blanks before the command.
+    """
+    text = np.frombuffer(gcode, np.uint8)
+    upto = np.append(0, np.bitwise_xor.accumulate(text)).astype(np.int64)
+    begin = np.append(0, np.flatnonzero(text == ord("\n")) + 1)[program.line - 1]
+    end = np.minimum(begin + program.length, len(text))
+    sums = upto[end] ^ upto[begin] ^ ord("N") ^ ord(" ")
+    number = program.command + 1
+    while number.any():
+        sums ^= np.where(number > 0, ord("0") + number % 10, 0)
+        number = number // 10
+    return np.where(program.length > 0, sums, 0)
 
 
 def sent_bytes(program: Program, sums: NDArray[np.int64]) -> FloatArray:
@@ -413,32 +443,3 @@ def sent_bytes(program: Program, sums: NDArray[np.int64]) -> FloatArray:
     check = 1 + (sums > 9).astype(np.int64) + (sums > 99)
     # N, digits, a blank, the command, *, checksum, line end
     return np.where(program.length > 0, program.length + digits + check + 4, 0).astype(np.float64)
-
-
-@jit
-def _checksums(
-    text: NDArray[np.uint8],
-    line: NDArray[np.int64],
-    length: NDArray[np.int64],
-    command: NDArray[np.int64],
-    out: NDArray[np.int64],
-) -> None:
-    """XOR of each row's line with its number, into ``out`` (n,)."""
-    at, number = 0, 1
-    for i in range(len(line)):
-        if length[i] == 0:
-            continue
-        while number < line[i] and at < len(text):
-            number += 1 if text[at] == 10 else 0
-            at += 1
-        begin = at
-        while begin < len(text) and text[begin] <= 32 and text[begin] != 10:
-            begin += 1
-        value = 78 ^ 32  # N and the blank
-        rest = command[i] + 1
-        while rest > 0:
-            value ^= 48 + rest % 10
-            rest //= 10
-        for k in range(begin, min(begin + length[i], len(text))):
-            value ^= text[k]
-        out[i] = value

@@ -57,7 +57,6 @@ class ExecutedMotion:
 
         Parameters
         ----------
-        number : int
         offset_mm : tuple, mm
             Of its tip from the first head's, both lowered (`firmware_profiles.Head.offset_mm`).
         """

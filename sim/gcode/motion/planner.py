@@ -5,7 +5,7 @@ What is modelled, after Marlin 2.1 with junction deviation: rounding of targets 
 slowing down of short segments while the ring is nearly empty, junction speeds with the rule for
 small segments and each block's least speed, reverse and forward passes, trapezoids from step
 counts, the wait of an idle stepper for a third block or 100 looks of 1 ms, and pulse times as the
-stepper's interrupt gives them (`sim.gcode.motion.stepper`).
+stepper's interrupt gives them (`sim.gcode.motion.planner`).
 
 What isn't: S-curves, linear advance, input shaping, classic jerk, backlash correction, an arc's
 own hints, the processor's load (a real 8-bit board stutters above some 20,000 events/s).
@@ -14,20 +14,150 @@ own hints, the processor's load (a real 8-bit board stutters above some 20,000 e
 from __future__ import annotations
 
 import math
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
 from sim.gcode.motion.state import Record, Records
-from sim.gcode.motion.stepper import LEAST_RATE, TICKS_PER_S, axis_steps, pulses_per_interrupt, walk
 
-LOOK_S = 1e-3
-"""An idle stepper's time between two looks for a block."""
-FIRST_BLOCK_LOOKS = 100
-"""Looks for which an idle stepper waits for company before it takes a single block."""
-COMPANY = 3
-"""Blocks that make an idle stepper start at once."""
+# Step a motion block as Marlin's stepper interrupt does: step events done, timer ticks taken.
+#
+# The interrupt of an 8-bit board runs on a 16-bit timer at 2 MHz. After each pulse it works out the
+# rate of the next one from the time spent accelerating so far and turns it into a timer interval by
+# a table of two parts, interpolated linearly (fine above 2048 events/s, coarse below). In the
+# timer's clear-on-compare mode a period is one tick longer than its compare value.
+
+
+class StepTimer(NamedTuple):
+    """Timer of the stepper interrupt on an 8-bit board."""
+
+    ticks_per_s: int = 2_000_000
+    slowest: int = 32  # Least rate, events/s, at which the 16-bit timer doesn't overflow.
+    least_rate: int = 32  # Least rate of a trapezoid's ends, events/s.
+    # Events/s above which one interrupt gives two pulses, then four and so on.
+    single_rate: int = 10_000
+    period_extra: int = 1  # Ticks that the timer adds to each interval.
+    no_limit: int = 1 << 62
+
+
+TIMER: Final = StepTimer()
+
+
+@jit
+def timer_interval(rate: int) -> int:
+    """Ticks that the table of the 8-bit boards gives for ``rate`` events/s."""
+    if rate <= TIMER.slowest:
+        return TIMER.ticks_per_s // TIMER.slowest
+    above = rate - TIMER.slowest
+    if above >= 2048:
+        base = TIMER.ticks_per_s // (TIMER.slowest + (above & ~255))
+        gain = base - TIMER.ticks_per_s // (TIMER.slowest + (above & ~255) + 256)
+        return base - ((gain * (above & 255)) >> 8)
+    base = TIMER.ticks_per_s // (TIMER.slowest + (above & ~7))
+    gain = base - TIMER.ticks_per_s // (TIMER.slowest + (above & ~7) + 8)
+    return base - ((gain * (above & 7)) >> 3)
+
+
+@jit
+def pulses_per_interrupt(rate: int) -> int:
+    """Pulses of one interrupt at ``rate`` events/s: a power of two, at most 16."""
+    pulses = 1
+    while pulses < 16 and rate > TIMER.single_rate * pulses:
+        pulses *= 2
+    return pulses
+
+
+@jit
+def walk(block: Record, ticks_left: int) -> tuple[int, int, int]:
+    """Step a block through its trapezoid until it ends or ``ticks_left`` run out.
+
+    Parameters
+    ----------
+    block : record of `BLOCK`
+        Its trapezoid must be final.
+    ticks_left : int
+        Stop before the pulse that would come later than this; negative for no limit.
+
+    Returns
+    -------
+    events : int
+        Step events done.
+    ticks : int
+        From the block's start to its last pulse.
+    first : int
+        From the block's start to its first pulse.
+    """
+    # One loop, as the interrupt is one: its phases share nine running values, so that any part
+    # taken out would have to be given, and give back, nearly all of them.
+    limit = ticks_left if ticks_left >= 0 else TIMER.no_limit
+    # Rates in 24-bit fixed point per tick, as the interrupt multiplies them.
+    slope = int(block.acceleration_rate * (16777216.0 / TIMER.ticks_per_s))
+    rate = block.initial_rate
+    peak = rate
+    pulses = pulses_per_interrupt(rate)
+    interval = timer_interval(rate // pulses)
+    accelerating = interval // 2
+    decelerating = interval // 2
+    first = interval + TIMER.period_extra
+    ticks = 0
+    events = 0
+    cruise = 0
+    cruise_pulses = 1
+    while True:
+        if ticks + interval + TIMER.period_extra > limit:
+            return events, ticks, first
+        ticks += interval + TIMER.period_extra
+        events += pulses
+        if events >= block.events:
+            return block.events, ticks, first
+        if events < block.accelerate_before:
+            peak = min(((accelerating * slope) >> 24) + block.initial_rate, block.nominal_rate)
+            pulses = pulses_per_interrupt(peak)
+            interval = timer_interval(peak // pulses)
+            accelerating += interval
+            decelerating = 0
+        elif events >= block.decelerate_start:
+            loss = (decelerating * slope) >> 24
+            rate = max(peak - loss, block.final_rate)
+            pulses = pulses_per_interrupt(rate)
+            interval = timer_interval(rate // pulses)
+            decelerating += interval
+        else:
+            if cruise == 0:
+                peak = block.nominal_rate
+                cruise_pulses = pulses_per_interrupt(peak)
+                cruise = timer_interval(peak // cruise_pulses)
+                decelerating = cruise // 2
+            pulses = cruise_pulses
+            interval = cruise
+            # All interrupts of the plateau but its last one take the same time: skip them.
+            skip = (block.decelerate_start - events - 1) // pulses
+            skip = min(skip, (limit - ticks) // (interval + TIMER.period_extra))
+            if skip > 0:
+                ticks += skip * (interval + TIMER.period_extra)
+                events += skip * pulses
+
+
+@jit
+def axis_steps(steps: int, events: int, done: int) -> int:
+    """Steps of one axis after ``done`` of a block's ``events``: Bresenham from one half."""
+    size = abs(steps)
+    taken = (2 * size * done + events) // (2 * events)
+    return taken if steps >= 0 else -taken
+
+
+class IdleStepper(NamedTuple):
+    """When an idle stepper takes a block."""
+
+    look_s: float = 1e-3  # An idle stepper's time between two looks for a block.
+    # Looks for which an idle stepper waits for company before it takes a single block.
+    first_block_looks: int = 100
+    company: int = 3  # Blocks that make an idle stepper start at once.
+
+
+IDLE: Final = IdleStepper()
 
 
 @jit
@@ -39,8 +169,8 @@ def set_trapezoid(block: Record, entry: float, leave: float) -> None:
     initial = block.initial_rate
     if entry > 0:
         initial = math.floor(entry * block.steps_per_mm + 0.5)
-    initial = max(initial, LEAST_RATE)
-    final = max(math.floor(leave * block.steps_per_mm + 0.5), LEAST_RATE)
+    initial = max(initial, TIMER.least_rate)
+    final = max(math.floor(leave * block.steps_per_mm + 0.5), TIMER.least_rate)
     nominal_sq = float(block.nominal_rate) * block.nominal_rate
     half_inverse = 0.5 / block.acceleration_rate
     up = half_inverse * (nominal_sq - float(initial) * initial)
@@ -181,12 +311,12 @@ def add_move(
         planner.position[axis] = target[axis]
     planner.prev_speed = block.nominal_speed
     if planner.count == 0:
-        looks = math.floor((now - planner.run_end) / LOOK_S) + FIRST_BLOCK_LOOKS
-        planner.deliver_at = planner.run_end + looks * LOOK_S
+        looks = math.floor((now - planner.run_end) / IDLE.look_s) + IDLE.first_block_looks
+        planner.deliver_at = planner.run_end + looks * IDLE.look_s
     planner.count += 1
     _reverse_pass(planner, ring, block.least_sq)
     _set_trapezoids(planner, ring, block.least_sq)
-    if planner.count >= COMPANY:
+    if planner.count >= IDLE.company:
         planner.deliver_at = min(planner.deliver_at, next_look(planner, now))
     return True
 
@@ -194,7 +324,7 @@ def add_move(
 @jit
 def next_look(planner: Record, now: float) -> float:
     """When an idle stepper next looks for a block, s: each millisecond from its last one's end."""
-    return float(planner.run_end + math.ceil((now - planner.run_end) / LOOK_S) * LOOK_S)
+    return float(planner.run_end + math.ceil((now - planner.run_end) / IDLE.look_s) * IDLE.look_s)
 
 
 @jit
@@ -217,7 +347,7 @@ def command_time(
     Parameters
     ----------
     costs : (5,) float64
-        command_s, block_s, interrupt_s, pulse_s and most_load of `sim.gcode.motion.hardware.Board`.
+        command_s, block_s, interrupt_s, pulse_s and most_load of `sim.gcode.motion.state.Board`.
     """
     seconds = costs[0] + planner_of[0].count * costs[1]
     return seconds / main_share(planner_of, ring, now, costs)
@@ -257,8 +387,8 @@ def run_until(planner_of: Records, ring: Records, log: Records, now: float) -> N
         planner.run_start = next_event(planner_of)
         _, ticks, first = walk(block, -1)
         if np.isnan(planner.first_pulse):
-            planner.first_pulse = planner.run_start + first / TICKS_PER_S
-        planner.run_end = planner.run_start + ticks / TICKS_PER_S
+            planner.first_pulse = planner.run_start + first / TIMER.ticks_per_s
+        planner.run_end = planner.run_start + ticks / TIMER.ticks_per_s
         planner.running = True
 
 
@@ -286,7 +416,7 @@ def count_steps(planner_of: Records, ring: Records, now: float, out: NDArray[np.
         out[axis] = planner.physical[axis]
     if planner.running:
         block = ring[planner.tail]
-        done, _, _ = walk(block, max(int((now - planner.run_start) * TICKS_PER_S), 0))
+        done, _, _ = walk(block, max(int((now - planner.run_start) * TIMER.ticks_per_s), 0))
         for axis in range(4):
             out[axis] += axis_steps(block.steps[axis], block.events, done)
     return done
@@ -404,7 +534,7 @@ def set_speeds(planner: Record, block: Record, feed: float, waiting: int, half: 
             factor = min(factor, planner.max_speed[axis] / wanted)
     rate = math.ceil(F(block.events) * per_s)
     block.nominal_speed = block.millimetres * per_s * factor
-    block.nominal_rate = max(int(F(rate) * factor), LEAST_RATE)
+    block.nominal_rate = max(int(F(rate) * factor), TIMER.least_rate)
 
 
 @jit

@@ -2,7 +2,7 @@
 
 `read_gcode` takes a whole file in one compiled pass (about a million lines a second) and gives
 moves with all modal state resolved; `parse_line` takes one line for those who answer it. Both
-rest on the same two kernels, `sim.gcode.program.words.split_words` and
+rest on the same two kernels, `sim.gcode.program.modal.split_words` and
 `sim.gcode.program.modal.interpret`.
 
 Read are G0 to G4 (arcs in the xy plane, cut into segments), G20, G21, G28, G90 to G92, M82, M83,
@@ -27,9 +27,8 @@ from sim.gcode.program.modal import (
     BAD,
     DWELL,
     HOME,
-    MODAL,
     MOVE,
-    SET_POSITION,
+    WORDS,
     arc_is_sound,
     arc_points,
     dwell_s,
@@ -37,8 +36,8 @@ from sim.gcode.program.modal import (
     interpret,
     new_modal,
     speed,
+    split_words,
 )
-from sim.gcode.program.words import WORDS, split_words
 from sim.user_files import text_of
 
 NO_COMMAND: Final = 0
@@ -67,7 +66,6 @@ class Command:
     ----------
     letter : str
         G, M or T; empty where the line is no command.
-    number : int
     line_number : int or None
         The N word.
     values : dict of str to float
@@ -215,10 +213,8 @@ class Columns(NamedTuple):
     @staticmethod
     def of(room: int) -> Columns:
         """Nothing as yet."""
-        count: list[IntArray] = [np.empty(room, np.int64) for _ in range(6)]
-        real: list[FloatArray] = [np.empty(room) for _ in range(3)]
-        line, command, code_, kind, tool, length = count
-        plunger, feed, value = real
+        line, command, code_, kind, tool, length = (np.empty(room, np.int64) for _ in range(6))
+        plunger, feed, value = (np.empty(room) for _ in range(3))
         target = np.empty((room, 4))
         return Columns(line, command, code_, kind, target, plunger, tool, feed, value, length)
 
@@ -233,7 +229,6 @@ def read_gcode(
 
     Parameters
     ----------
-    gcode : bytes
     start_mm : tuple, mm
         Where the tip stands before the first line.
     heads : int
@@ -261,7 +256,7 @@ def read_gcode(
 
 @jit
 def split_line(text: bytes, words: Records) -> None:
-    """`sim.gcode.program.words.split_words` of a whole line, into (1,) of `WORDS`."""
+    """`sim.gcode.program.modal.split_words` of a whole line, into (1,) of `WORDS`."""
     split_words(text, 0, len(text), words[0])
 
 
@@ -350,18 +345,3 @@ def _home(modal: Record, words: Record) -> None:
         if named == 0 or (named >> axis) & 1:
             modal.position[axis] = 0.0
             modal.shift[axis] = 0.0
-
-
-__all__ = [
-    "MODAL",
-    "SET_POSITION",
-    "Command",
-    "Program",
-    "checksum",
-    "code",
-    "code_name",
-    "command_of",
-    "parse_line",
-    "read_gcode",
-    "split_line",
-]

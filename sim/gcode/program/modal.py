@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,161 @@ from firmware_profiles import MOST_HEADS
 from firmware_profiles.families.grammar import E_RULES, ERule
 from kernels import jit
 from sim.gcode.motion.state import Record, Records
+
+# Parse the words of one G-code line as a firmware does.
+
+WORDS: Final = np.dtype(
+    [
+        ("letter", "i8"),  # of the command: G, M or T; 0 where there is none
+        ("number", "i8"),  # after it; -1 where there is none
+        ("begin", "i8"),  # index of the command's letter, after line number and blanks
+        ("numbered", "i8"),  # the line number N; -1 without one
+        ("seen", "i8"),  # bit 0 for A … bit 25 for Z: the letter stands in the line
+        ("valued", "i8"),  # and a number follows it
+        ("value", "f8", (26,)),
+    ],
+    align=True,
+)
+"""One line, taken apart."""
+
+_POWERS = tuple(10.0**n for n in range(19))
+_MOST_DIGITS = 17
+
+_A, _Z = ord("A"), ord("Z")
+_BLANK, _PLUS, _MINUS, _POINT = ord(" "), ord("+"), ord("-"), ord(".")
+_ZERO, _NINE, _STAR = ord("0"), ord("9"), ord("*")
+_G, _M, _N, _T = ord("G"), ord("M"), ord("N"), ord("T")
+_TEXT_CODES = (23, 28, 30, 117, 118, 928)
+_CODE_MASK = 0xFFFF
+_REST = (_PLUS, _MINUS, _POINT)
+
+
+@jit
+def is_digit(char: int) -> bool:
+    """Whether a byte is a decimal digit."""
+    return _ZERO <= char <= _NINE
+
+
+@jit
+def number_at(text: bytes, at: int, end: int) -> tuple[float, int]:
+    """Decimal number that begins at ``at``, and the index after it.
+
+    No exponent: in G-code an E begins the next word. The index equals ``at`` where no number
+    stands. Exact to the last bit up to 15 digits; digits beyond 17 are dropped.
+    """
+    i = at
+    negative = False
+    if i < end and (text[i] == _MINUS or text[i] == _PLUS):
+        negative = text[i] == _MINUS
+        i += 1
+    mantissa = 0
+    digits = 0
+    decimals = 0
+    whole = 0
+    while i < end and is_digit(text[i]):
+        if digits < _MOST_DIGITS:
+            mantissa = mantissa * 10 + (text[i] - _ZERO)
+            digits += 1 if mantissa > 0 else 0
+        else:
+            decimals -= 1
+        whole += 1
+        i += 1
+    if i < end and text[i] == _POINT:
+        i += 1
+        while i < end and is_digit(text[i]):
+            if digits < _MOST_DIGITS and decimals < 18:
+                mantissa = mantissa * 10 + (text[i] - _ZERO)
+                digits += 1 if mantissa > 0 else 0
+                decimals += 1
+            whole += 1
+            i += 1
+    if whole == 0:
+        return 0.0, at
+    value = float(mantissa)
+    if decimals > 0:
+        value /= _POWERS[decimals]
+    elif decimals < 0:
+        value *= _POWERS[min(-decimals, 18)]
+    return (-value if negative else value), i
+
+
+@jit
+def _skip_blanks(text: bytes, at: int, end: int) -> int:
+    while at < end and text[at] == _BLANK:
+        at += 1
+    return at
+
+
+@jit
+def split_words(text: bytes, start: int, end: int, words: Record) -> None:
+    """Take ``text[start:end]`` apart: a line without comment and line end.
+
+    The rules are those of Marlin's parser (``gcode/parser.cpp``, 2.1, built without subcodes,
+    quoted strings and lower case): capitals only, the last of equal letters counts, a checksum is
+    cut off, blanks may stand between a letter and its number, and whatever is neither letter nor
+    number is skipped. A code is kept in 16 bits. Who must not be read so leniently asks
+    `sim.gcode.reading` first.
+
+    Parameters
+    ----------
+    start, end : int
+        The line.
+    words : record of `WORDS`
+        Written.
+    """
+    words.letter = 0
+    words.number = -1
+    words.numbered = -1
+    words.seen = 0
+    words.valued = 0
+    at = _skip_blanks(text, start, end)
+    if at + 1 < end and text[at] == _N and (is_digit(text[at + 1]) or text[at + 1] == _MINUS):
+        value, _ = number_at(text, at + 1, end)
+        words.numbered = int(value)
+        at += 2
+        while at < end and is_digit(text[at]):
+            at += 1
+        at = _skip_blanks(text, at, end)
+    words.begin = at
+    if at >= end:
+        return
+    letter = text[at]
+    at += 1
+    stop = at
+    while stop < end and text[stop] != _STAR:
+        stop += 1
+    at = _skip_blanks(text, at, stop)
+    if letter not in (_G, _M, _T) or at >= stop or not is_digit(text[at]):
+        return
+    words.letter = letter
+    number = 0
+    while at < stop and is_digit(text[at]):
+        number = (number * 10 + (text[at] - _ZERO)) & _CODE_MASK
+        at += 1
+    words.number = number
+    if letter == _M and number in _TEXT_CODES:
+        return
+    _split_parameters(text, at, stop, words)
+
+
+@jit
+def _split_parameters(text: bytes, at: int, stop: int, words: Record) -> None:
+    while at < stop:
+        letter = text[at]
+        at += 1
+        if _A <= letter <= _Z:
+            at = _skip_blanks(text, at, stop)
+            value, after = number_at(text, at, stop)
+            bit = 1 << (letter - _A)
+            words.seen |= bit
+            words.valued &= ~bit
+            if after > at:
+                words.valued |= bit
+                words.value[letter - _A] = value
+                at = after
+        while at < stop and (is_digit(text[at]) or text[at] in _REST):
+            at += 1
+
 
 MODAL: Final = np.dtype(
     [
@@ -37,28 +192,13 @@ MODAL: Final = np.dtype(
 """State that outlives a line."""
 
 
-# Kinds of a command's effect.
-OTHER: Final = 0
-"""Nothing that moves, waits or counts; known or not."""
-MOVE: Final = 1
-"""A straight move to the new position."""
-ARC: Final = 2
-"""An arc to the new position."""
-DWELL: Final = 3
-"""Wait for the motors, then so many seconds."""
-SYNC: Final = 4
-"""Wait for the motors to stand (M400, a wait for heat, a wait for the user)."""
-SET_POSITION: Final = 5
-"""Give the present position other numbers."""
-HOME: Final = 6
-"""Run to the endstops."""
-BAD: Final = 7
-"""An arc that is none."""
-TOOL: Final = 8
-"""Another head, or the same again, once the motors stand."""
+OTHER, MOVE, ARC, DWELL, SYNC, SET_POSITION, HOME, BAD, TOOL = range(9)
+"""Kinds of a command's effect: nothing that moves, waits or counts (known or not); a straight move
+or an arc to the new position; a wait for the motors, then so many seconds; a wait for the motors
+to stand (M400, a wait for heat or for the user); other numbers for the present position; a run to
+the endstops; an arc that is none; another head, or the same again, once the motors stand."""
 
 _I, _J, _R, _S, _P, _F, _E, _X = 8, 9, 17, 18, 15, 5, 4, 23
-_G, _M, _T = ord("G"), ord("M"), ord("T")
 _SYNC_CODES = (0, 1, 109, 190, 400)
 
 
@@ -95,7 +235,6 @@ def interpret(modal: Record, words: Record) -> int:
     ----------
     modal : record of `MODAL`
         Changed: after a move, arc or homing `position` is where it will end.
-    words : record of `WORDS`
     """
     number = words.number
     if words.letter == _G:
@@ -204,9 +343,19 @@ def speed(modal: Record) -> float:
     return modal.feed * 0.01 * modal.speed_percent
 
 
-LONGEST_SEGMENT_MM = 1.0
-SHORTEST_SEGMENT_MM = 0.1
-LEAST_SEGMENTS_PER_TURN = 72
+class ArcRules(NamedTuple):
+    """How arcs are cut and which are refused, after Marlin."""
+
+    longest_segment_mm: float = 1.0
+    shortest_segment_mm: float = 0.1
+    min_segments_per_turn: int = 72
+    off_circle_mm: float = 0.1
+    # No machine has room for it; Marlin counts its pieces, of 1 mm, in 16 bits.
+    longest_arc_mm: float = 1e4
+    least_turn: float = 1e-3
+
+
+ARCS: Final = ArcRules()
 
 
 @jit
@@ -231,12 +380,6 @@ def arc_centre(
     if i == 0.0 and j == 0.0:
         return math.nan, math.nan
     return begin[0] + i, begin[1] + j
-
-
-OFF_CIRCLE_MM = 0.1
-LONGEST_ARC_MM = 1e4
-"""No machine has room for it; Marlin counts its pieces, of 1 mm, in 16 bits."""
-LEAST_TURN = 1e-3
 
 
 @jit
@@ -270,15 +413,15 @@ def arc_is_sound(
         return False
     if has_word(words, _R):
         chord = math.hypot(end[0] - begin[0], end[1] - begin[1])
-        if chord > 2.0 * (abs(words.value[_R] * unit) + OFF_CIRCLE_MM):
+        if chord > 2.0 * (abs(words.value[_R] * unit) + ARCS.off_circle_mm):
             return False
-    elif abs(_radius(begin, cx, cy) - _radius(end, cx, cy)) > OFF_CIRCLE_MM:
+    elif abs(_radius(begin, cx, cy) - _radius(end, cx, cy)) > ARCS.off_circle_mm:
         return False
     turn = abs(arc_turn(begin, end, words, cx, cy))
-    if _radius(begin, cx, cy) * turn > LONGEST_ARC_MM:
+    if _radius(begin, cx, cy) * turn > ARCS.longest_arc_mm:
         return False
     whole = begin[0] == end[0] and begin[1] == end[1]
-    return whole or LEAST_TURN < turn < 2.0 * math.pi - LEAST_TURN
+    return whole or ARCS.least_turn < turn < 2.0 * math.pi - ARCS.least_turn
 
 
 @jit
@@ -321,12 +464,12 @@ def arc_points(
     if turn == 0.0:
         return -1
     length = radius * abs(turn)
-    least = math.ceil(LEAST_SEGMENTS_PER_TURN * abs(turn) / (2.0 * math.pi))
-    count = max(math.floor(length / LONGEST_SEGMENT_MM), least, 1)
-    if length / count > LONGEST_SEGMENT_MM:
-        count = math.ceil(length / LONGEST_SEGMENT_MM)
-    elif length / count < SHORTEST_SEGMENT_MM:
-        count = max(1, math.floor(length / SHORTEST_SEGMENT_MM))
+    least = math.ceil(ARCS.min_segments_per_turn * abs(turn) / (2.0 * math.pi))
+    count = max(math.floor(length / ARCS.longest_segment_mm), least, 1)
+    if length / count > ARCS.longest_segment_mm:
+        count = math.ceil(length / ARCS.longest_segment_mm)
+    elif length / count < ARCS.shortest_segment_mm:
+        count = max(1, math.floor(length / ARCS.shortest_segment_mm))
     count = int(count)
     for k in range(min(count, len(out))):
         share = (k + 1) / count

@@ -1,18 +1,23 @@
-"""Read a G-code file of any firmware family: moves and refused lines."""
+"""Read a G-code file of any firmware family: moves, refused lines, slicer comments, start."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
+from kernels.arrays import IntArray
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, read_gcode
+from sim.gcode.reading import read_line
 from sim.gcode.reading.file import read_file
-from sim.gcode.reading.line import MOST_REFUSED, NamedCommand
+from sim.gcode.reading.line import LIMITS, NamedCommand
 
 _SECONDS: Final = 60.0
 """The reader takes F as per minute."""
@@ -23,7 +28,6 @@ class ReadProgram(NamedTuple):
 
     Attributes
     ----------
-    program : Program
     gcode : bytes
         What it was read from: as many lines as the file, each as it is sent.
     named : tuple of NamedCommand
@@ -43,14 +47,12 @@ def read_written(
     printer: Printer,
     start_mm: tuple[float, float, float],
     *,
-    max_refused: int = MOST_REFUSED,
+    max_refused: int = LIMITS.max_refused,
 ) -> ReadProgram:
     """Read a file.
 
     Parameters
     ----------
-    gcode : bytes
-    printer : Printer
     start_mm : tuple, mm
         Where the tip stands before the first line.
     max_refused : int
@@ -76,3 +78,105 @@ def _timed(program: Program, per_second: tuple[tuple[int, bool], ...]) -> Progra
     for line, seconds in per_second:
         factor[program.line > line] = _SECONDS if seconds else 1.0
     return replace(program, feed=program.feed * factor)
+
+
+# Parse slicers' comments (line types, layer heights, filament); find the declared start (G92).
+
+_KIND: Final = re.compile(rb";[ ]*(?:TYPE:|FEATURE:|feature )[ ]*(.*?)[ ]*\Z")
+_HEIGHT: Final = re.compile(rb";[ ]*(?:HEIGHT:|LAYER_HEIGHT:)[ ]*(\d*\.?\d+)")
+_LAYER: Final = re.compile(rb";[ ]*(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:\d+)")
+_FILAMENT: Final = re.compile(rb";[ ]*filament_diameter[ ]*[=:][ ]*(\d*\.?\d+)")
+_BEFORE_MOVING: Final = 200
+
+
+def plain_lines(gcode: bytes) -> bytes:
+    """Return the lines ended by a line feed; a carriage return ends one, too."""
+    if b"\r" not in gcode:
+        return gcode
+    return gcode.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+
+
+@dataclass(frozen=True, eq=False)
+class Comments:
+    """Facts read from slicer comments.
+
+    Attributes
+    ----------
+    kind_lines, kind : (k,) int64
+        Line of each comment and the place in `kinds` of what it says.
+    height_lines : (h,) int64
+    height_mm : (h,) float64, mm
+        Of the layer that begins there.
+    layer_lines : (m,) int64
+        Where a new layer begins.
+    filament_mm : float or None, mm
+        Diameter that the slicer counts E in.
+    """
+
+    kind_lines: IntArray
+    kind: IntArray
+    kinds: tuple[str, ...]
+    height_lines: IntArray
+    height_mm: NDArray[np.float64]
+    layer_lines: IntArray
+    filament_mm: float | None
+
+
+def read_comments(text: bytes) -> Comments:
+    """Read a file of `plain_lines`."""
+    kinds: dict[str, int] = {}
+    kind: list[tuple[int, int]] = []
+    heights: list[tuple[int, float]] = []
+    layers: list[int] = []
+    filament_mm = None
+    for line, comment in _comments(text):
+        if match := _KIND.match(comment):
+            name = match[1].decode("utf-8", "replace") or "no name"
+            kind.append((line, kinds.setdefault(name, len(kinds))))
+        elif match := _HEIGHT.match(comment):
+            heights.append((line, float(match[1])))
+        elif _LAYER.match(comment):
+            layers.append(line)
+        elif filament_mm is None and (match := _FILAMENT.match(comment)):
+            filament_mm = float(match[1])
+    return Comments(
+        kind_lines=np.array([line for line, _ in kind], np.int64),
+        kind=np.array([which for _, which in kind], np.int64),
+        kinds=tuple(kinds),
+        height_lines=np.array([line for line, _ in heights], np.int64),
+        height_mm=np.array([height for _, height in heights]),
+        layer_lines=np.array(layers, np.int64),
+        filament_mm=filament_mm or None,
+    )
+
+
+def _comments(text: bytes) -> Iterator[tuple[int, bytes]]:
+    """Lines that are nothing else, with their numbers from 1; lines of moves aren't looked at."""
+    line, counted = 1, 0
+    at = 0 if text.startswith(b";") else _next_comment(text, 0)
+    while at >= 0:
+        line, counted = line + text.count(b"\n", counted, at), at
+        end = text.find(b"\n", at)
+        yield line, text[at : end if end >= 0 else None]
+        at = _next_comment(text, at)
+
+
+def _next_comment(text: bytes, at: int) -> int:
+    """Where the next line begins that is one; -1 for nowhere."""
+    place = text.find(b"\n;", at)
+    return place + 1 if place >= 0 else -1
+
+
+def declared_start(text: bytes, printer: Printer) -> tuple[float, float, float] | None:
+    """Where the file itself says that the tip stands before it moves (G92 X Y Z), mm."""
+    for line in text[: 100 * _BEFORE_MOVING].split(b"\n")[:_BEFORE_MOVING]:
+        try:
+            read = read_line(line, printer)
+        except LineError:
+            continue
+        if read.code in ("G0", "G1", "G2", "G3", "G28", "G20"):
+            return None
+        x, y, z = (read.number(axis) for axis in "XYZ")
+        if read.code == "G92" and x is not None and y is not None and z is not None:
+            return x, y, z
+    return None

@@ -9,7 +9,6 @@ Goes in: a line and a firmware family's grammar. Comes out: a `GcodeLine`, or a 
 """
 
 from sim.gcode.reading.line import BLANK, GcodeLine
-from sim.gcode.reading.read import read_line
-from sim.gcode.reading.sent_line import code_of, is_motion, plunger_word, read_sent
+from sim.gcode.reading.read import code_of, is_motion, plunger_word, read_line, read_sent
 
 __all__ = ["BLANK", "GcodeLine", "code_of", "is_motion", "plunger_word", "read_line", "read_sent"]

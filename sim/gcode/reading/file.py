@@ -10,7 +10,7 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from sim.errors import LineError
 from sim.gcode.reading.line import (
-    MOST_REFUSED,
+    LIMITS,
     GcodeLine,
     NamedCommand,
     plain_command,
@@ -38,7 +38,7 @@ class GcodeFile:
     named : tuple of NamedCommand
         Commands with names.
     per_second : tuple of (int, bool) or None
-        Lines from which on F is told per second, or per minute, and it is per second before; None
+        Lines from which on F counts per second, or per minute, and it is per second before; None
         where it is per minute throughout.
     """
 
@@ -58,7 +58,9 @@ class GcodeFile:
         return b"\n".join(lines)
 
 
-def read_file(gcode: bytes, printer: Printer, *, max_refused: int = MOST_REFUSED) -> GcodeFile:
+def read_file(
+    gcode: bytes, printer: Printer, *, max_refused: int = LIMITS.max_refused
+) -> GcodeFile:
     """Read a whole file; each line is what `read_line` makes of it.
 
     The rest behind the last of ``max_refused`` refused lines isn't read.
@@ -144,11 +146,10 @@ _MOVES: Final = frozenset({"G0", "G1"})
 def other_lines(gcode: bytes, printer: Printer) -> Others:
     """Read a file's lines that aren't moves; those that can't be read are left out.
 
-    After so many of these as `read_file` bears (`MOST_REFUSED`) the rest is left out, too.
+    After so many of these as `read_file` bears (`LIMITS.max_refused`) the rest is left out, too.
 
     Parameters
     ----------
-    gcode : bytes
     printer : Printer
         Its ``firmware`` says how lines are read.
     """
@@ -164,7 +165,7 @@ def other_lines(gcode: bytes, printer: Printer) -> Others:
         line = kept[text]
         if line is None:
             refused += 1
-            if refused == MOST_REFUSED:
+            if refused == LIMITS.max_refused:
                 break
         elif line and line.code not in _MOVES:
             others.append((number, line))

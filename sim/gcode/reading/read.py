@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import re
 from binascii import crc_hqx
-from functools import reduce
+from collections.abc import Sequence
+from functools import lru_cache, reduce
 from operator import xor
 from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import find_family
+from firmware_profiles.families.grammar import TEXT_CODES
 from sim.errors import LineError
-from sim.gcode.reading.line import BLANK, GcodeLine, Translate, refusal, translator_of
-from sim.gcode.reading.words import (
+from sim.gcode.reading.line import (
     AXES,
+    BLANK,
     MOTION,
     AcceptedLetters,
+    GcodeLine,
+    Translate,
     accepted_letters,
     check_meaning,
     named_line,
+    refusal,
+    translator_of,
     words_of,
 )
 
@@ -282,7 +288,6 @@ def text_line(code: str, rest: bytes, text: bytes, family: str) -> GcodeLine:
 
     Parameters
     ----------
-    code : str
     rest : bytes
         Behind the code's number.
     text : bytes
@@ -343,7 +348,7 @@ def _one_command(code: str, argument: bytes, text: bytes, family: str) -> None:
 
 # Fast parser for plain moves, which make up most of a G-code file.
 #
-# Read here without all the questions that other lines are asked; `sim.gcode.reading.read` would
+# Read here without the checks of other lines; `sim.gcode.reading.read` would
 # read each of them alike (a test compares the two).
 
 _DECIMAL: Final = rb"(-?\d{1,6}(?:\.\d{1,9})?)"
@@ -368,3 +373,112 @@ def plain_move(match: re.Match[bytes]) -> GcodeLine:
         if number is not None
     }
     return GcodeLine(code.decode(), words, match[0])
+
+
+# Parse G-code lines in the form sent to the printer, already rendered by `read_line`.
+
+_SENT_CODE: Final = re.compile(rb"[GMT]\d+")
+_SENT_NUMBER: Final = re.compile(rb"-?\d+(?:\.\d+)?")
+MOTION_LINES: Final = (b"G0", b"G1", b"G2", b"G3")
+
+
+def read_sent(text: bytes) -> GcodeLine:
+    """Read a line as it is sent; `BLANK` for an empty one.
+
+    Parameters
+    ----------
+    text : bytes
+        The ``text`` of a `GcodeLine`, or one of our own commands, written in the same way.
+    """
+    plain = PLAIN_MOVE.fullmatch(text)
+    return plain_move(plain) if plain is not None else _read_sent(text)
+
+
+def code_of(text: bytes) -> bytes:
+    """Code of a line as it is sent, without reading its words."""
+    return text.partition(b" ")[0]
+
+
+def is_motion(text: bytes) -> bool:
+    """Whether a line as it is sent is a move or an arc."""
+    return code_of(text) in MOTION_LINES
+
+
+def plunger_word(text: bytes) -> float | None:
+    """Number behind E of a move or a G92, as `read_sent` gives it, in a tenth of its time."""
+    begin = text.find(b" E")
+    if begin < 0 or not (is_motion(text) or text.startswith(b"G92 ")):
+        return None
+    word = text[begin + 2 :].partition(b" ")[0]
+    return float(word) if _SENT_NUMBER.fullmatch(word) else None
+
+
+@lru_cache(maxsize=4096)
+def _read_sent(text: bytes) -> GcodeLine:
+    first, *rest = text.split(b" ")
+    if not first:
+        return BLANK
+    code = first.decode("ascii")
+    if not _SENT_CODE.fullmatch(first):
+        pairs = (word.decode("ascii").partition("=") for word in rest)
+        return GcodeLine(code, {}, text, {key: value for key, _, value in pairs})
+    if code in TEXT_CODES:
+        return GcodeLine(code, {}, text)
+    words = {
+        word[:1].decode("ascii"): float(word[1:]) if _SENT_NUMBER.fullmatch(word[1:]) else None
+        for word in rest
+    }
+    return GcodeLine(code, words, text)
+
+
+# Multiply plunger travel of writing moves in job lines by a factor.
+#
+# Only moves that write are changed: those that push the plunger on a way of the tip. What moves the
+# plunger alone (drawing back, priming) keeps its length. The count of E goes on from where it was;
+# a line that counts the plunger anew (G92 E) stays.
+
+LEAST: Final = 0.3
+MOST: Final = 3.0
+"""Of the file's own doses."""
+_ACROSS: Final = (b" X", b" Y", b" Z")
+
+
+def with_flow(lines: Sequence[bytes], e_mm: float, factor: float) -> list[bytes]:
+    """Return lines whose writing moves push ``factor`` times as far.
+
+    Parameters
+    ----------
+    lines : sequence of bytes
+        Of a job, from some place on; E absolute.
+    e_mm : float, mm
+        The plunger's count before the first.
+    """
+    was = now = e_mm
+    scaled = list(lines)
+    for index, line in enumerate(lines):
+        to = plunger_word(line)
+        if to is None:
+            continue
+        if not is_motion(line):  # G92
+            was = now = to
+            continue
+        writes = to > was and any(axis in line for axis in _ACROSS)
+        now += (to - was) * (factor if writes else 1.0)
+        was = to
+        scaled[index] = _with_e(line, now)
+    return scaled
+
+
+def plunger_count(lines: Sequence[bytes]) -> float:
+    """Return the plunger's count after some lines of a job, mm; 0 where none tells it."""
+    for line in reversed(lines):
+        e_mm = plunger_word(line)
+        if e_mm is not None:
+            return e_mm
+    return 0.0
+
+
+def _with_e(line: bytes, e_mm: float) -> bytes:
+    before, _, behind = line.partition(b" E")
+    _, space, rest = behind.partition(b" ")
+    return b"%b E%.5f%b%b" % (before, e_mm, space, rest)

@@ -36,7 +36,8 @@ from registration.devices.optics import OctCalibration, read_calibration, write_
 from registration.errors import ScanFileError
 from registration.files.writers import write_scan, write_scan_oct
 from registration.wall_reference import WallCalibration
-from sim.devices.scanner import OctOptions, Placing, ScannerOutput, simulate_oct
+from sim.devices.scanner.oct import OctOptions, simulate_oct
+from sim.devices.scanner.placing import Placing, ScannerOutput
 from tests.printctl.cli.shell import Shell
 from tests.registration import parts
 from tests.registration.devices.optics.optical import FAULT, blank, dots, reflecting

@@ -34,7 +34,7 @@ from printctl.pipeline.written_in_scan import looks_and_scan, save_written, writ
 from printctl.recipe import parse_recipe
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.solid import SolidPart
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 from tests.design.hemodynamics.networks import network_of
 from tests.printctl.networks import vessels
 from tests.printctl.pipeline.test_heads import SIZE_MM, TUBE, WHOLE_UL, recipe

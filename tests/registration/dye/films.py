@@ -10,8 +10,16 @@ import yaml
 from design.network import VesselNetwork
 from design.vasculature.named import planar_four_vessel
 from registration.dye import DyeOptions, DyeReport, measure_dye, read_marks
-from sim.devices.dye import Disturbance, Dye, DyeCamera, DyeFilm, Occlusion, dye_flow, write_film
 from tests.design.networks import polyline
+from tests.registration.dye.simulated_film import (
+    Disturbance,
+    Dye,
+    DyeCamera,
+    DyeFilm,
+    Occlusion,
+    dye_flow,
+    write_film,
+)
 
 PLANAR_FLOW = 0.25 * 1000.0 / 60.0
 PLANAR_CAMERA = DyeCamera(width=256, height=144, px_per_mm=14.5)

@@ -20,7 +20,6 @@ from registration.dye.patency import _Seen, _stop
 from registration.dye.stations import place_stations
 from registration.dye.view import find_view
 from registration.errors import DyeError
-from sim.devices.dye import Disturbance, Dye, DyeFilm, Occlusion, dye_flow
 from tests.registration.dye.films import (
     PLANAR_CAMERA,
     PLANAR_FLOW,
@@ -31,6 +30,7 @@ from tests.registration.dye.films import (
     planar_report,
     tube,
 )
+from tests.registration.dye.simulated_film import Disturbance, Dye, DyeFilm, Occlusion, dye_flow
 
 TUBE_FLOW = np.pi * 0.25**2 * 4.0
 """4 mm/s on the mean."""

@@ -16,12 +16,19 @@ from registration.devices.lens import Lens
 from registration.dye import DyeOptions, DyeReport, Marks, measure_dye, read_marks
 from registration.dye.view import find_view
 from registration.errors import DyeError
-from sim.devices.dye import Disturbance, Dye, DyeCamera, DyeFilm, dye_flow, film_frames
-from sim.devices.dye.lumens import Transport
 from tests.design.networks import network as network_of
 from tests.printctl.cli.shell import Shell
 from tests.registration.devices.lens.rendered import Rig
 from tests.registration.dye.films import PLANAR_CAMERA, PLANAR_FLOW, PLANAR_MARKS, filmed, marks_of
+from tests.registration.dye.simulated_film import (
+    Disturbance,
+    Dye,
+    DyeCamera,
+    DyeFilm,
+    Transport,
+    dye_flow,
+    film_frames,
+)
 
 NETWORK = planar_four_vessel()
 CORNERS = (4, 7, 8, 11)

@@ -16,11 +16,10 @@ from registration.inspection import (
     SeeingOptions,
     see_layer,
 )
-from sim.devices.camera.optics import Camera
 from sim.devices.camera.paint import paint
-from sim.devices.camera.scene import Bath, InkLook, Scene
+from sim.devices.camera.scene import Bath, Camera, InkLook, Scene
 from sim.gcode.deposit.lay import Laid, laid_as_is
-from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Strands
 from tests.registration.inspection.painted import lines_of
 from tests.registration.inspection.stacked_layers import Layer, Stack, stack
 from tests.slower import first_of, first_rows

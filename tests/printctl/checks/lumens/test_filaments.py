@@ -17,7 +17,7 @@ from printctl.checks.lumens import (
 )
 from printctl.checks.lumens.filament_check import segment_distances
 from printctl.errors import UsageError
-from sim.gcode.deposit.pneumatic import pneumatic_deposit
+from sim.gcode.deposit.lay import pneumatic_deposit
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,

@@ -33,8 +33,7 @@ from printctl.checks.lumens import (
 from printctl.checks.lumens.stations import slabs_near
 from printctl.errors import UsageError
 from sim.gcode.lumens.leak_kernels import find_runs, join_runs
-from sim.gcode.lumens.ray_kernels import first_hit, stadium_span
-from sim.gcode.lumens.width_kernels import widest_in_polygon
+from sim.gcode.lumens.width_kernels import first_hit, stadium_span, widest_in_polygon
 from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
     LINE_MM,

@@ -14,7 +14,7 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.transport import Transport
 from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, Status
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import HEADER, PRINTER, wired
 

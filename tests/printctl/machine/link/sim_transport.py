@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from printctl.machine.ports.clock import VirtualClock
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import PermanentFaults
 from tests.printctl.machine.link.fake_marlin import slips_through
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport

@@ -18,7 +18,7 @@ from printctl.machine.job.job import Job
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.transport import Transport
 from printctl.machine.records.states import LinkState, Status
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import parse_fault
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.executed import ExecutedMotion

@@ -18,7 +18,7 @@ from printctl.machine.ports.serial_port import SerialTransport
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.board.controller import FaultPlan
 from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.devices.faults import Fault, FaultFile
 from sim.gcode.motion.executed import ExecutedMotion

@@ -17,8 +17,8 @@ from printctl.machine.control.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
-from sim.devices.families.klipper.printer import KlipperPrinter
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.klipper_printer import KlipperPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.fake_marlin import zigzag

@@ -16,7 +16,7 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import FaultFile, load_faults
 from sim.devices.faults import Gauge as SimGauge
 from sim.gcode.dry_run.run import dry_run

@@ -26,7 +26,7 @@ from printctl.machine.job.moves import MotorRunOn, planned_moves
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.states import LinkState, Status
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.reading import GcodeLine, read_sent

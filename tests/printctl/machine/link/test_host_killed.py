@@ -27,7 +27,7 @@ from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.pipeline.past_print import entry_of
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from tests.printctl.cli.shell import Shell
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
 from tests.printctl.machine.link.jobs import journal_in, parse_job

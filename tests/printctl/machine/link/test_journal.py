@@ -50,7 +50,7 @@ from printctl.machine.records.journal import (
 from printctl.machine.records.replay import JournalledPrint, JournalReader, read_journal, replay
 from printctl.machine.records.states import LinkState, Status
 from printctl.pipeline.past_print import INTERRUPTED, entry_of
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
 from tests.printctl.machine.link.sim_transport import SimTransport

@@ -32,8 +32,8 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.states import LinkState
 from sim.devices.board.wire import Wire
-from sim.devices.families.marlin.numbering import EMERGENCY
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
+from sim.devices.families.marlin_reports import EMERGENCY
 from tests.printctl.machine.control.bench import Bench, pause, resume
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, zigzag
 from tests.printctl.machine.link.sim_transport import SimTransport

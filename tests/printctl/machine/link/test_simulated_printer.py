@@ -17,9 +17,9 @@ from printctl.machine.records.journal import Journal
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.pipeline.past_print import entry_of
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import Fault, PermanentFaults
-from sim.gcode.motion.hardware import Board
+from sim.gcode.motion.state import Board
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import (
     PRINTER,

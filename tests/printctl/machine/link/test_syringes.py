@@ -19,7 +19,7 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.syringes import plan_reloads, plunger_travel
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.states import LinkState
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree

@@ -16,7 +16,7 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.recovery import plan_recovery
 from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.airy import AIR, CLOSES, OPENS, START, Airy, airy, laid_by
 from tests.printctl.machine.link.fake_marlin import FakeTransport

@@ -25,8 +25,8 @@ from printctl.machine.ports.detection import PortPrograms
 from printctl.machine.process.client import attach_station
 from printctl.machine.process.starting import connect
 from printctl.machine.records.states import LinkState, PrintEnded
-from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.gcode.motion.hardware import Board
+from sim.devices.families.marlin_printer import MarlinPrinter
+from sim.gcode.motion.state import Board
 from tests.printctl.cli.shell import Shell
 from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport

@@ -10,7 +10,7 @@ import pytest
 
 from registration import RegistrationError, Scan, read_scan
 from registration.files.writers import write_scan, write_scan_oct, write_scan_zarr
-from sim.devices.scanner import OctOptions, simulate_oct
+from sim.devices.scanner.oct import OctOptions, simulate_oct
 from sim.gcode.deposit.lay import Deposit
 from tests.registration.files.readers.crafted import counts, scan
 

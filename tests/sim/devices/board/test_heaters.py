@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.devices.board.heaters import ROOM_C, Heater
+from sim.devices.board.machine import ROOM_C, Heater
 
 
 def stepped(heater, target, seconds, step=0.01):

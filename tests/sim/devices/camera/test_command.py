@@ -13,8 +13,7 @@ from sim.__main__ import main
 from sim.devices.camera.laser_line import ProfilerField, measured_heights
 from sim.devices.recorded_ink import InkSource
 from sim.gcode.deposit.lay import Laid
-from sim.gcode.deposit.strands import Strands
-from sim.gcode.deposit.written import Layering
+from sim.gcode.deposit.written import Layering, Strands
 from tests.sim.motions import moved
 
 AREA = 4.15  # about a Hamilton 1 mL syringe's; what is asked here is where ink is, not how much

@@ -14,7 +14,7 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.states import LinkState
 from sim.devices.families.registry import simulated_printer
-from sim.devices.families.reprapfirmware.printer import crc16
+from sim.devices.families.reprapfirmware_printer import crc16
 from sim.errors import GcodeError
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.heads import CLOSED, OPEN

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.facts import CODES
-from sim.devices.families.marlin.commands import HANDLERS
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_commands import HANDLERS
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import Fault, parse_fault
 from tests.sim.transcripts import differences, numbered, ping, ping_pong, printer_of, rows_of
 from tests.slower import examples

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import Fault, FaultFile, FaultyCable, PermanentFaults, load_faults
 from sim.errors import ServeError
 from sim.gcode.deposit.ink_faults import InkFaults, Timeline

@@ -8,9 +8,9 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.states import LinkState
-from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.serving.job_lines import JobLines
-from sim.gcode.deposit.pneumatic import pneumatic_deposit
+from sim.gcode.deposit.lay import pneumatic_deposit
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link import airy, layered
 from tests.printctl.machine.link.layered import Script, played

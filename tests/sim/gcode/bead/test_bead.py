@@ -8,20 +8,8 @@ import pytest
 
 from firmware_profiles import Bath, Ink, Needle, Printer, load, yield_pressure_pa
 from firmware_profiles.bead import BeadSection
-from sim.gcode.bead import (
-    Nozzle,
-    Pieces,
-    advance_of,
-    bead_deposit,
-    crevice,
-    cut,
-    drag,
-    nozzle_flow,
-    nozzle_of,
-    predict_bead,
-    settling,
-    swell,
-)
+from sim.gcode.bead.flow import Nozzle, Pieces, advance_of, cut, nozzle_flow, nozzle_of
+from sim.gcode.bead.predict import bead_deposit, crevice, drag, predict_bead, settling, swell
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.sim.motions import moved

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sim.gcode.clearance import NeedleBody
+from sim.gcode.clearance.kernels import NeedleBody
 
 STEP = 0.03
 

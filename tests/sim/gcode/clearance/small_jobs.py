@@ -5,15 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from firmware_profiles import Printer, load
-from sim.gcode.clearance import (
-    Clearance,
-    LineSources,
-    NeedleBody,
-    NeedleMotion,
-    WrittenNetwork,
-    check_clearance,
-    motion_of,
-)
+from sim.gcode.clearance.check import Clearance, check_clearance
+from sim.gcode.clearance.kernels import NeedleBody
+from sim.gcode.clearance.motion import LineSources, NeedleMotion, motion_of
+from sim.gcode.clearance.network import WrittenNetwork
 from sim.gcode.dry_run.run import dry_run
 
 NEEDLE = NeedleBody(0.155, clearance_mm=0.05)

@@ -7,15 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.gcode.clearance import (
-    ClearanceError,
-    LineSources,
-    NeedleBody,
-    NeedleMotion,
-    check_clearance,
-)
-from sim.gcode.clearance.kernels import ERROR_SHARE, shaft_distance
-from sim.gcode.clearance.motion import Pieces, heads_of, ink_of
+from sim.errors import ClearanceError
+from sim.gcode.clearance.check import check_clearance
+from sim.gcode.clearance.kernels import SEARCH, NeedleBody, shaft_distance
+from sim.gcode.clearance.motion import LineSources, NeedleMotion, Pieces, heads_of, ink_of
 from tests.sim.gcode.clearance.naive import STEP, nearest, signed
 from tests.sim.gcode.clearance.small_jobs import (
     HIGH,
@@ -308,7 +303,7 @@ def test_random_jobs_are_judged_as_by_sampling(vessels, needle, radii):
             if sampled > 0.9:
                 assert exact > 0.8
                 continue
-            assert exact <= sampled + 0.004 + ERROR_SHARE * max(sampled, 0)
+            assert exact <= sampled + 0.004 + SEARCH.error_share * max(sampled, 0)
             assert exact >= sampled - 3 * STEP
 
 

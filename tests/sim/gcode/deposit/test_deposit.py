@@ -9,8 +9,7 @@ import pytest
 from sim.errors import DepositError
 from sim.gcode.deposit.kernels import SUPERSAMPLE, paint_filaments, paint_layers
 from sim.gcode.deposit.lay import deposit
-from sim.gcode.deposit.strands import Strands
-from sim.gcode.deposit.written import united
+from sim.gcode.deposit.written import Strands, united
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.sim.motions import moved
 

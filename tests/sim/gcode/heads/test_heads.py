@@ -13,12 +13,11 @@ from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Head, Offset, Printer, Syringe, load
-from sim.devices.families.klipper.printer import KlipperPrinter
-from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.families.reprapfirmware.printer import DuetPrinter
+from sim.devices.families.klipper_printer import KlipperPrinter
+from sim.devices.families.marlin_printer import MarlinPrinter
+from sim.devices.families.reprapfirmware_printer import DuetPrinter
 from sim.errors import DepositError
-from sim.gcode.deposit.lay import Deposit, deposit
-from sim.gcode.deposit.pneumatic import pneumatic_deposit
+from sim.gcode.deposit.lay import Deposit, deposit, pneumatic_deposit
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.heads import (
     BETWEEN,

@@ -11,11 +11,13 @@ from firmware_profiles import Printer, load
 from sim.gcode.motion.planner import (
     add_move,
     next_event,
+    pulses_per_interrupt,
     run_until,
     set_trapezoid,
+    timer_interval,
+    walk,
 )
 from sim.gcode.motion.state import BLOCK, LOG, new_planner, new_ring
-from sim.gcode.motion.stepper import pulses_per_interrupt, timer_interval, walk
 from tests.slower import examples
 
 

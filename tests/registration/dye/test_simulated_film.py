@@ -9,18 +9,18 @@ import pytest
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselKind
 from design.vasculature.named import planar_four_vessel
-from sim.devices.dye import (
+from sim.errors import SimError
+from tests.design.networks import network
+from tests.registration.dye.simulated_film import (
     Disturbance,
     DyeCamera,
     DyeFilm,
     Occlusion,
+    Transport,
     dye_flow,
     film_frames,
     write_film,
 )
-from sim.devices.dye.lumens import Transport
-from sim.errors import SimError
-from tests.design.networks import network
 
 INFLOW = 4.0
 TUBE = network([[0, 0, 0], [10, 0, 0]], [[0, 1]], 0.25, VesselKind.CHANNEL)

@@ -15,36 +15,210 @@ their CRC is always the same).
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
-from typing import ClassVar, Final
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from kernels import jit
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.heaters import HeatFault
-from sim.devices.board.machine import Machine, MotorRunOn
-from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.board.runner import move
-from sim.devices.board.waits import Steps, Task, Wait, WaitFreeSlot, WaitStandstill
+from sim.devices.board.machine import (
+    FREE_SLOT,
+    STANDSTILL,
+    HeatFault,
+    Machine,
+    Steps,
+    Task,
+    Wait,
+)
+from sim.devices.board.printer import SimulatedPrinter, move
 from sim.devices.board.wire import Numbering
-from sim.devices.families.marlin.commands import HANDLERS, m420
-from sim.devices.families.marlin.fast_path import take_plain_moves
-from sim.devices.families.marlin.numbering import (
+from sim.devices.families.marlin_commands import HANDLERS, m420
+from sim.devices.families.marlin_reports import (
+    BANNER,
     EMERGENCY,
     MarlinNumbering,
     act_urgently,
     code_on_entering,
-    request_resend,
-)
-from sim.devices.families.marlin.report_commands import (
-    BANNER,
     ok_words,
     planned_position,
+    request_resend,
     temperatures,
 )
+from sim.gcode.motion.planner import add_move, command_time, next_event, run_until
+from sim.gcode.motion.state import Record, Records
 from sim.gcode.program.gcode import Command
-from sim.gcode.program.modal import interpret
+from sim.gcode.program.modal import has_word, interpret, number_at, speed, split_words
+
+# Fast path of the simulated Marlin for one numbered G0 or G1.
+#
+# It does what the general path (`sim.devices.board.printer`) does, for the one case that makes up a
+# print: the board waits for a line, the line is whole, numbered as expected, its checksum is good,
+# it is a straight move and the planner has a place, now or when the next block ends. Anything else
+# is left untouched to the general path.
+
+NOT_TAKEN: Final = -1.0
+_N, _STAR, _G, _SEMICOLON, _EOL = ord("N"), ord("*"), ord("G"), ord(";"), 10
+_E_LETTER = 4
+
+
+@jit
+def is_sound_move(line: bytes, expected: int, longest: int, row: Record) -> bool:
+    r"""Whether a line is whole, numbered as expected, sound by its checksum, and G0 or G1.
+
+    Parameters
+    ----------
+    line, expected, longest
+        As in `take_numbered_move`.
+    row : record of `sim.gcode.program.modal.WORDS`
+        Gets the line's words where it comes to that.
+    """
+    size = len(line) - 1
+    if size < 6 or size > longest or line[0] != _N or line[size] != _EOL:
+        return False
+    star = size - 1
+    while star > 0 and line[star] != _STAR:
+        star -= 1
+    given, after = number_at(line, star + 1, size)
+    if star == 0 or after != size:
+        return False
+    xor = 0
+    for i in range(star):
+        if line[i] == _SEMICOLON or line[i] == _EOL:
+            return False
+        xor ^= line[i]
+    split_words(line, 0, size, row)
+    if int(given) != xor or row.numbered != expected:
+        return False
+    return row.letter == _G and 0 <= row.number <= 1
+
+
+@jit
+def take_numbered_move(
+    line: bytes,
+    expected: int,
+    longest: int,
+    cold: bool,
+    modal: Records,
+    words: Records,
+    planner: Records,
+    ring: Records,
+    log: Records,
+    now: float,
+    alarm: float,
+    job_line: int,
+    costs: NDArray[np.float64],
+) -> float:
+    r"""Take a line if it is the plain next move.
+
+    Parameters
+    ----------
+    line : bytes
+        With its ``\n``.
+    expected : int
+        The next line number.
+    longest : int
+        Bytes that the firmware keeps of a line.
+    cold : bool
+        Whether the plunger may not move.
+    modal, words, planner, ring, log : records
+        State of the firmware.
+    now : float, s
+        When the line's last byte arrived.
+    alarm : float, s
+        Nothing else may happen before this time; a wait beyond it isn't for this road.
+    job_line : int
+        Kept with the block.
+    costs : (5,) float64
+        Of the processor, see `sim.gcode.motion.planner.command_time`.
+
+    Returns
+    -------
+    float
+        When the move was taken, s; `NOT_TAKEN` where nothing was done.
+    """
+    row = words[0]
+    if planner[0].logged + 2 * len(ring) > len(log):
+        return NOT_TAKEN
+    if not is_sound_move(line, expected, longest, row) or (cold and has_word(row, _E_LETTER)):
+        return NOT_TAKEN
+    run_until(planner, ring, log, now)
+    now += command_time(planner, ring, now, costs)
+    run_until(planner, ring, log, now)
+    if planner[0].count >= len(ring) - 1:
+        free = max(now, next_event(planner))
+        if free > alarm:
+            return NOT_TAKEN
+        now = free
+        run_until(planner, ring, log, now)
+    if now > alarm:
+        return NOT_TAKEN
+    interpret(modal[0], row)
+    add_move(planner, ring, modal[0].position, speed(modal[0]), job_line, now)
+    return now
+
+
+def take_plain_moves(board: Controller, data: bytes, alarm: Callable[[], float]) -> bytes:
+    """Take the plain moves at the front of ``data``; return what is left.
+
+    Parameters
+    ----------
+    alarm : callable
+        When the main loop next has something to do of its own, s.
+    """
+    wire, machine = board.wire, board.machine
+    if machine.dead or machine.settings.has_least_feeds or machine.motion.slope:
+        return data
+    if not board.work.idle or len(data) > wire.capacity:
+        return data
+    if not wire.quiet or not board.reader.empty or board.plan.counts_bytes:
+        return data
+    arrived = wire.occupied_until(machine.now)
+    while data:
+        end = data.find(b"\n") + 1
+        line = data if end == len(data) else data[:end]
+        arrived += end * wire.byte_s
+        if end == 0 or not _take(board, line, max(arrived, machine.now), alarm):
+            return data
+        data = data[end:]
+    return data
+
+
+def _take(board: Controller, line: bytes, arrived: float, alarm: Callable[[], float]) -> bool:
+    """Take one line, whose last byte arrived at ``arrived``, s; whether it was a plain move."""
+    machine = board.machine
+    motion, printer = machine.motion, machine.printer
+    expected = board.lines.last_number + 1
+    if board.plan.has_line(expected) or arrived < motion.closed_until:
+        return False
+    taken = take_numbered_move(
+        line,
+        expected,
+        printer.max_line_bytes - 1,
+        machine.heat.too_cold(machine.now) or machine.dry,
+        motion.modal,
+        board.words,
+        motion.planner,
+        motion.ring,
+        motion.log,
+        arrived,
+        min(alarm(), arrived + (machine.reports.keepalive_s or math.inf)),
+        expected - 1 if board.job is None else board.job.find(line),
+        motion.costs,
+    )
+    if taken == NOT_TAKEN:
+        return False
+    if board.job is not None:
+        board.job.take(line)
+    machine.now = machine.idle_since = taken
+    board.lines.last_number = expected
+    if printer.advanced_ok:
+        board.work.line = line
+    board.say_ok(ok_words(board))
+    return True
 
 
 class MarlinPrinter(SimulatedPrinter):
@@ -67,7 +241,7 @@ _HEAT_WORDS = {
 
 
 class Marlin:
-    """See the module and `sim.devices.board.firmware.Firmware`.
+    """See the module and `sim.devices.board.controller.Firmware`.
 
     Parameters
     ----------
@@ -88,6 +262,7 @@ class Marlin:
     too_cold_words: ClassVar[str] = "echo: cold extrusion prevented"
     too_long_words: ClassVar[str] = "echo: too long extrusion prevented"
     bad_arc_words: ClassVar[str] = "Error:G2/G3 bad parameters"
+    runs_on: ClassVar[bool] = True
 
     def __init__(self, board: Controller) -> None:
         self.board = board
@@ -126,7 +301,7 @@ class Marlin:
         return take_plain_moves(self.board, data, alarm)
 
     def start(self, command: Command) -> Steps:
-        """Begin a command; one that isn't known is told."""
+        """Begin a command; an unknown one is reported."""
         printer = self.board.machine.printer
         if command.letter == "G" and command.number <= 3:
             return move(self.board)
@@ -160,18 +335,18 @@ class Marlin:
         """With ADVANCED_OK numbers and places."""
         return ok_words(self.board)
 
-    # -- said by the clock
+    # -- reports by the clock
 
     def say_busy(self, wait: Wait) -> None:
         """The keepalive."""
         self.board.machine.say(f"echo:busy: {'paused for user' if wait.for_user else 'processing'}")
 
     def report_temperatures(self) -> None:
-        """As M155 asked for."""
+        """Report at M155's interval."""
         self.board.machine.say(temperatures(self.board.machine))
 
     def report_position(self) -> None:
-        """As M154 asked for."""
+        """Report at M154's interval."""
         self.board.machine.say(planned_position(self.board))
 
     # -- ends
@@ -199,9 +374,16 @@ class Marlin:
         self.board.machine.say("Error:Printer halted. kill() called!")
         self.board.machine.say("//action:poweroff")
 
-    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
-        """For as long as it waits for its words to get out."""
-        return WaitForWords
+    def halt_time(self) -> Callable[[], float]:
+        """For as long as it waits for its words to get out; each step event puts it off."""
+        machine = self.board.machine
+        begin_s, before = machine.now, machine.motion.events(machine.now)
+
+        def ends_s() -> float:
+            done = machine.motion.events(machine.now) - before
+            return begin_s + RUN_ON.rest_s + RUN_ON.event_s * done
+
+        return ends_s
 
     def answer_unserved(self, waiting: list[bytes]) -> None:
         """Do nothing: what waited is lost."""
@@ -220,34 +402,21 @@ class Marlin:
 # and without emergency parser alike. That is 0.613 s and 47.5 µs for each event. Then interrupts go
 # off.
 
-RUN_ON_S: Final = 0.613
-"""From the firmware's last word to the halt, with no motor running."""
-RUN_ON_EVENT_S: Final = 47.5e-6
-"""More for each step event within it."""
+
+class RunOn(NamedTuple):
+    """Time from a kill to the halt of the motors."""
+
+    rest_s: float = 0.613  # From the firmware's last word to the halt, with no motor running.
+    event_s: float = 47.5e-6  # More for each step event within it.
 
 
-class WaitForWords:
-    """The time between a kill's words and the halt.
-
-    Parameters
-    ----------
-    machine : Machine
-    """
-
-    def __init__(self, machine: Machine) -> None:
-        self._machine = machine
-        self._begin_s, self._before = machine.now, machine.motion.events(machine.now)
-
-    def ends_s(self) -> float:
-        """When the motors stop, s, by the events up to now; later ones put it off."""
-        done = self._machine.motion.events(self._machine.now) - self._before
-        return self._begin_s + RUN_ON_S + RUN_ON_EVENT_S * done
+RUN_ON: Final = RunOn()
 
 
 # Marlin 2.1's head change (``tool_change``), with head offsets (M218).
 #
 # The motors stand first. The place gets another name, by the difference of the two heads' offsets;
-# where all axes are homed and S1 wasn't said, the carriage then goes so that the new tip is where
+# where all axes are homed and S1 wasn't given, the carriage then goes so that the new tip is where
 # the old one was. E goes on counting where it is, and moves the new head's plunger. The reply names
 # the head in use, whether it is another or not. Not modelled: the small lift and the parking that a
 # build may do besides, on a homed machine without S1.
@@ -261,20 +430,20 @@ def take_tool(board: Controller, command: Command) -> Task:
     count = machine.printer.head_count
     if count == 1:  # the recorded build takes any number in silence, and goes on with its one
         return
-    yield WaitStandstill()
+    yield STANDSTILL
     if not 0 <= number < count:
         machine.say(f"echo:T{number} Invalid extruder")
         return
     begin = machine.motion.modal["position"][0].copy()
     shift = machine.motion.tool_offset[number] - machine.motion.tool_offset[machine.motion.tool]
     interpret(machine.motion.modal[0], board.words[0])
-    machine.use_head(number)
+    machine.motion.use_head(number, machine.now)
     _rename(machine, begin[:3] + shift)
     if shift.any() and all(machine.homed) and command.values.get("S", 0.0) == 0:
-        yield WaitFreeSlot()
+        yield FREE_SLOT
         machine.motion.modal["position"] = begin
         machine.move_to(begin, _BACK_MM_S, -1)
-        yield WaitStandstill()
+        yield STANDSTILL
     machine.say(f"echo:Active Extruder: {number}")
 
 

@@ -7,15 +7,13 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.machine import Machine, MotorRunOn
+from sim.devices.board.machine import Steps
 from sim.devices.board.motion import PlacedAxes
-from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.board.runner import set_position, take_tool_in_silence
-from sim.devices.board.waits import Steps
+from sim.devices.board.printer import SimulatedPrinter, set_position, take_tool_in_silence
 from sim.devices.board.wire import Numbering
-from sim.devices.families.marlin.commands import HANDLERS
-from sim.devices.families.marlin.printer import Marlin
-from sim.devices.families.marlin.settings import set_flow_percent, set_speed_percent
+from sim.devices.families.marlin_commands import HANDLERS
+from sim.devices.families.marlin_printer import Marlin
+from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
 from sim.gcode.program.gcode import Command, checksum
 
 
@@ -36,11 +34,11 @@ PRINTER: Final = DuetPrinter
 # digits (XOR) or five (CRC-16) is checked; a bad one is dropped without a word; numbers aren't
 # compared, so a line sent twice is done twice; N without a checksum and lines without N are done as
 # they are. No ``Resend``, no busy messages, no M113, M211; M85 is taken and does nothing. Axes are
-# moved only once they are homed or G92 has said where they are. Wordings of M92, M114, M115, M201,
+# moved only once they are homed or G92 has given their place. Wordings of M92, M114, M115, M201,
 # M203, M208, of unknown commands, of cold extrusion and of the emergency stop.
 #
 # It takes Marlin's codes by design, so this twin is Marlin's firmware part with other words and
-# commands: what isn't listed here is done and said as Marlin does.
+# commands: what isn't listed here is done and answered as by Marlin.
 #
 # Not modelled: its motion (Marlin's planner runs here), its macros, object model and expressions,
 # tools beyond T P0 and G10 P with offsets, its larger buffers but for what the profile says. After
@@ -57,17 +55,10 @@ def _m92(board: Controller, command: Command) -> None:
     board.machine.say(f"Steps/mm: X: {x:.3f}, Y: {y:.3f}, Z: {z:.3f}, E: {e:.3f}")
 
 
-def _where(board: Controller) -> str:
-    machine = board.machine
-    at, shift = machine.motion.modal["position"][0], machine.motion.modal["shift"][0]
-    x, y, z = (float(at[k] + shift[k]) + 0.0 for k in range(3))
-    return f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{float(at[3]) + 0.0:.3f}"
-
-
 def _m114(board: Controller, command: Command) -> None:
     counts = " ".join(map(str, board.machine.steps_now()[:3]))
     place = " ".join(f"{float(v) + 0.0:.3f}" for v in board.machine.motion.modal["position"][0, :3])
-    board.machine.say(f"{_where(board)} E0:0.0 Count {counts} Machine {place} Bed comp 0.000")
+    board.machine.say(f"{place_report(board)} E0:0.0 Count {counts} Machine {place} Bed comp 0.000")
 
 
 def _m669(board: Controller, command: Command) -> None:
@@ -137,6 +128,7 @@ class RepRapFirmware(Marlin):
         "Warning: Tool 0 was not driven because its heater temperatures were not high enough"
     )
     banner: ClassVar[tuple[str, ...]] = ()
+    runs_on: ClassVar[bool] = False
     offsets_by: ClassVar[str] = "G10"
 
     def __init__(self, board: Controller) -> None:
@@ -183,10 +175,6 @@ class RepRapFirmware(Marlin):
     def say_unknown(self, command: Command) -> None:
         """There is no such command."""
         self.board.machine.say(f"Warning: {command.name}: Command is not supported")
-
-    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
-        """Motors stop at once."""
-        return None
 
     def say_halted(self, reason: str) -> None:
         """It stops for good."""

@@ -9,10 +9,10 @@ line                                             read as
 ``G1 X1 Y2 A0.5 F20``                            the same with E for the plunger's axis
 ``G4 P0.03``, ``DWELL 0.03``                     G4 S0.03: seconds, not milliseconds
 ``G70``, ``G71``, ``G90``, ``G91``, ``G92``      G20, G21, and the same
-``G75``, ``G76``                                 what F is told per: minutes, seconds
+``G75``, ``G76``                                 what F counts per: minutes, seconds
 ``WAIT MOVEDONE X Y``, ``WaitForMotionDone(X)``  M400
 ``VELOCITY ON``, ``G108``                        nothing: blending isn't modelled as theirs
-``$DO[0].X=1``, ``DigitalOutputSet(X, 0, 1)``    nothing; told with its name and words
+``$DO[0].X=1``, ``DigitalOutputSet(X, 0, 1)``    nothing; reported with its name and words
 ``// ...``, ``' ...``, for an A3200 ``; ...``    a comment, which begins at a semicolon here
 ================================================ ==============================================
 
@@ -30,8 +30,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from sim.errors import GcodeError
-from sim.gcode.reading.line import NOTHING, NamedCommand, TranslatedProgram
-from sim.gcode.reading.words import output_of
+from sim.gcode.reading.line import NOTHING, NamedCommand, TranslatedProgram, output_of
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
 _DWELL: Final = re.compile(rb"(?:G0?4\s+P|DWELL\s+)(" + _NUMBER + rb")", re.IGNORECASE)

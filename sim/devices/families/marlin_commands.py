@@ -7,14 +7,21 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Final
+from typing import Final, NamedTuple
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.runner import set_position
-from sim.devices.board.waits import Steps, Task, User, WaitStandstill, WaitUntil
-from sim.devices.families.marlin.numbering import quickstop, request_resend
-from sim.devices.families.marlin.report_commands import (
+from sim.devices.board.machine import (
+    STANDSTILL,
+    Steps,
+    Task,
+    copy_settings,
+    wait_for_user,
+    wait_until,
+)
+from sim.devices.board.printer import set_position
+from sim.devices.families.marlin_reports import (
     SETTINGS,
+    SETTINGS_HANDLERS,
     m31,
     m105,
     m110,
@@ -26,15 +33,17 @@ from sim.devices.families.marlin.report_commands import (
     m119,
     m154,
     m155,
+    m220,
+    m221,
     planned_position,
     position_report,
+    quickstop,
+    request_resend,
+    tell_settings,
     temperatures,
 )
-from sim.devices.families.marlin.settings import SETTINGS_HANDLERS, m220, m221, tell_settings
 from sim.gcode.program.gcode import Command
 from sim.gcode.program.modal import dwell_s, interpret
-
-_AT_ONCE_S: Final = 1e-6
 
 
 def g92(board: Controller, command: Command) -> None:
@@ -75,7 +84,7 @@ def m85(board: Controller, command: Command) -> None:
     if "S" in command.words:
         seconds = command.values.get("S", 0.0)
         # Below 0 the time is over at once: the firmware kills itself.
-        board.machine.idle_limit_s = _AT_ONCE_S if seconds < 0 else seconds
+        board.machine.idle_limit_s = BUILD.at_once_s if seconds < 0 else seconds
         board.machine.idle_since = board.machine.now
     else:
         board.machine.say(f"Inactivity timeout {board.machine.idle_limit_s:.0f} s.")
@@ -144,8 +153,8 @@ def no_effect(board: Controller, command: Command) -> None:
 def g4(board: Controller, command: Command) -> Task:
     """Dwell: the motors stand first."""
     seconds = float(dwell_s(board.words[0]))
-    yield WaitStandstill()
-    yield WaitUntil(board.machine.now + seconds)
+    yield STANDSTILL
+    yield wait_until(board.machine.now + seconds)
 
 
 def g28(board: Controller, command: Command) -> Task:
@@ -158,18 +167,18 @@ def g28(board: Controller, command: Command) -> Task:
     named = [axis for axis, name in enumerate("XYZ") if name in {*command.values, *command.flags}]
     lows = machine.motion.modal["low"][0].copy()
     for axis in named or (2, 0, 1):
-        yield WaitStandstill()
+        yield STANDSTILL
         if machine.stuck.get(axis) == "closed":
             machine.motion.stand_at(axis, float(lows[axis]))
-        speed = _HOMING_Z_MM_S if axis == 2 else _HOMING_MM_S
+        speed = BUILD.homing_z_mm_s if axis == 2 else BUILD.homing_mm_s
         target = machine.motion.modal["position"][0].copy()
         target[axis] = lows[axis]
         machine.motion.modal["position"] = target
         machine.move_to(target, speed, -1)
-        yield WaitStandstill()
+        yield STANDSTILL
         if machine.stuck.get(axis) == "open":
             length = float(machine.motion.modal["high"][0, axis] - lows[axis])
-            yield WaitUntil(machine.now + length / 2 / speed)
+            yield wait_until(machine.now + length / 2 / speed)
             board.kill("Homing Failed")
             return
         machine.homed[axis] = True
@@ -186,7 +195,7 @@ def m0(board: Controller, command: Command) -> Task:
     match = _TEXT.fullmatch(command.text.strip())
     message = match[1].decode("latin-1") if match else ""
     seconds = command.values.get("S", command.values.get("P", 0.0) * 1e-3)
-    yield WaitStandstill()
+    yield STANDSTILL
     if message:
         machine.say(f"echo:{message}", b"\r\n")
     machine.say("//action:prompt_end")
@@ -195,7 +204,7 @@ def m0(board: Controller, command: Command) -> Task:
     machine.say("//action:prompt_button Continue")
     machine.say("//action:prompt_show")
     machine.waits_for_user = True
-    yield User(machine.now + seconds if seconds > 0 else math.inf)
+    yield wait_for_user(machine.now + seconds if seconds > 0 else math.inf)
     machine.waits_for_user = False
 
 
@@ -206,7 +215,7 @@ def m104(board: Controller, command: Command) -> None:
     if target is not None and not board.machine.dry:
         heater.set_target(board.machine.now, target)
         if not heater.wired and target > 0:
-            board.machine.heat.sensor_fails_at(board.machine.now + _SENSOR_FAULT_S)
+            board.machine.heat.sensor_fails_at(board.machine.now + BUILD.sensor_fault_s)
 
 
 def m109(board: Controller, command: Command) -> Task:
@@ -221,30 +230,30 @@ def m109(board: Controller, command: Command) -> Task:
     report_at = machine.now
     there_at: float | None = None
     while machine.heat.awaited:
-        near = abs(heater.read(machine.now) - target) < _WINDOW_C
+        near = abs(heater.read(machine.now) - target) < BUILD.window_c
         if near and there_at is None:
             there_at = machine.now
-        left = math.inf if there_at is None else there_at + _RESIDENCE_S - machine.now
+        left = math.inf if there_at is None else there_at + BUILD.residence_s - machine.now
         if machine.now >= report_at:
             rest = "?" if math.isinf(left) else str(max(int(left), 0))
             machine.say(f"{temperatures(machine)} W:{rest}")
             report_at += 1.0
         if left <= 0:
             break
-        yield WaitUntil(min(report_at, machine.now + min(_LOOK_S, max(left, 1e-3))))
+        yield wait_until(min(report_at, machine.now + min(BUILD.look_s, max(left, 1e-3))))
     machine.heat.awaited = False
 
 
 def m81(board: Controller, command: Command) -> Task:
     """Power off: heaters off, the motors end; the supply itself isn't the board's to switch."""
-    board.machine.heaters_off()
-    yield WaitStandstill()
-    yield WaitUntil(board.machine.now + _POWER_OFF_S)
+    board.machine.heat.off(board.machine.now)
+    yield STANDSTILL
+    yield wait_until(board.machine.now + BUILD.power_off_s)
 
 
 def m400(board: Controller, command: Command) -> Task:
     """Wait until the motors stand."""
-    yield WaitStandstill()
+    yield STANDSTILL
 
 
 def m410(board: Controller, command: Command) -> Steps:
@@ -254,10 +263,10 @@ def m410(board: Controller, command: Command) -> Steps:
 
 def m500(board: Controller, command: Command) -> Task:
     """Store the settings; the processor waits for the EEPROM."""
-    board.machine.store_settings()
+    board.machine.stored = copy_settings(board.machine.motion.planner, board.machine.settings)
     board.machine.stalled_until = board.machine.now + board.machine.board.store_s
     board.hold_busy()
-    yield WaitUntil(board.machine.stalled_until)
+    yield wait_until(board.machine.stalled_until)
     board.machine.say(f"echo:Settings Stored ({SETTINGS})")
     board.machine.say("//action:notification Settings Stored")
 
@@ -319,21 +328,31 @@ HANDLERS: Final[Handlers] = {
 #
 # A function is a generator that yields what it waits for, or does its work at once.
 
-_HOMING_MM_S: Final = 50.0
-_HOMING_Z_MM_S: Final = 4.0
-_RESIDENCE_S: Final = 10.0
-_WINDOW_C: Final = 1.0
-_LOOK_S: Final = 0.25
-_POWER_OFF_S: Final = 1.0
+
+class MarlinBuild(NamedTuple):
+    """Speeds and waits of the recorded build."""
+
+    homing_mm_s: float = 50.0
+    homing_z_mm_s: float = 4.0
+    residence_s: float = 10.0
+    window_c: float = 1.0
+    look_s: float = 0.25
+    power_off_s: float = 1.0
+    sensor_fault_s: float = 0.034
+    at_once_s: float = 1e-6
+
+
+BUILD: Final = MarlinBuild()
+
+
 _TEXT: Final = re.compile(rb"M *\d+ *(?:[A-Z] *[-+]?\d+\.?\d* *)*(.*)")
 """Behind a code and words with a number."""
-_SENSOR_FAULT_S: Final = 0.034
 
 
 def m420(board: Controller, command: Command) -> Task:
     """Switch bed levelling on or off, with the motors at rest; tell which."""
     motion = board.machine.motion
-    yield WaitStandstill()
+    yield STANDSTILL
     if "S" in command.values:
         motion.level(board.machine.board.bed_slope if command.values["S"] else 0.0)
     board.machine.say(f"echo:Bed Leveling {'ON' if motion.slope else 'OFF'}")

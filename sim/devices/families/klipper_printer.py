@@ -10,15 +10,13 @@ from typing import ClassVar, Final
 import numpy as np
 
 from sim.devices.board.controller import Controller, Handlers
-from sim.devices.board.machine import Machine, MotorRunOn
+from sim.devices.board.machine import STANDSTILL, Steps, Task
 from sim.devices.board.motion import Motion, PlacedAxes
-from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.board.runner import set_position
-from sim.devices.board.waits import Steps, Task, WaitStandstill
+from sim.devices.board.printer import SimulatedPrinter, set_position
 from sim.devices.board.wire import Numbering
-from sim.devices.families.marlin.commands import HANDLERS
-from sim.devices.families.marlin.printer import Marlin
-from sim.devices.families.marlin.settings import set_flow_percent, set_speed_percent
+from sim.devices.families.marlin_commands import HANDLERS
+from sim.devices.families.marlin_printer import Marlin
+from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
 from sim.gcode.program.gcode import Command, split_line
 from sim.gcode.program.modal import interpret
 from sim.gcode.reading.line import NamedCommand, plain_command
@@ -41,14 +39,14 @@ PRINTER: Final = KlipperPrinter
 # off unchecked, so a garbled line is done as it came; an ``ok`` to each line; ``// Unknown
 # command``, ``!! ...`` before the ok of a command that fails; ``// Klipper state:`` Ready and
 # Shutdown; few commands (no M85, M92, M113, M302); no busy messages. Axes move only once they are
-# homed or SET_KINEMATIC_POSITION has said where they are; after the idle timeout (600 s) heaters
+# homed or SET_KINEMATIC_POSITION has given their place; after the idle timeout (600 s) heaters
 # and motors are off and no axis is homed. SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and
 # SET_PRESSURE_ADVANCE answer as theirs do, and change nothing but the timeout. SET_GCODE_OFFSET and
 # G92 shift the places that a job names, and SET_KINEMATIC_POSITION leaves such a shift as it is;
 # GET_POSITION tells it.
 #
-# It has few of Marlin's codes, and what isn't listed here of those is done and said by Marlin's own
-# firmware part: this twin is one with other words and commands.
+# It has few of Marlin's codes, and what isn't listed here of those is done and answered by Marlin's
+# own firmware part: this twin is one with other words and commands.
 #
 # Not modelled: its motion (Marlin's planner runs here), macros and other named commands, that
 # G-code commands wait for room in seconds of motion, not in blocks.
@@ -82,10 +80,7 @@ def _g92(board: Controller, command: Command) -> None:
 
 
 def _m114(board: Controller, command: Command) -> None:
-    modal = board.machine.motion.modal
-    at, shift = modal["position"][0], modal["shift"][0]
-    x, y, z = (float(at[k] + shift[k]) + 0.0 for k in range(3))
-    board.machine.say(f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{float(at[3]) + 0.0:.3f}")
+    board.machine.say(place_report(board))
 
 
 def _m115(board: Controller, command: Command) -> None:
@@ -115,6 +110,7 @@ class Klipper(Marlin):
     offsets_by: ClassVar[str] = ""  # none: SET_GCODE_OFFSET is one for all heads
     too_cold_words: ClassVar[str] = "!! Extrude below minimum temp"
     banner: ClassVar[tuple[str, ...]] = ("// Klipper state: Ready",)
+    runs_on: ClassVar[bool] = False
 
     def __init__(self, board: Controller) -> None:
         super().__init__(board)
@@ -181,7 +177,7 @@ class Klipper(Marlin):
         elif name == "SET_PRESSURE_ADVANCE":
             machine.say("// pressure_advance: 0.000000")
         elif name == "TURN_OFF_HEATERS":
-            machine.heaters_off()
+            machine.heat.off(machine.now)
         else:
             machine.say(f'// Unknown command:"{name}"')
         return None
@@ -199,12 +195,12 @@ class Klipper(Marlin):
             machine.say(f"// Extruder {called} already active")
             return
         machine.say(f"// Activating extruder {called}")
-        yield WaitStandstill()
+        yield STANDSTILL
         split_line(chosen, self.board.words)
         interpret(motion.modal[0], self.board.words[0])
         motion.modal["plunger_shift"] += motion.modal["position"][0, 3]
         motion.modal["position"][0, 3] = 0.0
-        machine.use_head(number)
+        machine.motion.use_head(number, machine.now)
 
     def _set_idle_timeout(self, words: bytes) -> None:
         machine = self.board.machine
@@ -228,13 +224,9 @@ class Klipper(Marlin):
 
     def idle_is_over(self) -> None:
         """Heaters and motors go off: TURN_OFF_HEATERS, M84."""
-        self.board.machine.heaters_off()
+        self.board.machine.heat.off(self.board.machine.now)
         self.board.machine.idle_since = math.inf
         self._axes.forget()
-
-    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
-        """Motors stop at once."""
-        return None
 
     def say_halted(self, reason: str) -> None:
         """It stops for good."""
@@ -293,12 +285,7 @@ class KlipperNumbering:
 
 
 class Offsets:
-    """Coordinate offsets by SET_KINEMATIC_POSITION and SET_GCODE_OFFSET.
-
-    Parameters
-    ----------
-    motion : Motion
-    """
+    """Coordinate offsets by SET_KINEMATIC_POSITION and SET_GCODE_OFFSET."""
 
     def __init__(self, motion: Motion) -> None:
         self._motion = motion
