@@ -152,7 +152,7 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
     )
     trees = grow_trees(tissue, plan, options)
     if anatomy.published_radii:
-        trees = with_published_radii(trees, tissue, plan, options, shape.volume)
+        trees = with_published_radii(trees, tissue, plan, options)
     notes = (
         *notes,
         *_left_out_note(plan.lines, trees),

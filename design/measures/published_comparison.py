@@ -240,34 +240,24 @@ def _steps(values: FloatArray) -> FloatArray:
 _FACTORS: Final = np.exp(0.02 * np.arange(1, 26))
 """Tried upwards and downwards: to 1.65 and 0.61, pressure drops of a seventh and the sevenfold."""
 FURTHER_FACTORS: Final = 6
-"""Factors that are tried after the first that fits: trees grown anew differ a little."""
+"""Factors that are compared after the first of the best: trees grown anew differ a little."""
 
 
-@dataclass(frozen=True)
-class PublishedMatch:
-    """How near a network's arteries are to a published table.
+class PublishedMatch(NamedTuple):
+    """How well a network's arteries match a published table."""
 
-    Attributes
-    ----------
-    farthest_sd : float
-        Distance of the figure farthest from its published mean, in standard deviations; infinite
-        where too few orders are judged.
-    factor : float
-        On all radii, near to 1, that would bring every figure within one standard deviation.
-    """
-
-    farthest_sd: float
-    factor: float
+    within: int  # the table's figures that they have within one published standard deviation
+    factor: float  # on all radii, near to 1, with which they would have most
 
 
 def published_match(network: VesselNetwork, name: str) -> PublishedMatch:
     """Compare a network's arteries with a published table, and what radii would match it.
 
-    The figures are all judged orders' diameters, lengths and slenderness and the ratios between
-    orders (`compare_orders`). The factor is 1 where they are within one published standard
-    deviation. Where no factor brings them within, it is the one whose farthest figure is nearest.
-    A network of fewer than four judged orders keeps its radii: few vessels in a small phantom
-    aren't an organ's.
+    The figures are the orders' diameters, lengths and slenderness and the ratios between orders
+    (`compare_orders`). One that isn't judged counts like one outside: a match to fewer orders isn't
+    better. Of the factors by which most figures are within, it is the nearest to 1, or one of the
+    next whose farthest figure is nearer. A network of fewer than four judged orders keeps its
+    radii: few vessels in a small phantom aren't an organ's.
 
     Parameters
     ----------
@@ -283,32 +273,30 @@ def published_match(network: VesselNetwork, name: str) -> PublishedMatch:
     """
     table, forest = published_orders(name), forest_of(network, VesselKind.ARTERY)
     if forest is None:
-        return PublishedMatch(np.inf, 1.0)
+        return PublishedMatch(0, 1.0)
     length = network.lengths()[forest.vessels]
     wide = 2.0 * network.mean_radius()[forest.vessels]
-    ours = _farthest_sd(table, forest, length, wide)
-    if ours <= 1.0 or not np.isfinite(ours):
-        return PublishedMatch(ours, 1.0)
-    best, least, further = 1.0, ours, FURTHER_FACTORS
-    for factor in np.column_stack([_FACTORS, 1.0 / _FACTORS]).ravel().tolist():
-        off = _farthest_sd(table, forest, length, factor * wide)
-        if off < least:
-            best, least = factor, off
-        further -= least <= 1.0
-        if further < 0:
-            break
-    return PublishedMatch(ours, best)
+    factors = [1.0, *np.column_stack([_FACTORS, 1.0 / _FACTORS]).ravel().tolist()]
+    off = [_deviations(table, forest, length, factor * wide) for factor in factors]
+    within = [int((one <= 1.0).sum()) for one in off]
+    most = max(within)
+    if not len(off[0]) or within[0] == most:
+        return PublishedMatch(within[0], 1.0)
+    first = within.index(most)
+    near = range(len(factors))[first : first + 1 + FURTHER_FACTORS]
+    best = min(near, key=lambda n: (-within[n], off[n].max(initial=0.0)))
+    return PublishedMatch(within[0], factors[best])
 
 
-def _farthest_sd(
+def _deviations(
     table: PublishedOrders, forest: Forest, length: FloatArray, wide: FloatArray
-) -> float:
-    """See `PublishedMatch.farthest_sd`."""
+) -> FloatArray:
+    """Return all judged figures' distances from their means, sd; none of too few orders."""
     rows, ratios = order_figures(table, forest, length, wide)
     figures: list[dict[str, Any]] = [*ratios.values()]
     for row in rows:
         figures += [row["diameter_mm"], row["length_mm"], row["length_over_diameter"]]
-    judged = [one for one in figures if one["inside"] is not None]
     if sum(row["diameter_mm"]["inside"] is not None for row in rows) < JUDGED.orders:
-        return np.inf
-    return max(abs(one["ours"] - one["mean"]) / one["sd"] for one in judged)
+        figures = []
+    judged = [one for one in figures if one["inside"] is not None]
+    return np.array([abs(one["ours"] - one["mean"]) / one["sd"] for one in judged])

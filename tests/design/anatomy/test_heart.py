@@ -31,9 +31,9 @@ from tests.design.anatomy.hearts import HEART, closed_heart, heart_tissue, trunk
 from tests.design.tissue.kept import kept_tissue
 
 
-def grown_with_matches(monkeypatch, sd_then):
-    """A heart whose radii are found 2 sd away from the published ones, then so many."""
-    matches = iter([PublishedMatch(2.0, 1.1), *(PublishedMatch(sd, 1.0) for sd in sd_then)])
+def grown_with_matches(monkeypatch, within_then):
+    """A heart of which 14 figures are found within the published spread, then so many."""
+    matches = iter([PublishedMatch(14, 1.1), *(PublishedMatch(n, 1.0) for n in within_then)])
     monkeypatch.setattr("design.anatomy.published_radii.published_match", lambda *_: next(matches))
     few = replace(HEART, terminals=40)
     return grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
@@ -41,12 +41,12 @@ def grown_with_matches(monkeypatch, sd_then):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("sd_then", "factor"), [((0.9,), 1.1), ((3.0, 0.9), 1.1**0.5), ((3.0, 2.5, 2.5), 1.0)]
+    ("within_then", "factor"), [((15,), 1.1), ((13, 15), 1.1**0.5), ((12, 13, 14), 1.0)]
 )
-def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_radii(
-    monkeypatch, sd_then, factor
+def test_a_heart_gets_another_pressure_drop_where_that_matches_more_published_figures(
+    monkeypatch, within_then, factor
 ):
-    made = grown_with_matches(monkeypatch, sd_then)
+    made = grown_with_matches(monkeypatch, within_then)
     wanted = HEART.pressure_drop_pa / factor**4
     assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx([wanted] * 2)
     assert any("pressure_drop_mmhg was taken as" in note for note in made.notes) == (factor != 1.0)
@@ -57,7 +57,7 @@ def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     """A heart of 80 mm lost 29 % of its trunks to radii nearer to the published ones."""
     lengths = iter([100.0, 80.0, 80.0, 80.0])
     monkeypatch.setattr("design.anatomy.published_radii.trunks_mm", lambda _: next(lengths))
-    made = grown_with_matches(monkeypatch, (0.9,) * 3)
+    made = grown_with_matches(monkeypatch, (15,) * 3)
     drops = [tree.pressure_drop_pa for tree in made.trees]
     assert drops == pytest.approx([HEART.pressure_drop_pa] * 2)
 
