@@ -84,8 +84,8 @@ class HeartAnatomy:
     trunk_depth_mm : float, mm
         Least depth of their axes.
     published_radii : bool
-        Change the pressure drop as little as brings all orders' diameters, lengths and ratios
-        within the published spread (Kassab et al. 1993), as far as one drop can.
+        Change the pressure drop as little as brings most of the orders' diameters, lengths and
+        ratios within the published spread (Kassab et al. 1993).
     """
 
     base: Place | None = None
