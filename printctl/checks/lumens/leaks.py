@@ -14,8 +14,14 @@ from scipy.spatial import cKDTree
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
+from printctl.checks.lumens.leak_kernels import (
+    TISSUE,
+    block_lines,
+    find_runs,
+    join_runs,
+    label_pieces,
+)
 from printctl.checks.lumens.lines import WrittenLines
-from sim.gcode.lumens.leak_kernels import TISSUE, block_lines, find_runs, join_runs, label_pieces
 
 PIXEL_MM: Final = 0.03
 MOST_PIXELS: Final = 3e9

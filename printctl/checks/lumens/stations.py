@@ -10,7 +10,7 @@ import numpy as np
 from design.network import VesselNetwork
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.lumens.lines import WrittenLines
-from sim.gcode.lumens.width_kernels import Slabs, list_cells, mark_needed, sections
+from printctl.checks.lumens.width_kernels import Slabs, list_cells, mark_needed, sections
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
-from sim.gcode.lumens.width_kernels import stadium_span
+from printctl.checks.lumens.width_kernels import stadium_span
 
 ShortArray = NDArray[np.int32]
 
