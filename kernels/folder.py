@@ -16,8 +16,16 @@ from typing import Final
 SOURCES: Final = Path(__file__).resolve().parent.parent
 """Parent folder of all packages."""
 
-PACKAGES: Final = ("design", "firmware_profiles", "kernels", "registration", "sim")
-"""Packages whose source files may change a kernel; `printctl` has none."""
+PACKAGES: Final = (
+    "design",
+    "firmware_profiles",
+    "kernels",
+    "printctl/checks/lumens",
+    "registration",
+    "sim",
+)
+"""Folders whose source files may change a kernel; of `printctl` one room alone, whose kernels take
+nothing from its others."""
 
 _KEPT_FOLDERS: Final = 4
 """Folders of earlier sources or versions that stay, newest first; each takes about 100 MB."""

@@ -9,7 +9,7 @@ import math
 import re
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from itertools import cycle
 from pathlib import Path
 from typing import Annotated, Final, Literal, get_args
 
@@ -30,8 +30,7 @@ from sim.user_files import read_model
 # drop_ok: 0.001           # chance of each ok
 # delay: 0.001             # chance of each reply that it comes delay_s late
 # delay_s: 0.3
-# ok_delays_s: [0, 0, 5]   # each ok in turn comes so late, and what follows it with it
-# ok_delay_up_to_s: 5      # or: each ok by itself, anything up to this
+# ok_delays_s: [0, 0, 5]   # oks come so late, each in turn, and what follows each with it
 # drop_byte: 0.0001        # chance of each byte that it is lost
 # speed: 0.5               # the whole board runs at this share of its time
 # latency_s: 0.016         # every reply comes so late, as through a USB adapter
@@ -40,9 +39,7 @@ from sim.user_files import read_model
 # - {fault: unplug, line: 2000, back_after_s: 2}
 # - {fault: endstop_stuck, time_s: 0, axis: x, stuck: open}
 # - {fault: runaway, bytes: 50000}
-# - {fault: late_oks, line: 200, seconds: 5}
 # - {fault: stall, line: 300, seconds: 4}
-# - {fault: slow, line: 400, share: 0.5}
 # gauges:                  # what it tells of a sensor: straight between times, by its clock
 # - {command: M871, says: "Force: {value:.2f} N", ramp: [[0, 1.0], [60, 15.0]]}
 # ink:                     # what becomes of the ink; the motors know nothing of it
@@ -56,22 +53,17 @@ FaultKind = Literal[
     "runaway",
     "noise",
     "delay",
-    "late_oks",
     "stall",
-    "slow",
     "endstop_stuck",
 ]
 Direction = Literal["both", "down", "up"]
 Chance = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, le=86_400)]
-Share = Annotated[float, Field(ge=0.01, le=1)]
 _OWN: Final[dict[str, tuple[str, ...]]] = {
     "unplug": ("back_after_s",),
     "noise": ("rate", "length_bytes"),
     "delay": ("seconds",),
-    "late_oks": ("seconds",),
     "stall": ("seconds",),
-    "slow": ("share",),
     "endstop_stuck": ("axis", "stuck"),
 }
 """Keys that only one fault has; all but ``back_after_s`` must be given."""
@@ -88,10 +80,9 @@ class Fault(BaseModel):
         out of the blue). ``drop_ok``: the ok to the line is lost. ``runaway``: the hotend's heater
         loses its power while the firmware believes it is on. ``noise``: `rate` of the next
         `length_bytes` on the cable are garbled. ``delay``: the next reply is `seconds` late.
-        ``late_oks``: from now on each ok comes up to `seconds` late, by chance.
-        ``stall``: board, motors and wire stand still for `seconds`, and go on. ``slow``: from now
-        on the whole board runs at `share` of its time. ``endstop_stuck``: `axis`' switch stays
-        ``open`` (never found) or ``closed`` (found at once, wherever the carriage stands).
+        ``stall``: board, motors and wire stand still for `seconds`, and go on. ``endstop_stuck``:
+        `axis`' switch stays ``open`` (never found) or ``closed`` (found at once, wherever the
+        carriage stands).
     line, time_s, bytes
         The moment: when the firmware takes the line of this N word, when its clock shows this,
         or when it has received so many bytes. One of them.
@@ -107,7 +98,6 @@ class Fault(BaseModel):
     rate: Chance | None = None
     length_bytes: Annotated[int, Field(ge=1)] | None = None
     seconds: Seconds | None = None
-    share: Share | None = None
     axis: Literal["x", "y", "z"] | None = None
     stuck: Literal["open", "closed"] | None = None
 
@@ -139,9 +129,8 @@ class PermanentFaults(BaseModel):
     delay: Chance = 0.0
     delay_s: Seconds = 0.3
     ok_delays_s: tuple[Seconds, ...] = ()
-    ok_delay_up_to_s: Seconds = 0.0
     drop_byte: Chance = 0.0
-    speed: Share = 1.0
+    speed: Annotated[float, Field(ge=0.01, le=1)] = 1.0
     latency_s: Seconds = 0.0
 
 
@@ -265,8 +254,7 @@ class FaultyCable:
         self._late: deque[tuple[float, bytes]] = deque()
         self._burst_rate, self._burst_left = 0.0, 0
         self._hold_s = 0.0
-        self._oks = 0
-        self._ok_late_s = self.troubles.ok_delay_up_to_s
+        self._ok_delays_s = cycle(self.troubles.ok_delays_s or (0.0,))
 
     def burst(self, rate: float, length_bytes: int) -> None:
         """Garble ``rate`` of the next ``length_bytes``, both ways."""
@@ -275,10 +263,6 @@ class FaultyCable:
     def hold(self, seconds: float) -> None:
         """Let the next reply come ``seconds`` late."""
         self._hold_s = seconds
-
-    def delay_oks(self, up_to_s: float) -> None:
-        """Let each ok to come be late by chance, up to so many seconds."""
-        self._ok_late_s = up_to_s
 
     def down(self, data: bytes) -> bytes:
         """What of the host's bytes reaches the printer."""
@@ -300,24 +284,15 @@ class FaultyCable:
 
     def _by_ok(self, data: bytes) -> Iterator[tuple[bytes, float]]:
         """Cut before each ok that is late, and say how much."""
-        if not self.troubles.ok_delays_s and not self._ok_late_s:
+        if not self.troubles.ok_delays_s:
             yield data, 0.0
             return
         begin, late = 0, 0.0
         for match in _BEGINS_OK.finditer(data):
             if match.start() > begin:
                 yield data[begin : match.start()], late
-            begin, late = match.start(), self._ok_delay()
+            begin, late = match.start(), next(self._ok_delays_s)
         yield data[begin:], late
-
-    def _ok_delay(self) -> float:
-        """Of the next ok, s."""
-        cycle = self.troubles.ok_delays_s
-        self._oks += 1
-        late = cycle[(self._oks - 1) % len(cycle)] if cycle else 0.0
-        if self._ok_late_s:
-            late += float(self._rng.random()) * self._ok_late_s
-        return late
 
     @property
     def next_s(self) -> float:
@@ -350,17 +325,8 @@ class FaultyCable:
         return bytes(np.frombuffer(data, np.uint8) ^ np.where(hit, bits, 0).astype(np.uint8))
 
 
-@dataclass(frozen=True)
-class _Stretch:
-    """From a moment on, the board's clock runs at a share of the host's."""
-
-    host_s: float
-    board_s: float
-    share: float
-
-
 class Pace:
-    """Both clocks start at 0; between two faults they run in proportion.
+    """Clocks of board and host: both start at 0 and run in proportion, but while the board stalls.
 
     Parameters
     ----------
@@ -369,27 +335,22 @@ class Pace:
     """
 
     def __init__(self, share: float = 1.0) -> None:
-        self._stretches = [_Stretch(0.0, 0.0, share)]
+        self.share = share
+        self._stalls: list[tuple[float, float]] = []
 
-    def set_share(self, board_s: float, share: float) -> None:
-        """From ``board_s`` on, s, run at a share of the host's clock."""
-        self._stretches.append(_Stretch(self.host_time(board_s), board_s, share))
-
-    def freeze(self, board_s: float, seconds: float) -> None:
+    def stall(self, board_s: float, seconds: float) -> None:
         """Stand still at ``board_s``, s, for so long of the host's time."""
-        last = self._stretches[-1]
-        begins = _Stretch(self.host_time(board_s), board_s, 0.0)
-        goes_on = replace(last, host_s=begins.host_s + seconds, board_s=board_s)
-        self._stretches += [begins, goes_on]
+        self._stalls.append((board_s, seconds))
 
     def board_time(self, host_s: float) -> float:
         """What the board's clock shows at a moment of the host's, s."""
-        past = [one for one in self._stretches if one.host_s <= host_s]
-        at = past[-1] if past else self._stretches[0]
-        return at.board_s + (host_s - at.host_s) * at.share
+        for board_s, seconds in self._stalls:
+            if host_s <= board_s / self.share:
+                break
+            host_s = max(board_s / self.share, host_s - seconds)
+        return host_s * self.share
 
     def host_time(self, board_s: float) -> float:
-        """When, on the host's clock, the board's shows this first after a fault, s."""
-        past = [one for one in self._stretches if one.board_s <= board_s and one.share > 0]
-        at = past[-1] if past else self._stretches[0]
-        return at.host_s + (board_s - at.board_s) / at.share
+        """When, on the host's clock, the board's shows this first after a stall, s."""
+        stood = sum(seconds for begin_s, seconds in self._stalls if begin_s <= board_s)
+        return board_s / self.share + stood

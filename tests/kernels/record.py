@@ -199,10 +199,11 @@ def _called() -> list[tuple[str, str]]:
 
 def _kernels() -> dict[str, Any]:
     """Numba's dispatchers in all modules of ours that are loaded."""
+    ours = tuple(f"{folder}.".replace("/", ".") for folder in PACKAGES)
     loaded = [
         module
         for name, module in list(sys.modules.items())
-        if name.partition(".")[0] in PACKAGES and module is not None
+        if f"{name}.".startswith(ours) and module is not None
     ]
     values = [value for module in loaded for value in vars(module).values()]
     kernels = [one for one in values if hasattr(one, "py_func") and hasattr(one, "signatures")]

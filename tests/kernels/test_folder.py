@@ -122,6 +122,7 @@ def test_each_listed_kernel_is_there_with_its_types() -> None:
     assert {work for one in rows for work in one.by} <= set(WORKS)
     for one in rows:
         module, _, name = one.kernel.partition(":")
+        assert module.replace(".", "/").startswith(folder.PACKAGES), one.kernel
         assert callable(getattr(import_module(module), name).py_func), one.kernel
         assert [described(numba_type(data)) for data in json.loads(one.takes)] == json.loads(
             one.takes

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.network import VesselNetwork
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray, split_rows
 from printctl.checks.lumens.lines import in_short_pieces
 from printctl.checks.lumens.report import LumenReport, list_names, report_dict, report_lumens
 from printctl.checks.lumens.stations import Openings, SectionStations, network_lumens
@@ -246,8 +246,7 @@ def owners(pieces: Strands, start: FloatArray, end: FloatArray, radius: FloatArr
     """
     length = np.linalg.norm(end - start, axis=1)
     count = np.maximum(np.ceil(length / SAMPLE_MM), 1).astype(np.int64)
-    of = np.repeat(np.arange(len(count)), count)
-    within = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+    of, within = split_rows(count)
     samples = start[of] + ((within + 0.5) / count[of])[:, None] * (end - start)[of]
     away, nearest = cKDTree(samples).query((pieces.start + pieces.end) / 2)
     owner = of[nearest]

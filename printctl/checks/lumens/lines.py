@@ -10,7 +10,7 @@ import numpy as np
 
 from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray, split_rows
 from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
 from sim.gcode.deposit.written import Strands
@@ -530,8 +530,7 @@ def in_short_pieces(strands: Strands) -> Strands:
     length = strands.length
     most = np.maximum(2 * PIECE_DIAMETERS * strands.radius, LEAST_PIECE_MM)
     count = np.maximum(np.ceil(length / most), 1).astype(np.int64)
-    of = np.repeat(np.arange(len(strands)), count)
-    within = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+    of, within = split_rows(count)
     way = (strands.end - strands.start)[of]
     return Strands(
         strands.start[of] + (within / count[of])[:, None] * way,

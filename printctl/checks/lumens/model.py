@@ -18,12 +18,19 @@ from shapely.geometry.base import BaseGeometry
 from design.solids import Solid
 from design.solids.manifolds import solid_manifold
 from kernels.arrays import FloatArray, IntArray
-from printctl.checks.lumens.leaks import DesignedLumens, Grid, Pixels, margin_mm, mouth_pieces
+from printctl.checks.lumens.leaks import (
+    DesignedLumens,
+    Grid,
+    Pixels,
+    label_pieces,
+    label_ring,
+    margin_mm,
+    mouth_pieces,
+)
 from printctl.checks.lumens.lines import WrittenLines
 from printctl.checks.lumens.stations import BEYOND, BEYOND_MM, SectionStations
+from printctl.checks.lumens.width_kernels import widest_in_polygon
 from printctl.errors import UsageError
-from sim.gcode.lumens.leak_kernels import label_pieces, label_ring
-from sim.gcode.lumens.width_kernels import widest_in_polygon
 
 # Count channels through a part that don't appear as holes in its horizontal sections.
 

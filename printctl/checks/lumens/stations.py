@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from design.network import VesselNetwork
-from kernels.arrays import BoolArray, FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray, split_rows
 from printctl.checks.lumens.lines import WrittenLines
-from sim.gcode.lumens.width_kernels import Slabs, list_cells, mark_needed, sections
+from printctl.checks.lumens.width_kernels import Slabs, list_cells, mark_needed, sections
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,7 @@ def network_lumens(
     least = np.minimum(np.minimum(r0, r1) / 2, line_mm / 2)
     steps = np.minimum(least, layer_mm / np.maximum(np.abs(along[:, 2]), 1e-9))
     count = np.ceil(length / steps).astype(np.int64)
-    piece = np.repeat(np.arange(len(count)), count)
-    within = np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count)
+    piece, within = split_rows(count)
     share = (within + 0.5) / count[piece]
     radius = r0[piece] + share * (r1 - r0)[piece]
     return SectionStations(

@@ -164,5 +164,9 @@ def _ul_per_mm(syringe: Syringe, ink: Ink) -> float:
 
 
 STAGE = Stage(
-    "lumens", depends, (GCODE, LINE_MAP, NETWORK), ("kernels", "sim", "firmware_profiles"), work
+    "lumens",
+    depends,
+    (GCODE, LINE_MAP, NETWORK),
+    ("kernels", "sim", "printctl/checks/lumens", "firmware_profiles"),
+    work,
 )

@@ -366,12 +366,8 @@ def apply_fault(board: Controller, fault: Fault) -> bool:
             board.bad_line.burst(fault.rate or 0.0, fault.length_bytes or 0)
         case "delay":
             board.bad_line.hold(seconds)
-        case "late_oks":
-            board.bad_line.delay_oks(seconds)
         case "stall":
-            board.pace.freeze(now, seconds)
-        case "slow":
-            board.pace.set_share(now, fault.share or 1.0)
+            board.pace.stall(now, seconds)
         case "endstop_stuck":
             board.machine.stuck["xyz".index(fault.axis or "x")] = fault.stuck or "open"
     return fault.fault in ("reset", "kill")

@@ -17,7 +17,7 @@ import numpy as np
 
 from firmware_profiles import Ink, Needle, Printer, pressure_pa, yield_pressure_pa
 from firmware_profiles.families import family_of
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray, split_rows
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import Program
@@ -268,8 +268,7 @@ def _divided(
     block: IntArray,
     parts: IntArray,
 ) -> Pieces:
-    of = np.repeat(np.arange(len(parts)), parts)
-    number = np.arange(len(of)) - np.repeat(np.cumsum(parts) - parts, parts)
+    of, number = split_rows(parts)
     share = 1.0 / parts[of]
     way, lasts = (end - start)[of], np.diff(time)[of]
     return Pieces(

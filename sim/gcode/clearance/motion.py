@@ -8,11 +8,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray, split_rows
 from sim.errors import ClearanceError
 from sim.gcode.clearance.kernels import Ink, Tips
 from sim.gcode.clearance.network import WrittenNetwork
 from sim.gcode.dry_run.run import DryRun
+from sim.gcode.motion.executed import window_sums
 from sim.gcode.program.modal import MOVE
 
 NONE = -1
@@ -128,8 +129,7 @@ class Pieces:
     def of(length_mm: FloatArray) -> Pieces:
         """Cut rows of such lengths; one that stands is one piece."""
         count = np.maximum(np.ceil(length_mm / PIECE_MM), 1).astype(np.int64)
-        row = np.repeat(np.arange(len(count)), count)
-        number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        row, number = split_rows(count)
         return Pieces(row, number / count[row], (number + 1) / count[row])
 
     def of_rows(self, chosen: IntArray) -> Pieces:
@@ -406,14 +406,6 @@ def _share(
     volume = (part.high - part.low) * motion.volume_ul[part.row]
     r0, r1 = design.T
     meant = np.pi / 3 * length * (r0**2 + r0 * r1 + r1**2)
-    path, pushed, planned = (np.append(0.0, np.cumsum(each)) for each in (length, volume, meant))
     changes = np.append(True, (np.diff(run) != 0) | (np.diff(vessel < 0) != 0))[: len(run)]
-    which = np.cumsum(changes) - 1
-    cuts = np.append(np.flatnonzero(changes), len(run))
-    middle, half = (path[:-1] + path[1:]) / 2, np.maximum(length, WINDOW_MM) / 2
-    low = np.maximum(middle - half, path[cuts[which]])
-    high = np.minimum(middle + half, path[cuts[which + 1]])
-    taken, known = (
-        np.interp(high, path, each) - np.interp(low, path, each) for each in (pushed, planned)
-    )
+    (taken, known), _ = window_sums(np.cumsum(changes), length, WINDOW_MM, volume, meant)
     return np.asarray(np.maximum(taken, 0.0) / np.maximum(known, 1e-12))

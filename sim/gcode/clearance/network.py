@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray, split_rows
 from sim.errors import ClearanceError
 from sim.gcode.clearance.kernels import Joints
 
@@ -218,8 +218,8 @@ class Axis:
         from scipy.spatial import cKDTree  # loads for 0.3 s; few jobs come here
 
         count = np.maximum(np.ceil(np.diff(arc) / _SPACING_MM), 1).astype(np.int64)
-        at = np.repeat(np.arange(len(count)), count)
-        share = (np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)) / count[at]
+        at, number = split_rows(count)
+        share = number / count[at]
         dense = np.append(arc[at] + share * np.diff(arc)[at], arc[-1])
         spots = np.append(points[at] + share[:, None] * np.diff(points, axis=0)[at], points[-1:], 0)
         return Axis(spots, dense, cKDTree(spots))
@@ -321,8 +321,8 @@ def _spots(network: WrittenNetwork) -> _Spots:
     length = np.diff(network.arc, append=0.0)
     length[network.offset[1:] - 1] = 0.0
     parts = np.maximum(np.ceil(length / pitch), 1).astype(np.int64)
-    row = np.repeat(np.arange(len(parts)), parts)
-    share = (np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[row]
+    row, number = split_rows(parts)
+    share = number / parts[row]
     following = np.minimum(row + 1, len(parts) - 1)
     mixed = [
         values[row] + (share * (values[following] - values[row]).T).T

@@ -34,7 +34,7 @@ from typing import Annotated, Final, Literal, NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from kernels.arrays import BoolArray, FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray, split_rows
 from sim.gcode.deposit.written import Layering, Strands
 
 
@@ -228,29 +228,13 @@ def _cut(lines: Placed, cuts: FloatArray) -> Placed:
     low = np.searchsorted(cuts, lines.first, side="right")
     high = np.maximum(np.searchsorted(cuts, lines.last, side="left"), low)
     parts = high - low + 1
-    of = np.repeat(np.arange(len(parts)), parts)
-    number = np.arange(len(of)) - np.repeat(np.cumsum(parts) - parts, parts)
+    of, number = split_rows(parts)
     padded = np.append(cuts, np.inf)
     first = np.where(number == 0, lines.first[of], padded[low[of] + number - 1])
     last = np.where(number == parts[of] - 1, lines.last[of], padded[low[of] + number])
     lasts = (lines.last - lines.first)[of]
     begin, end = (first - lines.first[of]) / lasts, (last - lines.first[of]) / lasts
-    old = lines.strands
-    start, way = old.start[of], (old.end - old.start)[of]
-    # What isn't cut keeps its ends to the last bit.
-    whole = (parts[of] == 1)[:, None]
-    return Placed(
-        Strands(
-            start + begin[:, None] * way,
-            np.where(whole, old.end[of], start + end[:, None] * way),
-            old.dose_ul[of] * (end - begin),
-            old.area_mm2[of],
-            old.stroke[of],
-            old.line[of],
-        ),
-        first,
-        last,
-    )
+    return Placed(lines.strands.cut(of, begin, end), first, last)
 
 
 def _thinned(lines: Placed, flows: list[FlowChange]) -> Placed:

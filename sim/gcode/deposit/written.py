@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from kernels.arrays import BoolArray, FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray, split_rows
 from sim.errors import DepositError
 from sim.gcode.deposit.kernels import writing_runs
-from sim.gcode.motion.executed import ExecutedMotion
+from sim.gcode.motion.executed import ExecutedMotion, window_sums
 
 # Data class of written ink as straight strands: ends, ink volume, cross-section, stroke.
 
@@ -65,6 +65,20 @@ class Strands:
     def chosen(self, rows: IntArray | BoolArray) -> Strands:
         """Return some of them, by number or mask."""
         return Strands(*(getattr(self, item.name)[rows] for item in fields(Strands)))
+
+    def cut(self, rows: IntArray, begin: FloatArray, end: FloatArray) -> Strands:
+        """Return parts of some of them, between shares (n,) of their way.
+
+        What is whole keeps its ends to the last bit.
+        """
+        chosen, way = self.chosen(rows), (self.end - self.start)[rows]
+        whole = (end - begin == 1.0)[:, None]
+        return replace(
+            chosen,
+            start=chosen.start + begin[:, None] * way,
+            end=np.where(whole, chosen.end, chosen.start + end[:, None] * way),
+            dose_ul=chosen.dose_ul * (end - begin),
+        )
 
     @property
     def length(self) -> FloatArray:
@@ -197,16 +211,8 @@ def smoothed_area(
     The window is `smoothing` or the block itself, whichever is longer, and ends where the
     stretch between two retractions does.
     """
-    path = np.concatenate([[0.0], np.cumsum(length)])
-    dosed = np.concatenate([[0.0], np.cumsum(volume)])
-    first = np.searchsorted(stretch, stretch, side="left")
-    last = np.searchsorted(stretch, stretch, side="right")
-    middle = (path[:-1] + path[1:]) / 2
-    half = np.maximum(smoothing, length) / 2
-    low = np.maximum(middle - half, path[first])
-    high = np.minimum(middle + half, path[last])
-    taken = np.interp(high, path, dosed) - np.interp(low, path, dosed)
-    return np.asarray(taken / (high - low))
+    (taken,), way = window_sums(stretch, length, smoothing, volume)
+    return np.asarray(taken / way)
 
 
 # Unite ink that is written along older ink of the same layer: volumes add up.
@@ -258,8 +264,8 @@ def _written_twice(strands: Strands) -> IntArray:
     """Pairs (k, 2) of an older and a newer strand that lie along each other somewhere."""
     length = strands.length
     count = np.maximum(1, np.ceil(length / SAME_PATH.station_mm)).astype(np.int64)
-    of = np.repeat(np.arange(len(count)), count)
-    share = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[of]
+    of, number = split_rows(count)
+    share = (number + 0.5) / count[of]
     way = strands.end - strands.start
     place = strands.start[of] + share[:, None] * way[of]
     close = cKDTree(place).query_pairs(
@@ -301,16 +307,8 @@ def _cut(strands: Strands, cuts: dict[int, list[float]]) -> tuple[Strands, IntAr
         at.append(1.0)
         of += [k] * (len(at) - 1)
         shares += pairwise(at)
-    row, share = np.array(of), np.array(shares)
-    chosen = strands.chosen(row)
-    way = (strands.end - strands.start)[row]
-    whole = (share[:, 1] - share[:, 0] == 1.0)[:, None]
-    return replace(
-        chosen,
-        start=chosen.start + share[:, :1] * way,
-        end=np.where(whole, chosen.end, chosen.start + share[:, 1:] * way),
-        dose_ul=chosen.dose_ul * (share[:, 1] - share[:, 0]),
-    ), row
+    row, (begin, end) = np.array(of), np.array(shares).T
+    return strands.cut(row, begin, end), row
 
 
 def _joined(pieces: Strands, of: IntArray, pairs: IntArray) -> Strands:

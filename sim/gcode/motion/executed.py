@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
-from kernels.arrays import FloatArray
+from kernels.arrays import FloatArray, IntArray
 from sim.gcode.motion.state import Records
 
 
@@ -109,3 +109,28 @@ def executed_motion(log: Records, printer: Printer) -> ExecutedMotion:
         line=log["line"].copy(),
         tool=log["tool"].copy(),
     )
+
+
+def window_sums(
+    stretch: IntArray, length: FloatArray, window_mm: float, *values: FloatArray
+) -> tuple[list[FloatArray], FloatArray]:
+    """Return sums of values over a window of path around each piece's middle, and its way, mm.
+
+    Parameters
+    ----------
+    stretch : (n,) int64
+        Ascending; a window stays within its piece's stretch.
+    length : (n,) float64, mm
+        A longer piece than the window is a window of its own.
+    values : (n,) float64 each
+        Spread evenly over their pieces.
+    """
+    path = np.concatenate([[0.0], np.cumsum(length)])
+    first = np.searchsorted(stretch, stretch, side="left")
+    last = np.searchsorted(stretch, stretch, side="right")
+    middle = (path[:-1] + path[1:]) / 2
+    half = np.maximum(window_mm, length) / 2
+    low = np.maximum(middle - half, path[first])
+    high = np.minimum(middle + half, path[last])
+    totals = [np.concatenate([[0.0], np.cumsum(each)]) for each in values]
+    return [np.interp(high, path, each) - np.interp(low, path, each) for each in totals], high - low

@@ -30,10 +30,10 @@ from printctl.checks.lumens import (
     report_lumens,
     rounded_to_steps,
 )
+from printctl.checks.lumens.leaks import find_runs, join_runs
 from printctl.checks.lumens.stations import slabs_near
+from printctl.checks.lumens.width_kernels import first_hit, stadium_span, widest_in_polygon
 from printctl.errors import UsageError
-from sim.gcode.lumens.leak_kernels import find_runs, join_runs
-from sim.gcode.lumens.width_kernels import first_hit, stadium_span, widest_in_polygon
 from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
     LINE_MM,

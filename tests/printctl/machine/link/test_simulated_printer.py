@@ -160,7 +160,6 @@ def test_last_move_below_the_firmwares_least_steps_is_no_renamed_place(tmp_path,
 
 # --- late or bunched oks and slow boards: done is reported after the last motor step
 MOVES = 40
-LATE = Fault(fault="late_oks", line=30, seconds=5.0)
 STALL = Fault(fault="stall", line=30, seconds=4.0)
 
 
@@ -190,12 +189,18 @@ def check_print(transport: SimulatedTransport, folder: Path) -> None:
     assert same_motion(transport.printer.executed(), foreseen(data))
 
 
+def late_oks(seed: int, up_to_s: float, first: int = 0) -> dict[str, object]:
+    """Delays of 300 oks by chance, of the first ones none."""
+    delays = np.random.default_rng(seed).uniform(0, up_to_s, 300 - first)
+    return {"ok_delays_s": [0.0] * first + delays.tolist()}
+
+
 OK_DELAYS = [(0, 0, 0, 3), (3,), (0, 1.5, 0, 0, 1), (0, 0, 2)]
-ROWS = [((LATE,), seed, {}) for seed in (0, 3, 1, 2)]
-ROWS += [((), seed, {"ok_delay_up_to_s": 5.0}) for seed in (0, 3)]
+ROWS = [((), seed, late_oks(seed, 5.0, first=30)) for seed in (0, 3, 1, 2)]
+ROWS += [((), seed, late_oks(seed, 5.0)) for seed in (0, 3)]
 ROWS += [((), 0, {"speed": share}) for share in (0.3, 0.5)]
 ROWS += [((), 0, {"ok_delays_s": delays}) for delays in OK_DELAYS]
-STALLED = ((STALL,), 3, {"speed": 0.5, "ok_delay_up_to_s": 0.8, "drop_ok": 0.05})
+STALLED = ((STALL,), 3, {"speed": 0.5, "drop_ok": 0.05} | late_oks(3, 0.8))
 
 
 @pytest.mark.slow

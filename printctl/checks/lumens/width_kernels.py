@@ -61,18 +61,34 @@ class Slabs(NamedTuple):
 
 
 @jit
+def band_span(start: float, step: float, low: float, high: float) -> tuple[float, float]:
+    """Return the ends of the t at which start + t step lies in [low, high]; (inf, -inf) if none."""
+    if abs(step) > RAY.flat:
+        ta, tb = (low - start) / step, (high - start) / step
+        return min(ta, tb), max(ta, tb)
+    if low <= start <= high:
+        return -np.inf, np.inf
+    return np.inf, -np.inf
+
+
+@jit
+def cells_between(
+    low: float, high: float, origin: float, cell: float, count: int
+) -> tuple[int, int]:
+    """Return the first and last of a row's cells that reach into [low, high]."""
+    first, last = int(np.floor((low - origin) / cell)), int(np.floor((high - origin) / cell))
+    return max(0, first), min(count - 1, last)
+
+
+@jit
 def _row_cells(
     x0: float, y0: float, x1: float, y1: float, half: float, y_low: float, y_high: float
 ) -> tuple[float, float]:
     """Hull in x of that part of a stadium whose y is in a strip; (1, 0) when there is none."""
-    a, b = y_low - half, y_high + half
-    if max(y0, y1) < a or min(y0, y1) > b:
+    t0, t1 = band_span(y0, y1 - y0, y_low - half, y_high + half)
+    t0, t1 = max(0.0, t0), min(1.0, t1)
+    if t0 > t1:
         return 1.0, 0.0
-    t0, t1 = 0.0, 1.0
-    dy = y1 - y0
-    if abs(dy) > RAY.flat:
-        ta, tb = (a - y0) / dy, (b - y0) / dy
-        t0, t1 = max(0.0, min(ta, tb)), min(1.0, max(ta, tb))
     xa, xb = x0 + t0 * (x1 - x0), x0 + t1 * (x1 - x0)
     return min(xa, xb) - half, max(xa, xb) + half
 
@@ -96,15 +112,13 @@ def list_cells(
     _, ny, nx = needed.shape
     for n in range(len(line)):
         x0, y0, x1, y1, half = line[n, :5]
-        j0 = max(0, int(np.floor((min(y0, y1) - half - bottom) / cell)))
-        j1 = min(ny - 1, int(np.floor((max(y0, y1) + half - bottom) / cell)))
+        j0, j1 = cells_between(min(y0, y1) - half, max(y0, y1) + half, bottom, cell, ny)
         for j in range(j0, j1 + 1):
             edge = bottom + j * cell
             low, high = _row_cells(x0, y0, x1, y1, half, edge, edge + cell)
             if low > high:
                 continue
-            i0 = max(0, int(np.floor((low - left) / cell)))
-            i1 = min(nx - 1, int(np.floor((high - left) / cell)))
+            i0, i1 = cells_between(low, high, left, cell, nx)
             for i in range(i0, i1 + 1):
                 if needed[layer[n], j, i]:
                     where = (layer[n] * ny + j) * nx + i
@@ -132,10 +146,8 @@ def mark_needed(
         x, y, z = centre[n]
         k0 = max(0, np.searchsorted(high, z - reach[n, 2]) - 1)
         k1 = min(layers - 1, np.searchsorted(low, z + reach[n, 2]) + 1)
-        i0 = max(0, int(np.floor((x - reach[n, 0] - left) / cell)))
-        i1 = min(nx - 1, int(np.floor((x + reach[n, 0] - left) / cell)))
-        j0 = max(0, int(np.floor((y - reach[n, 1] - bottom) / cell)))
-        j1 = min(ny - 1, int(np.floor((y + reach[n, 1] - bottom) / cell)))
+        i0, i1 = cells_between(x - reach[n, 0], x + reach[n, 0], left, cell, nx)
+        j0, j1 = cells_between(y - reach[n, 1], y + reach[n, 1], bottom, cell, ny)
         needed[k0 : k1 + 1, j0 : j1 + 1, i0 : i1 + 1] = True
 
 
@@ -174,17 +186,9 @@ def stadium_span(
         lx, ly = lx / length, ly / length
         s, ds = (px - x0) * lx + (py - y0) * ly, dx * lx + dy * ly
         n, dn = (py - y0) * lx - (px - x0) * ly, dy * lx - dx * ly
-        a0, a1 = -np.inf, np.inf
-        if abs(ds) > RAY.flat:
-            ta, tb = -s / ds, (length - s) / ds
-            a0, a1 = min(ta, tb), max(ta, tb)
-        elif s < 0.0 or s > length:
-            a0, a1 = 1.0, 0.0
-        if abs(dn) > RAY.flat:
-            ta, tb = (-half - n) / dn, (half - n) / dn
-            a0, a1 = max(a0, min(ta, tb)), min(a1, max(ta, tb))
-        elif abs(n) > half:
-            a0, a1 = 1.0, 0.0
+        s0, s1 = band_span(s, ds, 0.0, length)
+        n0, n1 = band_span(n, dn, -half, half)
+        a0, a1 = max(s0, n0), min(s1, n1)
         if a0 <= a1:
             low, high = min(low, a0), max(high, a1)
     if low > high:
@@ -228,9 +232,7 @@ def _enters(
     """
     rise = line[6]
     if abs(dz) > RAY.flat:
-        tip = RAY.rim * rise
-        t0, t1 = (-rise - up) / dz, (rise - up) / dz
-        t0, t1 = min(t0, t1), max(t0, t1)
+        t0, t1 = band_span(up, dz, -rise, rise)
         if t0 > tb or t1 < ta:
             return np.inf
         if t0 >= ta:
@@ -238,7 +240,7 @@ def _enters(
             if face <= 0.0:
                 return t0
         # On the rim itself the flank lies level, and its gradient isn't finite.
-        t0, t1 = min((-tip - up) / dz, (tip - up) / dz), max((-tip - up) / dz, (tip - up) / dz)
+        t0, t1 = band_span(up, dz, -RAY.rim * rise, RAY.rim * rise)
         ta, tb = max(ta, t0), min(tb, t1)
     elif abs(up) > rise * (1.0 + RAY.settled_mm):
         return np.inf
@@ -351,8 +353,8 @@ def first_hit(
     if step < 0 and (k >= layers or pz < slabs.low[k]):
         k -= 1
     while 0 <= k < layers:
-        ta, tb = (slabs.low[k] - pz) / dz, (slabs.high[k] - pz) / dz
-        ta, tb = max(0.0, min(ta, tb)), min(limit, max(ta, tb))
+        ta, tb = band_span(pz, dz, slabs.low[k], slabs.high[k])
+        ta, tb = max(0.0, ta), min(limit, tb)
         if ta >= limit:
             break
         if tb >= ta:
@@ -411,7 +413,7 @@ def _without_slits(sight: FloatArray, clean: FloatArray) -> None:
 
 
 @jit
-def _edges(corner: FloatArray) -> FloatArray:
+def polygon_edges(corner: FloatArray) -> FloatArray:
     """A polygon's edges, (n, 5): where each begins, its way, and 1 / length²."""
     n = len(corner)
     edge = np.empty((n, 5))
@@ -425,7 +427,7 @@ def _edges(corner: FloatArray) -> FloatArray:
 
 
 @jit
-def _clearance(edge: FloatArray, x: float, y: float) -> float:
+def clearance(edge: FloatArray, x: float, y: float) -> float:
     """Distance from a point to a polygon's edges; negative outside."""
     inside = False
     best = np.inf
@@ -450,11 +452,11 @@ def widest_in_polygon(
     Branch and bound over squares, the larger first: no circle whose centre lies in a square of
     half edge h is wider than the clearance at its middle plus h √2.
     """
-    edge = _edges(corner)
+    edge = polygon_edges(corner)
     bx, by = ax, ay
-    best = _clearance(edge, ax, ay)
+    best = clearance(edge, ax, ay)
     if best < 0.0:
-        bx, by, best = 0.0, 0.0, _clearance(edge, 0.0, 0.0)
+        bx, by, best = 0.0, 0.0, clearance(edge, 0.0, 0.0)
     square = np.empty((CIRCLE.max_cells + 8, 4))
     square[0] = ax, ay, window, np.inf
     taken, used, tried = 0, 1, 0
@@ -471,7 +473,7 @@ def widest_in_polygon(
                 if away > window + half * np.sqrt(2.0):
                     continue
                 tried += 1
-                clear = _clearance(edge, cx, cy)
+                clear = clearance(edge, cx, cy)
                 if clear > best and away <= window:
                     bx, by, best = cx, cy, clear
                 if clear + half * np.sqrt(2.0) > best + tolerance:
