@@ -24,7 +24,7 @@ class _Match(NamedTuple):
 
     drops: int = 3  # that are tried at most
     # Of the trunks' length: six hearts kept 0.981 to 1.05 of it, one that lost branches 0.71.
-    kept: float = 0.98
+    kept: float = 0.9
     # Of the planned length, below which the notes say so: smoothed they are a twentieth shorter.
     laid: float = 0.85
 
