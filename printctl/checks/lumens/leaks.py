@@ -16,7 +16,8 @@ from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.lines import WrittenLines
-from printctl.checks.lumens.width_kernels import band_span, clearance, polygon_edges, stadium_span
+from printctl.checks.lumens.width_kernels import clearance, polygon_edges
+from sim.gcode.deposit.kernels import band_span, pixels_between, stadium_span
 
 # Compiled: pixels of a layer, their runs, and the spaces that runs make.
 #
@@ -27,15 +28,6 @@ from printctl.checks.lumens.width_kernels import band_span, clearance, polygon_e
 Pixels = NDArray[np.int32]
 TISSUE: Final = -1
 """Group of a run outside every designed lumen."""
-
-
-@jit
-def _pixels_between(
-    low: float, high: float, origin: float, pixel: float, count: int
-) -> tuple[int, int]:
-    """Return the first and last of a row's pixels whose middles lie in [low, high]."""
-    first, last = int(np.ceil((low - origin) / pixel)), int(np.floor((high - origin) / pixel))
-    return max(0, first), min(count - 1, last)
 
 
 @jit
@@ -53,7 +45,7 @@ def _paint_stadium(
 ) -> None:
     """Set the pixels whose middles are in a stadium."""
     ny, nx = out.shape
-    j0, j1 = _pixels_between(min(y0, y1) - half, max(y0, y1) + half, bottom, pixel, ny)
+    j0, j1 = pixels_between(min(y0, y1) - half, max(y0, y1) + half, bottom, pixel, ny)
     y_low, y_high = min(y0, y1), max(y0, y1)
     for j in range(j0, j1 + 1):
         y = bottom + j * pixel
@@ -63,7 +55,7 @@ def _paint_stadium(
             low, high = stadium_span(0.0, y, 1.0, 0.0, x0, y0, x1, y1, half)
         if low > high:
             continue
-        i0, i1 = _pixels_between(low, high, left, pixel, nx)
+        i0, i1 = pixels_between(low, high, left, pixel, nx)
         for i in range(i0, i1 + 1):
             out[j, i] = value
 
@@ -114,8 +106,8 @@ def label_pieces(
             continue
         xa, xb = p[0] + t0 * (p[3] - p[0]), p[0] + t1 * (p[3] - p[0])
         ya, yb = p[1] + t0 * (p[4] - p[1]), p[1] + t1 * (p[4] - p[1])
-        i0, i1 = _pixels_between(min(xa, xb) - reach, max(xa, xb) + reach, left, pixel, nx)
-        j0, j1 = _pixels_between(min(ya, yb) - reach, max(ya, yb) + reach, bottom, pixel, ny)
+        i0, i1 = pixels_between(min(xa, xb) - reach, max(xa, xb) + reach, left, pixel, nx)
+        j0, j1 = pixels_between(min(ya, yb) - reach, max(ya, yb) + reach, bottom, pixel, ny)
         for j in range(j0, j1 + 1):
             y = bottom + j * pixel
             for i in range(i0, i1 + 1):
@@ -142,8 +134,8 @@ def label_ring(
     """Put 1 + ``number`` into open pixels in a closed ring (k, 2) or within ``margin`` of it."""
     ny, nx = out.shape
     x, y = ring[:, 0], ring[:, 1]
-    i0, i1 = _pixels_between(x.min() - margin, x.max() + margin, left, pixel, nx)
-    j0, j1 = _pixels_between(y.min() - margin, y.max() + margin, bottom, pixel, ny)
+    i0, i1 = pixels_between(x.min() - margin, x.max() + margin, left, pixel, nx)
+    j0, j1 = pixels_between(y.min() - margin, y.max() + margin, bottom, pixel, ny)
     edge = polygon_edges(ring)
     for j in range(j0, j1 + 1):
         for i in range(i0, i1 + 1):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from kernels import jit, pjit
 from kernels.arrays import FloatArray, IntArray
+from sim.gcode.deposit.kernels import band_span, stadium_span
 
 # Compute the distance from a lumen point along a ray to the first printed line (compiled).
 #
@@ -58,17 +59,6 @@ class Slabs(NamedTuple):
     cell: float
     nx: int
     ny: int
-
-
-@jit
-def band_span(start: float, step: float, low: float, high: float) -> tuple[float, float]:
-    """Return the ends of the t at which start + t step lies in [low, high]; (inf, -inf) if none."""
-    if abs(step) > RAY.flat:
-        ta, tb = (low - start) / step, (high - start) / step
-        return min(ta, tb), max(ta, tb)
-    if low <= start <= high:
-        return -np.inf, np.inf
-    return np.inf, -np.inf
 
 
 @jit
@@ -149,51 +139,6 @@ def mark_needed(
         i0, i1 = cells_between(x - reach[n, 0], x + reach[n, 0], left, cell, nx)
         j0, j1 = cells_between(y - reach[n, 1], y + reach[n, 1], bottom, cell, ny)
         needed[k0 : k1 + 1, j0 : j1 + 1, i0 : i1 + 1] = True
-
-
-@jit
-def stadium_span(
-    px: float,
-    py: float,
-    dx: float,
-    dy: float,
-    x0: float,
-    y0: float,
-    x1: float,
-    y1: float,
-    half: float,
-) -> tuple[float, float]:
-    """Between which t the point p + t d is in a stadium; (1, 0) where never.
-
-    A stadium is convex, so the span is the hull of what its two discs and its rectangle give.
-    """
-    square = dx * dx + dy * dy
-    # Both ends on one side of the ray, and farther than half the width: most lines are.
-    side0 = dx * (y0 - py) - dy * (x0 - px)
-    side1 = dx * (y1 - py) - dy * (x1 - px)
-    if side0 * side1 > 0.0 and min(side0 * side0, side1 * side1) > half * half * square:
-        return 1.0, 0.0
-    low, high = np.inf, -np.inf
-    for cx, cy in ((x0 - px, y0 - py), (x1 - px, y1 - py)):
-        along = dx * cx + dy * cy
-        rest = along * along - square * (cx * cx + cy * cy - half * half)
-        if rest >= 0.0:
-            root = np.sqrt(rest)
-            low, high = min(low, (along - root) / square), max(high, (along + root) / square)
-    lx, ly = x1 - x0, y1 - y0
-    length = np.sqrt(lx * lx + ly * ly)
-    if length > 0.0:
-        lx, ly = lx / length, ly / length
-        s, ds = (px - x0) * lx + (py - y0) * ly, dx * lx + dy * ly
-        n, dn = (py - y0) * lx - (px - x0) * ly, dy * lx - dx * ly
-        s0, s1 = band_span(s, ds, 0.0, length)
-        n0, n1 = band_span(n, dn, -half, half)
-        a0, a1 = max(s0, n0), min(s1, n1)
-        if a0 <= a1:
-            low, high = min(low, a0), max(high, a1)
-    if low > high:
-        return 1.0, 0.0
-    return low, high
 
 
 @jit

@@ -15,6 +15,8 @@ STRAIGHT = 0.7
 """Cosine of the turn beyond which a move without plunger is a hop, not part of a line."""
 SUPERSAMPLE = 2
 """Fine pixels per voxel edge when layers are painted."""
+PARALLEL = 1e-12
+"""A change along a line below it is the rounding of none, mm."""
 
 
 @jit
@@ -68,28 +70,65 @@ def writing_runs(
 
 
 @jit
-def _row_span(
-    x0: float, y0: float, x1: float, y1: float, r: float, y: float
-) -> tuple[float, float]:
-    """Where the row at height `y` crosses the capsule of radius `r`; (1, 0) when it doesn't.
+def band_span(start: float, step: float, low: float, high: float) -> tuple[float, float]:
+    """Return the ends of the t at which start + t step lies in [low, high]; (inf, -inf) if none."""
+    if abs(step) > PARALLEL:
+        ta, tb = (low - start) / step, (high - start) / step
+        return min(ta, tb), max(ta, tb)
+    if low <= start <= high:
+        return -np.inf, np.inf
+    return np.inf, -np.inf
 
-    The capsule is convex, so the span is the hull of what its discs and its flanks give.
+
+@jit
+def pixels_between(
+    low: float, high: float, origin: float, pixel: float, count: int
+) -> tuple[int, int]:
+    """Return the first and last of a row's pixels whose middles lie in [low, high]."""
+    first, last = int(np.ceil((low - origin) / pixel)), int(np.floor((high - origin) / pixel))
+    return max(0, first), min(count - 1, last)
+
+
+@jit
+def stadium_span(
+    px: float,
+    py: float,
+    dx: float,
+    dy: float,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    half: float,
+) -> tuple[float, float]:
+    """Between which t the point p + t d is in a stadium; (1, 0) where never.
+
+    A stadium is convex, so the span is the hull of what its two discs and its rectangle give.
     """
+    square = dx * dx + dy * dy
+    # Both ends on one side of the ray, and farther than half the width: most lines are.
+    side0 = dx * (y0 - py) - dy * (x0 - px)
+    side1 = dx * (y1 - py) - dy * (x1 - px)
+    if side0 * side1 > 0.0 and min(side0 * side0, side1 * side1) > half * half * square:
+        return 1.0, 0.0
     low, high = np.inf, -np.inf
-    for cx, cy in ((x0, y0), (x1, y1)):
-        rest = r * r - (y - cy) ** 2
+    for cx, cy in ((x0 - px, y0 - py), (x1 - px, y1 - py)):
+        along = dx * cx + dy * cy
+        rest = along * along - square * (cx * cx + cy * cy - half * half)
         if rest >= 0.0:
-            half = np.sqrt(rest)
-            low, high = min(low, cx - half), max(high, cx + half)
-    dx, dy = x1 - x0, y1 - y0
-    length = np.sqrt(dx * dx + dy * dy)
+            root = np.sqrt(rest)
+            low, high = min(low, (along - root) / square), max(high, (along + root) / square)
+    lx, ly = x1 - x0, y1 - y0
+    length = np.sqrt(lx * lx + ly * ly)
     if length > 0.0:
-        nx, ny = -dy / length * r, dx / length * r
-        for side in (-1.0, 1.0):
-            ya, yb = y0 + side * ny, y1 + side * ny
-            if ya != yb and (ya - y) * (yb - y) <= 0.0:
-                x = x0 + side * nx + (y - ya) / (yb - ya) * dx
-                low, high = min(low, x), max(high, x)
+        lx, ly = lx / length, ly / length
+        s, ds = (px - x0) * lx + (py - y0) * ly, dx * lx + dy * ly
+        n, dn = (py - y0) * lx - (px - x0) * ly, dy * lx - dx * ly
+        s0, s1 = band_span(s, ds, 0.0, length)
+        n0, n1 = band_span(n, dn, -half, half)
+        a0, a1 = max(s0, n0), min(s1, n1)
+        if a0 <= a1:
+            low, high = min(low, a0), max(high, a1)
     if low > high:
         return 1.0, 0.0
     return low, high
@@ -120,10 +159,10 @@ def paint_layers(
         for s in range(first[layer], first[layer + 1]):
             x0, y0, x1, y1 = segments[s]
             r = radius[s]
-            row0 = max(0, int(np.ceil((min(y0, y1) - r - bottom) / fine)))
-            row1 = min(ny * SUPERSAMPLE - 1, int(np.floor((max(y0, y1) + r - bottom) / fine)))
+            below, above = min(y0, y1) - r, max(y0, y1) + r
+            row0, row1 = pixels_between(below, above, bottom, fine, ny * SUPERSAMPLE)
             for row in range(row0, row1 + 1):
-                low, high = _row_span(x0, y0, x1, y1, r, bottom + row * fine)
+                low, high = stadium_span(0.0, bottom + row * fine, 1.0, 0.0, x0, y0, x1, y1, r)
                 if low > high:
                     continue
                 # A hair wider than exact, so that lines laid edge to edge leave no seam.
@@ -184,21 +223,19 @@ def paint_filaments(
         for s in range(len(radius)):
             reach = radius[s] + voxel
             z0, z1 = start[s, 2], end[s, 2]
-            if z < min(z0, z1) - reach or z > max(z0, z1) + reach:
-                continue
             dx, dy, dz = end[s, 0] - start[s, 0], end[s, 1] - start[s, 1], z1 - z0
             squared = dx * dx + dy * dy + dz * dz
-            t0, t1 = 0.0, 1.0
-            if abs(dz) > 1e-9:
-                # Only this part of the axis comes near the slice.
-                ta, tb = (z - reach - z0) / dz, (z + reach - z0) / dz
-                t0, t1 = max(0.0, min(ta, tb)), min(1.0, max(ta, tb))
+            # Only this part of the axis comes near the slice.
+            t0, t1 = band_span(z0, dz, z - reach, z + reach)
+            t0, t1 = max(0.0, t0), min(1.0, t1)
+            if t0 > t1:
+                continue
             xa, xb = start[s, 0] + t0 * dx, start[s, 0] + t1 * dx
             ya, yb = start[s, 1] + t0 * dy, start[s, 1] + t1 * dy
-            x_low = max(0, int(np.ceil((min(xa, xb) - reach - origin[0]) / voxel)))
-            x_high = min(nx - 1, int(np.floor((max(xa, xb) + reach - origin[0]) / voxel)))
-            y_low = max(0, int(np.ceil((min(ya, yb) - reach - origin[1]) / voxel)))
-            y_high = min(ny - 1, int(np.floor((max(ya, yb) + reach - origin[1]) / voxel)))
+            left, right = min(xa, xb) - reach, max(xa, xb) + reach
+            x_low, x_high = pixels_between(left, right, origin[0], voxel, nx)
+            front, back = min(ya, yb) - reach, max(ya, yb) + reach
+            y_low, y_high = pixels_between(front, back, origin[1], voxel, ny)
             for y in range(y_low, y_high + 1):
                 py = origin[1] + y * voxel - start[s, 1]
                 for x in range(x_low, x_high + 1):

@@ -32,8 +32,9 @@ from printctl.checks.lumens import (
 )
 from printctl.checks.lumens.leaks import find_runs, join_runs
 from printctl.checks.lumens.stations import slabs_near
-from printctl.checks.lumens.width_kernels import first_hit, stadium_span, widest_in_polygon
+from printctl.checks.lumens.width_kernels import first_hit, widest_in_polygon
 from printctl.errors import UsageError
+from sim.gcode.deposit.kernels import stadium_span
 from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
     LINE_MM,
