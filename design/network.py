@@ -8,12 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import NetworkError
 from kernels.arrays import FloatArray, IntArray
+
+MAX_MM: Final = 1e6
+"""Largest coordinate or radius that is taken: no tissue is a kilometre wide."""
 
 
 class VesselKind(IntEnum):
@@ -163,12 +167,12 @@ def check_shapes(network: VesselNetwork) -> None:
     if vessels == 0:
         raise NetworkError("network has no vessels; give at least one")
     for name, values in (("position", network.points), ("radius", network.radius)):
-        bad = np.flatnonzero(~np.isfinite(values).reshape(points, -1).all(axis=1))
+        bad = np.flatnonzero(~(np.abs(values) <= MAX_MM).reshape(points, -1).all(axis=1))
         if len(bad):
             vessel = int(np.searchsorted(network.offset, bad[0], side="right")) - 1
             raise NetworkError(
-                f"vessel {vessel}: {name} is NaN or infinite (point {int(bad[0])}, "
-                f"{len(bad)} such points); mend the network file"
+                f"vessel {vessel}: {name} is NaN, infinite or beyond {MAX_MM:g} mm (point "
+                f"{int(bad[0])}, {len(bad)} such points); mend the network file or its unit"
             )
     thin = np.flatnonzero(network.radius <= 0)
     if len(thin):

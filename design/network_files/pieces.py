@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from design.errors import NetworkError
 from design.geometry.polyline import places_along
-from design.network import VesselKind, VesselNetwork
+from design.network import MAX_MM, VesselKind, VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
 GAP_MM: Final = 1e-6
@@ -68,10 +68,12 @@ class Pieces:
 
 
 def check_pieces(pieces: Pieces) -> None:
-    """Raise `NetworkError` for NaN, a radius not above 0, or a piece that joins itself."""
-    finite = np.isfinite(pieces.points).all(axis=(1, 2)) & np.isfinite(pieces.radius).all(axis=1)
-    if not finite.all():
-        pieces.fail(int(np.argmin(finite)), "a number is NaN or infinite; mend the row")
+    """Raise `NetworkError` for impossible numbers, or a piece that joins itself."""
+    meant = (np.abs(pieces.points) <= MAX_MM).all(axis=(1, 2))
+    meant &= (np.abs(pieces.radius) <= MAX_MM).all(axis=1)
+    if not meant.all():
+        text = f"a number is NaN, infinite or beyond {MAX_MM:g} mm; mend the row or give the unit"
+        pieces.fail(int(np.argmin(meant)), text)
     thin = pieces.radius.min(axis=1) <= 0
     if thin.any():
         row = int(np.argmax(thin))

@@ -173,7 +173,7 @@ def _grow_all(
         raise error.around(f"tree {number} of {len(growths)}: ") from error
     raise GrowthError(
         f"{left} vessels of the forest still collide or leave the tissue after {EFFORT.audits} "
-        "repairs; ask for fewer terminals, a smaller smallest radius or clearance"
+        "repairs; ask for fewer terminals, a smaller smallest_diameter_mm or clearance_mm"
     )
 
 

@@ -253,7 +253,7 @@ def out_of_room(
     hint = " (their thinner trunk leaves more room: more than here may then fit)"
     # Without a smallest radius all radii follow from the drop, and fewer terminals have as wide a
     # trunk.
-    narrower = "a smaller smallest radius" if smallest else "a higher pressure drop"
+    narrower = "a smaller smallest_diameter_mm" if smallest else "a higher pressure drop"
     return NoRoomError(
         f"only {terminals} of {goal} terminals{wide} fit with clearance "
         f"{clearances.clearance:g} mm{reserved if root_radius else ''}: "

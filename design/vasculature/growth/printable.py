@@ -147,7 +147,7 @@ def _narrowed(options: GrowthOptions, widest_mm: float | None) -> GrowthOptions:
         raise GrowthError(
             f"{options.terminals} terminals of radius {options.smallest_radius_mm:g} mm or more "
             f"need a root of some {MIN_SPREAD * narrowest:.3g} mm, and {widest_mm:.3g} mm is the "
-            "widest that can be written; ask for fewer terminals or a smaller smallest radius"
+            "widest that can be written; ask for fewer terminals or a smaller smallest_diameter_mm"
         )
     if spread >= max(SPREADS):
         return options

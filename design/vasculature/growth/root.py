@@ -71,13 +71,13 @@ def stem(
         raise TissueError(
             f"tissue is too thin for these vessels: {tissue.grid.deepest_mm:.3g} mm deep at most, "
             f"and the first branches need {need:.3g} mm (radius {child:.3g} and {wall_mm:.3g} to "
-            "the surface); ask for fewer terminals, a smaller smallest radius or clearance"
+            "the surface); ask for fewer terminals, a smaller smallest_diameter_mm or clearance_mm"
         )
     if depth.max() < need:
         raise RootError(
             f"root at {_say(point)} along {_say(direction)} reaches {depth.max():.3g} mm below the "
             f"surface, and its first branches need {need:.3g} mm; choose another root point or "
-            "direction, fewer terminals, a smaller smallest radius or clearance"
+            "direction, fewer terminals, a smaller smallest_diameter_mm or clearance_mm"
         )
     long = along[: len(depth)] >= STEM.length_factor * options.length_to_radius * root_radius
     if depth[long].max(initial=-np.inf) < need:
@@ -85,7 +85,7 @@ def stem(
             f"root at {_say(point)} along {_say(direction)} leaves no room for a stem "
             f"{options.length_to_radius:g} times as long as its radius of {root_radius:.3g} mm "
             "(length_to_radius); choose another root point or direction, fewer terminals, "
-            "a smaller smallest radius or length_to_radius"
+            "a smaller smallest_diameter_mm or length_to_radius"
         )
     enough = np.flatnonzero(long & (depth >= STEM.depth_factor * need))
     end = int(enough[0]) if len(enough) else int(np.argmax(np.where(long, depth, -np.inf)))
@@ -187,7 +187,8 @@ def sole_end(
     raise RootError(
         f"no straight vessel of {depth_mm:.3g} mm with its wall leads from the root at "
         + "({:.4g}, {:.4g}, {:.4g}) mm to the one terminal; choose ".format(*begin)
-        + "another place of the root, more terminals, a smaller smallest radius or clearance"
+        + "another place of the root, more terminals, a smaller smallest_diameter_mm or "
+        "clearance_mm"
     )
 
 

@@ -374,8 +374,8 @@ class TreeGrowth:
             self.repair()
         raise GrowthError(
             f"{left} of {self.count} vessels still collide or leave the tissue after "
-            f"{EFFORT.audits} repairs; ask for fewer terminals, a smaller smallest radius or "
-            "clearance"
+            f"{EFFORT.audits} repairs; ask for fewer terminals, a smaller smallest_diameter_mm or "
+            "clearance_mm"
         )
 
     def start(self) -> None:
@@ -443,7 +443,7 @@ class TreeGrowth:
             separation *= 0.85
         raise RootError(
             "no two branches fit at the end of the root's stem; choose another place or "
-            "direction of the root, fewer terminals, a smaller smallest radius or clearance"
+            "direction of the root, fewer terminals, a smaller smallest_diameter_mm or clearance_mm"
         )
 
     def _clear(self, begin: Any, points: Any, radius: float) -> Any:
@@ -729,7 +729,7 @@ class TreeGrowth:
         if left == 1 and self.trunk is None:
             raise RootError(
                 "the branches at the root don't fit with their final radii; choose another "
-                "place of the root, fewer terminals, a smaller smallest radius or clearance"
+                "place of the root, fewer terminals, a smaller smallest_diameter_mm or clearance_mm"
             )
         self.progress["count"] = left
         self.progress["terminals"] = self.segments["terminals"][0]

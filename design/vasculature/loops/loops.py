@@ -294,8 +294,8 @@ def refuse_blocked(joins: Connections, allowed: int, options: LoopOptions) -> No
         f"{options.clearance_mm:g} mm and bends of {options.bend_to_radius:g} radii "
         f"({allowed} may be pruned), one of them at "
         "({:.4g}, {:.4g}, {:.4g}) mm; ".format(*place)
-        + "grow the trees with more clearance, or ask for thinner connections, tighter bends, "
-        "less clearance or a larger prune_part"
+        + "take another clearance_mm or, of connections, a smaller radius_ratio or "
+        "bend_to_radius, or a larger most_pruned_percent"
     )
 
 

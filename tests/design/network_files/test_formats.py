@@ -305,6 +305,7 @@ GOOD = "0,0,1,0,0,0,1,0,0,0.5,0.5,vein,0"
     ("rows", "message"),
     [
         (["0,0,1,0,0,nan,1,0,0,0.5,0.5,vein,0"], r"line 2.*NaN"),
+        (["0,0,1,0,0,8e300,1,0,0,0.5,0.5,vein,0"], r"line 2.*beyond 1e\+06 mm"),
         ([GOOD, "1,1,2,1,0,0,inf,0,0,0.5,0.5,vein,0"], r"line 3.*infinite"),
         (["0,0,1,0,0,0,1,0,0,0.5,0,vein,0"], r"line 2.*radius 0 mm"),
         (["0,0,1,0,0,0,1,0,0,wide,0.5,vein,0"], r"line 2: radius0_mm is 'wide'.*a number"),
