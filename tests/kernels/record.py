@@ -11,6 +11,7 @@ from __future__ import annotations
 import inspect
 import io
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -19,6 +20,7 @@ from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
+from unittest.mock import patch
 
 import numba.np.numpy_support
 import numpy as np
@@ -26,6 +28,7 @@ from numba import types
 from rich.console import Console
 
 from design.errors import GrowthError
+from kernels import ahead
 from kernels.ahead import LIST
 from kernels.folder import PACKAGES
 from printctl.pipeline.run import design_recipe, run_recipe
@@ -175,7 +178,9 @@ def record() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for work in WORKS:
             command = [sys.executable, "-m", "tests.kernels.record", work, folder]
-            subprocess.run(command, check=True, cwd=ROOT)
+            # With a store of its own nothing is loaded compiled: what a kernel calls is seen too.
+            store = os.environ | {"PRINTCTL_CACHE": str(Path(folder) / "compiled" / work)}
+            subprocess.run(command, check=True, cwd=ROOT, env=store)
             for kernel, takes in json.loads((Path(folder) / FOUND).read_text()):
                 by.setdefault((kernel, takes), set()).add(work)
             print(work, sum(work in works for works in by.values()), "kernels", flush=True)
@@ -259,7 +264,9 @@ def described(one: Any) -> Any:
 if __name__ == "__main__":
     if sys.argv[1:]:
         work, folder = sys.argv[1], Path(sys.argv[2])
-        WORKS[work](folder)  # which may be a command, with arguments of its own
+        # Else other processes compile what is listed already.
+        with patch.object(ahead, "LIST", folder / "none"):
+            WORKS[work](folder)  # which may be a command, with arguments of its own
         (folder / FOUND).write_text(json.dumps(_called()))
     else:
         record()
