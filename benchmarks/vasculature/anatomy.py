@@ -123,6 +123,7 @@ def _orders(name: str, net: Any) -> Iterator[Row]:
     ours = elements_by_diameter(net, bounds)
     most = max(ours, key=lambda one: ours[one]["elements"])
     judged = {one: of for one, of in ours.items() if one >= most and of["elements"] >= 5}
+    yield at_least(f"{name}: orders judged", len(judged), "", 5)
     cells = []
     for one, of in judged.items():
         wide, wide_sd, long, long_sd, slender, slender_sd = table[one - 1]

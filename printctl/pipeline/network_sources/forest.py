@@ -39,7 +39,7 @@ def forest_network(context: RunContext, part: Forest) -> tuple[VesselNetwork, di
 def grown_forest(
     tissue: Tissue, part: Forest, seed: int, recipe_folder: Path
 ) -> tuple[VesselNetwork, dict[str, Any]]:
-    """All networks in one, and what the report says of each."""
+    """Return all networks in one, and the report's figures of each."""
     given, notes = _given(part, recipe_folder)
     shared = growth_options(part, seed)
     roots = _roots(part, shared, recipe_folder)
@@ -66,7 +66,7 @@ def _given(part: Forest, folder: Path) -> tuple[VesselNetwork | None, tuple[str,
 
 
 def _roots(part: Forest, shared: GrowthOptions, folder: Path) -> list[RootSpec]:
-    """Each tree's options, trunk and territory."""
+    """Return each tree's options, trunk and territory."""
     roots = []
     for number, one in enumerate(part.grown):
         whole = part.territories == "whole" or (
@@ -106,7 +106,7 @@ def _options(part: Forest, one: GrownTrees, tree: TreePart, shared: GrowthOption
 
 
 def _perfusion(part: Forest, one: GrownTrees, tree: TreePart) -> float:
-    """A tree's own; drains of a mixing network share what its arteries bring."""
+    """Return a tree's perfusion; drains of a mixing network share what its arteries bring."""
     if tree.perfusion_ml_min_per_ml is not None:
         return tree.perfusion_ml_min_per_ml
     if one.how != "mixing" or tree.kind == "artery":
@@ -131,7 +131,7 @@ def _by_network(part: Forest, trees: tuple[VesselTree, ...]) -> list[JoinedTrees
 
 
 def _supply_notes(tissue: Tissue, part: Forest, trees: tuple[VesselTree, ...]) -> tuple[str, ...]:
-    """Places that trees of one kind don't reach, of a network or of all that divide the tissue."""
+    """Note places that one kind of tree doesn't reach, by network or by all that share a tissue."""
     together: dict[str, list[VesselTree]] = {}
     members = [(number, tree.kind) for number, one in enumerate(part.grown) for tree in one.trees]
     for (number, kind), tree in zip(members, trees, strict=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -36,7 +36,7 @@ def given_network(context: RunContext, part: GivenNetwork) -> tuple[VesselNetwor
     RecipeError
         When it lies elsewhere than the tissue, or is hollow in it already.
     VasculatureError
-        When vessels overlap, unless the recipe only wants to be told.
+        When vessels overlap, unless the recipe says ``overlaps: tell``.
     """
     network, notes = read_with_notes(context.recipe_folder / part.network, part.unit)
     notes += parts_note(network) + outside_note(context.tissue, network)
@@ -65,21 +65,22 @@ def lattice_network(
     return network, {}
 
 
-_PLACES: Final = 400
-"""Along the longest side of the tissue, at which vessels are looked at."""
-_TOLD: Final = 0.02
-"""Of the vessels' length; ends that stand out of the tissue, so that they can be fed, are usual."""
-_HOLLOW: Final = 0.5
-"""Of the vessels' length, from which a tissue's channels are those vessels."""
-_WALL_RADII: Final = 1.4
-"""Distance of a channel's wall from its vessel's axis at most, in radii; it may be narrower."""
-_DIRECTIONS: Final = 8
-_WALLED: Final = 0.6
-"""Of the directions across a vessel; beyond others neighbouring channels may be hollow, too."""
+class OutsideLimits(NamedTuple):
+    """When vessels count as outside the tissue, or as cut out of it already."""
+
+    samples: int = 400  # along the longest side of the tissue
+    unreported_share: float = 0.02  # of the vessels' length: ends stand out so that they can be fed
+    hollow_share: float = 0.5  # of the vessels' length, from which channels are these vessels
+    wall_radii: float = 1.4  # greatest distance of a channel's wall from its vessel's axis, radii
+    directions: int = 8  # across a vessel, in which its channel's wall is sought
+    walled_share: float = 0.6  # of the directions; in others a neighbouring channel may be hollow
+
+
+_LIMITS: Final = OutsideLimits()
 
 
 def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
-    """A sentence on vessels outside the tissue, which nothing is cut out for; none for few.
+    """Describe vessels outside the tissue, which nothing is cut out for; no note for few.
 
     Raises
     ------
@@ -90,7 +91,9 @@ def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
     low, high = (bound(tissue.surface.vertices, axis=0) for bound in (np.min, np.max))
     start, end, r0, r1, _ = network.pieces()
     length = np.linalg.norm(end - start, axis=1)
-    count = np.clip(np.ceil(length * _PLACES / (high - low).max()), 1, _PLACES).astype(np.int64)
+    count = np.clip(
+        np.ceil(length * _LIMITS.samples / (high - low).max()), 1, _LIMITS.samples
+    ).astype(np.int64)
     piece = np.repeat(np.arange(len(length)), count)
     along = (np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[
         piece
@@ -99,13 +102,13 @@ def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
     outside = ~tissue.contains(np.ascontiguousarray(places))
     share = (length / count)[piece]
     total, out = float(share.sum()), float(share[outside].sum())
-    if out <= _TOLD * total:
+    if out <= _LIMITS.unreported_share * total:
         return ()
     depth = tissue.grid.distance(np.ascontiguousarray(places[outside]))
     wide = (r0[piece] + r1[piece])[outside] / 2
     walls = _wall_share(tissue, places[outside], (end - start)[piece[outside]], depth, wide)
-    hollow = float(share[outside] @ (walls >= _WALLED))
-    if hollow >= _HOLLOW * total:
+    hollow = float(share[outside] @ (walls >= _LIMITS.walled_share))
+    if hollow >= _LIMITS.hollow_share * total:
         raise RecipeError(
             f"the vessels are hollow in the tissue already: {hollow:.3g} of {total:.3g} mm of "
             "their axes run through empty channels. Give the solid outline without channels as "
@@ -130,7 +133,7 @@ def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
 def _wall_share(
     tissue: Tissue, places: FloatArray, way: FloatArray, depth: FloatArray, radius: FloatArray
 ) -> FloatArray:
-    """Share of directions across a vessel in which tissue lies behind its wall, (n,).
+    """Return the share of directions across a vessel with tissue behind its wall, (n,).
 
     0 where the tissue's surface, ``depth`` away from the axis, isn't the vessel's wall.
     """
@@ -139,12 +142,12 @@ def _wall_share(
     one = np.cross(along, aside)
     one /= np.linalg.norm(one, axis=1)[:, None]
     two = np.cross(along, one)
-    angles = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    angles = 2 * np.pi * np.arange(_LIMITS.directions) / _LIMITS.directions
     behind = np.zeros(len(places))
     for angle in angles.tolist():
         across = np.cos(angle) * one + np.sin(angle) * two
         behind += tissue.contains(places + 1.5 * radius[:, None] * across)
-    return np.where(depth <= _WALL_RADII * radius, behind / _DIRECTIONS, 0.0)
+    return np.where(depth <= _LIMITS.wall_radii * radius, behind / _LIMITS.directions, 0.0)
 
 
 def _text(point: np.ndarray) -> str:
@@ -152,7 +155,7 @@ def _text(point: np.ndarray) -> str:
 
 
 def overlap_note(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...]:
-    """A sentence on vessels nearer than the clearance where they don't meet; none without any."""
+    """Describe vessels nearer than the clearance where they don't meet; no note without any."""
     pairs = collisions(network, clearance_mm)
     if not pairs.count:
         return ()
@@ -167,7 +170,7 @@ def overlap_note(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...]
 
 
 def parts_note(network: VesselNetwork) -> tuple[str, ...]:
-    """A sentence on parts that share no node, and how near their nodes come; none of one part."""
+    """Describe parts that share no node, and how near their nodes come; no note of one part."""
     ends = network.vessel_nodes
     used = np.unique(ends)
     links = coo_matrix((np.ones(len(ends)), ends.T), shape=(len(network.nodes),) * 2)

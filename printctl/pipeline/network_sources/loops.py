@@ -32,10 +32,10 @@ def loop_network(context: RunContext, part: ClosedLoop) -> tuple[VesselNetwork, 
 
 
 def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> tuple[ClosedLoops, tuple[str, ...]]:
-    """Artery and vein, grown in turn, and every terminal of the one joined to one of the other.
+    """Grow artery and vein in turn; join every terminal of one to one of the other.
 
-    Where a few had to be pruned, the others are balanced anew, by narrowing alone. With it come
-    notes on what the artery or the vein doesn't reach.
+    Where a few had to be pruned, the others are balanced anew, by narrowing alone. The notes name
+    what the artery or the vein doesn't reach.
     """
     artery = growth_options(part, seed)
     vein = replace(artery, root_point_mm=part.vein_root_mm, root_direction=part.vein_root_direction)
@@ -51,7 +51,7 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> tuple[ClosedLoop
 
 
 def rebalanced(closed: ClosedLoops, options: GrowthOptions, flow_ul_s: float) -> ClosedLoops:
-    """Equal flows again where terminals were pruned, by narrowing alone."""
+    """Restore equal flows where terminals were pruned, by narrowing alone."""
     if not closed.pruned:
         return closed
     conditions = FlowConditions(options.viscosity_pa_s, inlet_flow_ul_s=flow_ul_s)
@@ -61,7 +61,7 @@ def rebalanced(closed: ClosedLoops, options: GrowthOptions, flow_ul_s: float) ->
 
 
 def loops_report(closed: ClosedLoops) -> dict[str, int]:
-    """What the report says of how the loops were closed."""
+    """Return the report's figures on how the loops were closed."""
     return {
         "connections": closed.connections,
         "shortened_terminals": closed.shortened,

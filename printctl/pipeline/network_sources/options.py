@@ -18,7 +18,7 @@ from printctl.recipe.growth import ClosedLoop, GrownNetwork, Growth, PenaltyPart
 
 
 def growth_options(part: Growth, seed: int, recipe_folder: Path = Path()) -> GrowthOptions:
-    """The recipe's words in the design's units; paths are relative to the recipe.
+    """Return a growth section as options in the design's units; paths are the recipe's.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def _stage(part: StagePart) -> GrowthStage:
 
 
 def loop_options(part: ClosedLoop | Forest, seed: int) -> LoopOptions:
-    """Options of the connections, with the trees' own clearance and smallest lumen."""
+    """Return options of the connections, with the trees' clearance and smallest lumen."""
     own = part.connections
     thinnest = part.smallest_diameter_mm
     return LoopOptions(
@@ -105,14 +105,14 @@ def loop_options(part: ClosedLoop | Forest, seed: int) -> LoopOptions:
 
 
 def read_trunk(part: GrownNetwork, recipe_folder: Path) -> VesselNetwork | None:
-    """The artery that growth goes on from; None without one."""
+    """Read the artery that growth continues from; None without one."""
     if part.trunk is None:
         return None
     return read_network(recipe_folder / part.trunk, part.trunk_unit)
 
 
 def read_terminals(path: Path) -> tuple[FloatArray, FloatArray | None]:
-    """Points (n, 3), mm, and flows (n,) where the file has them.
+    """Read terminals: points (n, 3), mm, and flows (n,) where the file has them.
 
     Raises
     ------

@@ -11,7 +11,6 @@ from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, uneven_notes
-from design.errors import LEAST_IN_CORTEX, LEAST_TERMINALS
 from design.network import VesselNetwork
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
@@ -32,9 +31,9 @@ def organ_network(context: RunContext, part: GrownNetwork) -> tuple[VesselNetwor
 
 
 def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
-    """The trees of the organ that the recipe names.
+    """Grow the trees of the organ that the recipe names.
 
-    What the recipe leaves open of Murray's exponent and the pressure drop is the template's.
+    Murray's exponent and the pressure drop are the template's unless the recipe gives them.
     """
     anatomy = part.anatomy
     if anatomy is None:
@@ -50,7 +49,7 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
     trees = grow_or_advise(
         lambda one: _grown(context.tissue, one, anatomy, free),
         options,
-        LEAST_IN_CORTEX if anatomy.template == "cortex" else LEAST_TERMINALS,
+        preset.least_terminals,
         # Where another pressure drop doesn't fit, a heart keeps the one that does.
         lambda one: _grown(context.tissue, one, anatomy, False),
     )
@@ -104,5 +103,5 @@ def _grown(
 
 
 def _known(given: dict[str, Any]) -> dict[str, Any]:
-    """What the recipe says; the rest is as by default."""
+    """Return the values that the recipe gives; the rest keep their defaults."""
     return {name: value for name, value in given.items() if value is not None}
