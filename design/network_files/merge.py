@@ -445,8 +445,7 @@ def _note(before: VesselNetwork, after: VesselNetwork, shared: list[_Shared], tu
         f"{before.vessel_count} merged with others over {sum(s.length for s in stretches):.4g} mm "
         f"in all, the axes at most {max(s.gap for s in stretches):.3g} mm or "
         f"{100 * max(s.gap_ratio for s in stretches):.0f} % of the radius apart; left are "
-        f"{after.vessel_count} vessels (inlets: {len(after.inlets())}, outlets: "
-        f"{len(after.outlets())})"
+        f"{after.vessel_count} vessels"
     )
     uneven = max(s.radius_difference for s in stretches)
     if uneven > LIMITS.reported_difference:
