@@ -6,7 +6,7 @@ Goes in: a recipe's section, a network and its flow. Comes out: tables, a field,
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -25,10 +25,12 @@ from design.network import VesselNetwork
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
 from printctl.analysis.flow.tables import write_columns
-from printctl.analysis.networks import Source
 from printctl.progress import Report
 from printctl.recipe.parts import OxygenPart
 from printctl.run_folder.artefacts import OXYGEN
+
+if TYPE_CHECKING:  # loads matplotlib
+    from printctl.analysis.networks import Source
 
 # Solve tissue oxygen; write a row per vessel, the field for ParaView, and a picture.
 

@@ -16,22 +16,18 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from printctl.cli.declare import declared
-from printctl.cli.help_examples import MANUAL
 from printctl.errors import PrintctlError, UsageError
 
 
 def equipped(command: Any, name: str) -> Any:
     """Give a command, and those in it, what all have in common.
 
-    That is the end of its help (`Manual`), the shipped names for options of profiles, the refusal
-    of options given twice, and names that help keeps whole. A group has no options of its own.
+    That is the shipped names for options of profiles, the refusal of options given twice, and help
+    that ends with examples and keeps names whole. A group has no options of its own.
     """
     inner = getattr(command, "commands", {})
     for word, one in inner.items():
         equipped(one, f"{name} {word}")
-    if name in MANUAL:
-        command.epilog = MANUAL[name].epilog()
-        command.rich_markup_mode = "markdown"
     for param in command.params:
         kind = PROFILES.get(param.opts[0])
         if kind is not None and (command.name, param.opts[0]) not in OTHERWISE:
@@ -39,13 +35,19 @@ def equipped(command: Any, name: str) -> Any:
             param._custom_shell_complete = partial(_profile_names, kind)
     if not inner:
         command.parse_args = partial(_parse_once, command, command.parse_args)
-    command.format_help = partial(_write_help, command.format_help)
+    command.format_help = partial(_write_help, command, name, command.format_help)
     return command
 
 
-def _write_help(write: Callable[[Any, Any], None], ctx: Any, formatter: Any) -> None:
-    """Write help by tables that keep names whole, which are loaded for it alone."""
-    import_module("printctl.cli.help_examples").use_name_tables()
+def _write_help(
+    command: Any, name: str, write: Callable[[Any, Any], None], ctx: Any, formatter: Any
+) -> None:
+    """Write help with its examples, by tables that keep names whole; both loaded for it alone."""
+    examples = import_module("printctl.cli.help_examples")
+    examples.use_name_tables()
+    if name in examples.MANUAL:
+        command.epilog = examples.MANUAL[name].epilog()
+        command.rich_markup_mode = "markdown"
     write(ctx, formatter)
 
 

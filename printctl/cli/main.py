@@ -16,8 +16,10 @@ from rich.console import Console
 from printctl.cli.commands import LazyGroup
 from printctl.failures import JSON_PRINTED, error_facts, message_and_code
 
-_YOUNG: Final = 20_000
-"""Objects between two searches for circles: imports make many and drop none (700 by default)."""
+_YOUNG: Final = 100_000
+"""Objects between two searches for circles: imports make many and drop none (700 by default).
+
+A design makes a million: the searches took 0.13 s of CPU at 20,000."""
 
 app = typer.Typer(
     name="printctl",

@@ -17,9 +17,7 @@ from printctl.checks import preflight
 from printctl.cli import options as cli
 from printctl.cli.declare import command, group, json_command
 from printctl.cli.kernels_ready import have_kernels, kernels_for_a_run
-from printctl.cli.running_print import looks_lines
 from printctl.errors import UsageError
-from printctl.history.table import outcome
 from printctl.machine.records.record import REHEARSAL
 from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
 from printctl.pipeline.run_options import DESIGN_NAMES, names_until
@@ -97,6 +95,10 @@ def run(
 
 def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> list[str]:
     """What is said at the end."""
+    # They load what keeps a printer's link; a design needs none of it.
+    from printctl.cli.running_print import looks_lines
+    from printctl.history.table import outcome
+
     process = process_lines(data["dry_run"]) if "dry_run" in data else []
     process += looks_lines(folder)
     if until is not None:

@@ -70,7 +70,7 @@ def run_recipe(
 
         refuse_before(recipe, recipe_folder)
     elif recipe.plate is None:
-        from printctl.pipeline.design_run import run_design  # loads the design's stages alone
+        from printctl.pipeline.run_stages import run_design  # loads the design's stages alone
 
         return run_design(recipe, recipe_folder, folder, console, how)
     # What does the work takes seconds to load; a refusal doesn't wait for it.

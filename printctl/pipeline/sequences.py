@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from printctl.pipeline.design_run import DESIGN
 from printctl.pipeline.run_options import names_until
+from printctl.pipeline.run_stages import DESIGN
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import (
     dry_run,

@@ -1,8 +1,7 @@
-"""Run pipeline stages in order with time and memory, skipping those up to date."""
+"""Stage of the pipeline: what it depends on, reads and does; its time and memory."""
 
 from __future__ import annotations
 
-import shutil
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -11,9 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from design.files import atomic_replacement
-from printctl.progress import Report, StageBars
-from printctl.run_folder.manifest import StageRecord, digest_file, digest_json
+from printctl.progress import Report
+from printctl.run_folder.manifest import digest_file, digest_json
 from printctl.sources import source_digest
 
 if TYPE_CHECKING:
@@ -100,73 +98,3 @@ class Stage:
         names = self.reads(context) if callable(self.reads) else self.reads
         files = {name: digest_file(context.folder / name) for name in names}
         return digest_json([self.name, self.depends(context), files, source_digest(self.code)])
-
-
-def run_stages(context: RunContext, stages: Sequence[Stage], bars: StageBars) -> None:
-    """Run each stage whose inputs have changed; reuse the others.
-
-    The record of a stage is dropped before it runs, so that a stage that fails half-way isn't
-    taken for done.
-    """
-    with bars.all():
-        for stage in wanted_stages(context, stages):
-            name = f"{context.title} {stage.name}".strip()
-            with bars.stage(name) as report:
-                note = _run_one(context, stage, report)
-            bars.say(name, note)
-
-
-def run_under_one_bar(
-    context: RunContext, stages: Sequence[Stage], bars: StageBars, name: str
-) -> None:
-    """Run stages as `run_stages`, under one bar: of many parts that are all made alike."""
-    with bars.all(), bars.stage(name) as report, RunMeter() as meter:
-        notes = []
-        stages = wanted_stages(context, stages)
-        for number, stage in enumerate(stages):
-            report(number / len(stages), stage.name)
-            notes.append(_run_one(context, stage, lambda fraction, note="": None))
-    new = [note for note in notes if note.endswith(" s")]
-    kept = f", {len(notes) - len(new)} of {len(notes)} stages as before or as in another well"
-    bars.say(name, f"{meter.seconds:.1f} s{kept if len(new) < len(notes) else ''}")
-
-
-def wanted_stages(context: RunContext, stages: Sequence[Stage]) -> list[Stage]:
-    """The stages that the recipe asks for; what an earlier recipe asked for is forgotten."""
-    for stage in stages:
-        if not stage.asked(context):
-            context.manifest.stages.pop(stage.name, None)
-    return [stage for stage in stages if stage.asked(context)]
-
-
-def _run_one(context: RunContext, stage: Stage, report: Report) -> str:
-    key = stage.key(context)
-    record = context.manifest.stages.get(stage.name)
-    if record is not None and record.still_valid(key, context.folder):
-        context.reused.add(stage.name)
-        return f"unchanged ({record.seconds:.1f} s when made)"
-    for other in context.siblings:
-        theirs = other.manifest.stages.get(stage.name)
-        if theirs is not None and theirs.still_valid(key, other.folder):
-            _take_over(context, stage, theirs, other.folder)
-            return f"as in {other.folder.name}"
-    context.manifest.stages.pop(stage.name, None)
-    with RunMeter() as meter:
-        summary, outputs = stage.work(context, report)
-    digests = {name: digest_file(context.folder / name) for name in outputs}
-    context.manifest.stages[stage.name] = StageRecord(
-        key, digests, summary, round(meter.seconds, 3), round(meter.peak_mb, 1)
-    )
-    context.manifest.save()
-    return f"{meter.seconds:.1f} s"
-
-
-def _take_over(context: RunContext, stage: Stage, record: StageRecord, folder: Path) -> None:
-    """Copy what another folder's run of the same made."""
-    context.manifest.stages.pop(stage.name, None)
-    for name in record.outputs:
-        with atomic_replacement(context.folder / name) as draft:
-            shutil.copyfile(folder / name, draft)
-    context.manifest.stages[stage.name] = record
-    context.manifest.save()
-    context.reused.add(stage.name)

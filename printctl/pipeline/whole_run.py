@@ -10,10 +10,10 @@ from rich.console import Console
 
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.design_run import DESIGN, begun_run, run_all
 from printctl.pipeline.observing import order_observer
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
 from printctl.pipeline.run_options import RunOptions
+from printctl.pipeline.run_stages import DESIGN, begun_run, run_all
 from printctl.pipeline.sequences import TOOLPATH, WHOLE, in_order, stages_until
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import report

@@ -52,6 +52,7 @@ def test_examples_are_right(name):
 
 @pytest.mark.parametrize("name", ALL)
 def test_help_ends_with_examples_and_exit_codes(name):
+    ALL[name].get_help(typer.Context(ALL[name], info_name=name))
     end = ALL[name].epilog
     assert MANUAL[name].examples[0] in end
     assert "Exit codes: 0 done" in end

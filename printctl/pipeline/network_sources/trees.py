@@ -11,19 +11,18 @@ from design.anatomy.fit import KINK, Clearance, curve_trees, kinks
 from design.errors import GrowthError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
-from design.vasculature import (
+from design.vasculature.growth.parts import (
     GrownParts,
-    GrowthOptions,
     Inlet,
-    PartSupply,
-    VesselTree,
-    check_supply,
     grow_parts,
-    grow_printable,
-    grow_tree,
     parts_to_network,
     terminals_of,
 )
+from design.vasculature.growth.printable import grow_printable
+from design.vasculature.growth.supply import PartSupply, check_supply
+from design.vasculature.growth.tree import grow_tree
+from design.vasculature.options import GrowthOptions
+from design.vasculature.tree import VesselTree
 from printctl.pipeline.network_sources.options import growth_options, read_trunk
 from printctl.recipe.growth import GrownNetwork
 

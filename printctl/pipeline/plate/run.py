@@ -12,7 +12,6 @@ import numpy as np
 from printctl.errors import PrinterFailedError, SafetyError
 from printctl.machine.job.job import load_job
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.design_run import DESIGN
 from printctl.pipeline.facts import run_facts
 from printctl.pipeline.plate.dry_run import dry_run_stage
 from printctl.pipeline.plate.job import NOWHERE, job_stage
@@ -20,8 +19,9 @@ from printctl.pipeline.plate.results import collect_plate, write_results, write_
 from printctl.pipeline.plate.wells import PlateRun, check_fit, make_folders, plate_run
 from printctl.pipeline.plate_plan import StandingPlate
 from printctl.pipeline.run_options import SIMULATED_PORT
+from printctl.pipeline.run_stages import DESIGN, run_stages, run_under_one_bar
 from printctl.pipeline.sequences import JOB
-from printctl.pipeline.stage import Stage, run_stages, run_under_one_bar
+from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import printing, registration, report, scan
 from printctl.pipeline.stages.collect import collect
 from printctl.pipeline.stages.printing import EXECUTED

@@ -25,7 +25,7 @@ from rich.console import Console
 
 from printctl.errors import PrintctlError, RecipeError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.stage import run_stages
+from printctl.pipeline.run_stages import run_stages
 from printctl.pipeline.stages import flow, measures, tissue, vasculature
 from printctl.progress import StageBars
 from printctl.recipe import load_recipe
