@@ -44,7 +44,7 @@ from registration.corrected import corrected_scan
 from registration.errors import RegistrationError
 from registration.files.readers import is_mosaic, listed_files
 from registration.files.writers import write_scan
-from sim.devices.faults import load_faults
+from sim.devices.faults import FaultFile
 from sim.devices.scanner.defects import Defect, with_defects
 from sim.devices.scanner.placing import ScannerOutput
 from sim.gcode.bead.predict import bead_deposit
@@ -239,7 +239,7 @@ def predicted_ink(
 def ink_faults(context: RunContext) -> InkFaults:
     """What the recipe's fault file does to the ink."""
     name = context.recipe.printer.faults
-    return NO_FAULTS if name is None else load_faults(context.recipe_folder / name).of_ink
+    return NO_FAULTS if name is None else FaultFile.load(context.recipe_folder / name).of_ink
 
 
 def write_truth(path: Path, scanned: ScannerOutput) -> None:

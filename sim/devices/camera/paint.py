@@ -24,23 +24,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 
 from firmware_profiles.bead import BeadSection
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 from sim.devices.camera.scene import Bath, Camera, InkLook, Light, Plan, Scene, Sensor
 from sim.devices.recorded_ink import InkSource
-from sim.errors import CameraError
+from sim.errors import CameraError, SimError
 from sim.gcode.deposit.lay import Laid
 from sim.gcode.deposit.written import Strands
-from sim.user_files import read_model
+from sim.user_files import UserFile
 
 # Draw laid ink as maps of visible thickness and crest height over the camera's drawing plane.
 
@@ -465,22 +463,12 @@ def _plane_z(ink: Laid, camera: Camera, scene: Scene) -> float:
     return float(max(ink.strands.start[:, 2].max(), ink.strands.end[:, 2].max()))
 
 
-class CameraFile(BaseModel):
+class CameraFile(UserFile):
     """A simulated camera over a simulated printer."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    called: ClassVar[str] = "camera file"
+    error: ClassVar[type[SimError]] = CameraError
 
     camera: Camera
     scene: Scene = Scene()
     laid: InkSource
-
-
-def load_camera(path: Path) -> CameraFile:
-    """Read a camera's file.
-
-    Raises
-    ------
-    CameraError
-        When it can't be read, or has a key or value that means nothing.
-    """
-    return read_model(path, CameraFile, "camera file", CameraError)

@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 import numba
 import numpy as np
@@ -46,9 +46,8 @@ from sim.devices.scanner.placing import (
     random_bits,
     voxel_counts,
 )
-from sim.errors import ScannerError
+from sim.errors import ScannerError, SimError
 from sim.gcode.deposit.lay import Deposit, Laid, deposit_of_laid
-from sim.user_files import read_model
 
 
 @dataclass(frozen=True)
@@ -245,6 +244,9 @@ class OctField(InkBox):
         As of `sim.devices.scanner.oct.OctOptions`.
     """
 
+    called: ClassVar[str] = "OCT file"
+    error: ClassVar[type[SimError]] = ScannerError
+
     voxel_um: tuple[Micron, Micron, Micron] = (20, 20, 15)
     refractive_index: Annotated[float, Field(ge=1, le=2)] = 1.34
     attenuation_mm: Annotated[float, Field(ge=0, le=50)] = 0.7
@@ -312,14 +314,3 @@ def write_live_scan(path: Path, scan: ScannerOutput) -> None:
         depth_down=scan.depth_down,
         printer_to_scan=scan.pose_truth,
     )
-
-
-def load_oct(path: Path) -> OctField:
-    """Read an OCT's YAML file.
-
-    Raises
-    ------
-    ScannerError
-        When it can't be read, or has a key or value that means nothing.
-    """
-    return read_model(path, OctField, "OCT file", ScannerError)

@@ -32,10 +32,11 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Final, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from kernels.arrays import BoolArray, FloatArray, IntArray, split_rows
 from sim.gcode.deposit.written import Layering, Strands
+from sim.user_files import FileSection
 
 
 class PurgeRules(NamedTuple):
@@ -50,19 +51,15 @@ class PurgeRules(NamedTuple):
 PURGE: Final = PurgeRules()
 
 
-Amount = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
-More = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+Amount = Annotated[float, Field(ge=0, le=1e6)]
+More = Annotated[float, Field(gt=0, le=1e6)]
 Share = Annotated[float, Field(ge=0, le=1)]
-Shift = tuple[
-    Annotated[float, Field(ge=-100, le=100)],
-    Annotated[float, Field(ge=-100, le=100)],
-]
+_Way = Annotated[float, Field(ge=-100, le=100)]
+Shift = tuple[_Way, _Way]
 
 
-class Moment(BaseModel):
+class Moment(FileSection):
     """Where a fault begins: exactly one of four measures, see the module; `head` alone or all."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     line: Annotated[int, Field(ge=1)] | None = None
     time_s: Amount | None = None
