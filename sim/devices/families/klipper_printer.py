@@ -19,7 +19,7 @@ from sim.devices.families.marlin_printer import Marlin
 from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
 from sim.gcode.program.gcode import Command, split_line
 from sim.gcode.program.modal import interpret
-from sim.gcode.reading.line import NamedCommand, plain_command
+from sim.gcode.reading.line import plain_command
 
 
 class KlipperPrinter(SimulatedPrinter):
@@ -185,7 +185,7 @@ class Klipper(Marlin):
     def _activate(self, words: bytes) -> Task:
         """ACTIVATE_EXTRUDER: its own count of E, which begins at 0; nothing moves."""
         machine, motion = self.board.machine, self.board.machine.motion
-        chosen = plain_command(NamedCommand(0, "ACTIVATE_EXTRUDER", parameters_of(words)))
+        chosen = plain_command("ACTIVATE_EXTRUDER", parameters_of(words))
         number = int(chosen[1:]) if chosen[:1] == b"T" else machine.printer.head_count
         if number >= machine.printer.head_count:
             machine.say(f"!! The value '{words.decode()}' is not valid for EXTRUDER")

@@ -68,8 +68,8 @@ def read_line(text: bytes, printer: Printer) -> GcodeLine:
 def _translated(text: bytes, printer: Printer, translate: Translate) -> GcodeLine:
     """Read a line in another language; what isn't G-code comes with its name."""
     written = translate(text.rstrip(b"\r\n"), printer)
-    for named in written.named:
-        return GcodeLine(named.name, {}, text.strip(), named.words)
+    for _, named in written.named:
+        return named
     return read_words(written.gcode, printer)
 
 
@@ -88,11 +88,6 @@ def read_words(text: bytes, printer: Printer) -> GcodeLine:
     if letters is not None and letters.text:
         return text_line(code, rest, text, family)
     return _with_words(code, rest, text, family, letters)
-
-
-def is_name(code: str) -> bool:
-    """Whether a line's code is a name, not a letter with a number."""
-    return bool(code) and not (code[0] in "GMT" and code[1:].isdigit())
 
 
 def _code_of(match: re.Match[bytes], text: bytes, family: str) -> str:
