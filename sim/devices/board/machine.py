@@ -334,13 +334,23 @@ def copy_settings(planner: Records, others: Settings) -> StoredSettings:
 
 
 @dataclass
-class Reports:
-    """Interval and next time of each report, s."""
+class Report:
+    """Interval and next time of a report, s."""
 
-    temperature_s: float = 0.0
-    temperature_at: float = np.inf
-    position_s: float = 0.0
-    position_at: float = np.inf
+    every_s: float = 0.0
+    next_at: float = math.inf
+
+    def set(self, every_s: float, now: float) -> None:
+        """Report every so often from ``now`` on; 0 or less for never."""
+        self.every_s, self.next_at = every_s, now + every_s if every_s > 0 else math.inf
+
+
+@dataclass
+class Reports:
+    """Reports by the clock, and the interval of the busy message, s."""
+
+    temperature: Report = field(default_factory=Report)
+    position: Report = field(default_factory=Report)
     keepalive_s: float = 2.0
 
 
