@@ -49,7 +49,6 @@ class LaserSurface(NamedTuple):
 
 SURFACE: Final = LaserSurface()
 
-
 _SHOULDER: Final = np.linspace(1, 0, 1025) ** 0.25
 """A line's height over that of its crest, evenly over the square of the share of its radius."""
 _MIRRORED: Final = math.radians(3.0)

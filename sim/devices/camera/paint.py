@@ -55,7 +55,6 @@ class InkDrawing(NamedTuple):
 
 DRAWING: Final = InkDrawing()
 
-
 _FLAT: Final = {"layered": 0.25, "embedded": 0.5}
 """Power of 1 - q² at the share q of the radius: 1/2 is an ellipse, less is flatter."""
 
@@ -372,7 +371,6 @@ class GranuleNoise(NamedTuple):
 
 
 GRANULES: Final = GranuleNoise()
-
 
 _OCTAVES: Final = ((1.0, 0.6), (2.7, 0.5), (8.3, 0.45), (31.0, 0.4))
 """Size over the finest granule, and its share; no two sizes have a common measure, so that no

@@ -317,7 +317,6 @@ class MarlinBuild(NamedTuple):
 
 BUILD: Final = MarlinBuild()
 
-
 _TEXT: Final = re.compile(rb"M *\d+ *(?:[A-Z] *[-+]?\d+\.?\d* *)*(.*)")
 """Behind a code and words with a number."""
 

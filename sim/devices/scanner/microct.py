@@ -114,7 +114,6 @@ def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> Sc
         voxel_mm=(options.voxel_mm,) * 3,
         refractive_index=1.0,
         optical_depth=False,
-        scale="linear",
         modality="microct",
         depth_down=False,
         pose_truth=placed.pose,

@@ -154,7 +154,6 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> ScannerOut
         voxel_mm=options.voxel_mm,
         refractive_index=options.refractive_index,
         optical_depth=True,
-        scale="linear",
         modality="oct",
         depth_down=True,
         pose_truth=placed.pose,

@@ -119,8 +119,6 @@ class ScannerOutput:
         Group index of the sample; 1 for X-rays.
     optical_depth : bool
         Whether dz counts optical path.
-    scale : "linear"
-        Of the intensity.
     modality : "oct" or "microct"
         What is simulated.
     depth_down : bool
@@ -136,11 +134,11 @@ class ScannerOutput:
     voxel_mm: tuple[float, float, float]
     refractive_index: float
     optical_depth: bool
-    scale: Literal["linear"]
     modality: Literal["oct", "microct"]
     depth_down: bool
     pose_truth: NDArray[np.float64]
     shrink_truth: NDArray[np.float64]
+    scale: Literal["linear"] = "linear"
 
 
 def check_range(name: str, value: float, low: float, high: float, unit: str) -> None:

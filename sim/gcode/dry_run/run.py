@@ -204,7 +204,7 @@ class DryRun:
         start = self.program.start.copy()
         start[:3] += self.heads.offset_mm[number]
         program = replace(program, target=target, start=start)
-        low, high = _bounds(np.where(program.kind[:, None, None] == MOVE, tips, np.nan), program)
+        moving = np.where(program.kind[:, None, None] == MOVE, tips, np.nan)
         plunger = np.concatenate([[0.0], program.plunger])
         return replace(
             self,
@@ -212,26 +212,26 @@ class DryRun:
             speed_mm_s=self.speed_mm_s[rows],
             plunger_max_mm=float(plunger.max()),
             plunger_min_mm=float(plunger.min()),
-            **low,
-            **high,
+            **_bounds(moving, program.line),
         )
 
 
-def _bounds(tips: FloatArray, program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
+def _bounds(tips: FloatArray, line: NDArray[np.int64]) -> dict[str, Any]:
     """Lowest and highest place of a tip while it moves, and the lines; NaN where it never does."""
-    if not len(tips) or np.isnan(tips).all():
-        nothing = np.full(3, np.nan), np.zeros(3, np.int64)
-        return (
-            dict(zip(("low_mm", "low_line"), nothing, strict=True)),
-            dict(zip(("high_mm", "high_line"), nothing, strict=True)),
-        )
-    lows, highs = np.fmin(tips[:, 0], tips[:, 1]), np.fmax(tips[:, 0], tips[:, 1])
-    low_at, high_at = np.nanargmin(lows, axis=0), np.nanargmax(highs, axis=0)
+    if np.isnan(tips).all():
+        tips, line = np.full((1, 2, 3), np.nan), np.zeros(1, np.int64)
+        low_at = high_at = np.zeros(3, np.int64)
+        lows = highs = tips[:, 0]
+    else:
+        lows, highs = np.fmin(tips[:, 0], tips[:, 1]), np.fmax(tips[:, 0], tips[:, 1])
+        low_at, high_at = np.nanargmin(lows, axis=0), np.nanargmax(highs, axis=0)
     axes = np.arange(3)
-    return (
-        {"low_mm": lows[low_at, axes], "low_line": program.line[low_at]},
-        {"high_mm": highs[high_at, axes], "high_line": program.line[high_at]},
-    )
+    return {
+        "low_mm": lows[low_at, axes],
+        "low_line": line[low_at],
+        "high_mm": highs[high_at, axes],
+        "high_line": line[high_at],
+    }
 
 
 def dry_run(

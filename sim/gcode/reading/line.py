@@ -89,7 +89,6 @@ class LineLimits(NamedTuple):
 
 LIMITS: Final = LineLimits()
 
-
 SORTS: Final[dict[str, str]] = {
     "not_text": "characters that can't be sent",
     "no_command": "lines that aren't a command",
@@ -277,16 +276,7 @@ Word = tuple[str, float | None, bytes]
 
 
 def words_of(rest: bytes, text: bytes, family: str) -> Iterator[Word]:
-    """Read what stands behind a code, word by word.
-
-    Parameters
-    ----------
-    rest : bytes
-        Behind the code's number.
-    text : bytes
-        The whole line, for messages.
-    family : str
-        The profile's ``firmware``.
+    """Read what stands behind a code in the line ``text``, word by word.
 
     Raises
     ------
@@ -361,15 +351,11 @@ def check_meaning(code: str, words: WordValues, family: str, text: bytes) -> Non
     LineError
         With what is read differently, and what to write instead.
     """
-    reason = (
-        _of_motion(words) if code in MOTION else _OTHERS.get(code, _nothing)(words)
-    ) or _of_numbers(code, words, family)
+    of_code = _of_motion if code in MOTION else _OTHERS.get(code)
+    reason = of_code(words) if of_code else ""
+    reason = reason or _of_numbers(code, words, family)
     if reason:
         raise refusal("ambiguous", text, reason)
-
-
-def _nothing(words: WordValues) -> str:
-    return ""
 
 
 def _of_motion(words: WordValues) -> str:
@@ -483,6 +469,5 @@ def output_of(text: str) -> tuple[str, dict[str, str]] | None:
         return SETS_ARRAY, {"NUMBER": number, "AXIS": match[3].upper(), "VALUE": match[4]}
     called = _CALL.fullmatch(text.strip())
     if called:
-        words = {"NUMBER": called[2], "AXIS": called[1].upper(), "VALUE": called[3]}
-        return SETS_CALL, words
+        return SETS_CALL, {"NUMBER": called[2], "AXIS": called[1].upper(), "VALUE": called[3]}
     return None
