@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -424,16 +424,10 @@ def as_plunger(executed: ExecutedMotion, spans: FloatArray, flow_ul_s: float) ->
 # in the file's order, where its moves end, to a motor step, and begin where the last one of the
 # file ended; a move that the planner merged into the next has none.
 
-
-class BlockMatch(NamedTuple):
-    """How executed blocks are matched to places of the file."""
-
-    # A step of a usual axis and the rounding of the text; places differ by more.
-    within_mm: float = 0.02
-    max_skipped: int = 64  # Moves that may be merged or left out in a row.
-
-
-MATCH: Final = BlockMatch()
+_SAME_PLACE_MM: Final = 0.02
+"""A step of a usual axis and the rounding of the text; places differ by more."""
+_MAX_SKIPPED_MOVES: Final = 64
+"""That may be merged or left out in a row."""
 
 
 def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
@@ -449,9 +443,9 @@ def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
     line = np.full(len(executed), -1, dtype=np.int64)
     at, last = 0, program.start[:3]
     for block, end in enumerate(executed.end):
-        if np.abs(executed.start[block] - last).max() > MATCH.within_mm:
+        if np.abs(executed.start[block] - last).max() > _SAME_PLACE_MM:
             continue
-        near = np.abs(target[at : at + MATCH.max_skipped] - end).max(axis=1) <= MATCH.within_mm
+        near = np.abs(target[at : at + _MAX_SKIPPED_MOVES] - end).max(axis=1) <= _SAME_PLACE_MM
         if near.any():
             nearest = at + int(near.argmax())
             line[block] = program.command[rows[nearest]]

@@ -207,7 +207,7 @@ class Controller:
 
     def reset(self) -> None:
         """Reset line or power button: everything is forgotten, motors stop, the banner comes."""
-        self.machine.stop()
+        self.machine.motion.stop(self.machine.now)
         self._forget()
         self.reader.clear()
         self.lines.clear()
@@ -220,7 +220,7 @@ class Controller:
         """Heaters off, fall silent, and halt: the motors at once, or after the firmware's wait."""
         waiting = list(self.work.queue)
         if not self.firmware.runs_on:
-            self.machine.stop()
+            self.machine.motion.stop(self.machine.now)
         self.machine.heat.off(self.machine.now)
         self.firmware.say_halted(reason)
         self._forget()

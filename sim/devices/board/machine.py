@@ -264,14 +264,6 @@ class Machine:
             feed = max(feed, settings.least_feed if writes else settings.least_travel_feed)
         self.motion.add_move(target_mm, feed, line, self.now)
 
-    def steps_now(self) -> list[int]:
-        """Stepper counts at this moment, as the firmware numbers them."""
-        return self.motion.steps_at(self.now)
-
-    def stop(self) -> None:
-        """Drop all moves; the firmware's position becomes where the motors stand."""
-        self.motion.stop(self.now)
-
     # -- heat, now
 
     @property

@@ -114,7 +114,7 @@ class MainLoop:
         due = machine.halts_s()
         if machine.now < due:
             return due
-        machine.stop()
+        machine.motion.stop(machine.now)
         machine.halts_s = None
         return math.inf
 

@@ -406,10 +406,6 @@ def _border(camera: Camera) -> FloatArray:
     """Pixels along the picture's rim."""
     width, height = camera.size_px
     u, v = np.linspace(-1, width, 65), np.linspace(-1, height, 65)
-    rim = [
-        np.column_stack([u, np.full(65, -1.0)]),
-        np.column_stack([u, np.full(65, float(height))]),
-        np.column_stack([np.full(65, -1.0), v]),
-        np.column_stack([np.full(65, float(width)), v]),
-    ]
-    return np.concatenate(rim)
+    along_x = [np.column_stack([u, np.full(65, edge)]) for edge in (-1.0, float(height))]
+    along_y = [np.column_stack([np.full(65, edge), v]) for edge in (-1.0, float(width))]
+    return np.concatenate([*along_x, *along_y])

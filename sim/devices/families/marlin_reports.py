@@ -76,7 +76,7 @@ QUICKSTOP_S: Final = 1.024
 def quickstop(board: Controller) -> Task:
     """Drop all moves at once; for a second the planner takes no others."""
     machine = board.machine
-    machine.stop()
+    machine.motion.stop(machine.now)
     machine.motion.closed_until = machine.now + QUICKSTOP_S
     yield STANDSTILL
 
@@ -88,7 +88,7 @@ _PREFIX: Final = re.compile(rb"([EA](?=1)|P(?=\d)). *")
 def planned_position(board: Controller) -> str:
     """Report of M114: X to E as the user numbers them, then the motors' steps at this moment."""
     machine = board.machine
-    counts = machine.steps_now()
+    counts = machine.motion.steps_at(machine.now)
     position = machine.motion.modal["position"][0]
     shift = machine.motion.modal["shift"][0]
     x, y, z = (position[axis] + shift[axis] for axis in range(3))

@@ -43,7 +43,7 @@ def _m92(board: Controller, command: Command) -> None:
 
 
 def _m114(board: Controller, command: Command) -> None:
-    counts = " ".join(map(str, board.machine.steps_now()[:3]))
+    counts = " ".join(map(str, board.machine.motion.steps_at(board.machine.now)[:3]))
     place = " ".join(f"{float(v) + 0.0:.3f}" for v in board.machine.motion.modal["position"][0, :3])
     board.machine.say(f"{place_report(board)} E0:0.0 Count {counts} Machine {place} Bed comp 0.000")
 

@@ -108,8 +108,8 @@ class OctOptions:
 
     def shape(self, bounds_mm: FloatArray, seed: int) -> tuple[int, int, int]:
         """Voxels along z, y, x of a scan of what lies in a box (2, 3), mm."""
-        placed = place(bounds_mm, self.placing, True, np.random.default_rng(seed))
-        return voxel_counts(placed.field_mm, self.geometric_voxel_mm)
+        _, field_mm = place(bounds_mm, self.placing, True, np.random.default_rng(seed))
+        return voxel_counts(field_mm, self.geometric_voxel_mm)
 
 
 NOISE_COUNTS = 8.0
@@ -126,15 +126,15 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> ScannerOut
     """
     rng = np.random.default_rng(seed)
     dz, dy, dx = voxel = options.geometric_voxel_mm
-    placed = place(deposit.bounds_mm, options.placing, True, rng)
+    pose, field_mm = place(deposit.bounds_mm, options.placing, True, rng)
     edge = deposit.voxel_mm
     ink, pad = blurred(deposit.volume, (options.axial_sigma_mm / edge, 0.0, 0.0))
     key = np.uint64(rng.integers(2**63))
     volume = _render(
         ink,
-        index_map(placed.pose, deposit.origin_mm - pad * edge, edge),
+        index_map(pose, deposit.origin_mm - pad * edge, edge),
         np.array([dz, dy, dx]),
-        voxel_counts(placed.field_mm, voxel),
+        voxel_counts(field_mm, voxel),
         np.array(
             [
                 NOISE_COUNTS * 10 ** (options.signal_db / 10),
@@ -156,7 +156,7 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> ScannerOut
         optical_depth=True,
         modality="oct",
         depth_down=True,
-        pose_truth=placed.pose,
+        pose_truth=pose,
         shrink_truth=np.array(options.placing.shrink),
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
@@ -132,9 +133,8 @@ def _read(text: bytes, printer: Printer, reader: LineReader) -> GcodeLine | Line
 def kinds_of(refused: tuple[tuple[int, LineError], ...]) -> Iterator[tuple[int, LineError, int]]:
     """First line of each sort of fault, its error, and how many lines have it."""
     first: dict[str, tuple[int, LineError]] = {}
-    count: dict[str, int] = {}
     for line, error in refused:
         first.setdefault(error.sort, (line, error))
-        count[error.sort] = count.get(error.sort, 0) + 1
+    count = Counter(error.sort for _, error in refused)
     for sort, (line, error) in first.items():
         yield line, error, count[sort]
