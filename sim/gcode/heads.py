@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import Program, code, parse_line
 from sim.gcode.program.modal import DWELL, MOVE, SET_POSITION, TOOL
 from sim.gcode.program.read_program import read_written
-from sim.gcode.reading.line import Finding, NamedCommand, output_of
+from sim.gcode.reading.line import Finding, GcodeLine, Lines, output_of
 
 # Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
 #
@@ -30,8 +30,6 @@ from sim.gcode.reading.line import Finding, NamedCommand, output_of
 # meant: T that it doesn't know leaves the old head in use, an offset of its own moves what the file
 # has moved already, and a count of E that goes on from another plunger's pushes or draws by all the
 # difference. All that is found here, from the file alone.
-
-_COUNTS: Final = re.compile(rb"E[-+.\d]")
 
 
 @dataclass(frozen=True)
@@ -64,9 +62,7 @@ class Heads:
         return np.asarray(tips)
 
 
-def read_heads(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], printer: Printer
-) -> Heads:
+def read_heads(program: Program, others: Lines, printer: Printer) -> Heads:
     """Follow the commands that raise and lower heads; parameters as for `read_switch`."""
     heads = printer.heads or ()
     count = printer.head_count
@@ -74,7 +70,7 @@ def read_heads(
     commanded = np.ones((len(program), count), dtype=np.bool_)
     for number, head in enumerate(heads):
         if head.raises is not None and head.lowers is not None:
-            switch = read_switch(program, gcode, named, head.lowers, head.raises)
+            switch = read_switch(program, others, head.lowers, head.raises)
             raised[:, number] = switch.before == CLOSED
             commanded[:, number] = switch.before != UNKNOWN
     offset = np.array([head.offset_mm.mm for head in heads] or [(0.0, 0.0, 0.0)])
@@ -82,17 +78,16 @@ def read_heads(
     return Heads(raised, commanded, lift, offset)
 
 
-def head_findings(program: Program, gcode: bytes, printer: Printer) -> list[Finding]:
+def head_findings(program: Program, others: Lines, printer: Printer) -> list[Finding]:
     """What a firmware would make of the file's changes of head that its author can't have meant."""
     findings = _no_such_head(program, printer)
     if printer.head_count == 1:
         return findings
-    lines = gcode.splitlines()
     return [
         *findings,
         *_unchosen(program),
-        *_uncounted(program, lines),
-        *_offsets(program, lines, printer),
+        *_uncounted(program, others),
+        *_offsets(program, others, printer),
     ]
 
 
@@ -121,12 +116,11 @@ def _unchosen(program: Program) -> list[Finding]:
     )
 
 
-def _uncounted(program: Program, lines: list[bytes]) -> list[Finding]:
+def _uncounted(program: Program, others: Lines) -> list[Finding]:
     """Plunger moves after a change of head without a G92 E between."""
     changes = (program.kind == TOOL) & (np.diff(program.tool, prepend=0) != 0)
-    counts = np.zeros(len(program), dtype=np.bool_)
-    for row in np.flatnonzero(program.kind == SET_POSITION).tolist():
-        counts[row] = bool(_COUNTS.search(lines[int(program.line[row]) - 1].upper()))
+    counting = [number for number, line in others if "E" in line.values]
+    counts = (program.kind == SET_POSITION) & np.isin(program.line, counting)
     at = np.arange(len(program))
     last_change = np.maximum.accumulate(np.where(changes, at, -1))
     last_count = np.maximum.accumulate(np.where(counts, at, -1))
@@ -139,14 +133,14 @@ def _uncounted(program: Program, lines: list[bytes]) -> list[Finding]:
     )
 
 
-def _offsets(program: Program, lines: list[bytes], printer: Printer) -> list[Finding]:
+def _offsets(program: Program, others: Lines, printer: Printer) -> list[Finding]:
     """Offsets that the firmware would add to places which have them already."""
     family = family_of(printer)
     command, word = family.head_offset_code, family.head_offset_word
     if not command:
         return []
-    rows = np.flatnonzero(program.code == code(command)).tolist()
-    words = {row: parse_line(lines[int(program.line[row]) - 1]).values for row in rows}
+    row_of = _first_rows(program)
+    words = {row_of[number]: line.values for number, line in others if line.code == command}
     twice = np.zeros(len(program), dtype=np.bool_)
     cleared: dict[int, int] = {}
     for row, values in words.items():
@@ -238,55 +232,40 @@ class Valve:
         return open_rows
 
 
-def read_valve(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], head: Pneumatic
-) -> Valve:
-    """Find the lines that switch the valve.
-
-    Parameters
-    ----------
-    gcode : bytes
-        What it was read from, Klipper's commands with names as they came or not.
-    named : tuple of NamedCommand
-        Klipper's commands with names.
-    """
-    return read_switch(program, gcode, named, head.opens, head.closes)
+def read_valve(program: Program, others: Lines, head: Pneumatic) -> Valve:
+    """Find the lines that switch the valve, of a file's lines that aren't moves."""
+    return read_switch(program, others, head.opens, head.closes)
 
 
-def read_switch(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], on: str, off: str
-) -> Valve:
+def read_switch(program: Program, others: Lines, on: str, off: str) -> Valve:
     """Find the lines that switch something by one command with two values.
 
     Parameters
     ----------
-    program, gcode, named
+    program, others
         As for `read_valve`.
     on, off : str
         After which it is OPEN, or CLOSED.
     """
     opens, closes = _command(on), _command(off)
-    lines = gcode.splitlines()
-    row_of = dict(zip(program.line.tolist()[::-1], range(len(program) - 1, -1, -1), strict=True))
-    by_name = {at.line: (at.name, frozenset(at.words.items())) for at in named}
-    name = opens[0].encode()
-    plain = [n for n, text in enumerate(lines, 1) if text.lstrip()[: len(name)] == name]
-    numbers = sorted(
-        {*plain, *(n for n, (command, _) in by_name.items() if command.encode() == name)}
-    )
+    row_of = _first_rows(program)
     rows, states = [], []
-    for line in numbers:
-        command = by_name.get(line) or _command(
-            lines[line - 1].partition(b";")[0].decode("latin-1")
-        )
-        state = _state(command, opens, closes)
-        if state != UNKNOWN and line in row_of:
-            rows.append(row_of[line])
+    for number, line in others:
+        state = UNKNOWN
+        if line.code == opens[0]:
+            state = _state((line.code, _words(line)), opens, closes)
+        if state != UNKNOWN and number in row_of:
+            rows.append(row_of[number])
             states.append(state)
     row, state_of = np.array(rows, np.int64), np.array(states, np.int64)
     latest = np.searchsorted(row, np.arange(len(program)), side="left") - 1
     before = np.where(latest >= 0, np.append(state_of, UNKNOWN)[latest], UNKNOWN)
     return Valve(row, state_of, before)
+
+
+def _first_rows(program: Program) -> dict[int, int]:
+    """First row of each line of the file."""
+    return dict(zip(program.line.tolist()[::-1], range(len(program) - 1, -1, -1), strict=True))
 
 
 def read_with_valve(
@@ -304,10 +283,10 @@ def read_with_valve(
     GcodeError
         When a command can't be read: what is left of the file would be another part.
     """
-    program, text, named, refused = read_written(gcode, printer, start_mm)
-    refuse_unread(refused)
+    program, _, file = read_written(gcode, printer, start_mm)
+    refuse_unread(file.refused)
     head = printer.pneumatic
-    return program, None if head is None else read_valve(program, text, named, head)
+    return program, None if head is None else read_valve(program, file.others, head)
 
 
 def refuse_unread(refused: Sequence[tuple[int, LineError]]) -> None:
@@ -320,8 +299,16 @@ def refuse_unread(refused: Sequence[tuple[int, LineError]]) -> None:
         )
 
 
+def _words(line: GcodeLine) -> Words:
+    if line.is_named:
+        return frozenset(line.parameters.items())
+    return frozenset(
+        (letter, "" if value is None else value) for letter, value in line.words.items()
+    )
+
+
 def _command(text: str) -> tuple[str, Words]:
-    """Name and words of a command, whichever way it is written."""
+    """Name and words of a profile's command, whichever way it is written."""
     output = output_of(text)
     if output is not None:
         return output[0], frozenset(output[1].items())
@@ -437,16 +424,10 @@ def as_plunger(executed: ExecutedMotion, spans: FloatArray, flow_ul_s: float) ->
 # in the file's order, where its moves end, to a motor step, and begin where the last one of the
 # file ended; a move that the planner merged into the next has none.
 
-
-class BlockMatch(NamedTuple):
-    """How executed blocks are matched to places of the file."""
-
-    # A step of a usual axis and the rounding of the text; places differ by more.
-    within_mm: float = 0.02
-    max_skipped: int = 64  # Moves that may be merged or left out in a row.
-
-
-MATCH: Final = BlockMatch()
+_SAME_PLACE_MM: Final = 0.02
+"""A step of a usual axis and the rounding of the text; places differ by more."""
+_MAX_SKIPPED_MOVES: Final = 64
+"""That may be merged or left out in a row."""
 
 
 def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
@@ -462,9 +443,9 @@ def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
     line = np.full(len(executed), -1, dtype=np.int64)
     at, last = 0, program.start[:3]
     for block, end in enumerate(executed.end):
-        if np.abs(executed.start[block] - last).max() > MATCH.within_mm:
+        if np.abs(executed.start[block] - last).max() > _SAME_PLACE_MM:
             continue
-        near = np.abs(target[at : at + MATCH.max_skipped] - end).max(axis=1) <= MATCH.within_mm
+        near = np.abs(target[at : at + _MAX_SKIPPED_MOVES] - end).max(axis=1) <= _SAME_PLACE_MM
         if near.any():
             nearest = at + int(near.argmax())
             line[block] = program.command[rows[nearest]]

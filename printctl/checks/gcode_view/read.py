@@ -265,15 +265,15 @@ def read_with_program(
     start = None if b"\0" in text else declared_start(text, pushing.printer)
     try:
         # All that can be drawn is: a print refuses such lines, and a viewer prints nothing.
-        program, read_as, named, refused = read_written(
+        program, _, file = read_written(
             text, pushing.printer, start or (0.0, 0.0, 0.0), max_refused=len(text)
         )
-        refuse_unread(refused if strict else ())
+        refuse_unread(file.refused if strict else ())
     except GcodeError as exc:
         raise UsageError(f"{name}: {exc}") from exc
     head = pushing.printer.pneumatic
-    valve = None if head is None else read_valve(program, read_as, named, head)
-    unread = _unread(refused)
+    valve = None if head is None else read_valve(program, file.others, head)
+    unread = _unread(file.refused)
     rows = written_rows(program, valve, start is not None)
     rows = _at_tips(rows, program.tool, pushing)
     if not (rows.act == Act.WRITE).any():

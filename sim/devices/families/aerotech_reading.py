@@ -30,7 +30,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from sim.errors import GcodeError
-from sim.gcode.reading.line import NOTHING, NamedCommand, TranslatedProgram, output_of
+from sim.gcode.reading.line import NOTHING, GcodeLine, TranslatedProgram, output_of
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
 _DWELL: Final = re.compile(rb"(?:G0?4\s+P|DWELL\s+)(" + _NUMBER + rb")", re.IGNORECASE)
@@ -63,7 +63,7 @@ def translate(gcode: bytes, printer: Printer) -> TranslatedProgram:
             f"{printer.name} doesn't say which controller it is (file_controller: controller)"
         )
     letter = (controller.plunger_axis or "").encode()
-    named: list[NamedCommand] = []
+    named: list[tuple[int, GcodeLine]] = []
     bases: list[tuple[int, bool]] = []
     seen = line = 0
     # A plain move is left as it is, but for the plunger's letter: nearly all lines are such.
@@ -84,7 +84,7 @@ def translate(gcode: bytes, printer: Printer) -> TranslatedProgram:
             bases.append((line + 1, base[1] == b"6"))
         word = b"" if not text else NOTHING if base else _plain(text, words)
         if word is None:
-            named.append(_named(line + 1, text.decode("ascii", "replace")))
+            named.append((line + 1, _named(text.decode("ascii", "replace"), match[0].strip())))
             word = NOTHING
         return word + remark
 
@@ -108,8 +108,6 @@ def _plain(text: bytes, move_words: bytes) -> bytes | None:
     return b"M400" if _WAITS.fullmatch(text) else None
 
 
-def _named(line: int, text: str) -> NamedCommand:
-    output = output_of(text)
-    if output is not None:
-        return NamedCommand(line, *output)
-    return NamedCommand(line, text.split()[0].upper(), {"TEXT": text})
+def _named(command: str, text: bytes) -> GcodeLine:
+    name, words = output_of(command) or (command.split()[0].upper(), {"TEXT": command})
+    return GcodeLine(name, {}, text, words)

@@ -16,8 +16,8 @@ from kernels.arrays import IntArray
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, read_gcode
 from sim.gcode.reading import read_line
-from sim.gcode.reading.file import read_file
-from sim.gcode.reading.line import LIMITS, NamedCommand
+from sim.gcode.reading.file import GcodeFile, read_file
+from sim.gcode.reading.line import LIMITS
 
 _SECONDS: Final = 60.0
 """The reader takes F as per minute."""
@@ -30,16 +30,13 @@ class ReadProgram(NamedTuple):
     ----------
     gcode : bytes
         What it was read from: as many lines as the file, each as it is sent.
-    named : tuple of NamedCommand
-        Commands with names, which the program holds as M105, T or G92.
-    refused : tuple of (int, LineError)
-        Lines that can't be read, which the program leaves out.
+    file : GcodeFile
+        Its commands with names the program holds as M105, T or G92; it leaves out refused lines.
     """
 
     program: Program
     gcode: bytes
-    named: tuple[NamedCommand, ...]
-    refused: tuple[tuple[int, LineError], ...]
+    file: GcodeFile
 
 
 def read_written(
@@ -69,7 +66,7 @@ def read_written(
     program = read_gcode(text, start_mm, printer.head_count, rule)
     if file.per_second is not None:
         program = _timed(program, file.per_second)
-    return ReadProgram(program, text, file.named, file.refused)
+    return ReadProgram(program, text, file)
 
 
 def _timed(program: Program, per_second: tuple[tuple[int, bool], ...]) -> Program:
