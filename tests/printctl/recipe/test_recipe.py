@@ -545,3 +545,23 @@ def test_every_source_takes_zones_and_demand(source: dict[str, Any]) -> None:
 def test_wrong_section_names_place_and_value(tissue: dict[str, Any], message: str) -> None:
     with pytest.raises(RecipeError, match=message):
         recipe(shape="biventricle", **tissue)
+
+
+@pytest.mark.parametrize(
+    ("anatomy", "tree"), [({"template": "liver"}, 2), ({"template": "kidney", "vein": "beside"}, 1)]
+)
+def test_flow_that_cannot_drive_a_template_s_veins_is_refused(
+    anatomy: dict[str, Any], tree: int
+) -> None:
+    data = GOOD | {
+        "tissue": {"shape": anatomy["template"]},
+        "vasculature": {"grow": "tree", "terminals": 60, "anatomy": anatomy},
+        "toolpath": {"method": "embedded", "needle": "30g_50mm"},
+    }
+    by_pressure = {"inlet_pressure_mmhg": 9}
+    with pytest.raises(RecipeError, match=rf"\(tree {tree}\).*inlet_pressure.*trees: \[{tree}\]"):
+        parse_recipe(data | {"flow": by_pressure}, "r.yaml")
+    with pytest.raises(RecipeError, match=r"one_d, three_d and exports know one supply"):
+        parse_recipe(data | {"flow": {"three_d": {}}}, "r.yaml")
+    own = {"supplies": [{"trees": [tree], "flow_ml_min": 1}]}
+    assert parse_recipe(data | {"flow": by_pressure | own}, "r.yaml").flow.supplies
