@@ -96,8 +96,14 @@ def test_a_steady_case_for_another_solver_gives_the_steady_flow(fork: Path) -> N
     done = printctl("flow", "fork.csv", "--unit", "mm", "--svzerod", "case.json",
                     "--svmultiphysics", "sv", "--json", cwd=fork)  # fmt: skip
     assert done.returncode == 0, done.stderr
-    drop = json.loads(done.stdout)["pressure_drop_pa"]
+    summary = json.loads(done.stdout)
+    drop, case = summary["pressure_drop_pa"], summary["svmultiphysics"]
     assert (fork / "sv" / "solver.xml").is_file()
+    # Its elements are straight: an inlet of some nine sides.
+    assert 0.9 < case["volume_share"] < 0.95
+    assert 0.9 < case["inlet_area_share"] < 0.95
+    assert f"hold {case['volume_share']:.1%} of the lumen" in summary["notes"][0]
+    assert "--edge-ratio" in summary["notes"][0]
     pytest.importorskip("svzerod", reason=NO_SOLVER)
     assert printctl("flow", "case.json", "--out", "theirs", cwd=fork).returncode == 0
     with (fork / "theirs" / "svzerod.csv").open() as handle:
