@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from printctl.cli.main import app
 from printctl.errors import RecipeError, UsageError
 from printctl.pipeline.facts import recipe_facts
+from printctl.pipeline.network_sources.options import growth_options
 from printctl.recipe import Recipe, load, load_recipe, parse_recipe
 from printctl.recipe.growth import GrownNetwork, LatticeNetwork
 from printctl.recipe.load import Change, Step, migrated_text
@@ -565,3 +566,19 @@ def test_flow_that_cannot_drive_a_template_s_veins_is_refused(
         parse_recipe(data | {"flow": {"three_d": {}}}, "r.yaml")
     own = {"supplies": [{"trees": [tree], "flow_ml_min": 1}]}
     assert parse_recipe(data | {"flow": by_pressure | own}, "r.yaml").flow.supplies
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "least"),
+    [
+        ("viscosity_mpa_s", 1e-6, "0.01"),
+        ("smallest_diameter_mm", 1e-300, "0.0002"),
+        ("perfusion_ml_min_per_ml", 1e-300, "1e-06"),
+    ],
+)
+def test_growth_s_own_limits_are_the_recipe_s(key: str, value: float, least: str) -> None:
+    tree = {"grow": "tree", "terminals": 9}
+    with pytest.raises(RecipeError, match=rf"vasculature\.{key}.*at least {least}.*{value:g}"):
+        parse_recipe(GOOD | {"vasculature": tree | {key: value}}, "r.yaml")
+    part = GrownNetwork(**tree, **{key: float(least)})  # type: ignore[arg-type]
+    assert growth_options(part, 1, Path()).terminals == 9
