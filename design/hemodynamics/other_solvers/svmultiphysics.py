@@ -328,8 +328,9 @@ def _check(mesh: LumenMesh, tets: IntArray) -> None:
     volume = _six_volumes(mesh, tets)
     worst = int(np.argmin(volume))
     if volume[worst] <= 0.0:
+        place = mesh.points[tets[worst]].mean(0).round(3).tolist()
         raise FlowError(
-            f"tetrahedron {worst} at {mesh.points[tets[worst]].mean(0).round(3).tolist()} mm is inside out "
+            f"tetrahedron {worst} at {place} mm is inside out "
             f"without its curved edges (volume {volume[worst] / 6:.3g} mm³); mesh finer there"
         )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -66,9 +65,13 @@ def write_exports(
 
         mesh = straighten_edges(mesh_of(network, space, fillet_ratio))[0]
         write_svmultiphysics(paths["svmultiphysics"], mesh, conditions)
+        kept = straight_shares(mesh)
         reported["svmultiphysics"] = {
-            "elements": len(mesh.tets), "edge_ratio": space.edge_ratio,
-        } | {f"{name}_share": share for name, share in asdict(straight_shares(mesh)).items()}  # fmt: skip
+            "elements": len(mesh.tets),
+            "edge_ratio": space.edge_ratio,
+            "volume_share": kept.volume,
+            "inlet_area_share": kept.inlet_area,
+        }
     return list(paths.values()), reported
 
 
@@ -79,6 +82,7 @@ def export_notes(reported: Mapping[str, Any]) -> list[str]:
     volume, area, edge = (mesh[key] for key in ("volume_share", "inlet_area_share", "edge_ratio"))
     return [
         f"svmultiphysics: its elements are straight and hold {volume:.1%} of the lumen's volume "
-        f"and {area:.1%} of its inlets' area, so that it resists about {volume**-2 - 1.0:.0%} more; "
+        f"and {area:.1%} of its inlets' area, so that it resists about {volume**-2 - 1.0:.0%} "
+        "more; "
         f"--edge-ratio (three_d.edge_ratio of a recipe) below {edge:g} makes the mesh finer"
     ]
