@@ -129,8 +129,7 @@ def trunk_ends(wanted: int, terminals: int, organ: str, least: int = LEAST_TERMI
     ):
         if count < fewest:
             raise GrowthError(
-                f"{count} {what} are too few for the template of a {organ}; "
-                f"ask for {fewest} at least"
+                f"{what} is {count}; the template of a {organ} needs {fewest} at least"
             )
     return min(wanted, terminals * ends // least)
 

@@ -270,7 +270,7 @@ _LIMITS = (
     ("root_candidates", 0, 10_000),
     ("smallest_radius_mm", 1e-4, 10.0),
     ("terminal_spread", 1.01, 10.0),
-    ("clearance_mm", 0.0, 10.0),
+    ("clearance_mm", 0.0, 100.0),  # a template's tubes for two vessels take a multiple
     ("clearance_ratio", 0.0, 10.0),
     ("length_to_radius", 0.0, 100.0),
     ("flow_ratio", 0.0, 0.5),

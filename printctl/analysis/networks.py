@@ -146,12 +146,19 @@ class Drive:
         f"In place of a run's own; of a file {BLOOD_MPA_S:g}, blood's, without it.", min=1e-6
     )
 
-    def conditions(self, own: FlowConditions | None = None) -> FlowConditions:
-        """Conditions of a run, or the defaults, and in their place what is given here."""
-        made = steady_conditions(FlowPart()) if own is None else own
+    def conditions(
+        self, network: VesselNetwork, own: FlowConditions | None = None
+    ) -> FlowConditions:
+        """Conditions of a run, or the defaults, and in their place what is given here.
+
+        Supplies of single trees keep their share of the inlet's flow.
+        """
+        made = steady_conditions(FlowPart(), network=network) if own is None else own
         if self.inlet_flow_ml_min is not None:
             flow = self.inlet_flow_ml_min * UL_S_PER_ML_MIN
-            made = replace(made, inlet_flow_ul_s=flow, inlet_pressure_pa=None)
+            share = flow / (made.inlet_flow_ul_s or flow)
+            supplies = tuple(replace(s, flow_ul_s=share * s.flow_ul_s) for s in made.supplies)
+            made = replace(made, inlet_flow_ul_s=flow, inlet_pressure_pa=None, supplies=supplies)
         if self.viscosity_mpa_s is not None:
             made = replace(made, viscosity_pa_s=self.viscosity_mpa_s * 1e-3, fluid=None)
         return made
@@ -268,7 +275,7 @@ def with_flow(source: Source, drive: Drive, own: FlowConditions | None = None) -
 
     ``own``: the run's conditions, in whose place ``drive`` stands.
     """
-    driven = drive.conditions(own)
+    driven = drive.conditions(source.network, own)
     try:
         solution = solve_flow(source.network, driven)
     except FlowError as exc:

@@ -9,7 +9,7 @@ import typer
 
 from printctl.analysis.flow import NPZ, CsvTables, NpzTables
 from printctl.analysis.flow.conditions import Driven, driven_by_run, recipe_of
-from printctl.analysis.flow.exports import EXPORTS, write_exports
+from printctl.analysis.flow.exports import EXPORTS, export_notes, write_exports
 from printctl.analysis.flow.network_flow import FlowOutput, NetworkFlow
 from printctl.analysis.flow.printed_case import PrintedCase, solve_as_printed
 from printctl.analysis.flow.typed_over import conditions_said
@@ -51,7 +51,11 @@ def run_network(
             output.summary["notes"] = [*source.notes, *output.summary.get("notes", ())]
         output.files = list(tables.files)
         paths = {name: requested[name] for name in EXPORTS if requested[name] is not None}
-        output.files += write_exports(paths, source.network, driven, space, fillet)
+        files, reported = write_exports(paths, source.network, driven, space, fillet)
+        output.files += files
+        output.summary |= reported
+        if notes := export_notes(reported):
+            output.summary["notes"] = [*output.summary.get("notes", ()), *notes]
         made.in_space()
         if others.ranks is not None:
             made.on_ranks(others.ranks, others.ranks_python)

@@ -108,7 +108,7 @@ def oxygen(
     decide it, so give your own.
     """
     source = load_source(design.network, design.unit, drive)
-    flow = known_flow(source) or solve_flow(source.network, drive.conditions())
+    flow = known_flow(source) or solve_flow(source.network, drive.conditions(source.network))
     around = design.around()
     out.mkdir(parents=True, exist_ok=True)
     numbers = solve_and_write(out, source.network, flow, around, part, _report_progress)

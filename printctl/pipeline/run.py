@@ -49,6 +49,8 @@ def run_recipe(
         For a stage that isn't known, or a file that isn't there.
     RecipeError
         For a print on a real printer whose scan would be simulated.
+    ServeError
+        For a fault file of the printer's that isn't one.
     PrintctlError, DesignError, RegistrationError, LinkError, ProfileError, OSError
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
@@ -58,6 +60,10 @@ def run_recipe(
         if not (recipe_folder / name).exists():
             raise UsageError(f"{recipe_folder / name}, which the recipe names, isn't there; "
                              "check the path, relative to the recipe")  # fmt: skip
+    if recipe.printer.faults is not None:
+        from sim.devices.faults import load_faults  # the simulator's; few recipes name any
+
+        load_faults(recipe_folder / recipe.printer.faults)  # A wrong one is refused at once.
     names = WHOLE_NAMES if how.until is None else names_until(how.until)
     if "print" in names:
         _refuse_pretended_scan(recipe)

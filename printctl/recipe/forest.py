@@ -11,6 +11,8 @@ from printctl.recipe.growth import (
     ConnectionPart,
     FileName,
     Growth,
+    Perfusion,
+    SmallestDiameter,
     Terminals,
     check_trunk,
     check_unit,
@@ -26,8 +28,8 @@ class TreePart(Part):
     kind: Literal["artery", "vein", "lymph"]
     terminals: Terminals | None = None
     pressure_drop_mmhg: Annotated[float, Field(ge=1e-6, le=1000)] | None = None
-    perfusion_ml_min_per_ml: Annotated[float, Field(gt=0, le=100)] | None = None
-    smallest_diameter_mm: Annotated[float, Field(gt=0, le=10)] | None = None
+    perfusion_ml_min_per_ml: Perfusion | None = None
+    smallest_diameter_mm: SmallestDiameter | None = None
     root_mm: Point | None = Field(
         default=None, description="As far from the other roots as the surface allows by default."
     )

@@ -52,6 +52,8 @@ Angles = Annotated[tuple[Degrees, Degrees], Field(description="Least and greates
 LengthToRadius = Annotated[
     float, Field(ge=0, le=100, description="Shortest segment over its radius.")
 ]
+Perfusion = Annotated[float, Field(ge=1e-6, le=100)]
+SmallestDiameter = Annotated[float, Field(ge=2e-4, le=10)]
 Exponent = Annotated[float, Field(ge=0.25, le=4)]
 FlowRatio = Annotated[
     float, Field(ge=0, le=0.5, description="Least flow of a child over its sibling's.")
@@ -178,7 +180,7 @@ class Growth(NetworkSection):
     radius_exponent: Exponent = Field(
         default=2.0, description="λ of the cost; with u = 1 and λ = 2 it is the volume."
     )
-    viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = Field(
+    viscosity_mpa_s: Annotated[float, Field(ge=0.01, le=1000)] = Field(
         default=BLOOD_MPA_S, description="With a viscosity law, in wide vessels."
     )
     viscosity_law: Literal["newtonian", "pries_1994"] = "newtonian"
@@ -186,8 +188,8 @@ class Growth(NetworkSection):
         default=0.45, description="Of the viscosity law pries_1994."
     )
     pressure_drop_mmhg: Annotated[float, Field(ge=1e-6, le=1000)] = 40.0
-    perfusion_ml_min_per_ml: Annotated[float, Field(gt=0, le=100)] = 0.8
-    smallest_diameter_mm: Annotated[float, Field(gt=0, le=10)] | None = Field(
+    perfusion_ml_min_per_ml: Perfusion = 0.8
+    smallest_diameter_mm: SmallestDiameter | None = Field(
         default=None, description="Fixes the smallest lumen; the pressure drop follows."
     )
     clearance_mm: Clearance = 0.1

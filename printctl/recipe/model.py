@@ -6,6 +6,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from printctl.recipe.anatomy import AnatomyPart
 from printctl.recipe.forest import Forest
 from printctl.recipe.growth import (
     ClosedLoop,
@@ -106,6 +107,8 @@ class Recipe(Part):
             self._is_the_design_s_block()
         if isinstance(self.vasculature, Forest):
             self._drains_are_fed(self.vasculature)
+        if isinstance(self.vasculature, GrownNetwork) and self.vasculature.anatomy is not None:
+            self._veins_are_solved(self.vasculature.anatomy)
         return self
 
     def files(self) -> list[str]:
@@ -133,6 +136,25 @@ class Recipe(Part):
             "fiducial dimples lie on that block's faces; give tissue: {shape: block, size_mm: "
             "[16, 8, 3]}, and print_scale for another size of the whole"
         )
+
+    def _veins_are_solved(self, anatomy: AnatomyPart) -> None:
+        """Refuse what can't drive a template's veins, which no artery joins."""
+        if anatomy.template != "liver" and anatomy.vein != "beside":
+            return
+        flow, tree = self.flow, 2 if anatomy.template == "liver" else 1
+        veins = f"the veins of the template (tree {tree}) are joined to no artery"
+        if flow.one_d is not None or flow.three_d is not None or flow.exports:
+            raise ValueError(
+                f"{veins}, and flow's one_d, three_d and exports know one supply for all inlets; "
+                "leave them out"
+            )
+        named = [number for supply in flow.supplies for number in supply.trees]
+        if flow.inlet_pressure_mmhg is not None and tree not in named:
+            raise ValueError(
+                f"{veins}, and inlet_pressure_mmhg doesn't say how much they drain; give "
+                "inlet_flow_ml_min, or add "
+                f"flow: {{supplies: [{{trees: [{tree}], flow_ml_min: ...}}]}}"
+            )
 
     def _drains_are_fed(self, forest: Forest) -> None:
         """Refuse a vein or lymph without partner whose flow nothing says."""

@@ -25,12 +25,18 @@ from design.hemodynamics.conditions import (
     ResistanceOutlet,
 )
 from design.hemodynamics.other_solvers.network_case import CGS, outlet_values
-from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, LumenMesh
+from design.hemodynamics.three_d.meshing.lumen_mesh import (
+    WALL,
+    LumenMesh,
+    jacobian,
+    quadratic,
+    tetrahedron_rule,
+)
 from design.hemodynamics.three_d.solution import elements_behind
 from design.hemodynamics.waveforms import Waveform, cycle_times
 from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.units import CM3_PER_UL, DYN_CM2_PER_PA
-from kernels.arrays import IntArray
+from kernels.arrays import FloatArray, IntArray
 
 _MODES: Final = 16
 """Fourier modes that the solver takes of a waveform's 201 samples."""
@@ -289,17 +295,42 @@ def write_mesh_complete(folder: Path, mesh: LumenMesh) -> None:
         _write_surface(folder / f"{name}.vtp", points, faces[chosen], cells)
 
 
+@dataclass(frozen=True)
+class StraightShares:
+    """What straight elements keep of a lumen: of its volume, and of its inlets' area, 0 to 1."""
+
+    volume: float
+    inlet_area: float
+
+
+def straight_shares(mesh: LumenMesh) -> StraightShares:
+    """Compare the mesh that is written, without its curved edges, with the lumen's own."""
+    at, weight = tetrahedron_rule(3)
+    _, slope = quadratic(at)
+    curved = np.linalg.det(jacobian(mesh.points[mesh.tets], slope)) @ weight
+    inlets = [k for k, port in enumerate(mesh.ports) if port.inlet]
+    p = mesh.points[mesh.faces[np.isin(mesh.label, np.add(inlets, 1)), :3]]
+    area = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+    meant = np.pi * sum(mesh.ports[k].radius_mm ** 2 for k in inlets)
+    volume = float(_six_volumes(mesh, mesh.tets[:, :4]).sum()) / 6.0
+    return StraightShares(volume / float(curved.sum()), float(area.sum()) / meant)
+
+
+def _six_volumes(mesh: LumenMesh, tets: IntArray) -> FloatArray:
+    p = mesh.points[tets]
+    across = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    return np.asarray(np.einsum("ti,ti->t", across, p[:, 3] - p[:, 0]))
+
+
 def _check(mesh: LumenMesh, tets: IntArray) -> None:
     if max(mesh.corner_count, len(tets)) >= 2**31:
         raise FlowError(f"{len(tets)} elements are more than 32 bits count; mesh coarser")
-    p = mesh.points[tets]
-    volume = np.einsum(
-        "ti,ti->t", np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), p[:, 3] - p[:, 0]
-    )
+    volume = _six_volumes(mesh, tets)
     worst = int(np.argmin(volume))
     if volume[worst] <= 0.0:
+        place = mesh.points[tets[worst]].mean(0).round(3).tolist()
         raise FlowError(
-            f"tetrahedron {worst} at {p[worst].mean(0).round(3).tolist()} mm is inside out "
+            f"tetrahedron {worst} at {place} mm is inside out "
             f"without its curved edges (volume {volume[worst] / 6:.3g} mm³); mesh finer there"
         )
 

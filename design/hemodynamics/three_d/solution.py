@@ -203,6 +203,24 @@ def wall_shear(field: Field, viscosity_pa_s: float) -> WallShear:
     return _averaged(mesh.faces[faces], traction)
 
 
+def shear_of_faces(solution: ThreeDSolution) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return middle (f, 3), mm, and area (f,), mm², of the wall's triangles; shear at nodes, Pa.
+
+    The shear (f, 6) is that of the three corners and of the three edges' middles.
+    """
+    mesh, shear = solution.field.mesh, solution.wall_shear
+    faces = mesh.faces[mesh.label == WALL]
+    corners = mesh.points[faces[:, :3]]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * np.linalg.norm(across, axis=1)
+    return corners.mean(axis=1), area, shear.magnitude[np.searchsorted(shear.node, faces)]
+
+
+def face_mean(shear: FloatArray) -> FloatArray:
+    """Return the mean of a quadratic over triangles: that of its values amid the edges."""
+    return np.asarray(shear[:, 3:].mean(axis=1), dtype=np.float64)
+
+
 def elements_behind(mesh: LumenMesh, faces: IntArray) -> tuple[IntArray, IntArray]:
     """Return the element of each of these faces (f,), and its corners on the face (f, 3).
 

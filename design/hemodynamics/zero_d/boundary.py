@@ -135,7 +135,8 @@ def refuse_supplies(supplies: Sequence[Supply], what: str) -> None:
     if supplies:
         raise FlowError(
             f"{what} knows one supply for all inlets, and {len(supplies)} inlets or groups of "
-            "them have their own; leave supplies out, or solve their networks by themselves"
+            "them have their own (flow.supplies, or veins that no artery joins); leave supplies "
+            "out, or solve their networks by themselves"
         )
 
 

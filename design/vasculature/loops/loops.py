@@ -49,6 +49,8 @@ class LoopSettings(NamedTuple):
     """Gap over a connection's radius beyond which a larger one costs no less."""
     length_factor: float = 1.15
     """Length of a typical curve over its chord."""
+    far_partners: float = 3.0
+    """Median distance of partners over that of neighbours, from which a refusal names it."""
 
 
 LOOPS = LoopSettings()
@@ -295,7 +297,23 @@ def refuse_blocked(joins: Connections, allowed: int, options: LoopOptions) -> No
         f"({allowed} may be pruned), one of them at "
         "({:.4g}, {:.4g}, {:.4g}) mm; ".format(*place)
         + "take another clearance_mm or, of connections, a smaller radius_ratio or "
-        "bend_to_radius, or a larger most_pruned_percent"
+        "bend_to_radius, or a larger most_pruned_percent" + _far_partners(joins)
+    )
+
+
+def _far_partners(joins: Connections) -> str:
+    """Return a remedy where partners lie farther apart than terminals of a side do, else ""."""
+    here, there = joins.one.point, joins.other.point
+    if len(here) < 2:
+        return ""
+    chord = float(np.median(np.linalg.norm(here - there[joins.partner], axis=1)))
+    spacing = float(np.median(KDTree(here).query(here, k=2)[0][:, 1]))
+    if chord < LOOPS.far_partners * spacing:
+        return ""
+    return (
+        f"; partners lie {chord:.3g} mm apart in the median, and neighbours of a side "
+        f"{spacing:.3g} mm: of a forest give territories by_network or whole, as divided ones "
+        "lead arteries and veins to different places, or fewer terminals"
     )
 
 

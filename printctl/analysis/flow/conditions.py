@@ -10,6 +10,8 @@ from typing import Final
 
 import numpy as np
 from pydantic import ValidationError
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from design.hemodynamics import (
     Carreau,
@@ -40,8 +42,9 @@ from design.hemodynamics.waveforms import (
     read_waveform,
     shape,
 )
-from design.network import VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.units import PA_PER_MMHG, PA_S2_MM2_PER_G_CM3, UL_S_PER_ML_MIN
+from kernels.arrays import IntArray
 from printctl.errors import UsageError
 from printctl.recipe import Recipe
 from printctl.recipe.parts import (
@@ -219,9 +222,10 @@ def supplies_of(
     Raises
     ------
     UsageError
-        For a tree that the network lacks, or that has no inlet.
+        For a tree that the network lacks, or that has no inlet; for a vein without artery whose
+        flow isn't known, as pressure drives the arteries.
     """
-    if not part.supplies or network is None:
+    if network is None:
         return ()
     inlets = set(network.inlets().tolist())
     of_inlet = {
@@ -241,7 +245,39 @@ def supplies_of(
             )
         nodes = tuple(node for node, tree in of_inlet.items() if tree in supply.trees)
         supplies.append(Supply(nodes, supply.flow_ml_min * UL_S_PER_ML_MIN * volume))
-    return tuple(supplies)
+    return (*supplies, *_supply_of_veins(part, network, supplies, volume))
+
+
+def _supply_of_veins(
+    part: FlowPart, network: VesselNetwork, supplies: list[Supply], volume: float
+) -> list[Supply]:
+    """Return the supply of veins that no artery joins and no supply names: all that comes in."""
+    named = [node for supply in supplies for node in supply.inlets]
+    veins, fed = _vein_inlets(network)
+    nodes = veins[~np.isin(veins, named)]
+    if not len(nodes) or np.isin(fed, named).all() or np.isin(veins, named).any():
+        return []
+    if part.inlet_pressure_mmhg is not None:
+        tree = network.tree[np.isin(network.vessel_nodes[:, 0], nodes)].min()
+        raise UsageError(
+            f"tree {tree} is a vein that no artery joins: its flow comes from the tissue, and "
+            "inlet_pressure_mmhg doesn't say how much; give inlet_flow_ml_min, or add "
+            f"flow: {{supplies: [{{trees: [{tree}], flow_ml_min: ...}}]}}"
+        )
+    brought = part.inlet_flow_ml_min * UL_S_PER_ML_MIN * volume
+    brought += sum(supply.flow_ul_s for supply in supplies)
+    return [Supply(tuple(nodes.tolist()), brought)]
+
+
+def _vein_inlets(network: VesselNetwork) -> tuple[IntArray, IntArray]:
+    """Return inlets of parts that are veins throughout, and all other inlets."""
+    count = len(network.nodes)
+    links = coo_array((np.ones(network.vessel_count), network.vessel_nodes.T), (count, count))
+    part = connected_components(links, directed=False)[1]
+    mixed = part[network.vessel_nodes[network.kind != VesselKind.VEIN, 0]]
+    inlets = network.inlets()
+    veins = ~np.isin(part[inlets], mixed)
+    return inlets[veins], inlets[~veins]
 
 
 def fluid_of(part: FluidPart) -> Fluid:

@@ -32,7 +32,7 @@ from design.hemodynamics import (
 from design.hemodynamics.zero_d.boundary import boundary_nodes
 from design.hemodynamics.zero_d.steady import node_inflow
 from design.network import VesselNetwork
-from design.units import DYN_CM2_PER_PA, PA_PER_MMHG
+from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray, IntArray
 from printctl.analysis.flow.conditions import pulsatile_conditions, steady_conditions
 from printctl.analysis.flow.tables import FlowTables
@@ -209,6 +209,20 @@ def steady_notes(
     ]
 
 
+def supply_notes(network: VesselNetwork, part: FlowPart, conditions: FlowConditions) -> list[str]:
+    """Return a note on veins without artery, whose flow the section doesn't give."""
+    notes = []
+    for supply in conditions.supplies[len(part.supplies) :]:
+        trees = np.unique(network.tree[np.isin(network.vessel_nodes[:, 0], supply.inlets)])
+        named = ", ".join(map(str, trees.tolist()))
+        notes.append(
+            f"no artery joins the veins (tree {named}): they drain what the other inlets bring, "
+            f"{supply.flow_ul_s / UL_S_PER_ML_MIN:.4g} mL/min, on a supply of their own; "
+            f"flow: {{supplies: [{{trees: [{named}], flow_ml_min: ...}}]}} gives them another flow"
+        )
+    return notes
+
+
 def pulse_notes(waves: Mapping[str, FloatArray]) -> list[str]:
     """What is said of a cycle in whose course the inlets' flow turns round; see `end_waves`."""
     flow = waves["inlet_flow_ml_min"]
@@ -259,6 +273,7 @@ def solve_section(
     driven = steady or steady_conditions(part, folder, network)
     solution, summary = solve_steady(tables, network, driven, part)
     notes = direction_notes(network, driven) + steady_notes(network, solution, driven)
+    notes += supply_notes(network, part, driven)
     if part.pulse is None:
         return solution, summary | _said(notes)
     steps = part.pulse.steps

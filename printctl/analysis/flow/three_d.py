@@ -20,15 +20,16 @@ from design.hemodynamics.three_d import (
     ThreeDSolution,
     at_points,
     estimate_error,
+    face_mean,
     march_flow,
     probe_steady,
     residence_time,
     sections_at,
+    shear_of_faces,
     solve_steady,
     straighten_edges,
     write_flow_vtu,
 )
-from design.hemodynamics.three_d.meshing.lumen_mesh import WALL
 from design.hemodynamics.three_d.meshing.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.meshing.surface import axis_places
 from design.hemodynamics.three_d.vessels.sections import clear_sections, conserve_mass, vessel_flows
@@ -167,32 +168,14 @@ def wall_shear_of_vessels(
     np.fmax.at(most, mine, size.max(axis=1))
     areas = np.bincount(mine, area, minlength=count)
     with np.errstate(invalid="ignore"):
-        mean = np.bincount(mine, area * _face_mean(size), minlength=count)
+        mean = np.bincount(mine, area * face_mean(size), minlength=count)
         return mean / np.where(areas > 0.0, areas, np.nan), most
-
-
-def shear_of_faces(solution: ThreeDSolution) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Middle (f, 3), mm, and area (f,), mm², of the wall's triangles; shear at their nodes, Pa.
-
-    The shear (f, 6) is that of the three corners and of the three edges' middles.
-    """
-    mesh, shear = solution.field.mesh, solution.wall_shear
-    faces = mesh.faces[mesh.label == WALL]
-    corners = mesh.points[faces[:, :3]]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * np.linalg.norm(across, axis=1)
-    return corners.mean(axis=1), area, shear.magnitude[np.searchsorted(shear.node, faces)]
-
-
-def _face_mean(size: FloatArray) -> FloatArray:
-    """Mean of a quadratic over triangles: that of its values amid the edges."""
-    return size[:, 3:].mean(axis=1)
 
 
 def _median_shear(solution: ThreeDSolution) -> float:
     """Wall shear that half of the wall's area exceeds, Pa."""
     _, area, size = shear_of_faces(solution)
-    mean = _face_mean(size)
+    mean = face_mean(size)
     order = np.argsort(mean)
     covered = np.cumsum(area[order])
     return float(mean[order][np.searchsorted(covered, 0.5 * covered[-1])])

@@ -11,7 +11,7 @@ from design.hemodynamics import scaled_flow
 from design.network_files.vtp import write_network_vtp
 from printctl.analysis.flow import CsvTables, solve_section
 from printctl.analysis.flow.conditions import Driven
-from printctl.analysis.flow.exports import EXPORTS, write_exports
+from printctl.analysis.flow.exports import EXPORTS, export_notes, write_exports
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
@@ -36,6 +36,10 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         folder=context.recipe_folder,
         print_scale=recipe.print_scale,
     )
+    exported, reported = _exported(context)
+    summary |= reported
+    if notes := export_notes(reported):
+        summary["notes"] = [*summary.get("notes", ()), *notes]
     values = {"flow_ul_s": solution.flow, "wall_shear_pa": solution.wall_shear}
     write_network_vtp(context.folder / PICTURE, context.network, values)
     for note in summary.get("notes", ()):
@@ -44,20 +48,22 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if recipe.print_scale != 1:
         summary["print_scale"] = recipe.print_scale
         summary["scaled"] = scale_to_print(context, summary)
-    return summary, [*(file.name for file in tables.files), PICTURE, *_exported(context)]
+    return summary, [*(file.name for file in tables.files), PICTURE, *exported]
 
 
-def _exported(context: RunContext) -> list[str]:
-    """Names of the files written for other solvers."""
+def _exported(context: RunContext) -> tuple[list[str], dict[str, Any]]:
+    """Write the files for other solvers; return their names, and what to report of them."""
     recipe, folder = context.recipe, context.folder
     if not recipe.flow.exports:
-        return []
+        return [], {}
     paths = {name: folder / EXPORTS[name] for name in recipe.flow.exports}
     driven = Driven(recipe.flow, context.recipe_folder, recipe.print_scale)
     space = recipe.flow.three_d or ThreeDPart()
-    written = write_exports(paths, context.network, driven, space, recipe.solid.fillet_ratio)
+    written, reported = write_exports(
+        paths, context.network, driven, space, recipe.solid.fillet_ratio
+    )
     files = [file for one in written for file in (one, *one.rglob("*")) if file.is_file()]
-    return [file.relative_to(folder).as_posix() for file in files]
+    return [file.relative_to(folder).as_posix() for file in files], reported
 
 
 def _periodic(change: float, goal: float) -> float:

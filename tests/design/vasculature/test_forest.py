@@ -1,5 +1,7 @@
 """Forests: arteries and veins apart, closed to loops, mixed at shared nodes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
@@ -23,7 +25,7 @@ from design.vasculature import (
 from design.vasculature.growth.territories import part_tissue
 from design.vasculature.loops.connect import Connections
 from design.vasculature.loops.curves import tightest_bend
-from design.vasculature.loops.loops import match_terminals
+from design.vasculature.loops.loops import match_terminals, refuse_blocked
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
@@ -317,3 +319,20 @@ def test_what_cannot_be_mixed_is_refused(box, kinds, counts, message):
     trees = grow_forest(box, [GrowthOptions(terminals=n, seed=1) for n in counts])
     with pytest.raises(GrowthError, match=message):
         mix_trees(box, trees, kinds)
+
+
+@pytest.mark.parametrize(("apart", "named"), [(9.0, True), (2.0, False)])
+def test_blocked_partners_far_apart_name_the_territories(apart: float, named: bool) -> None:
+    """Divided arteries and veins that lie elsewhere aren't brought together by less clearance."""
+    here = 1.8 * np.indices((3, 3, 3)).reshape(3, -1).T
+    joins = SimpleNamespace(
+        one=SimpleNamespace(point=here),
+        other=SimpleNamespace(point=here + [apart, 0.0, 0.0]),
+        partner=np.arange(27),
+        radius=np.zeros(27),
+        blocked=[4],
+    )
+    with pytest.raises(GrowthError, match="1 of 27 connections found no way") as refused:
+        refuse_blocked(joins, 0, LoopOptions())  # type: ignore[arg-type]
+    assert ("9 mm apart in the median" in str(refused.value)) == named
+    assert ("territories by_network or whole" in str(refused.value)) == named

@@ -262,6 +262,7 @@ def test_a_run_writes_the_problems_that_its_recipe_names(tmp_path: Path) -> None
     assert flow_cm3_s == pytest.approx([8 * 0.25 / 60] * len(flow_cm3_s))
     assert summary["inflow_ml_min"] == pytest.approx(8 * 0.25)
     assert {"svzerod.json", "svmultiphysics/solver.xml"} < set(files)
+    assert 0.9 < summary["svmultiphysics"]["volume_share"] < 0.95
     assert all((tmp_path / name).is_file() for name in files)
 
 

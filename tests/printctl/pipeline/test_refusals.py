@@ -30,6 +30,7 @@ from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpat
 from printctl.pipeline.stages import lumens, printing
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.making import Embedded, Fresh
+from sim.errors import ServeError
 from tests.printctl.checks.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube
 from tests.printctl.cli.shell import Shell
 from tests.printctl.corrections.feedback.lab import TWO, recipe_of
@@ -64,6 +65,22 @@ def test_a_real_print_needs_a_real_scan(tmp_path: Path) -> None:
         real, tmp_path, tmp_path / "run", Console(file=io.StringIO()), RunOptions(until="tissue")
     )
     assert "tissue" in made
+
+
+def test_a_wrong_fault_file_is_refused_before_the_tissue(tmp_path: Path) -> None:
+    data = yaml.safe_load((ROOT / "printctl" / "recipe" / "starter.yaml").read_text())
+    data["printer"]["faults"] = "faults.yaml"
+    (tmp_path / "faults.yaml").write_text("ink: [{fault: clogg}]\n")
+    how = RunOptions(until="tissue")
+    with pytest.raises(ServeError, match=r"fault file .*faults\.yaml"):
+        run_recipe(
+            parse_recipe(data, "r.yaml"),
+            tmp_path,
+            tmp_path / "run",
+            Console(file=io.StringIO()),
+            how,
+        )
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

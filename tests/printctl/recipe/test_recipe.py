@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from printctl.cli.main import app
 from printctl.errors import RecipeError, UsageError
 from printctl.pipeline.facts import recipe_facts
+from printctl.pipeline.network_sources.options import growth_options
 from printctl.recipe import Recipe, load, load_recipe, parse_recipe
 from printctl.recipe.growth import GrownNetwork, LatticeNetwork
 from printctl.recipe.load import Change, Step, migrated_text
@@ -545,3 +546,39 @@ def test_every_source_takes_zones_and_demand(source: dict[str, Any]) -> None:
 def test_wrong_section_names_place_and_value(tissue: dict[str, Any], message: str) -> None:
     with pytest.raises(RecipeError, match=message):
         recipe(shape="biventricle", **tissue)
+
+
+@pytest.mark.parametrize(
+    ("anatomy", "tree"), [({"template": "liver"}, 2), ({"template": "kidney", "vein": "beside"}, 1)]
+)
+def test_flow_that_cannot_drive_a_template_s_veins_is_refused(
+    anatomy: dict[str, Any], tree: int
+) -> None:
+    data = GOOD | {
+        "tissue": {"shape": anatomy["template"]},
+        "vasculature": {"grow": "tree", "terminals": 60, "anatomy": anatomy},
+        "toolpath": {"method": "embedded", "needle": "30g_50mm"},
+    }
+    by_pressure = {"inlet_pressure_mmhg": 9}
+    with pytest.raises(RecipeError, match=rf"\(tree {tree}\).*inlet_pressure.*trees: \[{tree}\]"):
+        parse_recipe(data | {"flow": by_pressure}, "r.yaml")
+    with pytest.raises(RecipeError, match=r"one_d, three_d and exports know one supply"):
+        parse_recipe(data | {"flow": {"three_d": {}}}, "r.yaml")
+    own = {"supplies": [{"trees": [tree], "flow_ml_min": 1}]}
+    assert parse_recipe(data | {"flow": by_pressure | own}, "r.yaml").flow.supplies
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "least"),
+    [
+        ("viscosity_mpa_s", 1e-6, "0.01"),
+        ("smallest_diameter_mm", 1e-300, "0.0002"),
+        ("perfusion_ml_min_per_ml", 1e-300, "1e-06"),
+    ],
+)
+def test_growth_s_own_limits_are_the_recipe_s(key: str, value: float, least: str) -> None:
+    tree = {"grow": "tree", "terminals": 9}
+    with pytest.raises(RecipeError, match=rf"vasculature\.{key}.*at least {least}.*{value:g}"):
+        parse_recipe(GOOD | {"vasculature": tree | {key: value}}, "r.yaml")
+    part = GrownNetwork(**tree, **{key: float(least)})  # type: ignore[arg-type]
+    assert growth_options(part, 1, Path()).terminals == 9

@@ -14,10 +14,15 @@ from design.hemodynamics.three_d import (
     FlowOptions,
     LumenMesh,
     estimate_error,
+    face_mean,
     residence_time,
+    shear_of_faces,
     solve_steady,
+    straighten_edges,
 )
+from design.hemodynamics.three_d.meshing.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.waveforms import Constant, Sine
+from design.network import VesselNetwork
 from tests.design.hemodynamics.three_d.lumens import bend, beside, pipe
 
 MU, FLOW, RADIUS, LENGTH = 1e-3, 4.0, 0.5, 4.0
@@ -123,6 +128,21 @@ def test_two_orders_bound_the_error() -> None:
     assert 1e-5 < estimate.pressure < 5e-3
     assert estimate.flow < 1e-9
     assert abs(drop / (POISEUILLE * FLOW) - 1.0) < estimate.pressure + 4e-4  # of the shape
+
+
+@pytest.mark.parametrize(("radius", "length"), [(0.5, 3.0), (0.05, 0.4), (0.25, 3.0)])
+def test_wall_shear_is_off_by_about_what_is_estimated(radius: float, length: float) -> None:
+    """Of a lumen meshed as products are: at single nodes errors of both signs cancel."""
+    ends, none = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, length]]), np.zeros(1)
+    one = VesselNetwork.from_segments(ends, np.array([[0, 1]]), np.array([radius]), none, none)
+    mesh, _ = straighten_edges(lumen_mesh(one, MeshOptions()))
+    driven = FlowConditions(MU, inlet_flow_ul_s=10.0 * radius**2)
+    found = solve_steady(mesh, driven, FlowOptions(order=2))
+    estimate = estimate_error(mesh, driven, found)
+    _, area, shear = shear_of_faces(found)
+    mean = float(area @ face_mean(shear)) / float(area.sum())
+    error = abs(mean / (4.0 * MU * 10.0 * radius**2 / (np.pi * radius**3)) - 1.0)
+    assert 0.5 * error < estimate.wall_shear < 3.0 * error
 
 
 def test_age_at_the_outlet_is_volume_over_flow() -> None:

@@ -25,6 +25,7 @@ from design.hemodynamics.three_d.ranks import (
     write_case,
 )
 from printctl.analysis.flow.ranks import Engine, find_engine, run_on_ranks
+from printctl.analysis.networks import Drive, load_source
 from printctl.errors import PrintctlError, UsageError
 from printctl.recipe.parts import FlowPart
 from tests.design.hemodynamics.three_d.lumens import bend, pipe
@@ -35,6 +36,11 @@ FORK = (
     "0,0,1,7,7,0,7,7,3,0.5,0.5,artery,0\n"
     "1,1,2,7,7,3,10,7,7,0.4,0.4,artery,0\n"
     "2,1,3,7,7,3,4,7,7,0.4,0.4,artery,0\n"
+)
+VEINS = (
+    "3,5,4,10,8,7,7,8,3,0.4,0.4,vein,1\n"
+    "4,6,4,4,8,7,7,8,3,0.4,0.4,vein,1\n"
+    "5,4,7,7,8,3,7,8,0,0.5,0.5,vein,1\n"
 )
 NO_SOLVER = 'the extra "svzerod" isn\'t installed'
 SINE = ("--amplitude-ml-min", "0.1", "--period-s", "1")
@@ -90,8 +96,14 @@ def test_a_steady_case_for_another_solver_gives_the_steady_flow(fork: Path) -> N
     done = printctl("flow", "fork.csv", "--unit", "mm", "--svzerod", "case.json",
                     "--svmultiphysics", "sv", "--json", cwd=fork)  # fmt: skip
     assert done.returncode == 0, done.stderr
-    drop = json.loads(done.stdout)["pressure_drop_pa"]
+    summary = json.loads(done.stdout)
+    drop, case = summary["pressure_drop_pa"], summary["svmultiphysics"]
     assert (fork / "sv" / "solver.xml").is_file()
+    # Its elements are straight: an inlet of some nine sides.
+    assert 0.9 < case["volume_share"] < 0.95
+    assert 0.9 < case["inlet_area_share"] < 0.95
+    assert f"hold {case['volume_share']:.1%} of the lumen" in summary["notes"][0]
+    assert "--edge-ratio" in summary["notes"][0]
     pytest.importorskip("svzerod", reason=NO_SOLVER)
     assert printctl("flow", "case.json", "--out", "theirs", cwd=fork).returncode == 0
     with (fork / "theirs" / "svzerod.csv").open() as handle:
@@ -690,3 +702,29 @@ def test_an_outlets_flow_and_given_pressures_come_out(engine, tmp_path):
     )
     again = solved(tmp_path, engine, 1, driven, model="stokes")
     assert again.port_flow == pytest.approx(found.port_flow, rel=1e-3)
+
+
+def test_a_vein_that_no_artery_joins_drains_what_the_artery_brings(tmp_path: Path) -> None:
+    """Its terminals are inlets; at the artery's pressure they would take most of the inflow."""
+    (tmp_path / "pair.csv").write_text(FORK + VEINS)
+    done = printctl("flow", "pair.csv", "--unit", "mm", *SINE, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "flow" / "flow.csv").open() as handle:
+        flow = [float(row["flow_ml_min"]) for row in csv.DictReader(handle)]
+    assert flow == pytest.approx([0.25, 0.125, 0.125, 0.125, 0.125, 0.25])
+    with (tmp_path / "flow" / "flow_pulsatile.csv").open() as handle:
+        mean = [float(row["flow_mean_ml_min"]) for row in csv.DictReader(handle)]
+    assert mean == pytest.approx(flow)
+    (note,) = json.loads(done.stdout)["notes"]
+    assert "no artery joins the veins (tree 1): they drain" in note
+    assert "0.25 mL/min" in note
+    known = load_source(tmp_path / "pair.csv", "mm", Drive(inlet_flow_ml_min=0.5)).known
+    assert known.flow["flow_ml_min"] == pytest.approx([2 * q for q in flow])
+    driven = printctl(
+        "flow", "pair.csv", "--unit", "mm", "--inlet-pressure-mmhg", "9", cwd=tmp_path
+    )
+    assert driven.returncode == 2, driven.stderr
+    assert "tree 1 is a vein that no artery joins" in driven.stderr
+    (tmp_path / "vein.csv").write_text(FORK.splitlines()[0] + "\n" + VEINS)
+    alone = printctl("flow", "vein.csv", "--unit", "mm", "--json", cwd=tmp_path)
+    assert json.loads(alone.stdout)["inflow_ml_min"] == pytest.approx(0.25), alone.stderr

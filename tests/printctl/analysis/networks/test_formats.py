@@ -79,7 +79,7 @@ def folder(tmp_path: Path) -> Path:
     """As a run leaves it, as far as it matters here."""
     network = planar_four_vessel()
     write_network_csv(tmp_path / "network.csv", network)
-    write_flow_csv(tmp_path / "flow.csv", network, solve_flow(network, DRIVE.conditions()))
+    write_flow_csv(tmp_path / "flow.csv", network, solve_flow(network, DRIVE.conditions(network)))
     box = trimesh.creation.box(bounds=[[0, 0, 0], [16, 8, 3]])
     box.export(tmp_path / "tissue.stl")
     gauged = {"vessels": [{"vessel": 2, "error_percent": -3.0, "rms_um": None}]}
