@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Pneumatic, Printer
 from firmware_profiles.families import family_of
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import FloatArray
 from sim.errors import GcodeError, LineError
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import Program, code, parse_line
 from sim.gcode.program.modal import DWELL, MOVE, SET_POSITION, TOOL
 from sim.gcode.program.read_program import read_written
-from sim.gcode.reading.line import Finding, NamedCommand, output_of
+from sim.gcode.program.valve import CLOSED, UNKNOWN, Valve, read_switch, read_valves
+from sim.gcode.reading.line import Finding, NamedCommand
 
 # Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
 #
@@ -48,24 +49,34 @@ class Heads:
         How much higher each stands when raised.
     offset_mm : (heads, 3) float64, mm
         Of each tip from the first one's, both lowered.
+    axis_mm : (n, heads) float64 or None, mm
+        Where each head's own vertical axis stands after each row; None where all share one.
     """
 
     raised: NDArray[np.bool_]
     commanded: NDArray[np.bool_]
     lift_mm: FloatArray
     offset_mm: FloatArray
+    axis_mm: FloatArray | None = None
 
     def tips(self, program: Program, number: int) -> FloatArray:
         """Tip of one head before and after each row, (n, 2, 3), mm, raised or not."""
         ends = program.target[:, :3]
         begins = program.before[:, :3]
         tips = np.stack([begins, ends], axis=1) + self.offset_mm[number]
+        if self.axis_mm is not None:
+            own = np.append(program.start[2], self.axis_mm[:, number])
+            tips[:, :, 2] = np.column_stack([own[:-1], own[1:]]) + self.offset_mm[number, 2]
         tips[:, :, 2] += np.where(self.raised[:, number], self.lift_mm[number], 0.0)[:, None]
         return np.asarray(tips)
 
 
 def read_heads(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], printer: Printer
+    program: Program,
+    gcode: bytes,
+    named: tuple[NamedCommand, ...],
+    printer: Printer,
+    axis_mm: FloatArray | None = None,
 ) -> Heads:
     """Follow the commands that raise and lower heads; parameters as for `read_switch`."""
     heads = printer.heads or ()
@@ -79,7 +90,7 @@ def read_heads(
             commanded[:, number] = switch.before != UNKNOWN
     offset = np.array([head.offset_mm.mm for head in heads] or [(0.0, 0.0, 0.0)])
     lift = np.array([head.raised_mm for head in heads] or [0.0])
-    return Heads(raised, commanded, lift, offset)
+    return Heads(raised, commanded, lift, offset, axis_mm)
 
 
 def head_findings(program: Program, gcode: bytes, printer: Printer) -> list[Finding]:
@@ -195,104 +206,18 @@ def first_finding(
     return [Finding(line, sort, f"line {line}{text}", value, limit, int(where.sum()))]
 
 
-# Find a pneumatic head's valve commands in G-code, and the times of ink flow.
-#
-# Which commands those are the profile says (`dispenser`: opens, closes); a line is one of them if
-# it has the same command and words, in any order. The same command with the same address (what both
-# have in common, a pin or a fan) and another value leaves the valve somewhere between; it is
-# reported as that, and counts as open.
+# Times of ink flow from a pneumatic head.
 #
 # Ink flows from the opening delay after an opening until the closing delay after a closing. When
 # that was follows from the blocks that ran between the two commands and from the dwells beside
 # them; the time that a line takes to come isn't in it. Pressure and flow are taken as steady
 # meanwhile: no rise, no lag of the ink, no oozing from a closed valve.
 
-UNKNOWN, CLOSED, OPEN, BETWEEN = range(-1, 3)
-"""States of a valve."""
-_CODE: Final = re.compile(rb"[GMT]\d+")
-Words = frozenset[tuple[str, str | float]]
-
-
-@dataclass(frozen=True)
-class Valve:
-    """Valve states along a G-code file.
-
-    Attributes
-    ----------
-    row : (k,) int64
-        Rows of the program that switch it.
-    state : (k,) int64
-        OPEN, CLOSED or BETWEEN after each.
-    before : (n,) int64
-        State while each row of the program is done; UNKNOWN until the first switch.
-    """
-
-    row: IntArray
-    state: IntArray
-    before: IntArray
-
-    @property
-    def is_open(self) -> NDArray[np.bool_]:
-        """Whether ink may flow during each row, (n,)."""
-        open_rows: NDArray[np.bool_] = (self.before == OPEN) | (self.before == BETWEEN)
-        return open_rows
-
-
-def read_valve(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], head: Pneumatic
-) -> Valve:
-    """Find the lines that switch the valve.
-
-    Parameters
-    ----------
-    gcode : bytes
-        What it was read from, Klipper's commands with names as they came or not.
-    named : tuple of NamedCommand
-        Klipper's commands with names.
-    """
-    return read_switch(program, gcode, named, head.opens, head.closes)
-
-
-def read_switch(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], on: str, off: str
-) -> Valve:
-    """Find the lines that switch something by one command with two values.
-
-    Parameters
-    ----------
-    program, gcode, named
-        As for `read_valve`.
-    on, off : str
-        After which it is OPEN, or CLOSED.
-    """
-    opens, closes = _command(on), _command(off)
-    lines = gcode.splitlines()
-    row_of = dict(zip(program.line.tolist()[::-1], range(len(program) - 1, -1, -1), strict=True))
-    by_name = {at.line: (at.name, frozenset(at.words.items())) for at in named}
-    name = opens[0].encode()
-    plain = [n for n, text in enumerate(lines, 1) if text.lstrip()[: len(name)] == name]
-    numbers = sorted(
-        {*plain, *(n for n, (command, _) in by_name.items() if command.encode() == name)}
-    )
-    rows, states = [], []
-    for line in numbers:
-        command = by_name.get(line) or _command(
-            lines[line - 1].partition(b";")[0].decode("latin-1")
-        )
-        state = _state(command, opens, closes)
-        if state != UNKNOWN and line in row_of:
-            rows.append(row_of[line])
-            states.append(state)
-    row, state_of = np.array(rows, np.int64), np.array(states, np.int64)
-    latest = np.searchsorted(row, np.arange(len(program)), side="left") - 1
-    before = np.where(latest >= 0, np.append(state_of, UNKNOWN)[latest], UNKNOWN)
-    return Valve(row, state_of, before)
-
 
 def read_with_valve(
     gcode: bytes, printer: Printer, start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> tuple[Program, Valve | None]:
-    """A file's commands, and the valve in it where the printer has one.
+    """Read a file's commands, and what its valves do together where the printer has any.
 
     Parameters
     ----------
@@ -304,10 +229,10 @@ def read_with_valve(
     GcodeError
         When a command can't be read: what is left of the file would be another part.
     """
-    program, text, named, refused = read_written(gcode, printer, start_mm)
-    refuse_unread(refused)
-    head = printer.pneumatic
-    return program, None if head is None else read_valve(program, text, named, head)
+    read = read_written(gcode, printer, start_mm)
+    refuse_unread(read.refused)
+    valves = read_valves(read.program, read.gcode, read.named, printer)
+    return read.program, Valve.joined(valves) if valves else None
 
 
 def refuse_unread(refused: Sequence[tuple[int, LineError]]) -> None:
@@ -318,30 +243,6 @@ def refuse_unread(refused: Sequence[tuple[int, LineError]]) -> None:
             f"line {line}: {error} ({len(refused)} lines can't be read; `printctl simulate` tells "
             "them by kind)"
         )
-
-
-def _command(text: str) -> tuple[str, Words]:
-    """Name and words of a command, whichever way it is written."""
-    output = output_of(text)
-    if output is not None:
-        return output[0], frozenset(output[1].items())
-    first, *rest = text.split()
-    if _CODE.fullmatch(first.encode()):
-        parsed = parse_line(text.encode("latin-1"))
-        words: Words = frozenset({*parsed.values.items(), *((flag, "") for flag in parsed.flags)})
-        return parsed.name, words
-    pairs = (word.partition("=") for word in rest)
-    return first.upper(), frozenset((key.upper(), value) for key, _, value in pairs)
-
-
-def _state(command: tuple[str, Words], opens: tuple[str, Words], closes: tuple[str, Words]) -> int:
-    """What a command makes of the valve; UNKNOWN where it is about something else."""
-    if command == opens:
-        return OPEN
-    if command == closes:
-        return CLOSED
-    same = command[0] == opens[0] and opens[1] & closes[1] <= command[1]
-    return BETWEEN if same else UNKNOWN
 
 
 def flowing(

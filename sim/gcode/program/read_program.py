@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from kernels.arrays import IntArray
+from kernels.arrays import FloatArray, IntArray
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, read_gcode
+from sim.gcode.program.valve import read_valves, with_heads
 from sim.gcode.reading import read_line
 from sim.gcode.reading.file import read_file
 from sim.gcode.reading.line import LIMITS, NamedCommand
@@ -34,12 +35,15 @@ class ReadProgram(NamedTuple):
         Commands with names, which the program holds as M105, T or G92.
     refused : tuple of (int, LineError)
         Lines that can't be read, which the program leaves out.
+    axis_mm : (n, heads) float64 or None, mm
+        Where each head's own vertical axis stands after each row; None where all share one.
     """
 
     program: Program
     gcode: bytes
     named: tuple[NamedCommand, ...]
     refused: tuple[tuple[int, LineError], ...]
+    axis_mm: FloatArray | None = None
 
 
 def read_written(
@@ -69,7 +73,17 @@ def read_written(
     program = read_gcode(text, start_mm, printer.head_count, rule)
     if file.per_second is not None:
         program = _timed(program, file.per_second)
-    return ReadProgram(program, text, file.named, file.refused)
+    if printer.streamed or printer.head_count == 1:
+        return ReadProgram(program, text, file.named, file.refused)
+    # No command says which head is in use: its valve does.
+    each = [
+        read_gcode(read_file(gcode, printer, head=k, max_refused=max_refused).in_g_code, start_mm)
+        for k in range(printer.head_count)
+    ]
+    axis_mm = np.column_stack([one.target[:, 2] for one in each])
+    valves = read_valves(program, text, file.named, printer)
+    program, refused = with_heads(program, axis_mm, valves)
+    return ReadProgram(program, text, file.named, (*file.refused, *refused), axis_mm)
 
 
 def _timed(program: Program, per_second: tuple[tuple[int, bool], ...]) -> Program:

@@ -59,11 +59,12 @@ class GcodeFile:
 
 
 def read_file(
-    gcode: bytes, printer: Printer, *, max_refused: int = LIMITS.max_refused
+    gcode: bytes, printer: Printer, *, max_refused: int = LIMITS.max_refused, head: int = 0
 ) -> GcodeFile:
     """Read a whole file; each line is what `read_line` makes of it.
 
-    The rest behind the last of ``max_refused`` refused lines isn't read.
+    The rest behind the last of ``max_refused`` refused lines isn't read. Where each head has a
+    vertical axis of its own, Z is that of ``head``.
 
     Raises
     ------
@@ -73,7 +74,7 @@ def read_file(
     gcode = text_of(gcode)
     translate = translator_of(printer)
     if translate is not None:
-        written = translate(gcode, printer)
+        written = translate(gcode, printer, head)
         read = _read_lines(written.gcode, printer, read_words, max_refused)
         return replace(read, named=written.named, per_second=written.per_second)
     return _read_lines(gcode, printer, read_line, max_refused)
