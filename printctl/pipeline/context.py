@@ -171,7 +171,7 @@ class RunContext:
         """What each pneumatic head lays while its valve is open; empty for plungers."""
         return tuple(
             steady_flow(head, one.ink, one.needle).ul_s
-            for head, one in zip(self.printer.airs, self.loads, strict=True)
+            for head, one in zip(self.printer.airs, self.loads, strict=False)
         )
 
     @property

@@ -22,7 +22,7 @@ from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import Program, code, parse_line
 from sim.gcode.program.modal import DWELL, MOVE, SET_POSITION, TOOL
 from sim.gcode.program.read_program import read_written
-from sim.gcode.program.valve import CLOSED, UNKNOWN, Valve, read_switch, read_valves
+from sim.gcode.program.valve import CLOSED, OPEN, Valve, read_switch, read_valves
 from sim.gcode.reading.line import Finding, NamedCommand
 
 # Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
@@ -44,7 +44,8 @@ class Heads:
     raised : (n, heads) bool
         Whether each head is surely raised during each row of the program; a fixed one never is.
     commanded : (n, heads) bool
-        Whether the file has commanded it before; always true of a fixed one.
+        Whether the file has raised or lowered it before, by the profile's commands and no value
+        between; always true of a fixed one.
     lift_mm : (heads,) float64, mm
         How much higher each stands when raised.
     offset_mm : (heads, 3) float64, mm
@@ -87,7 +88,7 @@ def read_heads(
         if head.raises is not None and head.lowers is not None:
             switch = read_switch(program, gcode, named, head.lowers, head.raises)
             raised[:, number] = switch.before == CLOSED
-            commanded[:, number] = switch.before != UNKNOWN
+            commanded[:, number] = (switch.before == OPEN) | (switch.before == CLOSED)
     offset = np.array([head.offset_mm.mm for head in heads] or [(0.0, 0.0, 0.0)])
     lift = np.array([head.raised_mm for head in heads] or [0.0])
     return Heads(raised, commanded, lift, offset, axis_mm)

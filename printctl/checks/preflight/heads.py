@@ -229,11 +229,13 @@ def _idle_in_walls(
     """The needle that doesn't write, against the dish's wall: above it, or clear of it inside."""
     worst, row, whose = np.inf, -1, 0
     for number in range(printer.head_count):
-        needle = needles[number]
-        idle = (run.program.kind == MOVE) & (run.program.tool != number)
+        needle, tips = needles[number], run.heads.tips(run.program, number)
+        step = tips[:, 1] - tips[:, 0]
+        # Straight up from where it stands it meets nothing.
+        nears = (step[:, :2] != 0).any(axis=1) | (step[:, 2] < 0)
         gap = wall_gap(
-            run.heads.tips(run.program, number),
-            idle,
+            tips,
+            nears & (run.program.kind == MOVE) & (run.program.tool != number),
             standing,
             0.0 if needle is None else needle.outer_mm,
         )
