@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,27 +20,80 @@ import numpy as np
 from firmware_profiles import ProfileError
 from kernels import keep_freed_memory
 from kernels.arrays import FloatArray
-from sim.devices.camera.laser_line import load_profiler, measured_heights, write_heights
-from sim.devices.camera.paint import load_camera, paint
+from sim.devices.camera.laser_line import ProfilerField, measured_heights, write_heights
+from sim.devices.camera.paint import CameraFile, paint
 from sim.devices.recorded_ink import InkBox, ink_of_record, read_record
-from sim.devices.scanner.oct import live_scan, load_oct, write_live_scan
-from sim.errors import CameraError, ScannerError, SimError
-from sim.gcode.motion.executed import NO_MOTION, ExecutedMotion
+from sim.devices.scanner.oct import OctField, live_scan, write_live_scan
+from sim.errors import CameraError, SimError
+from sim.gcode.deposit.lay import Laid
+from sim.gcode.motion.executed import NO_MOTION
 
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
-DEVICES = {
-    "camera": ("a picture", "camera and scene"),
-    "oct": ("an OCT scan of a fixed field", "field and instrument"),
-    "laser_line": ("a laser profiler's height map", "field and instrument"),
+Writer = Callable[[Path], None]
+
+
+class Device(NamedTuple):
+    """A device over the dish.
+
+    Attributes
+    ----------
+    seen, settings : str
+        What it shows, and what its own file says.
+    suffixes : tuple of str
+        Of the files that it writes.
+    file : type
+        Of its own file.
+    look : function
+        Looks at the ink by the device's own file and the parsed options, with a seed for the noise;
+        returns what writes the result.
+    """
+
+    seen: str
+    settings: str
+    suffixes: tuple[str, ...]
+    file: type[CameraFile] | type[OctField] | type[ProfilerField]
+    look: Callable[[Laid, Any, argparse.Namespace, int], Writer]
+
+
+def _picture(ink: Laid, file: CameraFile, given: argparse.Namespace, seed: int) -> Writer:
+    with keep_freed_memory():
+        picture = paint(ink, file.camera, file.scene, seed)
+
+    def write(path: Path) -> None:
+        # Less packed, in a third of the time.
+        if not cv2.imwrite(str(path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+            raise CameraError(f"{given.out} can't be written; check the folder and its space")
+
+    return write
+
+
+def _scan(ink: Laid, field: OctField, given: argparse.Namespace, seed: int) -> Writer:
+    scan = live_scan(ink, field, seed, _region(given, field))
+    return lambda path: write_live_scan(path, scan)
+
+
+def _heights(ink: Laid, field: ProfilerField, given: argparse.Namespace, seed: int) -> Writer:
+    heights, to_map = measured_heights(ink, field, seed, _region(given, field))
+    return lambda path: write_heights(path, heights, to_map, field.pixel_um)
+
+
+DEVICES: Final = {
+    "camera": Device("a picture", "camera and scene", PICTURES, CameraFile, _picture),
+    "oct": Device(
+        "an OCT scan of a fixed field", "field and instrument", (".npz",), OctField, _scan
+    ),
+    "laser_line": Device(
+        "a laser profiler's height map", "field and instrument", (".npz",), ProfilerField, _heights
+    ),
 }
 
 
-def parser(device: str) -> argparse.ArgumentParser:
+def parser(name: str) -> argparse.ArgumentParser:
     """The options of a device."""
-    camera, (seen, settings) = device == "camera", DEVICES[device]
+    device = DEVICES[name]
     options = argparse.ArgumentParser(
-        prog=f"python -m sim {device}",
-        description=f"Show what lies in a simulated printer's dish, once: {seen}.",
+        prog=f"python -m sim {name}",
+        description=f"Show what lies in a simulated printer's dish, once: {device.seen}.",
     )
     options.add_argument(
         "--record",
@@ -47,17 +101,17 @@ def parser(device: str) -> argparse.ArgumentParser:
         help="the executed motion (.npz) of the printer; without it nothing lies in the dish",
     )
     options.add_argument(
-        f"--{device}",
+        f"--{name}",
         dest="device",
         required=True,
         type=Path,
         metavar="FILE",
-        help=f"{settings} (YAML)",
+        help=f"{device.settings} (YAML)",
     )
     options.add_argument(
         "--faults", type=Path, metavar="FILE", help="a fault file (YAML), whose `ink` counts"
     )
-    if not camera:
+    if issubclass(device.file, InkBox):
         for corner in ("low", "high"):
             options.add_argument(
                 f"--{corner}",
@@ -65,7 +119,7 @@ def parser(device: str) -> argparse.ArgumentParser:
                 metavar="X,Y,Z",
                 help=f"{corner}est corner of what is looked at, mm; default: all of the field",
             )
-    written = ", ".join(PICTURES) if camera else ".npz"
+    written = ", ".join(device.suffixes)
     options.add_argument("--out", required=True, type=Path, help=f"the file to write: {written}")
     options.add_argument(
         "--look",
@@ -78,56 +132,31 @@ def parser(device: str) -> argparse.ArgumentParser:
 
 def main(words: list[str]) -> int:
     """Look once; 0 when that went well, 2 when not."""
-    device, *rest = words
+    name, *rest = words
     try:
-        _look(device, parser(device).parse_args(rest))
+        _look(DEVICES[name], parser(name).parse_args(rest))
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)
         return 2
     return 0
 
 
-def _look(device: str, given: argparse.Namespace) -> None:
+def _look(device: Device, given: argparse.Namespace) -> None:
     """Write what a device sees of what the record says to lie in the dish; all empty without one.
 
     OCT and laser line look between ``low`` and ``high`` of their fields only, where given.
     """
     out: Path = given.out
-    _check_suffix(device, out)
+    if out.suffix.lower() not in device.suffixes:
+        raise device.file.error(f"{out}: {device.seen} is written as {', '.join(device.suffixes)}")
     motion = read_record(given.record) if given.record else NO_MOTION
-    seed = _seed(given.look, motion)
-    if device == "camera":
-        file = load_camera(given.device)
-        ink = ink_of_record(motion, given.faults, file.laid)
-        with keep_freed_memory():
-            picture = paint(ink, file.camera, file.scene, seed)
-
-        def write(path: Path) -> None:
-            # Less packed, in a third of the time.
-            if not cv2.imwrite(str(path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-                raise CameraError(f"{out} can't be written; check the folder and its space")
-
-        _write_whole(out, write)
-    elif device == "oct":
-        oct_field = load_oct(given.device)
-        ink = ink_of_record(motion, given.faults, oct_field.laid)
-        scan = live_scan(ink, oct_field, seed, _region(given, oct_field))
-        _write_whole(out, lambda path: write_live_scan(path, scan))
-    else:
-        profiler = load_profiler(given.device)
-        ink = ink_of_record(motion, given.faults, profiler.laid)
-        heights, to_map = measured_heights(ink, profiler, seed, _region(given, profiler))
-        _write_whole(out, lambda path: write_heights(path, heights, to_map, profiler.pixel_um))
-
-
-def _check_suffix(device: str, out: Path) -> None:
-    suffix = out.suffix.lower()
-    if device == "camera" and suffix not in PICTURES:
-        raise CameraError(f"{out}: a picture is written as {', '.join(PICTURES)}")
-    if device == "oct" and suffix != ".npz":
-        raise ScannerError(f"{out}: a scan is written as .npz")
-    if device == "laser_line" and suffix != ".npz":
-        raise CameraError(f"{out}: a height map is written as .npz")
+    if given.look is not None and given.look < 0:
+        raise device.file.error(f"look {given.look} must be 0 or more")
+    seed = len(motion) if given.look is None else given.look
+    file = device.file.load(given.device)
+    _write_whole(
+        out, device.look(ink_of_record(motion, given.faults, file.laid), file, given, seed)
+    )
 
 
 def _region(given: argparse.Namespace, field: InkBox) -> tuple[FloatArray, FloatArray]:
@@ -144,13 +173,7 @@ def _place(words: str) -> FloatArray:
     return place
 
 
-def _seed(look: int | None, motion: ExecutedMotion) -> int:
-    if look is not None and look < 0:
-        raise CameraError(f"look {look} must be 0 or more")
-    return len(motion) if look is None else look
-
-
-def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
+def _write_whole(path: Path, write: Writer) -> None:
     """Write by way of a temporary file: whoever waits for it never sees half of it."""
     draft = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:

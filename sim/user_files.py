@@ -6,47 +6,57 @@ import errno
 import os
 import stat
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import ClassVar, Final, Self
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
 from sim.errors import GcodeError, SimError
 
-Model = TypeVar("Model", bound=BaseModel)
+
+class FileSection(BaseModel):
+    """Base of a section of a user's YAML file: no unknown keys, no NaN or infinity."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def read_model(path: Path, model: type[Model], what: str, error: type[SimError]) -> Model:
-    """Return what a YAML file says.
+class UserFile(FileSection):
+    """Base of a user's YAML file.
 
-    Parameters
+    Attributes
     ----------
-    model : type
-        Of which it is one.
-    what : str
+    called : str
         What the file is called in messages.
     error : type
-        Of what is raised.
-
-    Raises
-    ------
-    SimError
-        `error`, when it can't be read, or has a key or value that means nothing.
+        Of what `load` raises.
     """
-    try:
-        return model.model_validate(read_yaml(path.read_text(encoding="utf-8")) or {})
-    except OSError as exc:
-        raise error(f"{what} {path} can't be read: {exc.strerror}") from exc
-    except (yaml.YAMLError, UnicodeDecodeError) as exc:
-        raise error(f"{what} {path} isn't YAML: {exc}") from exc
-    except ValidationError as exc:
-        problems = "; ".join(
-            f"{'.'.join(map(str, problem['loc'])) or 'file'}: {wording(problem)}"
-            for problem in exc.errors()
-        )
-        raise error(f"{what} {path}: {problems}") from exc
+
+    called: ClassVar[str]
+    error: ClassVar[type[SimError]]
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a file.
+
+        Raises
+        ------
+        SimError
+            `error`, when it can't be read, or has a key or value that means nothing.
+        """
+        try:
+            return cls.model_validate(read_yaml(path.read_text(encoding="utf-8")) or {})
+        except OSError as exc:
+            raise cls.error(f"{cls.called} {path} can't be read: {exc.strerror}") from exc
+        except (yaml.YAMLError, UnicodeDecodeError) as exc:
+            raise cls.error(f"{cls.called} {path} isn't YAML: {exc}") from exc
+        except ValidationError as exc:
+            problems = "; ".join(
+                f"{'.'.join(map(str, problem['loc'])) or 'file'}: {wording(problem)}"
+                for problem in exc.errors()
+            )
+            raise cls.error(f"{cls.called} {path}: {problems}") from exc
 
 
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")

@@ -81,8 +81,7 @@ class Sixth(Marlin):
 class SixthPrinter(SimulatedPrinter):
     """A board with it."""
 
-    def make_firmware(self):
-        return Sixth(self)
+    firmware_class = Sixth
 
 
 PRINTER = SixthPrinter

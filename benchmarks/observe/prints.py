@@ -37,7 +37,7 @@ from printctl.observe.records import answer_look, look_folder, read_looks
 from printctl.observe.views import EMPTY_LOOK_NUMBER
 from printctl.pipeline.observing import look_care
 from printctl.recipe.observe import ObservePart
-from sim.devices.camera.paint import load_camera, paint
+from sim.devices.camera.paint import CameraFile, paint
 from sim.gcode.deposit.ink_faults import Bubble, Clog, Drift, InkFault, InkFaults, Lost
 from sim.gcode.deposit.lay import Laid, laid, nothing_laid
 from sim.gcode.deposit.written import written
@@ -225,7 +225,7 @@ def observed(folder: Path, faults: InkFaults, camera: Path, path: Path, every: s
     """Print with an observer that looks where the link would hold the print."""
     world = World(folder, load_job(path, load(Printer, PRINTER)), faults)
     Journal(folder / JOURNAL).close()
-    seen = load_camera(camera)
+    seen = CameraFile.load(camera)
     order = ObserverOrder(
         job=str(path), profile=PRINTER, syringe=SYRINGE, ink=INK, needle=NEEDLE,
         embedded=False, oct=False,

@@ -38,8 +38,8 @@ from printctl.observe.records import (
 )
 from printctl.observe.views import EMPTY_LOOK_NUMBER, camera_frame, open_view
 from printctl.system_errors import explain
-from sim.devices.camera.laser_line import load_profiler
-from sim.devices.scanner.oct import load_oct
+from sim.devices.camera.laser_line import ProfilerField
+from sim.devices.scanner.oct import OctField
 
 _BEGIN_LIMIT_S: Final = 120.0
 """A print for which its observer was started begins at once, or not at all."""
@@ -98,9 +98,9 @@ def _try_frame(order: ObserverOrder) -> None:
         else:
             try_laser_frame(Path(order.frame))
     elif order.oct:
-        load_oct(Path(order.device.extra["oct"]))
+        OctField.load(Path(order.device.extra["oct"]))
     else:
-        load_profiler(Path(order.device.extra["laser_line"]))
+        ProfilerField.load(Path(order.device.extra["laser_line"]))
 
 
 def observe(folder: Path) -> None:

@@ -41,7 +41,7 @@ from registration.inspection import (
     surface_of,
 )
 from registration.scan import Scan
-from sim.devices.camera.paint import load_camera
+from sim.devices.camera.paint import CameraFile
 from sim.devices.camera.scene import Bath, Camera, through_surface
 
 Image = NDArray[Any]
@@ -301,7 +301,7 @@ def camera_frame(order: ObserverOrder) -> Frame:
 def _camera_frame(frame: str, _written: int, simulated: str) -> Frame:
     if frame:
         return read_frame(Path(frame))
-    file = load_camera(Path(simulated))
+    file = CameraFile.load(Path(simulated))
     return SimulatedFrame(file.camera, file.scene.bath)
 
 

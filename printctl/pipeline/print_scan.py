@@ -37,7 +37,7 @@ from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, SimulatedScan
 from registration.files.readers import metadata
 from registration.files.writers import write_scan
-from sim.devices.faults import load_faults
+from sim.devices.faults import FaultFile
 from sim.devices.recorded_ink import read_record
 from sim.gcode.deposit.ink_faults import NO_FAULTS
 from sim.gcode.motion.executed import ExecutedMotion
@@ -195,7 +195,7 @@ def _ink(
         load(Syringe, syringe).area_mm2 * load(Ink, ink).flow_factor
         for syringe, ink in zip(syringes, inks, strict=True)
     ]
-    wrong = NO_FAULTS if faults is None else load_faults(faults).of_ink
+    wrong = NO_FAULTS if faults is None else FaultFile.load(faults).of_ink
     return PrintedInk(motion, printer, areas, flow, gcode, wrong)
 
 

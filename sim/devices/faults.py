@@ -10,15 +10,14 @@ import re
 from collections import deque
 from collections.abc import Iterator
 from itertools import cycle
-from pathlib import Path
-from typing import Annotated, Final, Literal, get_args
+from typing import Annotated, ClassVar, Final, Literal, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from sim.errors import ServeError
+from sim.errors import ServeError, SimError
 from sim.gcode.deposit.ink_faults import InkFault, InkFaults
-from sim.user_files import read_model
+from sim.user_files import FileSection, UserFile
 
 # Read planned faults of a simulated printer and its cable from a YAML file or short text.
 #
@@ -69,7 +68,7 @@ _OWN: Final[dict[str, tuple[str, ...]]] = {
 """Keys that only one fault has; all but ``back_after_s`` must be given."""
 
 
-class Fault(BaseModel):
+class Fault(FileSection):
     """Something that goes wrong at a moment.
 
     Attributes
@@ -88,11 +87,9 @@ class Fault(BaseModel):
         or when it has received so many bytes. One of them.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     fault: FaultKind
     line: Annotated[int, Field(ge=0)] | None = None
-    time_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    time_s: Annotated[float, Field(ge=0)] | None = None
     bytes: Annotated[int, Field(ge=0)] | None = None
     back_after_s: Seconds | None = None
     rate: Chance | None = None
@@ -118,10 +115,8 @@ class Fault(BaseModel):
         return self
 
 
-class PermanentFaults(BaseModel):
+class PermanentFaults(FileSection):
     """What is wrong with cable and board all the time, most of it as a chance; see the module."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     noise: Chance = 0.0
     noise_on: Direction = "both"
@@ -136,10 +131,8 @@ class PermanentFaults(BaseModel):
 
 # Simulated force or pressure gauge: answers an M command by a ramp over time.
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
 
-
-class Gauge(BaseModel):
+class Gauge(FileSection):
     """A sensor that a firmware with an M command of its own would tell of.
 
     Attributes
@@ -153,11 +146,9 @@ class Gauge(BaseModel):
         Straight between them by the printer's clock, s; constant before and after.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     command: Annotated[str, Field(pattern=r"^M\d+$")]
     says: Annotated[str, Field(min_length=1, max_length=100)]
-    ramp: Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1)]
+    ramp: Annotated[tuple[tuple[float, float], ...], Field(min_length=1)]
 
     @model_validator(mode="after")
     def _can_be_said(self) -> Gauge:
@@ -176,8 +167,11 @@ class Gauge(BaseModel):
         return self.says.format(value=float(np.interp(time_s, times, values)))
 
 
-class FaultFile(PermanentFaults):
+class FaultFile(PermanentFaults, UserFile):
     """A fault file; see the module."""
+
+    called: ClassVar[str] = "fault file"
+    error: ClassVar[type[SimError]] = ServeError
 
     seed: Annotated[int, Field(ge=0)] = 0
     at: tuple[Fault, ...] = ()
@@ -209,17 +203,6 @@ def parse_fault(text: str) -> Fault:
             "others go into a fault file"
         )
     return Fault.model_validate({"fault": match[1], "line": int(match[2])})
-
-
-def load_faults(path: Path) -> FaultFile:
-    """Read a fault file.
-
-    Raises
-    ------
-    ServeError
-        When it can't be read, or has a key or value that means nothing.
-    """
-    return read_model(path, FaultFile, "fault file", ServeError)
 
 
 # Simulated cable between host and printer: flipped bits, lost and late replies.

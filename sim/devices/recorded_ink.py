@@ -5,17 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from firmware_profiles import Ink, Printer, Syringe, load
-from sim.devices.faults import load_faults
+from sim.devices.faults import FaultFile
 from sim.errors import DepositError
 from sim.gcode.deposit.ink_faults import NO_FAULTS
 from sim.gcode.deposit.lay import Laid, Style, laid, nothing_laid
 from sim.gcode.motion.executed import ExecutedMotion
+from sim.user_files import FileSection, UserFile
 
 
-class InkSource(BaseModel):
+class InkSource(FileSection):
     """How executed motion becomes ink.
 
     Attributes
@@ -30,8 +31,6 @@ class InkSource(BaseModel):
         Height of the lines while there is but one level.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     printer: str
     syringe: str
     ink: str | None = None
@@ -40,7 +39,7 @@ class InkSource(BaseModel):
     layer_mm: Annotated[float, Field(gt=0, le=10)] | None = None
 
 
-class InkBox(BaseModel):
+class InkBox(UserFile):
     """Ink within a box of the printer's frame, as a device sees it.
 
     Attributes
@@ -48,8 +47,6 @@ class InkBox(BaseModel):
     low_mm, high_mm : (x, y, z), mm
         Corners of the box.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     low_mm: tuple[float, float, float]
     high_mm: tuple[float, float, float]
@@ -96,7 +93,7 @@ def ink_of_record(motion: ExecutedMotion, faults: Path | None, source: InkSource
             f"{printer.name} has a pneumatic head, whose record doesn't say when its valve stood "
             "open; simulated devices over the dish know plungers only"
         )
-    wrong = load_faults(faults).of_ink if faults else NO_FAULTS
+    wrong = FaultFile.load(faults).of_ink if faults else NO_FAULTS
     flow_factor = load(Ink, source.ink).flow_factor if source.ink else 1.0
     area = load(Syringe, source.syringe).area_mm2 * flow_factor
     step = 1 / printer.of_head(source.head).steps_per_mm.e

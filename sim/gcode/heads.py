@@ -6,10 +6,9 @@ Goes in: a program. Comes out: the head in use, tip positions and open valves, r
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +18,11 @@ from firmware_profiles.families import family_of
 from kernels.arrays import FloatArray
 from sim.errors import GcodeError, LineError
 from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.program.gcode import Program, code, parse_line
+from sim.gcode.program.gcode import Program, code
 from sim.gcode.program.modal import DWELL, MOVE, SET_POSITION, TOOL
 from sim.gcode.program.read_program import read_written
-from sim.gcode.program.valve import CLOSED, OPEN, Valve, read_switch, read_valves
-from sim.gcode.reading.line import Finding, NamedCommand
+from sim.gcode.program.valve import CLOSED, OPEN, Valve, first_rows, read_switch, read_valves
+from sim.gcode.reading.line import Finding, Lines
 
 # Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
 #
@@ -31,8 +30,6 @@ from sim.gcode.reading.line import Finding, NamedCommand
 # meant: T that it doesn't know leaves the old head in use, an offset of its own moves what the file
 # has moved already, and a count of E that goes on from another plunger's pushes or draws by all the
 # difference. All that is found here, from the file alone.
-
-_COUNTS: Final = re.compile(rb"E[-+.\d]")
 
 
 @dataclass(frozen=True)
@@ -73,11 +70,7 @@ class Heads:
 
 
 def read_heads(
-    program: Program,
-    gcode: bytes,
-    named: tuple[NamedCommand, ...],
-    printer: Printer,
-    axis_mm: FloatArray | None = None,
+    program: Program, others: Lines, printer: Printer, axis_mm: FloatArray | None = None
 ) -> Heads:
     """Follow the commands that raise and lower heads; parameters as for `read_switch`."""
     heads = printer.heads or ()
@@ -86,7 +79,7 @@ def read_heads(
     commanded = np.ones((len(program), count), dtype=np.bool_)
     for number, head in enumerate(heads):
         if head.raises is not None and head.lowers is not None:
-            switch = read_switch(program, gcode, named, head.lowers, head.raises)
+            switch = read_switch(program, others, head.lowers, head.raises)
             raised[:, number] = switch.before == CLOSED
             commanded[:, number] = (switch.before == OPEN) | (switch.before == CLOSED)
     offset = np.array([head.offset_mm.mm for head in heads] or [(0.0, 0.0, 0.0)])
@@ -94,17 +87,16 @@ def read_heads(
     return Heads(raised, commanded, lift, offset, axis_mm)
 
 
-def head_findings(program: Program, gcode: bytes, printer: Printer) -> list[Finding]:
+def head_findings(program: Program, others: Lines, printer: Printer) -> list[Finding]:
     """What a firmware would make of the file's changes of head that its author can't have meant."""
     findings = _no_such_head(program, printer)
     if printer.head_count == 1:
         return findings
-    lines = gcode.splitlines()
     return [
         *findings,
         *_unchosen(program),
-        *_uncounted(program, lines),
-        *_offsets(program, lines, printer),
+        *_uncounted(program, others),
+        *_offsets(program, others, printer),
     ]
 
 
@@ -133,12 +125,11 @@ def _unchosen(program: Program) -> list[Finding]:
     )
 
 
-def _uncounted(program: Program, lines: list[bytes]) -> list[Finding]:
+def _uncounted(program: Program, others: Lines) -> list[Finding]:
     """Plunger moves after a change of head without a G92 E between."""
     changes = (program.kind == TOOL) & (np.diff(program.tool, prepend=0) != 0)
-    counts = np.zeros(len(program), dtype=np.bool_)
-    for row in np.flatnonzero(program.kind == SET_POSITION).tolist():
-        counts[row] = bool(_COUNTS.search(lines[int(program.line[row]) - 1].upper()))
+    counting = [number for number, line in others if "E" in line.values]
+    counts = (program.kind == SET_POSITION) & np.isin(program.line, counting)
     at = np.arange(len(program))
     last_change = np.maximum.accumulate(np.where(changes, at, -1))
     last_count = np.maximum.accumulate(np.where(counts, at, -1))
@@ -151,14 +142,14 @@ def _uncounted(program: Program, lines: list[bytes]) -> list[Finding]:
     )
 
 
-def _offsets(program: Program, lines: list[bytes], printer: Printer) -> list[Finding]:
+def _offsets(program: Program, others: Lines, printer: Printer) -> list[Finding]:
     """Offsets that the firmware would add to places which have them already."""
     family = family_of(printer)
     command, word = family.head_offset_code, family.head_offset_word
     if not command:
         return []
-    rows = np.flatnonzero(program.code == code(command)).tolist()
-    words = {row: parse_line(lines[int(program.line[row]) - 1]).values for row in rows}
+    row_of = first_rows(program)
+    words = {row_of[number]: line.values for number, line in others if line.code == command}
     twice = np.zeros(len(program), dtype=np.bool_)
     cleared: dict[int, int] = {}
     for row, values in words.items():
@@ -231,8 +222,8 @@ def read_with_valve(
         When a command can't be read: what is left of the file would be another part.
     """
     read = read_written(gcode, printer, start_mm)
-    refuse_unread(read.refused)
-    valves = read_valves(read.program, read.gcode, read.named, printer)
+    refuse_unread(read.file.refused)
+    valves = read_valves(read.program, read.file.others, printer)
     return read.program, Valve.joined(valves) if valves else None
 
 
@@ -339,16 +330,10 @@ def as_plunger(executed: ExecutedMotion, spans: FloatArray, flow_ul_s: float) ->
 # in the file's order, where its moves end, to a motor step, and begin where the last one of the
 # file ended; a move that the planner merged into the next has none.
 
-
-class BlockMatch(NamedTuple):
-    """How executed blocks are matched to places of the file."""
-
-    # A step of a usual axis and the rounding of the text; places differ by more.
-    within_mm: float = 0.02
-    max_skipped: int = 64  # Moves that may be merged or left out in a row.
-
-
-MATCH: Final = BlockMatch()
+_SAME_PLACE_MM: Final = 0.02
+"""A step of a usual axis and the rounding of the text; places differ by more."""
+_MAX_SKIPPED_MOVES: Final = 64
+"""That may be merged or left out in a row."""
 
 
 def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
@@ -364,9 +349,9 @@ def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
     line = np.full(len(executed), -1, dtype=np.int64)
     at, last = 0, program.start[:3]
     for block, end in enumerate(executed.end):
-        if np.abs(executed.start[block] - last).max() > MATCH.within_mm:
+        if np.abs(executed.start[block] - last).max() > _SAME_PLACE_MM:
             continue
-        near = np.abs(target[at : at + MATCH.max_skipped] - end).max(axis=1) <= MATCH.within_mm
+        near = np.abs(target[at : at + _MAX_SKIPPED_MOVES] - end).max(axis=1) <= _SAME_PLACE_MM
         if near.any():
             nearest = at + int(near.argmax())
             line[block] = program.command[rows[nearest]]

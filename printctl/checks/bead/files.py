@@ -22,8 +22,8 @@ from printctl.checks.bead.time_line import write_time_line
 from printctl.checks.bead.vessels import VesselDiameters
 from registration.files.exports import nrrd_header
 from registration.report.play import save_played, write_play_html
-from sim.gcode.bead.predict import Bead, bead_deposit, swell
-from sim.gcode.deposit.lay import Deposit
+from sim.gcode.bead.predict import Bead, laid_bead, swell
+from sim.gcode.deposit.lay import Deposit, deposit_of_laid
 
 # Table of predicted ink volume and line width by layer, with and without pressure lag.
 
@@ -285,7 +285,7 @@ def write_prediction(
         names.append(f"time_line{head}.png")
         write_time_line(folder / names[-1], one, wanted.window_s)
         if wanted.voxel_mm is not None and np.any(one.bead.lays):
-            laid = bead_deposit(one.bead, wanted.voxel_mm, swell(one.mounting.ink)[0])
+            laid = deposit_of_laid(laid_bead(one.bead, swell(one.mounting.ink)[0]), wanted.voxel_mm)
             write_voxels(folder / f"predicted{head}.nrrd", laid)
             write_surface(folder / f"predicted{head}.ply", laid)
             names += [f"predicted{head}.nrrd", f"predicted{head}.ply"]

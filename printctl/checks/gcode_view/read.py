@@ -267,15 +267,15 @@ def read_with_program(
     start = None if b"\0" in text else declared_start(text, pushing.printer)
     try:
         # All that can be drawn is: a print refuses such lines, and a viewer prints nothing.
-        program, read_as, named, refused, _ = read_written(
+        program, _, file, _ = read_written(
             text, pushing.printer, start or (0.0, 0.0, 0.0), max_refused=len(text)
         )
-        refuse_unread(refused if strict else ())
+        refuse_unread(file.refused if strict else ())
     except GcodeError as exc:
         raise UsageError(f"{name}: {exc}") from exc
-    valves = read_valves(program, read_as, named, pushing.printer)
+    valves = read_valves(program, file.others, pushing.printer)
     valve = Valve.joined(valves) if valves else None
-    unread = _unread(refused)
+    unread = _unread(file.refused)
     rows = written_rows(program, valve, start is not None)
     rows = _at_tips(rows, program.tool, pushing)
     if not (rows.act == Act.WRITE).any():

@@ -16,7 +16,7 @@ from firmware_profiles.tools import THINNEST_BORE
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.preflight.ink import volumes
 from printctl.checks.set_up import Check, HeadLoading
-from sim.gcode.deposit.written import level_areas, level_heights, written_levels
+from sim.gcode.deposit.written import Layering, written_levels
 from sim.gcode.dry_run.run import DryRun
 
 _FLAT_MM: Final = 1e-3
@@ -121,9 +121,6 @@ def _widths(
     along = length[np.abs(z[:, 1] - z[:, 0]) < _FLAT_MM].sum()
     if along < 0.9 * length.sum():
         return np.sqrt(4 / np.pi * area)
-    levels = written_levels(z[:, 1])
-    if len(levels) == 1:
+    if len(written_levels(z[:, 1])) == 1:
         return section.width(area, _FLATTEST * needle.inner_mm)
-    height = level_heights(levels, level_areas(levels, z[:, 1], area))
-    at = np.searchsorted(levels, z[:, 1] + 1e-6, side="right") - 1
-    return section.width(area, height[np.clip(at, 0, None)])
+    return section.width(area, Layering.at(z[:, 1], area).heights(z[:, 1]))

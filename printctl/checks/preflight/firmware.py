@@ -161,8 +161,11 @@ def _timeouts(run: DryRun, family: Family) -> list[tuple[float, int]]:
     """Each setting of the timeout, s, and its line; a question is none."""
     name, key = family.timeout_code, family.timeout_key
     if key:
-        those = [at for at in run.named if at.name == name and key in at.words]
-        return [(_number(at.words[key]), at.line) for at in those]
+        return [
+            (_number(line.parameters[key]), number)
+            for number, line in run.named
+            if line.code == name and key in line.parameters
+        ]
     program = run.program
     rows = np.flatnonzero((program.code == code(name)) & ~np.isnan(program.value))
     return list(zip(program.value[rows].tolist(), program.line[rows].tolist(), strict=True))

@@ -124,9 +124,9 @@ def _output_checks(run: DryRun, printer: Printer) -> list[Check]:
     """
     own = [output_of(text) for head in printer.airs for text in (head.opens, head.closes)]
     others = [
-        named
-        for named in run.named
-        if named.name in OUTPUTS and (named.name, named.words) not in own
+        (number, line)
+        for number, line in run.named
+        if line.code in OUTPUTS and (line.code, line.parameters) not in own
     ]
     if not others:
         return [Check(_OUTPUTS, 0, 0, "", True)]
@@ -138,8 +138,8 @@ def _output_checks(run: DryRun, printer: Printer) -> list[Check]:
             0,
             "",
             False,
-            f"line {others[0].line}",
-            f"{_setting(others[0].words)}, and the profile's valve alone may be switched "
+            f"line {others[0][0]}",
+            f"{_setting(others[0][1].parameters)}, and the profile's valve alone may be switched "
             f"(dispenser: {dispenser}); take it out, or name the valve in a copy of the profile",
         )
     ]
@@ -472,8 +472,8 @@ def _starved(run: DryRun, printer: Printer) -> Check:
 def _probing(run: DryRun) -> Check:
     """Bed probing drives the tool down until something gives, as homing does."""
     rows = np.flatnonzero(np.isin(run.program.code, [code(name) for name in _PROBES]))
-    named = [at for at in run.named if at.name in _NAMED_PROBES]
-    lines = sorted([*(int(run.program.line[row]) for row in rows), *(at.line for at in named)])
+    named = [number for number, line in run.named if line.code in _NAMED_PROBES]
+    lines = sorted([*(int(run.program.line[row]) for row in rows), *named])
     return Check(
         "probing with the needle mounted",
         len(lines),

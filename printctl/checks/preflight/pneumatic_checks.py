@@ -82,9 +82,9 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
         if not head.sets_pressure:
             continue
         sets = [
-            (one.line, float(one.words["KPA"]))
-            for one in run.named
-            if one.name == "SETS_PRESSURE" and int(one.words["HEAD"]) == number
+            (line, float(one.parameters["KPA"]))
+            for line, one in run.named
+            if one.code == "SETS_PRESSURE" and int(one.parameters["HEAD"]) == number
         ]
         opens = run.program.line[valve.row[valve.state != CLOSED]].tolist()
         wrong = [

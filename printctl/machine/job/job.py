@@ -21,7 +21,8 @@ from printctl.checks.gate import refused_lines
 from printctl.machine.errors import JobError
 from printctl.machine.job.marks import Marks, Position, read_marks
 from sim.errors import GcodeError
-from sim.gcode.reading.file import GcodeFile, Others, kinds_of, other_lines, read_file
+from sim.gcode.reading.file import GcodeFile, kinds_of, read_file
+from sim.gcode.reading.line import Lines
 from sim.gcode.reading.read import plunger_word, with_flow
 from sim.user_files import read_gcode_path, text_of
 
@@ -176,7 +177,7 @@ def parse_job(data: bytes, name: str, printer: Printer) -> Job:
     """Read G-code bytes; see `load_job`."""
     read = _read(data, name, printer)
     if printer.streamed:
-        _check_gate(other_lines(data, printer), name, printer)
+        _check_gate(read.others, name, printer)
     lines: list[bytes] = []
     file_lines: list[int] = []
     comments: list[tuple[int, bytes]] = []
@@ -219,7 +220,7 @@ def _check(command: bytes, where: str, max_line_bytes: int, number: int) -> None
         )
 
 
-def _check_gate(others: Others, name: str, printer: Printer) -> None:
+def _check_gate(others: Lines, name: str, printer: Printer) -> None:
     """Refuse a job with commands that the gate refuses; each code once, by its first line."""
     first: dict[str, str] = {}
     for number, code, why in refused_lines(others, printer):

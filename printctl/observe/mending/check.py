@@ -28,7 +28,7 @@ from printctl.observe.mending.patches import VOID_TOLERANCE_MM
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE
-from sim.gcode.reading.file import other_lines
+from sim.gcode.reading.file import read_file
 
 _RETURN_TOLERANCE_MM: Final = 1e-4
 """Distance below which the insert returns to the held position."""
@@ -174,7 +174,7 @@ def check_mend(
     start, end, _ = inserted.written()
     program = inserted.run.program
     reached = program.target[int(np.searchsorted(program.command, behind)) - 1]
-    read = other_lines(b"\n".join(lines) + b"\n", held_print.printer)
+    read = read_file(b"\n".join(lines), held_print.printer).others
     refused = refused_lines(read, held_print.printer)
     return MendCheck(
         lumens_entered=int((depth > VOID_TOLERANCE_MM).sum()),

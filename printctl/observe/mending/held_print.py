@@ -16,7 +16,7 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.bead import lag_of
 from printctl.errors import PrintctlError
 from printctl.machine.job.coordinates import Modal, modal_state, relieved_mm
-from sim.gcode.deposit.written import level_areas, level_heights, written_levels
+from sim.gcode.deposit.written import Layering
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import declared_start, read_written
@@ -332,8 +332,5 @@ def _sections(held_print: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatA
 def layer_heights(held_print: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> FloatArray:
     """Return each written row's layer height, (n,), mm; a single layer has round lines."""
     from_z = held_print.program.target[rows, 2]
-    levels = written_levels(from_z)
     round_mm = float(np.median(np.sqrt(4 / np.pi * area_mm2)))
-    height = level_heights(levels, level_areas(levels, from_z, area_mm2), single_mm=round_mm)
-    at = np.searchsorted(levels, from_z + 1e-6, side="right") - 1
-    return height[np.clip(at, 0, None)]
+    return Layering.at(from_z, area_mm2, round_mm).heights(from_z)

@@ -44,12 +44,12 @@ from registration.corrected import corrected_scan
 from registration.errors import RegistrationError
 from registration.files.readers import is_mosaic, listed_files
 from registration.files.writers import write_scan
-from sim.devices.faults import load_faults
+from sim.devices.faults import FaultFile
 from sim.devices.scanner.defects import Defect, with_defects
 from sim.devices.scanner.placing import ScannerOutput
-from sim.gcode.bead.predict import bead_deposit
+from sim.gcode.bead.predict import laid_bead
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
-from sim.gcode.deposit.lay import Deposit
+from sim.gcode.deposit.lay import Deposit, deposit_of_laid
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.executed import ExecutedMotion
 
@@ -233,13 +233,13 @@ def predicted_ink(
     x, y, z = context.start_mm.tolist()
     run = dry_run(gcode, context.printer, (x, y, z))
     bead = predicted_of_motion(context, run, gcode, motion, text.file_row).bead
-    return bead_deposit(bead, voxel_mm, math.sqrt(more), ink_faults(context))
+    return deposit_of_laid(laid_bead(bead, math.sqrt(more), ink_faults(context)), voxel_mm)
 
 
 def ink_faults(context: RunContext) -> InkFaults:
     """What the recipe's fault file does to the ink."""
     name = context.recipe.printer.faults
-    return NO_FAULTS if name is None else load_faults(context.recipe_folder / name).of_ink
+    return NO_FAULTS if name is None else FaultFile.load(context.recipe_folder / name).of_ink
 
 
 def write_truth(path: Path, scanned: ScannerOutput) -> None:

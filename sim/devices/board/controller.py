@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -28,6 +27,8 @@ class Firmware(Protocol):
 
     Attributes
     ----------
+    numbering : type of Numbering
+        Reads line numbers and checksums.
     banner : tuple of str
         Said after a reset.
     too_cold_words, too_long_words : str
@@ -38,22 +39,25 @@ class Firmware(Protocol):
         Whether the motors run on for a while after a kill.
     """
 
+    board: Controller
+    numbering: ClassVar[type[Numbering]]
     banner: ClassVar[tuple[str, ...]]
     too_cold_words: ClassVar[str]
     too_long_words: ClassVar[str]
     bad_arc_words: ClassVar[str]
     runs_on: ClassVar[bool]
 
+    def __init__(self, board: Controller) -> None:
+        self.board = board
+
     # -- lines
 
     def urgent_pattern(self) -> re.Pattern[bytes] | None:
         """Begin of a line that acts as its bytes arrive; None where none does."""
 
-    def numbering(self) -> Numbering:
-        """A new reader of line numbers and checksums."""
-
     def look_at(self, ring: bytearray) -> None:
         """Look at the received bytes before the next line is cut from them."""
+        return
 
     def refuse(self, reason: bytes) -> None:
         """Tell that a line wasn't taken, and what to do about it."""
@@ -71,6 +75,7 @@ class Firmware(Protocol):
 
         ``alarm`` tells when the main loop next has something to do of its own, s.
         """
+        return data
 
     def start(self, command: Command) -> Steps:
         """Begin a command."""
@@ -96,6 +101,7 @@ class Firmware(Protocol):
 
     def power_up(self) -> None:
         """Set what this firmware begins with, after the board has forgotten everything."""
+        return
 
     def idle_is_over(self) -> None:
         """Act where nothing has moved for longer than the firmware's idle limit."""
@@ -111,6 +117,7 @@ class Firmware(Protocol):
 
     def answer_unserved(self, waiting: list[bytes]) -> None:
         """Answer the lines that waited when it was killed, if it does."""
+        return
 
     def hear_dead(self) -> None:
         """Take what comes after a halt."""
@@ -126,7 +133,7 @@ class Job(Protocol):
         """The same, of a line that is done now."""
 
 
-class Controller(ABC):
+class Controller:
     """The board, made of parts; commands of a firmware get it as their first argument.
 
     Parameters
@@ -144,7 +151,7 @@ class Controller(ABC):
     Attributes
     ----------
     firmware : Firmware
-        The family's own part, made by `make_firmware`.
+        The family's own part, of `firmware_class`.
     machine : Machine
         Clock, motors, heaters.
     wire : Wire
@@ -171,6 +178,8 @@ class Controller(ABC):
         How often the host has had the motors waited for (M400); a good moment to keep a record.
     """
 
+    firmware_class: ClassVar[type[Firmware]]
+
     def __init__(
         self,
         printer: Printer,
@@ -179,7 +188,7 @@ class Controller(ABC):
         faults: tuple[Fault, ...] = (),
     ) -> None:
         self.machine = Machine(printer, start_mm, board, BITS_PER_BYTE / printer.baud)
-        self.firmware = self.make_firmware()
+        self.firmware = self.firmware_class(self)
         urgent = self.firmware.urgent_pattern()
         self.wire = Wire(printer.baud, printer.receive_buffer_bytes, urgent)
         self.reader = LineReader(printer.max_line_bytes)
@@ -196,13 +205,9 @@ class Controller(ABC):
         self.synced = 0
         self.firmware.power_up()
 
-    @abstractmethod
-    def make_firmware(self) -> Firmware:
-        """Return the family's own part, made for this board."""
-
     def reset(self) -> None:
         """Reset line or power button: everything is forgotten, motors stop, the banner comes."""
-        self.machine.stop()
+        self.machine.motion.stop(self.machine.now)
         self._forget()
         self.reader.clear()
         self.lines.clear()
@@ -215,7 +220,7 @@ class Controller(ABC):
         """Heaters off, fall silent, and halt: the motors at once, or after the firmware's wait."""
         waiting = list(self.work.queue)
         if not self.firmware.runs_on:
-            self.machine.stop()
+            self.machine.motion.stop(self.machine.now)
         self.machine.heat.off(self.machine.now)
         self.firmware.say_halted(reason)
         self._forget()

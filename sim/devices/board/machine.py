@@ -264,14 +264,6 @@ class Machine:
             feed = max(feed, settings.least_feed if writes else settings.least_travel_feed)
         self.motion.add_move(target_mm, feed, line, self.now)
 
-    def steps_now(self) -> list[int]:
-        """Stepper counts at this moment, as the firmware numbers them."""
-        return self.motion.steps_at(self.now)
-
-    def stop(self) -> None:
-        """Drop all moves; the firmware's position becomes where the motors stand."""
-        self.motion.stop(self.now)
-
     # -- heat, now
 
     @property
@@ -334,13 +326,23 @@ def copy_settings(planner: Records, others: Settings) -> StoredSettings:
 
 
 @dataclass
-class Reports:
-    """Interval and next time of each report, s."""
+class Report:
+    """Interval and next time of a report, s."""
 
-    temperature_s: float = 0.0
-    temperature_at: float = np.inf
-    position_s: float = 0.0
-    position_at: float = np.inf
+    every_s: float = 0.0
+    next_at: float = math.inf
+
+    def set(self, every_s: float, now: float) -> None:
+        """Report every so often from ``now`` on; 0 or less for never."""
+        self.every_s, self.next_at = every_s, now + every_s if every_s > 0 else math.inf
+
+
+@dataclass
+class Reports:
+    """Reports by the clock, and the interval of the busy message, s."""
+
+    temperature: Report = field(default_factory=Report)
+    position: Report = field(default_factory=Report)
     keepalive_s: float = 2.0
 
 

@@ -37,18 +37,17 @@ from __future__ import annotations
 
 import math
 import re
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Printer
 from sim.devices.board.controller import Controller, apply_fault
 from sim.devices.board.machine import FREE_SLOT, STANDSTILL, Steps, Task, wait_until
 from sim.devices.board.wire import RefusedLine
-from sim.devices.faults import Fault
 from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.motion.state import PLANNING, Board, Records
+from sim.gcode.motion.state import PLANNING, Records
 from sim.gcode.program.gcode import command_of, split_line
 from sim.gcode.program.modal import ARC, BAD, arc_points, interpret, speed
 
@@ -115,7 +114,7 @@ class MainLoop:
         due = machine.halts_s()
         if machine.now < due:
             return due
-        machine.stop()
+        machine.motion.stop(machine.now)
         machine.halts_s = None
         return math.inf
 
@@ -186,7 +185,7 @@ class MainLoop:
         """When it next has something to say or do of its own, s."""
         machine, work = self._board.machine, self._board.work
         reports = machine.reports
-        soon = min(reports.temperature_at, reports.position_at, machine.heat.alarm()[0])
+        soon = min(reports.temperature.next_at, reports.position.next_at, machine.heat.alarm()[0])
         soon = min(soon, self._board.plan.next_s)
         if work.tasks:
             soon = min(soon, work.busy_at)
@@ -213,12 +212,13 @@ class MainLoop:
         if work.tasks and now >= work.busy_at:
             firmware.say_busy(work.tasks[-1][1])
             work.busy_at = now + reports.keepalive_s
-        if now >= reports.temperature_at:
-            firmware.report_temperatures()
-            reports.temperature_at += reports.temperature_s
-        if now >= reports.position_at:
-            firmware.report_position()
-            reports.position_at += reports.position_s
+        for report, say in (
+            (reports.temperature, firmware.report_temperatures),
+            (reports.position, firmware.report_position),
+        ):
+            if now >= report.next_at:
+                say()
+                report.next_at += report.every_s
         if machine.idle_limit_s > 0 and now >= self._idle_deadline():
             firmware.idle_is_over()
 
@@ -292,20 +292,14 @@ class MainLoop:
 
 
 class SimulatedPrinter(Controller):
-    """A board and the loop that brings it on; a family's class adds `make_firmware`, no more.
+    """A board and the loop that brings it on; a family's class adds `firmware_class`, no more.
 
     Parameters and attributes are those of `sim.devices.board.controller.Controller`.
     """
 
-    def __init__(
-        self,
-        printer: Printer,
-        start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        board: Board = Board(),  # noqa: B008
-        faults: tuple[Fault, ...] = (),
-    ) -> None:
-        super().__init__(printer, start_mm, board, faults)
-        self._loop = MainLoop(self)
+    @cached_property
+    def _loop(self) -> MainLoop:
+        return MainLoop(self)
 
     @property
     def now(self) -> float:

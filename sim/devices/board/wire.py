@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 BITS_PER_BYTE: Final = 10
 _EOL: Final = re.compile(rb"[\r\n]")
@@ -115,7 +116,7 @@ class RefusedLine:
     reason: bytes
 
 
-class Numbering(Protocol):
+class Numbering(ABC):
     """A firmware's rule about line numbers and checksums.
 
     Attributes
@@ -124,13 +125,16 @@ class Numbering(Protocol):
         Of the last accepted line.
     """
 
-    last_number: int
+    def __init__(self) -> None:
+        self.last_number = 0
 
+    @abstractmethod
     def accept(self, line: bytes) -> bytes | RefusedLine | None:
         """Return the command to queue, `RefusedLine`, or None for a line that is dropped."""
 
     def clear(self) -> None:
         """Forget the numbers, as a reset does."""
+        self.last_number = 0
 
 
 class LineReader:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, ClassVar, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -31,9 +31,8 @@ from firmware_profiles.bead import BeadSection
 from kernels.arrays import BoolArray, FloatArray
 from sim.devices.camera.paint import draw_lines
 from sim.devices.recorded_ink import InkBox
-from sim.errors import CameraError
+from sim.errors import CameraError, SimError
 from sim.gcode.deposit.lay import Laid
-from sim.user_files import read_model
 
 SingleArray = NDArray[np.float32]
 Region = tuple[FloatArray, FloatArray]
@@ -49,7 +48,6 @@ class LaserSurface(NamedTuple):
 
 
 SURFACE: Final = LaserSurface()
-
 
 _SHOULDER: Final = np.linspace(1, 0, 1025) ** 0.25
 """A line's height over that of its crest, evenly over the square of the share of its radius."""
@@ -77,6 +75,9 @@ class ProfilerField(InkBox):
     tilt : (x, y), mm per mm
         Of the profiler; its frame doesn't know of it.
     """
+
+    called: ClassVar[str] = "profiler file"
+    error: ClassVar[type[SimError]] = CameraError
 
     plate_z_mm: float
     pixel_um: tuple[Annotated[float, Field(ge=2, le=500)], Annotated[float, Field(ge=2, le=500)]]
@@ -228,14 +229,3 @@ def write_heights(
 ) -> None:
     """Write a height map as .npz: ``height_mm``, ``pixel_mm`` and ``printer_to_scan`` (4, 4)."""
     np.savez(path, height_mm=heights, pixel_mm=1e-3 * np.array(pixel_um), printer_to_scan=to_map)
-
-
-def load_profiler(path: Path) -> ProfilerField:
-    """Read a profiler's YAML file.
-
-    Raises
-    ------
-    CameraError
-        When it can't be read, or has a key or value that means nothing.
-    """
-    return read_model(path, ProfilerField, "profiler file", CameraError)

@@ -24,23 +24,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 
 from firmware_profiles.bead import BeadSection
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 from sim.devices.camera.scene import Bath, Camera, InkLook, Light, Plan, Scene, Sensor
 from sim.devices.recorded_ink import InkSource
-from sim.errors import CameraError
+from sim.errors import CameraError, SimError
 from sim.gcode.deposit.lay import Laid
 from sim.gcode.deposit.written import Strands
-from sim.user_files import read_model
+from sim.user_files import UserFile
 
 # Draw laid ink as maps of visible thickness and crest height over the camera's drawing plane.
 
@@ -56,7 +54,6 @@ class InkDrawing(NamedTuple):
 
 
 DRAWING: Final = InkDrawing()
-
 
 _FLAT: Final = {"layered": 0.25, "embedded": 0.5}
 """Power of 1 - q² at the share q of the radius: 1/2 is an ellipse, less is flatter."""
@@ -375,7 +372,6 @@ class GranuleNoise(NamedTuple):
 
 GRANULES: Final = GranuleNoise()
 
-
 _OCTAVES: Final = ((1.0, 0.6), (2.7, 0.5), (8.3, 0.45), (31.0, 0.4))
 """Size over the finest granule, and its share; no two sizes have a common measure, so that no
 tile's repetition shows."""
@@ -465,22 +461,12 @@ def _plane_z(ink: Laid, camera: Camera, scene: Scene) -> float:
     return float(max(ink.strands.start[:, 2].max(), ink.strands.end[:, 2].max()))
 
 
-class CameraFile(BaseModel):
+class CameraFile(UserFile):
     """A simulated camera over a simulated printer."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    called: ClassVar[str] = "camera file"
+    error: ClassVar[type[SimError]] = CameraError
 
     camera: Camera
     scene: Scene = Scene()
     laid: InkSource
-
-
-def load_camera(path: Path) -> CameraFile:
-    """Read a camera's file.
-
-    Raises
-    ------
-    CameraError
-        When it can't be read, or has a key or value that means nothing.
-    """
-    return read_model(path, CameraFile, "camera file", CameraError)

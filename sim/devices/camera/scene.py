@@ -13,26 +13,21 @@ from typing import Annotated, Final, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from firmware_profiles.strict_model import BeadShape
 from kernels.arrays import FloatArray
 from sim.errors import CameraError
+from sim.user_files import FileSection
 
 Grey = Annotated[float, Field(ge=0, le=255)]
 Colour = tuple[Grey, Grey, Grey]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 
 
-class SceneFacts(BaseModel):
-    """Base of all sections."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Bath(SceneFacts):
+class Bath(FileSection):
     """Support bath.
 
     Attributes
@@ -55,7 +50,7 @@ class Bath(SceneFacts):
     granule_mm: Annotated[float, Field(ge=0.005, le=2)] = 0.06
 
 
-class InkLook(SceneFacts):
+class InkLook(FileSection):
     """Ink.
 
     Attributes
@@ -79,7 +74,7 @@ class InkLook(SceneFacts):
     bead: BeadShape | Annotated[float, Field(ge=-1000, le=1000)] = "rounded"
 
 
-class Light(SceneFacts):
+class Light(FileSection):
     """Light from one side.
 
     Attributes
@@ -94,7 +89,7 @@ class Light(SceneFacts):
     uneven: Annotated[float, Field(ge=0, le=0.9)] = 0.15
 
 
-class Sensor(SceneFacts):
+class Sensor(FileSection):
     """Lens faults and sensor.
 
     Attributes
@@ -120,7 +115,7 @@ class Sensor(SceneFacts):
     mono: bool = False
 
 
-class Scene(SceneFacts):
+class Scene(FileSection):
     """All that a picture shows besides the ink; `seed` is of what lies there from look to look."""
 
     bath: Bath = Bath()
@@ -152,7 +147,7 @@ _STEEPEST: Final = 0.05
 """Least cosine between a ray and straight down that still is called looking at the dish."""
 
 
-class Camera(BaseModel):
+class Camera(FileSection):
     """A camera over the dish.
 
     Attributes
@@ -172,8 +167,6 @@ class Camera(BaseModel):
     distortion : (k1, k2, p1, p2, k3)
         Brown (1971), in OpenCV's order and units.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     size_px: tuple[Annotated[int, Field(ge=16, le=20_000)], Annotated[int, Field(ge=16, le=20_000)]]
     um_per_px: Annotated[float, Field(gt=0.1, le=1000)]
@@ -413,10 +406,6 @@ def _border(camera: Camera) -> FloatArray:
     """Pixels along the picture's rim."""
     width, height = camera.size_px
     u, v = np.linspace(-1, width, 65), np.linspace(-1, height, 65)
-    rim = [
-        np.column_stack([u, np.full(65, -1.0)]),
-        np.column_stack([u, np.full(65, float(height))]),
-        np.column_stack([np.full(65, -1.0), v]),
-        np.column_stack([np.full(65, float(width)), v]),
-    ]
-    return np.concatenate(rim)
+    along_x = [np.column_stack([u, np.full(65, edge)]) for edge in (-1.0, float(height))]
+    along_y = [np.column_stack([np.full(65, edge), v]) for edge in (-1.0, float(width))]
+    return np.concatenate([*along_x, *along_y])

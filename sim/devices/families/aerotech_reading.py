@@ -37,7 +37,7 @@ from typing import Final
 from firmware_profiles import Printer
 from firmware_profiles.strict_model import PRESSURE_UNITS
 from sim.errors import GcodeError
-from sim.gcode.reading.line import NOTHING, NamedCommand, TranslatedProgram, output_of
+from sim.gcode.reading.line import NOTHING, GcodeLine, TranslatedProgram, output_of
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
 _DWELL: Final = re.compile(rb"(?:G0?4\s+P|DWELL\s+)(" + _NUMBER + rb")", re.IGNORECASE)
@@ -74,7 +74,7 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
     gcode, named = _without_pressures(gcode, printer)
     letter = (controller.plunger_axis or "").encode()
     axes = "".join(printer.z_axes).encode()
-    own = {line.encode() for line in (*controller.begins, *controller.ends)}
+    own = {line.encode() for line in (*controller.begins, *controller.ends, SETS_PRESSURE)}
     bases: list[tuple[int, bool]] = []
     seen = line = 0
     # A plain move is left as it is, but for the plunger's letter: nearly all lines are such.
@@ -95,7 +95,7 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
             bases.append((line + 1, base[1] == b"6"))
         word = b"" if not text else NOTHING if base or text in own else _plain(text, words)
         if word is None:
-            named.append(_named(line + 1, text.decode("ascii", "replace")))
+            named.append((line + 1, _named(text.decode("ascii", "replace"), match[0].strip())))
             word = NOTHING
         return word + remark
 
@@ -122,9 +122,9 @@ def _with_letters(gcode: bytes, letters: Mapping[int, bytes]) -> bytes:
     return re.sub(rb"^(G(?:[01]|92))((?: +[A-Z]" + _NUMBER + rb")+)", line, gcode, flags=re.M)
 
 
-def _without_pressures(gcode: bytes, printer: Printer) -> tuple[bytes, list[NamedCommand]]:
+def _without_pressures(gcode: bytes, printer: Printer) -> tuple[bytes, list[tuple[int, GcodeLine]]]:
     """Take out the lines that set a head's pressure; what they set."""
-    found: list[NamedCommand] = []
+    found: list[tuple[int, GcodeLine]] = []
     alone = b"\n" not in gcode  # a single line is read by itself
     for number, air in enumerate(printer.airs):
         lines = [_pattern(line) for line in air.sets_pressure]
@@ -139,8 +139,10 @@ def _without_pressures(gcode: bytes, printer: Printer) -> tuple[bytes, list[Name
                 kpa = float(values[0]) * PRESSURE_UNITS[unit]
                 words = {"HEAD": str(number), "KPA": f"{kpa:.6g}"}
                 line = gcode.count(b"\n", 0, match.start()) + 1
-                found.append(NamedCommand(line, SETS_PRESSURE, words))
-        gcode = pattern.sub(b"\n" * (0 if alone else len(lines) - 1), gcode)
+                found.append((line, GcodeLine(SETS_PRESSURE, {}, match[0].strip(), words)))
+        gcode = pattern.sub(
+            SETS_PRESSURE.encode() + b"\n" * (0 if alone else len(lines) - 1), gcode
+        )
     return gcode, found
 
 
@@ -163,8 +165,6 @@ def _plain(text: bytes, move_words: bytes) -> bytes | None:
     return b"M400" if _WAITS.fullmatch(text) else None
 
 
-def _named(line: int, text: str) -> NamedCommand:
-    output = output_of(text)
-    if output is not None:
-        return NamedCommand(line, *output)
-    return NamedCommand(line, text.split()[0].upper(), {"TEXT": text})
+def _named(command: str, text: bytes) -> GcodeLine:
+    name, words = output_of(command) or (command.split()[0].upper(), {"TEXT": command})
+    return GcodeLine(name, {}, text, words)

@@ -4,34 +4,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from typing import ClassVar, Final
 
 import numpy as np
 
-from sim.devices.board.controller import Controller, Handlers
+from sim.devices.board.controller import Controller, Firmware, Handlers
 from sim.devices.board.machine import STANDSTILL, Steps, Task
-from sim.devices.board.motion import Motion, PlacedAxes
+from sim.devices.board.motion import Motion
 from sim.devices.board.printer import SimulatedPrinter, set_position
 from sim.devices.board.wire import Numbering
 from sim.devices.families.marlin_commands import HANDLERS
-from sim.devices.families.marlin_printer import Marlin
+from sim.devices.families.marlin_printer import HomedFirmware
 from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
 from sim.gcode.program.gcode import Command, split_line
 from sim.gcode.program.modal import interpret
-from sim.gcode.reading.line import NamedCommand, plain_command
-
-
-class KlipperPrinter(SimulatedPrinter):
-    """A board with Klipper; see the module."""
-
-    def make_firmware(self) -> Klipper:
-        """Return its firmware part."""
-        return Klipper(self)
-
-
-PRINTER: Final = KlipperPrinter
-
+from sim.gcode.reading.line import plain_command
 
 # Klipper's part of a simulated board: commands and replies, after the firmware's source.
 #
@@ -93,12 +80,26 @@ def _limits(board: Controller) -> str:
     return f"// max_velocity: {speed:.6f}\n// max_accel: {acceleration:.6f}"
 
 
-class Klipper(Marlin):
+_NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
+
+
+class KlipperNumbering(Numbering):
+    """Klipper's line numbering: accepts any line, and counts those taken."""
+
+    def accept(self, line: bytes) -> bytes:
+        """The command without number and checksum."""
+        match = _NUMBER.match(line)
+        self.last_number += 1
+        return (line[match.end() :] if match else line).partition(b"*")[0]
+
+
+class Klipper(HomedFirmware):
     """See the module.
 
     The heater's least temperature for extrusion is off, as bioprinters set it in printer.cfg.
     """
 
+    numbering: ClassVar[type[Numbering]] = KlipperNumbering
     handlers: ClassVar[Handlers] = {
         **{name: HANDLERS[name] for name in _KNOWN},
         "G92": _g92,
@@ -109,39 +110,29 @@ class Klipper(Marlin):
     }
     offsets_by: ClassVar[str] = ""  # none: SET_GCODE_OFFSET is one for all heads
     too_cold_words: ClassVar[str] = "!! Extrude below minimum temp"
+    not_homed_words: ClassVar[str] = "!! Must home axis first"
     banner: ClassVar[tuple[str, ...]] = ("// Klipper state: Ready",)
-    runs_on: ClassVar[bool] = False
 
     def __init__(self, board: Controller) -> None:
         super().__init__(board)
-        self._axes = PlacedAxes()
         self._offsets = Offsets(board.machine.motion)
         self._after_empty = False
 
     def power_up(self) -> None:
         """FIRMWARE_RESTART, or power."""
+        super().power_up()
         machine = self.board.machine
-        machine.reports.keepalive_s = 0.0
         machine.heat.cold_allowed = True
         machine.idle_limit_s = IDLE_S
-        self._axes.forget()
         self._offsets = Offsets(machine.motion)
 
     # -- lines
-
-    def numbering(self) -> Numbering:
-        """Numbers are skipped."""
-        return KlipperNumbering()
 
     def look_at(self, ring: bytearray) -> None:
         """Note whether an empty line stands before what comes next."""
         if ring:
             halts = self._after_empty and ring.startswith(b"M112")
             self._after_empty = halts or ring.startswith(b"\n")
-
-    def take_at_once(self, data: bytes, alarm: Callable[[], float]) -> bytes:
-        """Take nothing: each line goes through the main loop."""
-        return data
 
     # -- commands
 
@@ -150,20 +141,15 @@ class Klipper(Marlin):
         named = _NAMED.match(self.board.work.line)
         if named is not None:
             return self._start_named(named[1].decode().upper(), named[2])
-        if self._axes.refuse(command):
-            self.board.machine.say("!! Must home axis first")
-            return None
-        if command.name == "G28":
-            self._axes.home(command)
-        elif command.name in ("M18", "M84"):
-            self._axes.forget()
+        if command.name in ("M18", "M84"):
+            self.placed.clear()
         return super().start(command)
 
     def _start_named(self, name: str, words: bytes) -> Steps:
         machine = self.board.machine
         if name == "SET_KINEMATIC_POSITION":
             self._offsets.stand_at(values_of(words))
-            self._axes.place_all()
+            self.placed |= {"X", "Y", "Z"}
         elif name == "SET_IDLE_TIMEOUT":
             self._set_idle_timeout(words.upper())
         elif name == "SET_GCODE_OFFSET":
@@ -185,7 +171,7 @@ class Klipper(Marlin):
     def _activate(self, words: bytes) -> Task:
         """ACTIVATE_EXTRUDER: its own count of E, which begins at 0; nothing moves."""
         machine, motion = self.board.machine, self.board.machine.motion
-        chosen = plain_command(NamedCommand(0, "ACTIVATE_EXTRUDER", parameters_of(words)))
+        chosen = plain_command("ACTIVATE_EXTRUDER", parameters_of(words))
         number = int(chosen[1:]) if chosen[:1] == b"T" else machine.printer.head_count
         if number >= machine.printer.head_count:
             machine.say(f"!! The value '{words.decode()}' is not valid for EXTRUDER")
@@ -226,7 +212,7 @@ class Klipper(Marlin):
         """Heaters and motors go off: TURN_OFF_HEATERS, M84."""
         self.board.machine.heat.off(self.board.machine.now)
         self.board.machine.idle_since = math.inf
-        self._axes.forget()
+        self.placed.clear()
 
     def say_halted(self, reason: str) -> None:
         """It stops for good."""
@@ -251,30 +237,13 @@ class Klipper(Marlin):
         self.board.machine.say("ok")
 
 
-_NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
+class KlipperPrinter(SimulatedPrinter):
+    """A board with Klipper; see the module."""
+
+    firmware_class: ClassVar[type[Firmware]] = Klipper
 
 
-class KlipperNumbering:
-    """Klipper's line numbering: accepts any line.
-
-    Attributes
-    ----------
-    last_number : int
-        How many lines were taken.
-    """
-
-    def __init__(self) -> None:
-        self.last_number = 0
-
-    def accept(self, line: bytes) -> bytes:
-        """The command without number and checksum."""
-        match = _NUMBER.match(line)
-        self.last_number += 1
-        return (line[match.end() :] if match else line).partition(b"*")[0]
-
-    def clear(self) -> None:
-        """Count anew, as a reset does."""
-        self.last_number = 0
+PRINTER: Final = KlipperPrinter
 
 
 # Klipper's coordinate offsets: head position, and shifts applied to a job's coordinates.

@@ -20,23 +20,9 @@ from sim.devices.board.machine import (
 )
 from sim.devices.board.printer import set_position
 from sim.devices.families.marlin_reports import (
+    REPLIES,
     SETTINGS,
-    SETTINGS_HANDLERS,
-    m31,
-    m105,
-    m110,
-    m111,
-    m113,
-    m114,
-    m115,
-    m118,
-    m119,
-    m154,
-    m155,
-    m220,
-    m221,
     planned_position,
-    position_report,
     quickstop,
     request_resend,
     tell_settings,
@@ -49,7 +35,7 @@ from sim.gcode.program.modal import dwell_s, interpret
 def g92(board: Controller, command: Command) -> None:
     """Give the position other numbers, then report where the motors are."""
     set_position(board)
-    board.machine.say(position_report(board, board.machine.steps_now()))
+    board.machine.say(planned_position(board))
 
 
 def m211(board: Controller, command: Command) -> None:
@@ -272,6 +258,7 @@ def m500(board: Controller, command: Command) -> Task:
 
 
 HANDLERS: Final[Handlers] = {
+    **REPLIES,
     "G4": g4,
     "G21": interpreted,
     "G28": g28,
@@ -280,7 +267,6 @@ HANDLERS: Final[Handlers] = {
     "G92": g92,
     "M0": m0,
     "M1": m0,
-    "M31": m31,
     "M75": m75,
     "M76": m77,
     "M77": m77,
@@ -289,24 +275,12 @@ HANDLERS: Final[Handlers] = {
     "M83": interpreted,
     "M85": m85,
     "M104": m104,
-    "M105": m105,
     "M108": no_effect,
     "M109": m109,
-    "M110": m110,
-    "M111": m111,
     "M112": m112,
-    "M113": m113,
-    "M114": m114,
-    "M115": m115,
-    "M118": m118,
-    "M119": m119,
     "M140": m104,
-    "M154": m154,
-    "M155": m155,
     "M190": m109,
     "M211": m211,
-    "M220": m220,
-    "M221": m221,
     "M302": m302,
     "M400": m400,
     "M410": m410,
@@ -316,7 +290,6 @@ HANDLERS: Final[Handlers] = {
     "M428": m428,
     "M504": m504,
     "M999": m999,
-    **SETTINGS_HANDLERS,
     **dict.fromkeys(
         ("M17", "M18", "M84", "M106", "M107", "M117", "M120", "M121", "M876"), no_effect
     ),
@@ -343,7 +316,6 @@ class MarlinBuild(NamedTuple):
 
 
 BUILD: Final = MarlinBuild()
-
 
 _TEXT: Final = re.compile(rb"M *\d+ *(?:[A-Z] *[-+]?\d+\.?\d* *)*(.*)")
 """Behind a code and words with a number."""

@@ -18,13 +18,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from typing import ClassVar, Final, NamedTuple
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-from sim.devices.board.controller import Controller, Handlers
+from sim.devices.board.controller import Controller, Firmware, Handlers
 from sim.devices.board.machine import (
     FREE_SLOT,
     STANDSTILL,
@@ -41,10 +41,8 @@ from sim.devices.families.marlin_reports import (
     BANNER,
     EMERGENCY,
     MarlinNumbering,
-    act_urgently,
-    code_on_entering,
-    ok_words,
     planned_position,
+    quickstop,
     request_resend,
     temperatures,
 )
@@ -217,36 +215,22 @@ def _take(board: Controller, line: bytes, arrived: float, alarm: Callable[[], fl
     board.lines.last_number = expected
     if printer.advanced_ok:
         board.work.line = line
-    board.say_ok(ok_words(board))
+    board.say_ok(board.firmware.ok_words())
     return True
-
-
-class MarlinPrinter(SimulatedPrinter):
-    """A board with Marlin; see the module."""
-
-    def make_firmware(self) -> Marlin:
-        """Return its firmware part."""
-        return Marlin(self)
-
-
-PRINTER: Final = MarlinPrinter
 
 
 # Class that plugs Marlin into the simulated board: messages, command dispatch, kill.
 
+_URGENT: Final = (b"M112", b"M410", b"M108")
+_NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
 _HEAT_WORDS = {
     HeatFault.SENSOR: ("MINTEMP triggered", "Err: MINTEMP"),
     HeatFault.RUNAWAY: ("Thermal Runaway", "THERMAL RUNAWAY"),
 }
 
 
-class Marlin:
+class Marlin(Firmware):
     """See the module and `sim.devices.board.controller.Firmware`.
-
-    Parameters
-    ----------
-    board : Controller
-        The one that it runs on.
 
     Attributes
     ----------
@@ -256,6 +240,7 @@ class Marlin:
         The command that tells offsets of heads.
     """
 
+    numbering: ClassVar[type[Numbering]] = MarlinNumbering
     handlers: ClassVar[Handlers] = HANDLERS
     offsets_by: ClassVar[str] = "M218"
     banner: ClassVar[tuple[str, ...]] = BANNER
@@ -264,21 +249,11 @@ class Marlin:
     bad_arc_words: ClassVar[str] = "Error:G2/G3 bad parameters"
     runs_on: ClassVar[bool] = True
 
-    def __init__(self, board: Controller) -> None:
-        self.board = board
-
     # -- lines
 
     def urgent_pattern(self) -> re.Pattern[bytes] | None:
         """The emergency parser's, where the profile says that there is one."""
         return EMERGENCY if self.board.machine.printer.emergency_parser else None
-
-    def numbering(self) -> Numbering:
-        """Numbers with checksums."""
-        return MarlinNumbering()
-
-    def look_at(self, ring: bytearray) -> None:
-        """Do nothing: a line is read when it is whole."""
 
     def refuse(self, reason: bytes) -> None:
         """Tell why, and ask for the line again."""
@@ -288,11 +263,20 @@ class Marlin:
 
     def urgent_code(self, line: bytes) -> bytes | None:
         """M112, M410 and M108 act when they enter the queue, but for an emergency parser."""
-        return None if self.board.machine.printer.emergency_parser else code_on_entering(line)
+        on_arrival = self.board.machine.printer.emergency_parser
+        return None if on_arrival or line[:4] not in _URGENT else line[1:4]
 
     def act_urgently(self, code: bytes) -> Steps:
-        """Kill, end a wait or stop."""
-        return act_urgently(self.board, code)
+        """Kill (M112), end a wait (M108), or drop all moves (M410)."""
+        machine = self.board.machine
+        if code == b"112":
+            self.board.kill("M112 Shutdown")
+        elif code == b"108":
+            machine.waits_for_user = False
+            machine.heat.awaited = False
+        else:
+            return quickstop(self.board)
+        return None
 
     # -- commands
 
@@ -332,8 +316,14 @@ class Marlin:
             self.board.machine.say("echo:" + line.decode("latin-1"), b"\r\n")
 
     def ok_words(self) -> str:
-        """With ADVANCED_OK numbers and places."""
-        return ok_words(self.board)
+        """With ADVANCED_OK line number, free planner blocks and places in line."""
+        machine, work = self.board.machine, self.board.work
+        if not machine.printer.advanced_ok:
+            return ""
+        word = _NUMBER_WORD.match(work.line)
+        number = f" {word[0].decode()}" if word else ""
+        blocks = len(machine.motion.ring) - 1 - machine.motion.blocks
+        return f"{number} P{blocks} B{machine.printer.command_queue - max(len(work.queue), 1)}"
 
     # -- reports by the clock
 
@@ -350,9 +340,6 @@ class Marlin:
         self.board.machine.say(planned_position(self.board))
 
     # -- ends
-
-    def power_up(self) -> None:
-        """Begin with the board's own values."""
 
     def idle_is_over(self) -> None:
         """Kill itself (M85)."""
@@ -381,16 +368,63 @@ class Marlin:
 
         def ends_s() -> float:
             done = machine.motion.events(machine.now) - before
-            return begin_s + RUN_ON.rest_s + RUN_ON.event_s * done
+            return begin_s + _HALT_S + _HALT_PER_EVENT_S * done
 
         return ends_s
-
-    def answer_unserved(self, waiting: list[bytes]) -> None:
-        """Do nothing: what waited is lost."""
 
     def hear_dead(self) -> None:
         """Take what comes after a halt: nothing is heard."""
         self.board.wire.flush()
+
+
+class MarlinPrinter(SimulatedPrinter):
+    """A board with Marlin; see the module."""
+
+    firmware_class: ClassVar[type[Firmware]] = Marlin
+
+
+PRINTER: Final = MarlinPrinter
+_PLACED_BY: Final = frozenset("XYZ")
+
+
+class HomedFirmware(Marlin):
+    """Marlin's part where axes move only once they were homed or given a place.
+
+    It says nothing of being busy, and takes each line through the main loop.
+
+    Attributes
+    ----------
+    not_homed_words : str
+        Said to a move of an axis without a place.
+    placed : set of str
+        Axes that have one.
+    """
+
+    not_homed_words: ClassVar[str]
+    runs_on: ClassVar[bool] = False
+
+    def __init__(self, board: Controller) -> None:
+        super().__init__(board)
+        self.placed: set[str] = set()
+
+    def power_up(self) -> None:
+        """Say nothing of being busy; no axis has a place."""
+        self.board.machine.reports.keepalive_s = 0.0
+        self.placed.clear()
+
+    def take_at_once(self, data: bytes, alarm: Callable[[], float]) -> bytes:
+        """Take nothing."""
+        return data
+
+    def start(self, command: Command) -> Steps:
+        """Begin a command; a move of an axis without a place is an error."""
+        given = command.values.keys() & _PLACED_BY
+        if command.letter == "G" and command.number <= 3 and not given <= self.placed:
+            self.board.machine.say(self.not_homed_words)
+            return None
+        if command.name == "G28":
+            self.placed |= (command.flags | given) & _PLACED_BY or _PLACED_BY
+        return super().start(command)
 
 
 # Marlin's kill: 0.6 s delay for its message, motors running on.
@@ -402,15 +436,10 @@ class Marlin:
 # and without emergency parser alike. That is 0.613 s and 47.5 µs for each event. Then interrupts go
 # off.
 
-
-class RunOn(NamedTuple):
-    """Time from a kill to the halt of the motors."""
-
-    rest_s: float = 0.613  # From the firmware's last word to the halt, with no motor running.
-    event_s: float = 47.5e-6  # More for each step event within it.
-
-
-RUN_ON: Final = RunOn()
+_HALT_S: Final = 0.613
+"""From the firmware's last word to the halt, with no motor running."""
+_HALT_PER_EVENT_S: Final = 47.5e-6
+"""More for each step event within it."""
 
 
 # Marlin 2.1's head change (``tool_change``), with head offsets (M218).

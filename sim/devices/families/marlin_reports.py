@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 from firmware_profiles import Printer
-from sim.devices.board.controller import Controller
-from sim.devices.board.machine import STANDSTILL, Machine, Steps, Task
-from sim.devices.board.wire import RefusedLine
+from sim.devices.board.controller import Controller, Handlers
+from sim.devices.board.machine import STANDSTILL, Machine, Task
+from sim.devices.board.wire import Numbering, RefusedLine
 from sim.gcode.program.gcode import Command, checksum
 
 # Marlin's line numbers, checksums and resend requests; emergency codes that bypass the queue.
@@ -28,17 +28,8 @@ def to_integer(text: bytes) -> int:
     return int(match[1]) if match else 0
 
 
-class MarlinNumbering:
-    """Takes the next number with a good checksum.
-
-    Attributes
-    ----------
-    last_number : int
-        Of the last accepted line.
-    """
-
-    def __init__(self) -> None:
-        self.last_number = 0
+class MarlinNumbering(Numbering):
+    """Takes the next number with a good checksum."""
 
     def accept(self, line: bytes) -> bytes | RefusedLine | None:
         """The command to queue; `RefusedLine`; or None for a repeated line, which is dropped.
@@ -62,10 +53,6 @@ class MarlinNumbering:
         self.last_number = number
         return line
 
-    def clear(self) -> None:
-        """Forget the numbers, as a reset does."""
-        self.last_number = 0
-
 
 def request_resend(board: Controller) -> None:
     """Ask for the line after the last good one; what is in the ring is thrown away."""
@@ -84,43 +71,24 @@ EMERGENCY: Final = re.compile(rb" *(?:N[0-9 -]*)?M *(108|112|410)")
 """Begin of a line that the emergency parser acts on."""
 QUICKSTOP_S: Final = 1.024
 """For so long after a quickstop the planner takes no moves: 1000 ticks at 976.6 Hz."""
-_NAMES: Final = (b"M112", b"M410", b"M108")
-
-
-def code_on_entering(line: bytes) -> bytes | None:
-    """The code of a line that acts as it enters the queue, where there is no emergency parser."""
-    return line[1:4] if line[:4] in _NAMES else None
-
-
-def act_urgently(board: Controller, code: bytes) -> Steps:
-    """Kill (M112), end a wait (M108), or drop all moves (M410)."""
-    machine = board.machine
-    if code == b"112":
-        board.kill("M112 Shutdown")
-    elif code == b"108":
-        machine.waits_for_user = False
-        machine.heat.awaited = False
-    else:
-        return quickstop(board)
-    return None
 
 
 def quickstop(board: Controller) -> Task:
     """Drop all moves at once; for a second the planner takes no others."""
     machine = board.machine
-    machine.stop()
+    machine.motion.stop(machine.now)
     machine.motion.closed_until = machine.now + QUICKSTOP_S
     yield STANDSTILL
 
 
-_NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
 _M118: Final = re.compile(rb"M *0*118 *")
 _PREFIX: Final = re.compile(rb"([EA](?=1)|P(?=\d)). *")
 
 
-def position_report(board: Controller, counts: list[int]) -> str:
-    """X to E as the user numbers them, then the steps of x, y and z."""
+def planned_position(board: Controller) -> str:
+    """Report of M114: X to E as the user numbers them, then the motors' steps at this moment."""
     machine = board.machine
+    counts = machine.motion.steps_at(machine.now)
     position = machine.motion.modal["position"][0]
     shift = machine.motion.modal["shift"][0]
     x, y, z = (position[axis] + shift[axis] for axis in range(3))
@@ -150,22 +118,6 @@ def temperatures(machine: Machine) -> str:
         f" B:{heat.bed.read(now):.2f} /{heat.bed.target_c:.2f}"
         f" @:{heat.hotend.duty(now)} B@:{heat.bed.duty(now)}"
     )
-
-
-def planned_position(board: Controller) -> str:
-    """Report of M114: counts are the motors' own at this moment."""
-    return position_report(board, board.machine.steps_now())
-
-
-def ok_words(board: Controller) -> str:
-    """Words behind an ok: with ADVANCED_OK line number, free planner blocks and places in line."""
-    machine, work = board.machine, board.work
-    if not machine.printer.advanced_ok:
-        return ""
-    word = _NUMBER_WORD.match(work.line)
-    number = f" {word[0].decode()}" if word else ""
-    blocks = len(machine.motion.ring) - 1 - machine.motion.blocks
-    return f"{number} P{blocks} B{machine.printer.command_queue - max(len(work.queue), 1)}"
 
 
 def m31(board: Controller, command: Command) -> None:
@@ -240,24 +192,12 @@ def m119(board: Controller, command: Command) -> None:
         board.machine.say(f"{name}_min: {'TRIGGERED' if closed else 'open'}")
 
 
-def m154(board: Controller, command: Command) -> None:
-    """Interval of the position report."""
-    reports = board.machine.reports
-    if "S" in command.values:
-        reports.position_s = command.values["S"]
-        reports.position_at = board.machine.now + reports.position_s
-        if reports.position_s <= 0:
-            reports.position_at = math.inf
-
-
 def m155(board: Controller, command: Command) -> None:
-    """Interval of the temperature report."""
+    """Interval of the temperature report, or (M154) of the position's."""
     reports = board.machine.reports
+    report = reports.position if command.number == 154 else reports.temperature
     if "S" in command.values:
-        reports.temperature_s = command.values["S"]
-        reports.temperature_at = board.machine.now + reports.temperature_s
-        if reports.temperature_s <= 0:
-            reports.temperature_at = math.inf
+        report.set(command.values["S"], board.machine.now)
 
 
 # Long replies of a real Marlin build (`tests/sim/data/marlin`): M115 and boot banner.
@@ -386,7 +326,8 @@ def tell_settings(machine: Machine, bare: bool = False) -> None:
         machine.say(f"  {line}" if bare else f"echo:  {line}")
 
 
-def _set_axes(machine: Machine, field: str, values: dict[str, float]) -> None:
+def _set_axes(field: str, board: Controller, command: Command) -> None:
+    machine, values = board.machine, command.values
     for axis, letter in enumerate(_AXES):
         if letter not in values:
             continue
@@ -395,14 +336,6 @@ def _set_axes(machine: Machine, field: str, values: dict[str, float]) -> None:
             machine.motion.state[field][axis] = values[letter]
         else:
             machine.settings.reported_only[field, axis] = values[letter]
-
-
-def _change_speeds(board: Controller, command: Command) -> None:
-    _set_axes(board.machine, "max_speed", command.values)
-
-
-def _change_accelerations(board: Controller, command: Command) -> None:
-    _set_axes(board.machine, "max_acceleration", command.values)
 
 
 def _change_steps(board: Controller, command: Command) -> None:
@@ -415,7 +348,7 @@ def _change_steps(board: Controller, command: Command) -> None:
         machine.motion.state["max_speed"][3] *= (
             float(machine.motion.state["steps_per_mm"][3]) / values["E"]
         )
-    _set_axes(machine, "steps_per_mm", values)
+    _set_axes("steps_per_mm", board, command)
     machine.motion.count_anew()
 
 
@@ -459,8 +392,8 @@ def _change_pid(board: Controller, command: Command) -> None:
 
 _CHANGES: Final[dict[str, tuple[str, Callable[[Controller, Command], None]]]] = {
     "M92": ("XYZE", _change_steps),
-    "M201": ("XYZE", _change_accelerations),
-    "M203": ("XYZE", _change_speeds),
+    "M201": ("XYZE", partial(_set_axes, "max_acceleration")),
+    "M203": ("XYZE", partial(_set_axes, "max_speed")),
     "M204": ("SPRT", _change_acceleration),
     "M205": ("", _change_advanced),
     "M206": ("", _change_home),
@@ -489,13 +422,6 @@ def m200(board: Controller, command: Command) -> None:
     machine.set_flow()
     if not values.keys() & set("DS"):
         machine.say(f"  {filament_line(machine)}")
-
-
-SETTINGS_HANDLERS: Final[dict[str, Callable[[Controller, Command], None]]] = {
-    **dict.fromkeys(_CHANGES, _setting),
-    "M200": m200,
-    "M503": m503,
-}
 
 
 # Marlin's commands that scale speed and flow: M220, M221 factors, M200 filament diameter.
@@ -548,3 +474,24 @@ def set_flow_percent(board: Controller, command: Command) -> None:
 def filament_line(machine: Machine) -> str:
     """M200 as it would set what is set."""
     return f"M200 S{int(machine.settings.volumetric)} D{machine.settings.filament_mm:.2f}"
+
+
+REPLIES: Final[Handlers] = {
+    **dict.fromkeys(_CHANGES, _setting),
+    "M31": m31,
+    "M105": m105,
+    "M110": m110,
+    "M111": m111,
+    "M113": m113,
+    "M114": m114,
+    "M115": m115,
+    "M118": m118,
+    "M119": m119,
+    "M154": m155,
+    "M155": m155,
+    "M200": m200,
+    "M220": m220,
+    "M221": m221,
+    "M503": m503,
+}
+"""Commands that report, or change what is reported."""

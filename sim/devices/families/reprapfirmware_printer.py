@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from binascii import crc_hqx
 from typing import Any, ClassVar, Final
 
-from sim.devices.board.controller import Controller, Handlers
+from sim.devices.board.controller import Controller, Firmware, Handlers
 from sim.devices.board.machine import Steps
-from sim.devices.board.motion import PlacedAxes
 from sim.devices.board.printer import SimulatedPrinter, set_position, take_tool_in_silence
 from sim.devices.board.wire import Numbering
 from sim.devices.families.marlin_commands import HANDLERS
-from sim.devices.families.marlin_printer import Marlin
+from sim.devices.families.marlin_printer import HomedFirmware
 from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
 from sim.gcode.program.gcode import Command, checksum
-
-
-class DuetPrinter(SimulatedPrinter):
-    """A board with RepRapFirmware; see the module."""
-
-    def make_firmware(self) -> RepRapFirmware:
-        """Return its firmware part."""
-        return RepRapFirmware(self)
-
-
-PRINTER: Final = DuetPrinter
-
 
 # RepRapFirmware's part of a simulated board: Marlin's, with its own commands and replies.
 #
@@ -56,7 +43,7 @@ def _m92(board: Controller, command: Command) -> None:
 
 
 def _m114(board: Controller, command: Command) -> None:
-    counts = " ".join(map(str, board.machine.steps_now()[:3]))
+    counts = " ".join(map(str, board.machine.motion.steps_at(board.machine.now)[:3]))
     place = " ".join(f"{float(v) + 0.0:.3f}" for v in board.machine.motion.modal["position"][0, :3])
     board.machine.say(f"{place_report(board)} E0:0.0 Count {counts} Machine {place} Bed comp 0.000")
 
@@ -106,9 +93,39 @@ def _g92(board: Controller, command: Command) -> None:
     set_position(board)
 
 
-class RepRapFirmware(Marlin):
+# RepRapFirmware's two checksum types; line numbers aren't compared.
+
+_NUMBER: Final = re.compile(rb"N(\d+)")
+_DIGITS: Final = re.compile(rb"\d*")
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16, polynomial 0x1021, start 0, most significant bit first."""
+    return crc_hqx(data, 0)
+
+
+class DuetNumbering(Numbering):
+    """RepRapFirmware's line numbering: accepts what isn't provably wrong."""
+
+    def accept(self, line: bytes) -> bytes | None:
+        """The command to queue, or None for a line that is dropped."""
+        number = _NUMBER.match(line)
+        body, star, given = line.partition(b"*")
+        if number is None or not star:
+            return line
+        match = _DIGITS.match(given)
+        digits = match[0] if match else b""
+        wanted = {1: checksum, 2: checksum, 3: checksum, 5: crc16}.get(len(digits))
+        if wanted is None or wanted(body) != int(digits):
+            return None
+        self.last_number = int(number[1])
+        return body
+
+
+class RepRapFirmware(HomedFirmware):
     """See the module."""
 
+    numbering: ClassVar[type[Numbering]] = DuetNumbering
     handlers: ClassVar[Handlers] = {
         **{name: handler for name, handler in HANDLERS.items() if name not in _MISSING},
         "G20": HANDLERS["G21"],
@@ -127,36 +144,14 @@ class RepRapFirmware(Marlin):
     too_cold_words: ClassVar[str] = (
         "Warning: Tool 0 was not driven because its heater temperatures were not high enough"
     )
+    not_homed_words: ClassVar[str] = "Error: G0/G1: insufficient axes homed"
     banner: ClassVar[tuple[str, ...]] = ()
-    runs_on: ClassVar[bool] = False
     offsets_by: ClassVar[str] = "G10"
 
-    def __init__(self, board: Controller) -> None:
-        super().__init__(board)
-        self._axes = PlacedAxes()
-
-    def numbering(self) -> Numbering:
-        """Checksums of two kinds; numbers aren't compared."""
-        return DuetNumbering()
-
-    def power_up(self) -> None:
-        """Say nothing of being busy; no axis has a place."""
-        self.board.machine.reports.keepalive_s = 0.0
-        self._axes.forget()
-
-    def take_at_once(self, data: bytes, alarm: Callable[[], float]) -> bytes:
-        """Take nothing: each line goes through the main loop."""
-        return data
-
     def start(self, command: Command) -> Steps:
-        """Begin a command; a move of an axis without a place is an error."""
-        if self._axes.refuse(command):
-            self.board.machine.say("Error: G0/G1: insufficient axes homed")
-            return None
-        if command.name == "G28":
-            self._axes.home(command)
-        elif command.name == "G92":
-            self._axes.place(command)
+        """Begin a command; G92 gives axes a place."""
+        if command.name == "G92":
+            self.placed |= command.values.keys() & {"X", "Y", "Z"}
         return super().start(command)
 
     def take_tool(self, command: Command) -> Steps:
@@ -181,48 +176,10 @@ class RepRapFirmware(Marlin):
         self.board.machine.say("Emergency Stop! Reset the controller to continue.")
 
 
-# RepRapFirmware's two checksum types; line numbers aren't compared.
+class DuetPrinter(SimulatedPrinter):
+    """A board with RepRapFirmware; see the module."""
 
-_NUMBER: Final = re.compile(rb"N(\d+)")
-_DIGITS: Final = re.compile(rb"\d*")
-
-
-def crc16(data: bytes) -> int:
-    """CRC-16, polynomial 0x1021, start 0, most significant bit first."""
-    crc = 0
-    for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ (0x1021 if crc & 0x8000 else 0)) & 0xFFFF
-    return crc
+    firmware_class: ClassVar[type[Firmware]] = RepRapFirmware
 
 
-class DuetNumbering:
-    """RepRapFirmware's line numbering: accepts what isn't provably wrong.
-
-    Attributes
-    ----------
-    last_number : int
-        Of the last line with a checksum.
-    """
-
-    def __init__(self) -> None:
-        self.last_number = 0
-
-    def accept(self, line: bytes) -> bytes | None:
-        """The command to queue, or None for a line that is dropped."""
-        number = _NUMBER.match(line)
-        body, star, given = line.partition(b"*")
-        if number is None or not star:
-            return line
-        match = _DIGITS.match(given)
-        digits = match[0] if match else b""
-        wanted = {1: checksum, 2: checksum, 3: checksum, 5: crc16}.get(len(digits))
-        if wanted is None or wanted(body) != int(digits):
-            return None
-        self.last_number = int(number[1])
-        return body
-
-    def clear(self) -> None:
-        """Forget the numbers, as a reset does."""
-        self.last_number = 0
+PRINTER: Final = DuetPrinter

@@ -81,8 +81,8 @@ class MicroCtOptions:
 
     def shape(self, bounds_mm: FloatArray, seed: int) -> tuple[int, int, int]:
         """Voxels along z, y, x of a scan of what lies in a box (2, 3), mm."""
-        placed = place(bounds_mm, self.placing, False, np.random.default_rng(seed))
-        return voxel_counts(placed.field_mm, (self.voxel_mm,) * 3)
+        _, field_mm = place(bounds_mm, self.placing, False, np.random.default_rng(seed))
+        return voxel_counts(field_mm, (self.voxel_mm,) * 3)
 
 
 def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> ScannerOutput:
@@ -96,16 +96,16 @@ def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> Sc
         When options are out of range (at their construction).
     """
     rng = np.random.default_rng(seed)
-    placed = place(deposit.bounds_mm, options.placing, False, rng)
+    pose, field_mm = place(deposit.bounds_mm, options.placing, False, rng)
     edge = deposit.voxel_mm
     sigma = options.sigma_mm / edge
     key = np.uint64(rng.integers(2**63))
     ink, pad = blurred(deposit.volume, (sigma, sigma, sigma))
     volume = _render(
         ink,
-        index_map(placed.pose, deposit.origin_mm - pad * edge, edge),
+        index_map(pose, deposit.origin_mm - pad * edge, edge),
         options.voxel_mm,
-        voxel_counts(placed.field_mm, (options.voxel_mm,) * 3),
+        voxel_counts(field_mm, (options.voxel_mm,) * 3),
         np.array([*_counts(options), options.noise_counts]),
         key,
     )
@@ -114,10 +114,9 @@ def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> Sc
         voxel_mm=(options.voxel_mm,) * 3,
         refractive_index=1.0,
         optical_depth=False,
-        scale="linear",
         modality="microct",
         depth_down=False,
-        pose_truth=placed.pose,
+        pose_truth=pose,
         shrink_truth=np.array(options.placing.shrink),
     )
 

@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 import numba
 import numpy as np
@@ -46,9 +46,8 @@ from sim.devices.scanner.placing import (
     random_bits,
     voxel_counts,
 )
-from sim.errors import ScannerError
+from sim.errors import ScannerError, SimError
 from sim.gcode.deposit.lay import Deposit, Laid, deposit_of_laid
-from sim.user_files import read_model
 
 
 @dataclass(frozen=True)
@@ -109,8 +108,8 @@ class OctOptions:
 
     def shape(self, bounds_mm: FloatArray, seed: int) -> tuple[int, int, int]:
         """Voxels along z, y, x of a scan of what lies in a box (2, 3), mm."""
-        placed = place(bounds_mm, self.placing, True, np.random.default_rng(seed))
-        return voxel_counts(placed.field_mm, self.geometric_voxel_mm)
+        _, field_mm = place(bounds_mm, self.placing, True, np.random.default_rng(seed))
+        return voxel_counts(field_mm, self.geometric_voxel_mm)
 
 
 NOISE_COUNTS = 8.0
@@ -127,15 +126,15 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> ScannerOut
     """
     rng = np.random.default_rng(seed)
     dz, dy, dx = voxel = options.geometric_voxel_mm
-    placed = place(deposit.bounds_mm, options.placing, True, rng)
+    pose, field_mm = place(deposit.bounds_mm, options.placing, True, rng)
     edge = deposit.voxel_mm
     ink, pad = blurred(deposit.volume, (options.axial_sigma_mm / edge, 0.0, 0.0))
     key = np.uint64(rng.integers(2**63))
     volume = _render(
         ink,
-        index_map(placed.pose, deposit.origin_mm - pad * edge, edge),
+        index_map(pose, deposit.origin_mm - pad * edge, edge),
         np.array([dz, dy, dx]),
-        voxel_counts(placed.field_mm, voxel),
+        voxel_counts(field_mm, voxel),
         np.array(
             [
                 NOISE_COUNTS * 10 ** (options.signal_db / 10),
@@ -155,10 +154,9 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> ScannerOut
         voxel_mm=options.voxel_mm,
         refractive_index=options.refractive_index,
         optical_depth=True,
-        scale="linear",
         modality="oct",
         depth_down=True,
-        pose_truth=placed.pose,
+        pose_truth=pose,
         shrink_truth=np.array(options.placing.shrink),
     )
 
@@ -245,6 +243,9 @@ class OctField(InkBox):
         As of `sim.devices.scanner.oct.OctOptions`.
     """
 
+    called: ClassVar[str] = "OCT file"
+    error: ClassVar[type[SimError]] = ScannerError
+
     voxel_um: tuple[Micron, Micron, Micron] = (20, 20, 15)
     refractive_index: Annotated[float, Field(ge=1, le=2)] = 1.34
     attenuation_mm: Annotated[float, Field(ge=0, le=50)] = 0.7
@@ -312,14 +313,3 @@ def write_live_scan(path: Path, scan: ScannerOutput) -> None:
         depth_down=scan.depth_down,
         printer_to_scan=scan.pose_truth,
     )
-
-
-def load_oct(path: Path) -> OctField:
-    """Read an OCT's YAML file.
-
-    Raises
-    ------
-    ScannerError
-        When it can't be read, or has a key or value that means nothing.
-    """
-    return read_model(path, OctField, "OCT file", ScannerError)

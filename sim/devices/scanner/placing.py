@@ -51,26 +51,18 @@ class Placing:
             check_range("shrink", value, 0.5, 2.0, "(size over size as printed)")
 
 
-@dataclass(frozen=True)
-class DrawnPose:
-    """Randomly drawn pose.
-
-    Attributes
-    ----------
-    pose : (4, 4) float64
-        Printer to scan, shrinkage included.
-    field_mm : (3,) float64, mm
-        Field of view as x, y, z of the scan.
-    """
-
-    pose: FloatArray
-    field_mm: FloatArray
-
-
 def place(
     bounds: FloatArray, placing: Placing, depth_down: bool, rng: np.random.Generator
-) -> DrawnPose:
-    """Lay a part with the given bounds (2, 3) into a field of view that holds it."""
+) -> tuple[FloatArray, FloatArray]:
+    """Lay a part with the given bounds (2, 3), mm, into a field of view that holds it.
+
+    Returns
+    -------
+    pose : (4, 4) float64
+        Printer to scan, shrinkage included.
+    field : (3,) float64, mm
+        Field of view as x, y, z of the scan.
+    """
     azimuth, turn, tilt = rng.uniform(-1.0, 1.0, 3)
     shift = rng.uniform(-1.0, 1.0, 3) * placing.shift_mm
     axis = np.array([np.cos(np.pi * azimuth), np.sin(np.pi * azimuth), 0.0])
@@ -85,7 +77,7 @@ def place(
     pose = np.eye(4)
     pose[:3, :3] = linear
     pose[:3, 3] = field / 2 + shift - linear @ bounds.mean(axis=0)
-    return DrawnPose(pose, field)
+    return pose, field
 
 
 def voxel_counts(
@@ -119,8 +111,6 @@ class ScannerOutput:
         Group index of the sample; 1 for X-rays.
     optical_depth : bool
         Whether dz counts optical path.
-    scale : "linear"
-        Of the intensity.
     modality : "oct" or "microct"
         What is simulated.
     depth_down : bool
@@ -136,11 +126,11 @@ class ScannerOutput:
     voxel_mm: tuple[float, float, float]
     refractive_index: float
     optical_depth: bool
-    scale: Literal["linear"]
     modality: Literal["oct", "microct"]
     depth_down: bool
     pose_truth: NDArray[np.float64]
     shrink_truth: NDArray[np.float64]
+    scale: Literal["linear"] = "linear"
 
 
 def check_range(name: str, value: float, low: float, high: float, unit: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from firmware_profiles import Printer, ProfileError, load
 from sim.devices.families.registry import simulated_printer
-from sim.devices.faults import Fault, FaultFile, FaultyCable, Pace, load_faults, parse_fault
+from sim.devices.faults import Fault, FaultFile, FaultyCable, Pace, parse_fault
 from sim.devices.serving.job_lines import JobLines
 from sim.devices.serving.serve import Server, Serving, open_port
 from sim.errors import ServeError, SimError
@@ -88,7 +88,7 @@ def parser() -> argparse.ArgumentParser:
 
 def _faults(given: argparse.Namespace) -> tuple[FaultFile, tuple[Fault, ...]]:
     """The file, and its faults with those of the command line."""
-    file = load_faults(given.faults) if given.faults else FaultFile()
+    file = FaultFile.load(given.faults) if given.faults else FaultFile()
     faults = (*file.at, *(parse_fault(text) for text in given.fault))
     returns = any(fault.back_after_s is not None for fault in faults)
     if returns and given.link is None and given.tcp is None:

@@ -110,21 +110,17 @@ class _PtyPort:
     def read(self) -> bytes:
         try:
             return os.read(self._master, _READ_BYTES)
-        except BlockingIOError:
-            return b""
         except OSError as exc:
-            if exc.errno == errno.EIO:
+            if exc.errno in (errno.EAGAIN, errno.EIO):
                 return b""
             raise
 
     def write(self, data: bytes) -> int:
         try:
             return os.write(self._master, data)
-        except BlockingIOError:
-            return 0
         except OSError as exc:
-            if exc.errno == errno.EIO:
-                return len(data)
+            if exc.errno in (errno.EAGAIN, errno.EIO):
+                return 0 if exc.errno == errno.EAGAIN else len(data)
             raise
 
     def close(self) -> None:

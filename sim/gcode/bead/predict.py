@@ -32,10 +32,8 @@ from sim.errors import DepositError
 from sim.gcode.bead.flow import Nozzle, NozzleFlow, Pieces, nozzle_flow
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults, Timeline
 from sim.gcode.deposit.lay import (
-    Deposit,
     Laid,
     Style,
-    deposit_of_laid,
     laid_as_is,
     with_faults,
     writing_style,
@@ -197,10 +195,8 @@ def _widths(
     return section.width(area, layering.heights(pieces.end[:, 2]))
 
 
-def bead_deposit(
-    bead: Bead, voxel_mm: float, swell: float = 1.0, faults: InkFaults = NO_FAULTS
-) -> Deposit:
-    """Lay a predicted bead into voxels, oozed threads included; drops aren't.
+def laid_bead(bead: Bead, swell: float = 1.0, faults: InkFaults = NO_FAULTS) -> Laid:
+    """Return the ink of a predicted bead that lies, oozed threads included; drops aren't.
 
     Parameters
     ----------
@@ -209,17 +205,6 @@ def bead_deposit(
         height stays, by itself.
     faults : InkFaults
         What became of the ink.
-
-    Raises
-    ------
-    DepositError
-        When nothing is laid or the grid would be too large.
-    """
-    return deposit_of_laid(laid_bead(bead, swell, faults), voxel_mm)
-
-
-def laid_bead(bead: Bead, swell: float = 1.0, faults: InkFaults = NO_FAULTS) -> Laid:
-    """Return the ink of a predicted bead that lies; parameters as of `bead_deposit`.
 
     Raises
     ------

@@ -153,22 +153,16 @@ class NeedleBody:
     clearance_mm: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("radius_mm", "length_mm"):
-            if not getattr(self, name) > 0:
-                raise ClearanceError(f"needle: {name} is {getattr(self, name):g}; give more than 0")
-        for name in ("cone_mm", "clearance_mm"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ClearanceError(f"needle: {name} is {getattr(self, name):g}; give 0 or more")
-        tip = self.tip_radius_mm
-        if tip is not None and not 0 <= tip <= self.radius_mm:
-            raise ClearanceError(
-                f"needle: tip_radius_mm {tip:g} isn't between 0 and the shaft's {self.radius_mm:g}"
-            )
-        if self.hub_radius_mm is not None and not self.hub_radius_mm >= self.radius_mm:
-            raise ClearanceError(
-                f"needle: hub_radius_mm {self.hub_radius_mm:g} is below the shaft's "
-                f"{self.radius_mm:g}"
-            )
+        for name, sound, limits in (
+            ("radius_mm", self.radius_mm > 0, "more than 0"),
+            ("length_mm", self.length_mm > 0, "more than 0"),
+            ("cone_mm", 0 <= self.cone_mm < math.inf, "0 or more"),
+            ("clearance_mm", 0 <= self.clearance_mm < math.inf, "0 or more"),
+            ("tip_radius_mm", 0 <= self.tip_mm <= self.radius_mm, "0 to the shaft's radius_mm"),
+            ("hub_radius_mm", self.widest_mm >= self.radius_mm, "the shaft's radius_mm or more"),
+        ):
+            if not sound:
+                raise ClearanceError(f"needle: {name} is {getattr(self, name):g}; give {limits}")
 
     @property
     def tip_mm(self) -> float:

@@ -28,14 +28,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Annotated, Final, Literal, NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from kernels.arrays import BoolArray, FloatArray, IntArray, split_rows
 from sim.gcode.deposit.written import Layering, Strands
+from sim.user_files import FileSection
 
 
 class PurgeRules(NamedTuple):
@@ -49,20 +50,15 @@ class PurgeRules(NamedTuple):
 
 PURGE: Final = PurgeRules()
 
-
-Amount = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
-More = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+Amount = Annotated[float, Field(ge=0, le=1e6)]
+More = Annotated[float, Field(gt=0, le=1e6)]
 Share = Annotated[float, Field(ge=0, le=1)]
-Shift = tuple[
-    Annotated[float, Field(ge=-100, le=100)],
-    Annotated[float, Field(ge=-100, le=100)],
-]
+_Way = Annotated[float, Field(ge=-100, le=100)]
+Shift = tuple[_Way, _Way]
 
 
-class Moment(BaseModel):
+class Moment(FileSection):
     """Where a fault begins: exactly one of four measures, see the module; `head` alone or all."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     line: Annotated[int, Field(ge=1)] | None = None
     time_s: Amount | None = None
@@ -195,6 +191,10 @@ class Placed:
         """Some of the lines."""
         return Placed(self.strands.chosen(rows), self.first[rows], self.last[rows])
 
+    def changed(self, **columns: Any) -> Placed:
+        """The same with other columns of strands."""
+        return replace(self, strands=replace(self.strands, **columns))
+
 
 def faulty_lines(
     lines: Placed, timeline: Timeline, faults: InkFaults, layering: Layering | None
@@ -242,8 +242,8 @@ def _thinned(lines: Placed, flows: list[FlowChange]) -> Placed:
     for _, change in flows:
         factor = factor * change(lines.middle)
     old = lines.strands
-    ink = replace(old, dose_ul=old.dose_ul * factor, area_mm2=old.area_mm2 * factor)
-    return replace(lines, strands=ink).kept(factor > _NOTHING)
+    thinned = lines.changed(dose_ul=old.dose_ul * factor, area_mm2=old.area_mm2 * factor)
+    return thinned.kept(factor > _NOTHING)
 
 
 def _without(lines: Placed, fault: Lost, begin: float, seed: tuple[int, int]) -> Placed:
@@ -263,16 +263,14 @@ def _without(lines: Placed, fault: Lost, begin: float, seed: tuple[int, int]) ->
 
 def _shifted(lines: Placed, by_mm: FloatArray, begin: float) -> Placed:
     shift = (lines.middle >= begin)[:, None] * by_mm
-    old = lines.strands
-    return replace(lines, strands=replace(old, start=old.start + shift, end=old.end + shift))
+    return lines.changed(start=lines.strands.start + shift, end=lines.strands.end + shift)
 
 
 def _sagged(lines: Placed, fault: Sag, begin: float, layering: Layering | None) -> Placed:
     if layering is None:
         return _shifted(lines, np.array([0.0, 0.0, -fault.drop_mm]), begin)
     wider = np.where(lines.middle >= begin, 1 + fault.percent / 100, 1.0)
-    old = lines.strands
-    return replace(lines, strands=replace(old, area_mm2=old.area_mm2 * wider))
+    return lines.changed(area_mm2=lines.strands.area_mm2 * wider)
 
 
 def _with_clump(lines: Placed, fault: Debris, begin: float, layering: Layering | None) -> Placed:
@@ -289,18 +287,12 @@ def _with_clump(lines: Placed, fault: Debris, begin: float, layering: Layering |
     else:
         height = float(layering.heights(at[None, 2])[0])
         area, volume = fault.diameter_mm * height, math.pi / 4 * fault.diameter_mm**2 * height
-    return Placed(
-        Strands(
-            np.insert(old.start, row, at, axis=0),
-            np.insert(old.end, row, at + [_CLUMP_MM, 0.0, 0.0], axis=0),
-            np.insert(old.dose_ul, row, volume),
-            np.insert(old.area_mm2, row, area),
-            np.insert(old.stroke, row, old.stroke[row]),
-            np.insert(old.line, row, old.line[row]),
-        ),
-        np.insert(lines.first, row, begin),
-        np.insert(lines.last, row, begin),
-    )
+    end = at + [_CLUMP_MM, 0.0, 0.0]
+    clump = (at, end, volume, area, old.stroke[row], old.line[row])
+    columns = (getattr(old, column.name) for column in fields(Strands))
+    strands = (np.insert(own, row, new, axis=0) for own, new in zip(columns, clump, strict=True))
+    ends = (np.insert(place, row, begin) for place in (lines.first, lines.last))
+    return Placed(Strands(*strands), *ends)
 
 
 def _strokes(lines: Placed) -> IntArray:
@@ -446,7 +438,8 @@ class Timeline:
     def begins(self, moment: Moment) -> float:
         """Place at which a fault begins; inf when the print hasn't come so far."""
         if moment.line is not None:
-            return self._first(self.line >= moment.line - 1)
+            reached = self.line >= moment.line - 1
+            return float(reached.argmax()) if reached.any() else math.inf
         if moment.written_mm is not None:
             return when(self.written_mm, moment.written_mm)
         if moment.pushed_ul is not None:
@@ -468,10 +461,6 @@ class Timeline:
         lasts = np.where(end > begin, end - begin, 1.0)
         share = np.clip((seconds - begin) / lasts, 0.0, 1.0)
         return np.where(index < len(ends), block + share, np.inf)
-
-    @staticmethod
-    def _first(holds: BoolArray) -> float:
-        return float(holds.argmax()) if holds.any() else math.inf
 
 
 def _pushed_anew(push_ul: FloatArray) -> FloatArray:

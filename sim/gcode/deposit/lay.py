@@ -224,20 +224,13 @@ def unite_deposits(deposits: Sequence[Deposit]) -> Deposit:
     first = deposits[0]
     volume = first.volume
     for other in deposits[1:]:
-        same = other.volume.shape == volume.shape and np.array_equal(
-            other.origin_mm, first.origin_mm
-        )
-        if not same:
+        moved = not np.array_equal(other.origin_mm, first.origin_mm)
+        if moved or other.volume.shape != volume.shape:
             raise DepositError("the deposits aren't on one grid; lay them by deposit_of_heads")
         volume = np.maximum(volume, other.volume)
-    return Deposit(
-        volume,
-        first.origin_mm,
-        first.voxel_mm,
-        first.style,
-        sum(one.written_ul for one in deposits),
-        sum(one.standing_ul for one in deposits),
-    )
+    written_ul = sum(one.written_ul for one in deposits)
+    standing_ul = sum(one.standing_ul for one in deposits)
+    return replace(first, volume=volume, written_ul=written_ul, standing_ul=standing_ul)
 
 
 def _box(ink: Laid) -> FloatArray:

@@ -116,11 +116,6 @@ class Written:
     block: IntArray
     standing_ul: float
 
-    @property
-    def written_ul(self) -> float:
-        """Dosed while writing, µL."""
-        return float(self.lines.dose_ul.sum())
-
 
 def written(
     executed: ExecutedMotion,
@@ -343,30 +338,8 @@ def written_levels(heights: FloatArray) -> FloatArray:
     return ordered[new]
 
 
-def level_heights(
-    levels: FloatArray, area_mm2: FloatArray, single_mm: float | None = None
-) -> FloatArray:
-    """Height of the lines of each level: down to the level below, (k,), mm.
-
-    A slicer that varies its layers keeps its lines' width, so a level whose lines hold more than
-    the usual ones may be as much higher. One that hangs more than twice so high above the last
-    takes that height, or where its lines are the usual ones the most frequent spacing. The lowest
-    takes the next one's where its lines hold as much for it, else the most frequent spacing.
-
-    Parameters
-    ----------
-    levels : (k,) float64, mm
-        Ascending.
-    area_mm2 : (k,) float64, mm²
-        Median cross-section of each level's lines.
-    single_mm : float or None, mm
-        Height of the lines of a single level: of a print that has but begun.
-
-    Raises
-    ------
-    DepositError
-        When there is a single level, and its height isn't given.
-    """
+def _level_heights(levels: FloatArray, area_mm2: FloatArray, single_mm: float | None) -> FloatArray:
+    """Height of the lines of each level (k,), which hold a median ``area_mm2`` (k,); mm."""
     gaps = np.diff(levels)
     if len(gaps) == 0 and single_mm is not None:
         return np.array([single_mm])
@@ -384,24 +357,14 @@ def level_heights(
     return np.concatenate([[gaps[0] if fits else usual], gaps])
 
 
-def level_areas(levels: FloatArray, heights: FloatArray, area_mm2: FloatArray) -> FloatArray:
-    """Median cross-section of the lines at each level, (k,), mm².
-
-    Parameters
-    ----------
-    levels : (k,) float64, mm
-        Of `written_levels`.
-    heights, area_mm2 : (n,) float64, mm and mm²
-        Of each line.
-    """
-    order = np.argsort(heights, kind="stable")
-    first = np.searchsorted(heights[order], levels - 1e-6)
-    return np.array([np.median(own) for own in np.split(area_mm2[order], first[1:])])
-
-
 @dataclass(frozen=True)
 class Layering:
-    """Levels of layered writing.
+    """Levels of layered writing, and how high the lines of each are: down to the level below.
+
+    A slicer that varies its layers keeps its lines' width, so a level whose lines hold more than
+    the usual ones may be as much higher. One that hangs more than twice so high above the last
+    takes that height, or where its lines are the usual ones the most frequent spacing. The lowest
+    takes the next one's where its lines hold as much for it, else the most frequent spacing.
 
     Attributes
     ----------
@@ -414,16 +377,28 @@ class Layering:
 
     @staticmethod
     def of(lines: Strands, single_mm: float | None = None) -> Layering:
-        """Find them in written lines; `single_mm` as of `level_heights`."""
+        """Find them in written lines; parameters as of `at`."""
         return Layering.at(lines.end[:, 2], lines.area_mm2, single_mm)
 
     @staticmethod
     def at(z_mm: FloatArray, area_mm2: FloatArray, single_mm: float | None = None) -> Layering:
-        """Find them in the written heights (n,) of lines, and their cross-sections (n,)."""
+        """Find them in the written heights (n,) of lines, mm, and their cross-sections (n,), mm².
+
+        Parameters
+        ----------
+        single_mm : float or None, mm
+            Height of the lines of a single level: of a print that has but begun.
+
+        Raises
+        ------
+        DepositError
+            When there is a single level, and its height isn't given.
+        """
         levels = written_levels(z_mm)
-        return Layering(
-            levels, level_heights(levels, level_areas(levels, z_mm, area_mm2), single_mm)
-        )
+        order = np.argsort(z_mm, kind="stable")
+        first = np.searchsorted(z_mm[order], levels - 1e-6)
+        areas = np.array([np.median(own) for own in np.split(area_mm2[order], first[1:])])
+        return Layering(levels, _level_heights(levels, areas, single_mm))
 
     def number(self, z_mm: FloatArray) -> IntArray:
         """Level of each written height, (n,)."""

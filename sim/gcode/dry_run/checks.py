@@ -16,8 +16,8 @@ from sim.gcode.heads import first_finding, head_findings
 from sim.gcode.motion.planner import TIMER
 from sim.gcode.program.gcode import NO_COMMAND, Program, code_name
 from sim.gcode.program.modal import BAD, HOME, MOVE
-from sim.gcode.reading.file import kinds_of
-from sim.gcode.reading.line import Finding, NamedCommand, is_known, is_known_name
+from sim.gcode.reading.file import GcodeFile, kinds_of, named_lines
+from sim.gcode.reading.line import Finding, Lines, is_known, is_known_name
 
 _TINY_MM: Final = 1e-6
 _MOST_NAMES: Final = 20
@@ -29,15 +29,10 @@ def check(
     program: Program,
     printer: Printer,
     extrudes: NDArray[np.bool_],
-    named: tuple[NamedCommand, ...] = (),
-    gcode: bytes = b"",
-    refused: tuple[tuple[int, LineError], ...] = (),
+    file: GcodeFile,
 ) -> dict[str, Any]:
-    """All fields of `DryRun` that need no planner.
-
-    ``named`` are Klipper's commands with names, ``gcode`` is what the program was read from, and
-    ``refused`` the lines that couldn't be read.
-    """
+    """All fields of `DryRun` that need no planner."""
+    named, refused = named_lines(file.others), file.refused
     moves = program.kind == MOVE
     speed = demanded_speed(program)
     axes = printer.max_speed_mm_s
@@ -61,7 +56,7 @@ def check(
         *_cold(program, moves & ~extrudes, family_of(printer).cold_remedy),
         *_strange(program, unknown, printer),
         *_offset(named),
-        *head_findings(program, gcode, printer),
+        *head_findings(program, file.others, printer),
         *_too_long(program, size, printer),
     ]
     return {
@@ -74,7 +69,6 @@ def check(
         "plunger_max_mm": float(plunger.max()),
         "plunger_min_mm": float(plunger.min()),
         "unknown": unknown,
-        "named": named,
         "first_short_line": _first_short(program, printer),
         "longest_line": (int(size[longest]), int(program.line[longest])) if len(size) else (0, 0),
         "findings": sorted(findings, key=lambda finding: finding.line),
@@ -234,9 +228,7 @@ def _cold(program: Program, moves: NDArray[np.bool_], remedy: str) -> list[Findi
     )
 
 
-def _unknown(
-    program: Program, printer: Printer, named: tuple[NamedCommand, ...]
-) -> tuple[tuple[int, str], ...]:
+def _unknown(program: Program, printer: Printer, named: Lines) -> tuple[tuple[int, str], ...]:
     strange = [
         number
         for number in np.unique(program.code).tolist()
@@ -244,7 +236,7 @@ def _unknown(
     ]
     where = np.flatnonzero(np.isin(program.code, strange))
     coded = [(int(program.line[i]), code_name(int(program.code[i]))) for i in where]
-    strangers = [(at.line, at.name) for at in named if not is_known_name(printer, at.name)]
+    strangers = [(at, line.code) for at, line in named if not is_known_name(printer, line.code)]
     return tuple(sorted(coded + strangers))
 
 
@@ -290,15 +282,15 @@ def _strange(
     ]
 
 
-def _offset(named: tuple[NamedCommand, ...]) -> list[Finding]:
+def _offset(named: Lines) -> list[Finding]:
     """Offsets by a command with a name: they shift what comes after, unknown to this dry run."""
-    offsets = [at for at in named if meanings().get(at.name) is Meaning.SHIFTS]
+    offsets = [(at, line) for at, line in named if meanings().get(line.code) is Meaning.SHIFTS]
     # Taking offsets back to 0 shifts nothing.
-    lines = [at.line for at in offsets if set(at.words.values()) - {"0", "0.0"}]
+    lines = [at for at, line in offsets if set(line.parameters.values()) - {"0", "0.0"}]
     if not lines:
         return []
     text = (
-        f"line {lines[0]}: {offsets[0].name} shifts every place after it, and no check here "
+        f"line {lines[0]}: {offsets[0][1].code} shifts every place after it, and no check here "
         "follows it; write the places themselves"
     )
     return [Finding(lines[0], "offset", text, count=len(lines))]

@@ -29,7 +29,7 @@ from sim.gcode.motion.state import (
     new_planner,
     new_ring,
 )
-from sim.gcode.program.gcode import Program
+from sim.gcode.program.gcode import Columns, Program
 from sim.gcode.program.modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
 
 LEAST_LOSS: Final = 0.005
@@ -75,18 +75,9 @@ def run_program(
     log = np.zeros(len(program) + len(ring), LOG)
     starved = np.zeros(len(program), np.bool_)
     scale = 1.0 if times.byte_s else 0.0
-    rows = _Rows(
-        program.kind,
-        program.target,
-        program.feed,
-        program.value,
-        program.command,
-        program.tool,
-        extrudes,
-    )
     block_s, corner_s, trapezoid_s = (scale * seconds for seconds in PLANNING)
     costs = _Costs(block_s, corner_s, trapezoid_s, Board().costs())
-    duration = _feed(rows, times, costs, planner, ring, log, starved)
+    duration = _feed(program.columns, extrudes, times, costs, planner, ring, log, starved)
     made = log[: int(planner["logged"][0])]
     return PlannedProgram(made, float(duration), int(planner["merged"][0]), starved)
 
@@ -135,18 +126,6 @@ def starvation(
     return StarvedMotion(int(late.sum()), seconds, int(program.line[int(late.argmax())]))
 
 
-class _Rows(NamedTuple):
-    """A program's columns, and where the plunger may move."""
-
-    kind: IntArray
-    target: FloatArray
-    feed: FloatArray
-    value: FloatArray
-    command: IntArray
-    tool: IntArray
-    extrudes: NDArray[np.bool_]
-
-
 class _Costs(NamedTuple):
     """Processor time for a block, its corner and each trapezoid, s; as of `command_time`."""
 
@@ -158,7 +137,8 @@ class _Costs(NamedTuple):
 
 @jit
 def _feed(
-    rows: _Rows,
+    rows: Columns,
+    extrudes: NDArray[np.bool_],
     times: LineTimes,
     costs: _Costs,
     planner: Records,
@@ -183,7 +163,7 @@ def _feed(
         run_until(planner, ring, log, now)
         if kind == MOVE:
             now = _room(planner, ring, log, now)
-            if not rows.extrudes[i]:
+            if not extrudes[i]:
                 set_axis(planner, 3, rows.target[i, 3])
             now, made = _move(
                 planner, ring, log, rows.target[i], rows.feed[i], rows.command[i], costs, now

@@ -23,12 +23,12 @@ from sim.gcode.dry_run.checks import check
 from sim.gcode.dry_run.feed import StarvedMotion, line_times, run_program, starvation
 from sim.gcode.heads import Heads, read_heads
 from sim.gcode.motion.executed import ExecutedMotion, executed_motion
-from sim.gcode.program.gcode import Command, Program, code, parse_line
+from sim.gcode.program.gcode import Program, code
 from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written
 from sim.gcode.program.valve import Valve, read_valves
-from sim.gcode.reading.file import Others, other_lines
-from sim.gcode.reading.line import Finding, NamedCommand
+from sim.gcode.reading.file import named_lines
+from sim.gcode.reading.line import Finding, GcodeLine, Lines
 
 # Collect every temperature that a file sets or waits for, by whatever command.
 #
@@ -44,7 +44,7 @@ _KEYS: Final[dict[Meaning, dict[str, Bound]]] = {
     Meaning.AWAITS: {"MINIMUM": "least", "MAXIMUM": "most"},
 }
 _TOOL, _BED, _CHAMBER = ("M104", "M109", "G10", "M568"), ("M140", "M190"), ("M141", "M191")
-_CODES: Final = tuple(code(name) for name in (*_TOOL, *_BED, *_CHAMBER, "M303"))
+_CODES: Final = frozenset({*_TOOL, *_BED, *_CHAMBER, "M303"})
 
 
 @dataclass(frozen=True)
@@ -69,55 +69,40 @@ class Heating:
     bound: Bound = "is"
 
 
-def heatings(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...]
-) -> tuple[Heating, ...]:
-    """All settings of a file, in its order.
-
-    Parameters
-    ----------
-    gcode : bytes
-        What it was read from.
-    named : tuple of NamedCommand
-        Commands with names.
-    """
-    rows = np.flatnonzero(np.isin(program.code, _CODES))
-    lines = gcode.splitlines() if len(rows) else []
-    settings = [
+def heatings(others: Lines) -> tuple[Heating, ...]:
+    """All settings of a file, in its order."""
+    return tuple(
         Heating(number, *fields)
-        for number in program.line[rows].tolist()
-        for fields in _settings_in(parse_line(lines[number - 1]))
-    ]
-    settings += [one for at in named for one in _named(at)]
-    return tuple(sorted(settings, key=lambda heating: heating.line))
+        for number, line in others
+        for fields in (_named(line) if line.is_named else _settings_in(line))
+    )
 
 
-def _settings_in(command: Command) -> list[tuple[Part, float]]:
+def _settings_in(line: GcodeLine) -> list[tuple[Part, float, Bound]]:
     """What a line sets, if it does: a G10 without S or R, say, is an offset."""
-    part: Part = "ink" if command.name in _TOOL else "bath" if command.name in _BED else "both"
-    if command.name == "M303":
-        part = "bath" if command.values.get("E", 0.0) < 0 else "ink"
-    letters = "SR"
-    if command.name == "G10" and "L" in command.values:
-        letters = ""
-    return [(part, command.values[word]) for word in letters if word in command.values]
+    values = line.values
+    if line.code not in _CODES or (line.code == "G10" and "L" in values):
+        return []
+    part: Part = "ink" if line.code in _TOOL else "bath" if line.code in _BED else "both"
+    if line.code == "M303":
+        part = "bath" if values.get("E", 0.0) < 0 else "ink"
+    return [(part, values[word], "is") for word in "SR" if word in values]
 
 
-def _named(at: NamedCommand) -> list[Heating]:
-    heater = at.words.get("HEATER") or at.words.get("SENSOR", "")
+def _named(line: GcodeLine) -> list[tuple[Part, float, Bound]]:
+    words = line.parameters
+    heater = words.get("HEATER") or words.get("SENSOR", "")
     part: Part = "both"
     if heater.startswith("extruder"):
         part = "ink"
     elif heater == "heater_bed":
         part = "bath"
-    keys = _KEYS.get(meanings().get(at.name, Meaning.OTHER), {})
+    keys = _KEYS.get(meanings().get(line.code, Meaning.OTHER), {})
     if "TARGET" in keys:
-        targets = [(at.words.get("TARGET", "0"), keys["TARGET"])]
+        targets = [(words.get("TARGET", "0"), keys["TARGET"])]
     else:
-        targets = [(at.words[key], bound) for key, bound in keys.items() if key in at.words]
-    return [
-        Heating(at.line, part, number, bound) for text, bound in targets for number in _read(text)
-    ]
+        targets = [(words[key], bound) for key, bound in keys.items() if key in words]
+    return [(part, number, bound) for text, bound in targets for number in _read(text)]
 
 
 def _read(text: str) -> list[float]:
@@ -154,8 +139,6 @@ class DryRun:
         Moves below the firmware's least steps, taken over by their successors.
     starved : StarvedMotion
         What the wire is too slow for.
-    named : tuple of NamedCommand
-        Klipper's commands with names, which the program holds as M105 or G92.
     valves : tuple of Valve
         Of each pneumatic head, as the file switches it; none for plungers.
     heads : Heads
@@ -187,20 +170,24 @@ class DryRun:
     plunger_min_mm: float
     merged_moves: int
     starved: StarvedMotion
-    named: tuple[NamedCommand, ...]
     valves: tuple[Valve, ...]
     heads: Heads
     heats: tuple[Heating, ...]
     first_short_line: int
     unknown: tuple[tuple[int, str], ...]
     longest_line: tuple[int, int]
-    others: Others
+    others: Lines
     findings: list[Finding]
 
     @property
     def valve(self) -> Valve | None:
         """The valve of one pneumatic head (`of_head`); None for a plunger, or several heads."""
         return self.valves[0] if len(self.valves) == 1 else None
+
+    @property
+    def named(self) -> Lines:
+        """Commands with names, which the program holds as M105, T or G92."""
+        return named_lines(self.others)
 
     @property
     def doses(self) -> NDArray[np.bool_]:
@@ -223,7 +210,7 @@ class DryRun:
         start = self.program.start.copy()
         start[:3] += self.heads.offset_mm[number]
         program = replace(program, target=target, start=start)
-        low, high = _bounds(np.where(program.kind[:, None, None] == MOVE, tips, np.nan), program)
+        moving = np.where(program.kind[:, None, None] == MOVE, tips, np.nan)
         plunger = np.concatenate([[0.0], program.plunger])
         return replace(
             self,
@@ -232,26 +219,26 @@ class DryRun:
             valves=tuple(self.valves[k].of_rows(rows) for k in (number,) if self.valves),
             plunger_max_mm=float(plunger.max()),
             plunger_min_mm=float(plunger.min()),
-            **low,
-            **high,
+            **_bounds(moving, program.line),
         )
 
 
-def _bounds(tips: FloatArray, program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
+def _bounds(tips: FloatArray, line: NDArray[np.int64]) -> dict[str, Any]:
     """Lowest and highest place of a tip while it moves, and the lines; NaN where it never does."""
-    if not len(tips) or np.isnan(tips).all():
-        nothing = np.full(3, np.nan), np.zeros(3, np.int64)
-        return (
-            dict(zip(("low_mm", "low_line"), nothing, strict=True)),
-            dict(zip(("high_mm", "high_line"), nothing, strict=True)),
-        )
-    lows, highs = np.fmin(tips[:, 0], tips[:, 1]), np.fmax(tips[:, 0], tips[:, 1])
-    low_at, high_at = np.nanargmin(lows, axis=0), np.nanargmax(highs, axis=0)
+    if np.isnan(tips).all():
+        tips, line = np.full((1, 2, 3), np.nan), np.zeros(1, np.int64)
+        low_at = high_at = np.zeros(3, np.int64)
+        lows = highs = tips[:, 0]
+    else:
+        lows, highs = np.fmin(tips[:, 0], tips[:, 1]), np.fmax(tips[:, 0], tips[:, 1])
+        low_at, high_at = np.nanargmin(lows, axis=0), np.nanargmax(highs, axis=0)
     axes = np.arange(3)
-    return (
-        {"low_mm": lows[low_at, axes], "low_line": program.line[low_at]},
-        {"high_mm": highs[high_at, axes], "high_line": program.line[high_at]},
-    )
+    return {
+        "low_mm": lows[low_at, axes],
+        "low_line": line[low_at],
+        "high_mm": highs[high_at, axes],
+        "high_line": line[high_at],
+    }
 
 
 def dry_run(
@@ -276,22 +263,21 @@ def dry_run(
     GcodeError
         When the bytes aren't text.
     """
-    file = gcode
-    program, gcode, named, refused, axis_mm = read_written(gcode, printer, start_mm)
-    extrudes = extrusion_allowed(program, gcode, printer, cold_extrusion)
+    program, gcode, file, axis_mm = read_written(gcode, printer, start_mm)
+    extrudes = extrusion_allowed(program, file.others, printer, cold_extrusion)
     times = line_times(program, gcode, printer)
     fed = run_program(program, printer, start_mm, extrudes, times)
-    checked = check(program, printer, extrudes, named, gcode, refused)
+    checked = check(program, printer, extrudes, file)
     return DryRun(
         program=program,
         executed=executed_motion(fed.log, printer),
         duration_s=fed.duration_s,
         merged_moves=fed.merged,
         starved=starvation(program, printer, start_mm, extrudes, times, fed),
-        valves=read_valves(program, gcode, named, printer),
-        heads=read_heads(program, gcode, named, printer, axis_mm),
-        heats=heatings(program, gcode, named),
-        others=other_lines(file, printer),
+        valves=read_valves(program, file.others, printer),
+        heads=read_heads(program, file.others, printer, axis_mm),
+        heats=heatings(file.others),
+        others=file.others,
         **checked,
     )
 
@@ -302,14 +288,12 @@ _HOTEND_MELTS_C: Final = 170.0  # Marlin's EXTRUDE_MINTEMP
 
 
 def extrusion_allowed(
-    program: Program, gcode: bytes, printer: Printer, already: bool
+    program: Program, others: Lines, printer: Printer, already: bool
 ) -> NDArray[np.bool_]:
     """Whether the firmware lets the plunger move at each row, (n,).
 
     Parameters
     ----------
-    gcode : bytes
-        What it was read from.
     already : bool
         Whether a command has allowed it before the file.
     """
@@ -318,10 +302,9 @@ def extrusion_allowed(
     heats = np.isin(program.code, [code("M104"), code("M109")]) & (value >= _HOTEND_MELTS_C)
     change[heats] = 1
     family = family_of(printer)
-    rows = np.flatnonzero(program.code == code("M302"))
-    lines = gcode.splitlines() if len(rows) else []
-    for row in rows.tolist():
-        change[row] = family.reads_m302(parse_line(lines[int(program.line[row]) - 1]).values)
+    for number, line in others:
+        if line.code == "M302" and not line.is_named:
+            change[program.line == number] = family.reads_m302(line.values)
     free = already or printer.cold_extrusion_configured or not family.cold_remedy
     before = np.append(1 if free else -1, change)
     latest = np.maximum.accumulate(np.where(before != 0, np.arange(len(before)), 0))

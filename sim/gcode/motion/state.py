@@ -106,7 +106,6 @@ def new_planner(printer: Printer, start_mm: tuple[float, float, float]) -> Recor
     planner = np.zeros(1, PLANNER)
     state: Any = planner[0]
     state["steps_per_mm"] = _four(printer.steps_per_mm)
-    state["mm_per_step"] = np.float32(1) / state["steps_per_mm"]
     state["max_speed"] = _four(printer.max_speed_mm_s)
     for number in range(printer.head_count):
         one = printer.of_head(number)

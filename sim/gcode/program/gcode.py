@@ -189,15 +189,20 @@ class Program:
         # Neither a change of head nor a new count moves a plunger; both may round.
         return np.where(self.kind == MOVE, np.diff(self.plunger, prepend=0.0), 0.0)
 
+    @property
+    def columns(self) -> Columns:
+        """The columns alone, as kernels take them."""
+        return Columns(*(getattr(self, name) for name in Columns._fields))
+
     def of_head(self, number: int) -> Program:
         """The rows of one head alone."""
         rows = self.tool == number
-        columns = {name: getattr(self, name)[rows] for name in Columns._fields}
-        return Program(**columns, start=self.start)
+        kept = {name: column[rows] for name, column in self.columns._asdict().items()}
+        return Program(**kept, start=self.start)
 
 
 class Columns(NamedTuple):
-    """What `_read` fills: `Program`'s columns, with room for more rows than there may be."""
+    """`Program`'s columns, for kernels."""
 
     line: IntArray
     command: IntArray
@@ -212,7 +217,7 @@ class Columns(NamedTuple):
 
     @staticmethod
     def of(room: int) -> Columns:
-        """Nothing as yet."""
+        """Room for so many rows, for `_read` to fill."""
         line, command, code_, kind, tool, length = (np.empty(room, np.int64) for _ in range(6))
         plunger, feed, value = (np.empty(room) for _ in range(3))
         target = np.empty((room, 4))

@@ -17,8 +17,8 @@ from sim.errors import LineError
 from sim.gcode.program.gcode import Program, read_gcode
 from sim.gcode.program.valve import read_valves, with_heads
 from sim.gcode.reading import read_line
-from sim.gcode.reading.file import read_file
-from sim.gcode.reading.line import LIMITS, NamedCommand
+from sim.gcode.reading.file import GcodeFile, read_file
+from sim.gcode.reading.line import LIMITS
 
 _SECONDS: Final = 60.0
 """The reader takes F as per minute."""
@@ -31,18 +31,15 @@ class ReadProgram(NamedTuple):
     ----------
     gcode : bytes
         What it was read from: as many lines as the file, each as it is sent.
-    named : tuple of NamedCommand
-        Commands with names, which the program holds as M105, T or G92.
-    refused : tuple of (int, LineError)
-        Lines that can't be read, which the program leaves out.
+    file : GcodeFile
+        Its commands with names the program holds as M105, T or G92; it leaves out refused lines.
     axis_mm : (n, heads) float64 or None, mm
         Where each head's own vertical axis stands after each row; None where all share one.
     """
 
     program: Program
     gcode: bytes
-    named: tuple[NamedCommand, ...]
-    refused: tuple[tuple[int, LineError], ...]
+    file: GcodeFile
     axis_mm: FloatArray | None = None
 
 
@@ -74,16 +71,16 @@ def read_written(
     if file.per_second is not None:
         program = _timed(program, file.per_second)
     if printer.streamed or printer.head_count == 1:
-        return ReadProgram(program, text, file.named, file.refused)
+        return ReadProgram(program, text, file)
     # No command says which head is in use: its valve does.
     each = [
         read_gcode(read_file(gcode, printer, head=k, max_refused=max_refused).in_g_code, start_mm)
         for k in range(printer.head_count)
     ]
     axis_mm = np.column_stack([one.target[:, 2] for one in each])
-    valves = read_valves(program, text, file.named, printer)
-    program, refused = with_heads(program, axis_mm, valves)
-    return ReadProgram(program, text, file.named, (*file.refused, *refused), axis_mm)
+    program, refused = with_heads(program, axis_mm, read_valves(program, file.others, printer))
+    file = replace(file, refused=(*file.refused, *refused))
+    return ReadProgram(program, text, file, axis_mm)
 
 
 def _timed(program: Program, per_second: tuple[tuple[int, bool], ...]) -> Program:

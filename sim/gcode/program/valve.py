@@ -20,7 +20,7 @@ from firmware_profiles import Printer
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, parse_line
-from sim.gcode.reading.line import NamedCommand, output_of, refusal
+from sim.gcode.reading.line import GcodeLine, Lines, output_of, refusal
 
 UNKNOWN, CLOSED, OPEN, BETWEEN = range(-1, 3)
 """States of a valve."""
@@ -69,54 +69,30 @@ class Valve:
         return Valve(row[order], state, np.asarray(before, np.int64))
 
 
-def read_valves(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], printer: Printer
-) -> tuple[Valve, ...]:
-    """Find the lines that switch each head's valve; none for plungers.
-
-    Parameters
-    ----------
-    program : Program
-    gcode : bytes
-        What it was read from, Klipper's commands with names as they came or not.
-    named : tuple of NamedCommand
-        Commands with names.
-    printer : Printer
-    """
-    return tuple(
-        read_switch(program, gcode, named, head.opens, head.closes) for head in printer.airs
-    )
+def read_valves(program: Program, others: Lines, printer: Printer) -> tuple[Valve, ...]:
+    """Find the lines that switch each head's valve, of a file's lines that aren't moves."""
+    return tuple(read_switch(program, others, head.opens, head.closes) for head in printer.airs)
 
 
-def read_switch(
-    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], on: str, off: str
-) -> Valve:
+def read_switch(program: Program, others: Lines, on: str, off: str) -> Valve:
     """Find the lines that switch something by one command with two values.
 
     Parameters
     ----------
-    program, gcode, named
+    program, others
         As for `read_valves`.
     on, off : str
         After which it is OPEN, or CLOSED.
     """
     opens, closes = _command(on), _command(off)
-    lines = gcode.splitlines()
-    row_of = dict(zip(program.line.tolist()[::-1], range(len(program) - 1, -1, -1), strict=True))
-    by_name = {at.line: (at.name, frozenset(at.words.items())) for at in named}
-    name = opens[0].encode()
-    plain = [n for n, text in enumerate(lines, 1) if text.lstrip()[: len(name)] == name]
-    numbers = sorted(
-        {*plain, *(n for n, (command, _) in by_name.items() if command.encode() == name)}
-    )
+    row_of = first_rows(program)
     rows, states = [], []
-    for line in numbers:
-        command = by_name.get(line) or _command(
-            lines[line - 1].partition(b";")[0].decode("latin-1")
-        )
-        state = _state(command, opens, closes)
-        if state != UNKNOWN and line in row_of:
-            rows.append(row_of[line])
+    for number, line in others:
+        state = UNKNOWN
+        if line.code == opens[0]:
+            state = _state((line.code, _words(line)), opens, closes)
+        if state != UNKNOWN and number in row_of:
+            rows.append(row_of[number])
             states.append(state)
     row, state_of = np.array(rows, np.int64), np.array(states, np.int64)
     latest = np.searchsorted(row, np.arange(len(program)), side="left") - 1
@@ -124,8 +100,21 @@ def read_switch(
     return Valve(row, state_of, before)
 
 
+def first_rows(program: Program) -> dict[int, int]:
+    """Return the first row of each line of the file."""
+    return dict(zip(program.line.tolist()[::-1], range(len(program) - 1, -1, -1), strict=True))
+
+
+def _words(line: GcodeLine) -> Words:
+    if line.is_named:
+        return frozenset(line.parameters.items())
+    return frozenset(
+        (letter, "" if value is None else value) for letter, value in line.words.items()
+    )
+
+
 def _command(text: str) -> tuple[str, Words]:
-    """Name and words of a command, whichever way it is written."""
+    """Name and words of a profile's command, whichever way it is written."""
     output = output_of(text)
     if output is not None:
         return output[0], frozenset(output[1].items())

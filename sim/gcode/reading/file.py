@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
-from firmware_profiles.families import family_of
 from sim.errors import LineError
 from sim.gcode.reading.line import (
     LIMITS,
     GcodeLine,
-    NamedCommand,
+    Lines,
     plain_command,
     refusal,
     translator_of,
 )
-from sim.gcode.reading.read import PLAIN_MOVE, is_name, read_line, read_words
+from sim.gcode.reading.read import PLAIN_MOVE, read_line, read_words
 from sim.user_files import text_of
 
 _REMEMBERED: Final = 10_000
+_MOVES: Final = frozenset({"G0", "G1"})
 LineReader = Callable[[bytes, Printer], GcodeLine]
 
 
@@ -35,8 +36,8 @@ class GcodeFile:
         line that is refused.
     refused : tuple of (int, LineError)
         Line, from 1, and what is wrong with it.
-    named : tuple of NamedCommand
-        Commands with names.
+    others : tuple of (int, GcodeLine)
+        Lines that aren't moves.
     per_second : tuple of (int, bool) or None
         Lines from which on F counts per second, or per minute, and it is per second before; None
         where it is per minute throughout.
@@ -44,18 +45,21 @@ class GcodeFile:
 
     lines: list[bytes]
     refused: tuple[tuple[int, LineError], ...]
-    named: tuple[NamedCommand, ...]
+    others: Lines
     per_second: tuple[tuple[int, bool], ...] | None = None
 
     @property
     def in_g_code(self) -> bytes:
         """The file with named commands put into the words of G-code, as many lines."""
-        if not self.named:
-            return b"\n".join(self.lines)
         lines = list(self.lines)
-        for named in self.named:
-            lines[named.line - 1] = plain_command(named)
+        for number, line in named_lines(self.others):
+            lines[number - 1] = plain_command(line.code, line.parameters)
         return b"\n".join(lines)
+
+
+def named_lines(lines: Lines) -> Lines:
+    """Return the lines whose command has a name."""
+    return tuple((number, line) for number, line in lines if line.is_named)
 
 
 def read_file(
@@ -76,19 +80,20 @@ def read_file(
     if translate is not None:
         written = translate(gcode, printer, head)
         read = _read_lines(written.gcode, printer, read_words, max_refused)
-        return replace(read, named=written.named, per_second=written.per_second)
+        named = dict(written.named)
+        others = tuple((number, named.get(number, line)) for number, line in read.others)
+        return replace(read, others=others, per_second=written.per_second)
     return _read_lines(gcode, printer, read_line, max_refused)
 
 
 def _read_lines(gcode: bytes, printer: Printer, reader: LineReader, max_refused: int) -> GcodeFile:
     lines = gcode.splitlines()
     is_plain = PLAIN_MOVE.fullmatch
-    others = [index for index, text in enumerate(lines) if not is_plain(text)]
-    by_name = family_of(printer).grammar.named
+    unusual = [index for index, text in enumerate(lines) if not is_plain(text)]
     refused: list[tuple[int, LineError]] = []
-    named: list[NamedCommand] = []
+    others: list[tuple[int, GcodeLine]] = []
     seen: dict[bytes, GcodeLine | LineError] = {}
-    for index in others:
+    for index in unusual:
         text = lines[index]
         lines[index] = command = text.partition(b";")[0].rstrip(b" \t")
         if not command or is_plain(command):
@@ -107,9 +112,9 @@ def _read_lines(gcode: bytes, printer: Printer, reader: LineReader, max_refused:
                 break
         else:
             lines[index] = read.text
-            if by_name and is_name(read.code):
-                named.append(NamedCommand(index + 1, read.code, dict(read.parameters)))
-    return GcodeFile(lines, tuple(refused), tuple(named))
+            if read and read.code not in _MOVES:
+                others.append((index + 1, read))
+    return GcodeFile(lines, tuple(refused), tuple(others))
 
 
 def _gives_up(text: bytes, refused: int, lines: int) -> LineError:
@@ -129,53 +134,8 @@ def _read(text: bytes, printer: Printer, reader: LineReader) -> GcodeLine | Line
 def kinds_of(refused: tuple[tuple[int, LineError], ...]) -> Iterator[tuple[int, LineError, int]]:
     """First line of each sort of fault, its error, and how many lines have it."""
     first: dict[str, tuple[int, LineError]] = {}
-    count: dict[str, int] = {}
     for line, error in refused:
         first.setdefault(error.sort, (line, error))
-        count[error.sort] = count.get(error.sort, 0) + 1
+    count = Counter(error.sort for _, error in refused)
     for sort, (line, error) in first.items():
         yield line, error, count[sort]
-
-
-# Read a G-code file's lines other than straight moves, with their line numbers.
-
-Others = tuple[tuple[int, GcodeLine], ...]
-"""Line of the file, from 1, and what stands there."""
-_MOVES: Final = frozenset({"G0", "G1"})
-
-
-def other_lines(gcode: bytes, printer: Printer) -> Others:
-    """Read a file's lines that aren't moves; those that can't be read are left out.
-
-    After so many of these as `read_file` bears (`LIMITS.max_refused`) the rest is left out, too.
-
-    Parameters
-    ----------
-    printer : Printer
-        Its ``firmware`` says how lines are read.
-    """
-    is_plain = PLAIN_MOVE.fullmatch
-    others: list[tuple[int, GcodeLine]] = []
-    kept: dict[bytes, GcodeLine | None] = {}
-    refused = 0
-    for number, text in enumerate(text_of(gcode).splitlines(), 1):
-        if is_plain(text) or text[:1] == b";":
-            continue
-        if text not in kept:
-            kept[text] = _read_line(text, printer)
-        line = kept[text]
-        if line is None:
-            refused += 1
-            if refused == LIMITS.max_refused:
-                break
-        elif line and line.code not in _MOVES:
-            others.append((number, line))
-    return tuple(others)
-
-
-def _read_line(text: bytes, printer: Printer) -> GcodeLine | None:
-    """Read one line; None for one that is refused elsewhere."""
-    try:
-        return read_line(text, printer)
-    except LineError:
-        return None

@@ -24,6 +24,7 @@ def family_part(family: str, name: str) -> ModuleType | None:
     return None if find_spec(module) is None else import_module(module)
 
 
+_CODE: Final = re.compile(r"[GMT]\d+")
 _NOTHING: Final[Mapping[str, str]] = MappingProxyType({})
 
 
@@ -54,6 +55,16 @@ class GcodeLine:
     def __bool__(self) -> bool:
         return bool(self.code)
 
+    @property
+    def is_named(self) -> bool:
+        """Whether the command has a name, or is one that only a translator knows."""
+        return bool(self.code) and (bool(self.parameters) or not _CODE.fullmatch(self.code))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Words with a number."""
+        return {letter: value for letter, value in self.words.items() if value is not None}
+
     def number(self, letter: str) -> float | None:
         """The number behind a letter; None without one."""
         return self.words.get(letter)
@@ -61,6 +72,8 @@ class GcodeLine:
 
 BLANK: Final = GcodeLine("", {}, b"")
 """A comment, or nothing."""
+Lines = tuple[tuple[int, GcodeLine], ...]
+"""Line of the file, from 1, and what stands there."""
 
 
 class LineLimits(NamedTuple):
@@ -75,7 +88,6 @@ class LineLimits(NamedTuple):
 
 
 LIMITS: Final = LineLimits()
-
 
 SORTS: Final[dict[str, str]] = {
     "not_text": "characters that can't be sent",
@@ -105,15 +117,6 @@ def refusal(sort: str, text: bytes, reason: str) -> LineError:
 
 
 @dataclass(frozen=True)
-class NamedCommand:
-    """A command with a name: its line, from 1, and its words."""
-
-    line: int
-    name: str
-    words: dict[str, str]
-
-
-@dataclass(frozen=True)
 class TranslatedProgram:
     """A program file in the reader's words.
 
@@ -121,14 +124,14 @@ class TranslatedProgram:
     ----------
     gcode : bytes
         As many lines as the file.
-    named : tuple of NamedCommand
-        Outputs that are set, and everything that isn't known.
+    named : tuple of (int, GcodeLine)
+        Outputs that are set, and everything that isn't known, by its name.
     per_second : tuple of (int, bool)
         Lines from which on F counts per second, or per minute.
     """
 
     gcode: bytes
-    named: tuple[NamedCommand, ...]
+    named: Lines
     per_second: tuple[tuple[int, bool], ...]
 
 
@@ -190,22 +193,21 @@ _CHOSEN: Final = re.compile(r"extruder(\d*)")
 NOTHING: Final = b"M105"
 
 
-def plain_command(named: NamedCommand) -> bytes:
+def plain_command(name: str, parameters: Mapping[str, str]) -> bytes:
     """One named command in G-code."""
-    meaning = meanings().get(named.name)
+    meaning = meanings().get(name)
     if meaning is Meaning.CHOOSES:
-        chosen = _CHOSEN.fullmatch(named.words.get("EXTRUDER", ""))
+        chosen = _CHOSEN.fullmatch(parameters.get("EXTRUDER", ""))
         return b"T%d" % int(chosen[1] or 0) if chosen else NOTHING
     if meaning is not Meaning.PLACES:
         return NOTHING
-    places = [f"{axis}{named.words[axis]}" for axis in "XYZ" if axis in named.words]
+    places = [f"{axis}{parameters[axis]}" for axis in "XYZ" if axis in parameters]
     return " ".join(["G92", *places]).encode() if places else NOTHING
 
 
 # Check that a printer's firmware knows a command, by code or by name.
 #
 # What a machine knows beyond its family's commands its profile names (`extra_commands`).
-_CODE: Final = re.compile(r"[GMT]\d+")
 
 
 def is_known(printer: Printer, name: str) -> bool:
@@ -276,16 +278,7 @@ Word = tuple[str, float | None, bytes]
 
 
 def words_of(rest: bytes, text: bytes, family: str) -> Iterator[Word]:
-    """Read what stands behind a code, word by word.
-
-    Parameters
-    ----------
-    rest : bytes
-        Behind the code's number.
-    text : bytes
-        The whole line, for messages.
-    family : str
-        The profile's ``firmware``.
+    """Read what stands behind a code in the line ``text``, word by word.
 
     Raises
     ------
@@ -360,15 +353,11 @@ def check_meaning(code: str, words: WordValues, family: str, text: bytes) -> Non
     LineError
         With what is read differently, and what to write instead.
     """
-    reason = (
-        _of_motion(words) if code in MOTION else _OTHERS.get(code, _nothing)(words)
-    ) or _of_numbers(code, words, family)
+    of_code = _of_motion if code in MOTION else _OTHERS.get(code)
+    reason = of_code(words) if of_code else ""
+    reason = reason or _of_numbers(code, words, family)
     if reason:
         raise refusal("ambiguous", text, reason)
-
-
-def _nothing(words: WordValues) -> str:
-    return ""
 
 
 def _of_motion(words: WordValues) -> str:
@@ -488,8 +477,7 @@ def output_of(text: str) -> tuple[str, dict[str, str]] | None:
         return SETS_ARRAY, {"NUMBER": number, "AXIS": match[3].upper(), "VALUE": match[4]}
     called = _CALL.fullmatch(text.strip())
     if called:
-        words = {"NUMBER": called[2], "AXIS": called[1].upper(), "VALUE": called[3]}
-        return SETS_CALL, words
+        return SETS_CALL, {"NUMBER": called[2], "AXIS": called[1].upper(), "VALUE": called[3]}
     brake = _BRAKE.fullmatch(text.strip())
     if brake:
         return SETS_BRAKE, {"AXIS": brake[1].upper(), "VALUE": brake[2]}

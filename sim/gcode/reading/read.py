@@ -68,8 +68,8 @@ def read_line(text: bytes, printer: Printer) -> GcodeLine:
 def _translated(text: bytes, printer: Printer, translate: Translate) -> GcodeLine:
     """Read a line in another language; what isn't G-code comes with its name."""
     written = translate(text.rstrip(b"\r\n"), printer, 0)
-    for named in written.named:
-        return GcodeLine(named.name, {}, text.strip(), named.words)
+    for _, named in written.named:
+        return named
     return read_words(written.gcode, printer)
 
 
@@ -88,11 +88,6 @@ def read_words(text: bytes, printer: Printer) -> GcodeLine:
     if letters is not None and letters.text:
         return text_line(code, rest, text, family)
     return _with_words(code, rest, text, family, letters)
-
-
-def is_name(code: str) -> bool:
-    """Whether a line's code is a name, not a letter with a number."""
-    return bool(code) and not (code[0] in "GMT" and code[1:].isdigit())
 
 
 def _code_of(match: re.Match[bytes], text: bytes, family: str) -> str:
@@ -186,13 +181,6 @@ some 100 to 250, and what is sent is held against the profile's own limit (``max
 def command_in(text: bytes, family: str) -> bytes:
     """Return the command in a line, empty where there is none.
 
-    Parameters
-    ----------
-    text : bytes
-        With or without line end.
-    family : str
-        The profile's ``firmware``.
-
     Raises
     ------
     LineError
@@ -209,7 +197,11 @@ def command_in(text: bytes, family: str) -> bytes:
         )  # fmt: skip
     command = _without_number(command, text, family)
     if b"(" in command or b")" in command:
-        _comments_in_parentheses(text, family)
+        if not find_family(family).grammar.parentheses:
+            raise refusal(
+                "bad_comment", text, f"{family} has no comments in parentheses and would read them "
+                "as part of the command; write the comment behind a semicolon"
+            )  # fmt: skip
         command = _PARENTHESES.sub(b" ", command).strip(b" \t")
         if b"(" in command or b")" in command:
             raise refusal(
@@ -227,15 +219,6 @@ def command_in(text: bytes, family: str) -> bytes:
                 "it, or write it behind a semicolon"
             )  # fmt: skip
     return command
-
-
-def _comments_in_parentheses(text: bytes, family: str) -> None:
-    """Refuse parentheses where they are no comment."""
-    if not find_family(family).grammar.parentheses:
-        raise refusal(
-            "bad_comment", text, f"{family} has no comments in parentheses and would read them as "
-            "part of the command; write the comment behind a semicolon"
-        )  # fmt: skip
 
 
 def _without_number(command: bytes, text: bytes, family: str) -> bytes:
@@ -284,16 +267,7 @@ _COMMAND: Final = re.compile(rb"[GMTgmt][ \t]*\d")
 
 
 def text_line(code: str, rest: bytes, text: bytes, family: str) -> GcodeLine:
-    """Read a code whose rest is a text.
-
-    Parameters
-    ----------
-    rest : bytes
-        Behind the code's number.
-    text : bytes
-        The whole line, for messages.
-    family : str
-        The profile's ``firmware``.
+    """Read a code whose ``rest`` is a text; ``text`` is the whole line, for messages.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from printctl.machine.records.journal import read_records
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin_printer import MarlinPrinter
-from sim.devices.faults import FaultFile, load_faults
+from sim.devices.faults import FaultFile
 from sim.devices.faults import Gauge as SimGauge
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
@@ -194,7 +194,7 @@ def test_a_fault_file_s_gauge_is_a_ramp(tmp_path):
     path.write_text(
         "gauges:\n  - {command: M871, says: 'Force: {value:.1f} N', ramp: [[10, 1], [20, 2]]}\n"
     )
-    (gauge,) = load_faults(path).gauges
+    (gauge,) = FaultFile.load(path).gauges
     assert [gauge.at(time) for time in (0, 15, 99)] == [
         "Force: 1.0 N", "Force: 1.5 N", "Force: 2.0 N"]  # fmt: skip
     for wrong in ({"says": "{force}"}, {"ramp": [[2, 1], [1, 1]]}, {"command": "G1"}):

@@ -5,7 +5,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from sim.devices.families.marlin_printer import MarlinPrinter
-from sim.devices.faults import Fault, FaultFile, FaultyCable, PermanentFaults, load_faults
+from sim.devices.faults import Fault, FaultFile, FaultyCable, PermanentFaults
 from sim.errors import ServeError
 from sim.gcode.deposit.ink_faults import InkFaults, Timeline
 from sim.gcode.deposit.lay import deposit, laid
@@ -30,12 +30,12 @@ def test_file_is_read_whole(tmp_path):
         "  - {fault: noise, bytes: 500, rate: 0.05, length_bytes: 40}\n"
         "  - {fault: endstop_stuck, time_s: 0, axis: x, stuck: open}\n"
     )
-    file = load_faults(path)
+    file = FaultFile.load(path)
     assert (file.seed, file.noise, file.noise_on, file.latency_s) == (7, 0.0004, "down", 0.016)
     assert file.at[0] == Fault(fault="unplug", line=20, back_after_s=2)
     assert [fault.fault for fault in file.at] == ["unplug", "noise", "endstop_stuck"]
     path.write_text("")
-    assert load_faults(path) == FaultFile()
+    assert FaultFile.load(path) == FaultFile()
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_what_means_nothing_is_refused(tmp_path, text, message):
     path = tmp_path / "faults.yaml"
     path.write_text(text)
     with pytest.raises(ServeError, match=message):
-        load_faults(path)
+        FaultFile.load(path)
 
 
 def flipped(before: bytes, after: bytes) -> list[int]:
@@ -150,7 +150,7 @@ def rows(layers: int = 2, lines: int = 4, purge_after: int = -1) -> ExecutedMoti
 def faults(tmp_path, text: str) -> InkFaults:
     path = tmp_path / "faults.yaml"
     path.write_text(f"seed: 3\nink:\n  - {text}\n")
-    return load_faults(path).of_ink
+    return FaultFile.load(path).of_ink
 
 
 def ink_of(tmp_path, text: str, motion: ExecutedMotion | None = None):

@@ -9,7 +9,8 @@ import pytest
 from firmware_profiles import Bath, Ink, Needle, Printer, load, yield_pressure_pa
 from firmware_profiles.bead import BeadSection
 from sim.gcode.bead.flow import Nozzle, Pieces, advance_of, cut, nozzle_flow, nozzle_of
-from sim.gcode.bead.predict import bead_deposit, crevice, drag, predict_bead, settling, swell
+from sim.gcode.bead.predict import crevice, drag, laid_bead, predict_bead, settling, swell
+from sim.gcode.deposit.lay import deposit_of_laid
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.sim.motions import moved
@@ -159,10 +160,10 @@ def test_voxels_hold_what_was_laid() -> None:
     radius, length = 0.25, 6.0
     dose = np.pi * radius**2 * length
     found = bead(motion([(0, 0, 0), (length, 0, 0)], [2.0], [dose]), Nozzle())
-    laid = bead_deposit(found, 0.05)
+    laid = deposit_of_laid(laid_bead(found), 0.05)
     ends = 4 / 3 * np.pi * radius**3
     assert laid.volume_mm3 == pytest.approx(dose + ends, rel=0.02)
-    swollen = bead_deposit(found, 0.05, swell=1.2)
+    swollen = deposit_of_laid(laid_bead(found, swell=1.2), 0.05)
     assert swollen.volume_mm3 == pytest.approx(1.2**2 * dose + 1.2**3 * ends, rel=0.02)
 
 

@@ -241,7 +241,7 @@ def test_what_doesnt_belong_together_is_refused_with_a_word():
         job.check(network(STEM))
     with pytest.raises(ClearanceError, match="0 needles for 1 heads"):
         check_clearance(job.motion(), network(STEM), [])
-    with pytest.raises(ClearanceError, match=r"tip_radius_mm 0\.3 isn't between 0 and"):
+    with pytest.raises(ClearanceError, match=r"tip_radius_mm is 0\.3; give 0 to the shaft's"):
         NeedleBody(NEEDLE.radius_mm, tip_radius_mm=0.3, cone_mm=1)
     assert LineSources(np.zeros(3, np.int64)).writes is None
     assert RADIUS > 0

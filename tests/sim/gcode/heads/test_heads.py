@@ -169,9 +169,8 @@ def test_klipper_counts_anew_for_each_extruder():
         }
     )
     file = read_file(b"%b\nT0\n" % names[1].encode(), klipper)
-    plain, named = file.in_g_code, file.named
-    assert plain == b"T1\nT0"
-    assert named[0].name == "ACTIVATE_EXTRUDER"
+    assert file.in_g_code == b"T1\nT0"
+    assert file.others[0][1].code == "ACTIVATE_EXTRUDER"
     printer = KlipperPrinter(klipper, (0, 0, 40))
     sent(printer, b"SET_KINEMATIC_POSITION X=0 Y=0 Z=40\nG1 E3 F60\n%b\nM400\n" % names[1].encode())
     assert b"E:0.000" in sent(printer, b"M114\n")
