@@ -33,6 +33,13 @@ class FileController(StrictModel):
         description="The lab's own lines at the file's begin, e.g. [DVAR $AP, Enable Aa, ROUNDING "
         "ON]; none may move.",
     )
+    own_words: Annotated[
+        tuple[Annotated[str, Field(pattern=r"^[A-Za-z]\w{0,39}$")], ...], Field(max_length=16)
+    ] = Field(
+        default=(),
+        description="The lab's own functions that may begin such a line or sets_pressure; none may "
+        "move.",
+    )
     ends: Annotated[tuple[FileLine, ...], Field(max_length=32)] = Field(
         default=(), description="The same behind the last line, e.g. [Disable Aa, M2]."
     )
@@ -111,9 +118,9 @@ def check_file_controller(
     _check_head(given, known[given.controller], valve)
     for key, lines in (("begins", given.begins), ("ends", given.ends)):
         check_values(f"file_controller.{key}", lines, ())
-        _check_words(f"file_controller.{key}", lines, given.controller, firmware)
+        _check_words(f"file_controller.{key}", lines, given, firmware)
     for head in airs:
-        _check_words("sets_pressure", head.sets_pressure, given.controller, firmware)
+        _check_words("sets_pressure", head.sets_pressure, given, firmware)
     for key, commands in sent.items():
         if commands:
             raise ValueError(
@@ -135,15 +142,17 @@ def _refuse_controller(
             )
 
 
-def _check_words(key: str, lines: Sequence[str], controller: str, firmware: str) -> None:
+def _check_words(key: str, lines: Sequence[str], given: FileController, firmware: str) -> None:
     """Refuse lines that begin with a word that isn't known to set up and never to move."""
-    known = find_family(firmware).setup_words[controller]
+    known = find_family(firmware).setup_words[given.controller]
+    known |= {word.upper() for word in given.own_words}
     for line in lines:
         word = re.match(r"\$(?=\w+ ?=)|\w+", line)
         if word is None or word[0].upper() not in known:
             raise ValueError(
                 f"{key}: {line!r} begins with no word that is known to move nothing "
-                f"({', '.join(sorted(known))}); leave it out"
+                f"({', '.join(sorted(known))}); leave it out, or name the lab's own function in "
+                "file_controller: own_words"
             )
 
 
