@@ -105,7 +105,13 @@ def detach(log: Path, module: str) -> None:
         command.remove("--detach")
         with log.open("ab") as handle:
             flags = 0x00000008 | 0x00000200  # DETACHED_PROCESS, CREATE_NEW_PROCESS_GROUP
-            copy = subprocess.Popen(command, stdout=handle, stderr=handle, creationflags=flags)
+            environment = dict(os.environ)
+            base = getattr(sys, "_base_executable", sys.executable)
+            if base != sys.executable:  # the number of a virtual environment's launcher is no use
+                command[0], environment["__PYVENV_LAUNCHER__"] = base, sys.executable
+            copy = subprocess.Popen(
+                command, stdout=handle, stderr=handle, creationflags=flags, env=environment
+            )
         print(copy.pid, flush=True)
         os._exit(0)
     pid = os.fork()
