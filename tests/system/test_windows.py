@@ -6,9 +6,16 @@ A stand-in, not Windows: it shows what is used while modules are imported, and t
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+
+from printctl.machine.process.socket_server import listen, open_address
+from printctl.processes import KILL, is_alive, send_signal
+from sim.devices.serving.serve import ServeError, open_port
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("kernels", "firmware_profiles", "design", "sim", "registration", "printctl")
@@ -99,3 +106,35 @@ def test_every_module_can_be_imported_with_what_windows_has(tmp_path):
     assert [line.split()[0] for line in failed] == ["bad_fcntl", "bad_signal"], failed
     files = [one for package in PACKAGES for one in (ROOT / package).rglob("*.py")]
     assert tried == f"{len(files) + 2} tried"
+
+
+def test_where_there_are_no_pseudo_terminals_the_simulated_printer_says_what_to_do(monkeypatch):
+    monkeypatch.delattr(os, "openpty")
+    with pytest.raises(ServeError, match="no pseudo-terminals; use --tcp 0"):
+        open_port(None, None)
+    port = open_port(None, 0)
+    assert port.address.startswith("socket://127.0.0.1:")
+    port.close()
+
+
+def test_where_there_are_no_unix_sockets_clients_come_by_tcp_and_show_a_token(
+    monkeypatch, tmp_path
+):
+    monkeypatch.delattr(socket, "AF_UNIX")
+    listener, address, token = listen(tmp_path)
+    with listener:
+        client = open_address(address)
+        assert client is not None
+        client.close()
+    assert address.startswith("tcp:127.0.0.1:")
+    assert token
+    assert open_address("unix:/tmp/of_another_machine.sock") is None
+
+
+def test_a_process_is_seen_to_live_until_it_is_ended():
+    assert is_alive(os.getpid())
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+        assert is_alive(process.pid)
+        send_signal(process.pid, KILL)
+        process.wait()
+    assert not is_alive(process.pid)
