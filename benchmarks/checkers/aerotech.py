@@ -21,7 +21,7 @@ _WORD = re.compile(r"([A-Z])(-?\d*\.?\d+(?:[eE][-+]?\d+)?)$")
 _VALVE = re.compile(r"BRAKE A([ab]) ([01])$|DriveBrakeO(ff|n)\(A([ab])\)$")
 _QUIET = (
     "Enable", "Disable", "VELOCITY", "ROUNDING", "DVAR", "Call", "WAIT", "WaitForMotionDone", "G71",
-    "G76", "G108", "M2", "VelocityBlendingOn", "CornerRoundingOn", "SetupTaskTargetMode", "setPress",
+    "G76", "G108", "M2", "VelocityBlendingOn", "CornerRoundingOn", "setPressure",
 )  # fmt: skip
 
 
