@@ -87,6 +87,10 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "dye": "registration.dye:rows",
     },
     "scans": {"count": "scans.rows:rows"},
+    "machines": {
+        "aerotech": "machines.aerotech:rows",
+        "profiles": "machines.profiles:profile_rows",
+    },
     "paper": {
         "trees": "paper.trees:rows",
         "regions": "paper.regions:rows",

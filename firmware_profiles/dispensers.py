@@ -10,7 +10,14 @@ from pydantic import Field, model_validator
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.materials import Ink
 from firmware_profiles.rheology import flow_ul_s, yield_pressure_pa
-from firmware_profiles.strict_model import StrictModel, SwitchCommand, switch_words
+from firmware_profiles.strict_model import (
+    PRESSURE_UNITS,
+    FileLine,
+    StrictModel,
+    SwitchCommand,
+    check_values,
+    switch_words,
+)
 from firmware_profiles.tools import Needle
 
 Kilopascal = Annotated[float, Field(gt=0, le=2000, allow_inf_nan=False)]
@@ -33,22 +40,33 @@ class MeasuredFlow(StrictModel):
 
 
 class Pneumatic(StrictModel):
-    """Air on the ink, let in by a valve that G-code switches; the pressure is set by hand.
+    """Air on the ink, let in by a valve that G-code switches.
 
-    The flow follows from pressure, needle and ink, so the writing speed follows from the flow.
+    The flow follows from pressure, needle and ink, so the writing speed follows from the flow. The
+    pressure is set by hand, or by the job's file (`sets_pressure`).
     """
 
     kind: Literal["pneumatic"]
     pressure_kpa: Kilopascal = Field(description="What the regulator is set to, above ambient.")
     max_pressure_kpa: Kilopascal = Field(description="What the regulator can give.")
     opens: SwitchCommand = Field(
-        description="Opens the valve, e.g. M42 P4 S255; $DO[0].X=1 on an Aerotech A3200."
+        description="Opens the valve, e.g. M42 P4 S255; $DO[0].X=1 or BRAKE Aa 0 on an Aerotech "
+        "A3200, DriveBrakeOff(Aa) on an Automation1."
     )
     closes: SwitchCommand = Field(description="Closes it; the same command with another value.")
     opening_delay_s: Delay = Field(description="From the command until ink flows.")
     closing_delay_s: Delay = Field(description="From the command until none flows any more.")
     measured: MeasuredFlow | None = Field(
         default=None, description="Written by `printctl calibrate weigh`."
+    )
+    sets_pressure: Annotated[tuple[FileLine, ...], Field(max_length=8)] = Field(
+        default=(),
+        description="Lines that set this head's pressure, {kpa}, {psi} or {bar} in them, for a "
+        "controller that runs the file, e.g. [$COM=2, '$AP={psi}', Call setPress P$COM Q$AP]; "
+        "without them a person sets it.",
+    )
+    resting_kpa: Annotated[float, Field(ge=0, le=2000, allow_inf_nan=False)] | None = Field(
+        default=None, description="Set while another head writes; needed with sets_pressure."
     )
 
     @model_validator(mode="after")
@@ -57,6 +75,19 @@ class Pneumatic(StrictModel):
             raise ValueError(
                 f"pressure_kpa {self.pressure_kpa:g} is above what the regulator gives, "
                 f"{self.max_pressure_kpa:g} kPa (max_pressure_kpa); lower it"
+            )
+        check_values("sets_pressure", self.sets_pressure, tuple(PRESSURE_UNITS))
+        if self.sets_pressure and not any("{" in line for line in self.sets_pressure):
+            raise ValueError("sets_pressure holds no value: write {kpa}, {psi} or {bar} in it")
+        if bool(self.sets_pressure) != (self.resting_kpa is not None):
+            raise ValueError(
+                "sets_pressure and resting_kpa belong together: give both, or neither where a "
+                "person sets the pressure"
+            )
+        if (self.resting_kpa or 0.0) > self.pressure_kpa:
+            raise ValueError(
+                f"resting_kpa {self.resting_kpa:g} is above pressure_kpa {self.pressure_kpa:g}, at "
+                "which it writes; lower it"
             )
         one, other = switch_words(self.opens), switch_words(self.closes)
         if one == other or one[0].upper() != other[0].upper():

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 from pydantic import Field
 
-from firmware_profiles.dispensers import Dispenser, Pneumatic
+from firmware_profiles.dispensers import Pneumatic
 from firmware_profiles.families.registry import family_names, find_family
-from firmware_profiles.strict_model import StrictModel, is_output
+from firmware_profiles.heads import AxisLetter
+from firmware_profiles.strict_model import FileLine, StrictModel, check_values, is_output
 
 
 class FileController(StrictModel):
@@ -22,6 +24,24 @@ class FileController(StrictModel):
     )
     plunger_axis: Annotated[str, Field(pattern=r"^[A-EU-W]$")] | None = Field(
         default=None, description="Letter of the axis that moves the plunger; none with a valve."
+    )
+    z_axis: AxisLetter = Field(
+        default="Z", description="Letter of the vertical axis; of several heads see heads: z_axis."
+    )
+    begins: Annotated[tuple[FileLine, ...], Field(max_length=32)] = Field(
+        default=(),
+        description="The lab's own lines at the file's begin, e.g. [DVAR $AP, Enable Aa, ROUNDING "
+        "ON]; none may move.",
+    )
+    own_words: Annotated[
+        tuple[Annotated[str, Field(pattern=r"^[A-Za-z]\w{0,39}$")], ...], Field(max_length=16)
+    ] = Field(
+        default=(),
+        description="The lab's own functions that may begin such a line or sets_pressure; none may "
+        "move.",
+    )
+    ends: Annotated[tuple[FileLine, ...], Field(max_length=32)] = Field(
+        default=(), description="The same behind the last line, e.g. [Disable Aa, M2]."
     )
 
 
@@ -51,7 +71,7 @@ def refuse_family_sections(keys: Mapping[str, object]) -> None:
 def check_file_controller(
     firmware: str,
     given: FileController | None,
-    dispenser: Dispenser,
+    airs: Sequence[Pneumatic],
     sent: Mapping[str, tuple[str, ...]],
 ) -> None:
     """Refuse what doesn't fit together.
@@ -60,7 +80,8 @@ def check_file_controller(
     ----------
     firmware : str
     given : FileController or None
-    dispenser : Dispenser
+    airs : sequence of Pneumatic
+        Every pneumatic head; none for a plunger.
     sent : mapping
         Commands that the host would send while it prints, by the profile's key.
 
@@ -72,9 +93,13 @@ def check_file_controller(
         would send.
     """
     known = find_family(firmware).file_controllers
-    head = dispenser if isinstance(dispenser, Pneumatic) else None
-    valve = (head.opens, head.closes) if head else ()
+    valve = tuple(command for head in airs for command in (head.opens, head.closes))
     if not known:
+        if any(head.sets_pressure for head in airs):
+            raise ValueError(
+                f"sets_pressure: {firmware} takes lines from a host, which sets no pressure; set "
+                "it by hand"
+            )
         _refuse_controller(firmware, given, (*valve, *sent["safe_state_off"]))
         return
     if given is None:
@@ -86,7 +111,16 @@ def check_file_controller(
         raise ValueError(
             f"file_controller.controller: {given.controller} isn't one of {', '.join(known)}"
         )
+    if given.plunger_axis == given.z_axis:
+        raise ValueError(
+            f"file_controller: z_axis and plunger_axis are both {given.z_axis}; name two axes"
+        )
     _check_head(given, known[given.controller], valve)
+    for key, lines in (("begins", given.begins), ("ends", given.ends)):
+        check_values(f"file_controller.{key}", lines, ())
+        _check_words(f"file_controller.{key}", lines, given, firmware)
+    for head in airs:
+        _check_words("sets_pressure", head.sets_pressure, given, firmware)
     for key, commands in sent.items():
         if commands:
             raise ValueError(
@@ -108,15 +142,29 @@ def _refuse_controller(
             )
 
 
-def _check_head(given: FileController, output: str, valve: tuple[str, ...]) -> None:
+def _check_words(key: str, lines: Sequence[str], given: FileController, firmware: str) -> None:
+    """Refuse lines that begin with a word that isn't known to set up and never to move."""
+    known = find_family(firmware).setup_words[given.controller]
+    known |= {word.upper() for word in given.own_words}
+    for line in lines:
+        word = re.match(r"\$(?=\w+ ?=)|\w+", line)
+        if word is None or word[0].upper() not in known:
+            raise ValueError(
+                f"{key}: {line!r} begins with no word that is known to move nothing "
+                f"({', '.join(sorted(known))}); leave it out, or name the lab's own function in "
+                "file_controller: own_words"
+            )
+
+
+def _check_head(given: FileController, outputs: tuple[str, ...], valve: tuple[str, ...]) -> None:
     if (given.plunger_axis is None) != bool(valve):
         raise ValueError(
             "file_controller: plunger_axis is the letter of the plunger's axis; say it for a "
             "plunger, and leave it out for a pneumatic head"
         )
     for command in valve:
-        if not command.startswith(output):
+        if not command.startswith(outputs):
+            ways = " or ".join(f"{output}..." for output in outputs)
             raise ValueError(
-                f"dispenser: {given.controller} switches an output by {output}..., not by "
-                f"{command!r}"
+                f"dispenser: {given.controller} switches an output by {ways}, not by {command!r}"
             )

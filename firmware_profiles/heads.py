@@ -1,4 +1,4 @@
-"""Profile section for several heads: tip offset, select, raise and lower commands of each.
+"""Profile section for several heads: tip offset, valve, own axis, select and raise commands.
 
 Places in a job are the carriage's, told as where the first head's tip stands when it is lowered;
 the tip of head k stands `offset_mm` from there, and `raised_mm` higher while it is raised. The
@@ -11,6 +11,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from firmware_profiles.dispensers import Dispenser, Pneumatic
 from firmware_profiles.families.registry import find_family
 from firmware_profiles.strict_model import StrictModel, SwitchCommand
 
@@ -21,6 +22,7 @@ SelectCommand = Annotated[
     Field(pattern=r"^[A-Z][A-Z0-9_]*( [A-Za-z0-9_=]+)*$", max_length=64),
 ]
 """The firmware family says how it must be (`Family.head_select`)."""
+AxisLetter = Annotated[str, Field(pattern=r"^[A-DU-WZ]$")]
 
 
 class Offset(StrictModel):
@@ -37,10 +39,22 @@ class Offset(StrictModel):
 
 
 class Head(StrictModel):
-    """One of several heads. What it doesn't say of its plunger is the printer's own."""
+    """One of several heads. What it doesn't say of its dispenser is the printer's own."""
 
     name: str = Field(min_length=1, max_length=40)
-    select: SelectCommand = Field(description="Makes it the one that E moves; moves nothing.")
+    select: SelectCommand | None = Field(
+        default=None,
+        description="Makes it the one that E moves; moves nothing. None on a controller that runs "
+        "the file: there the head whose valve opens is in use.",
+    )
+    z_axis: AxisLetter | None = Field(
+        default=None,
+        description="Letter of its own vertical axis, on a controller that runs the file: the "
+        "other heads stand still meanwhile, above all that is written.",
+    )
+    dispenser: Dispenser | None = Field(
+        default=None, description="Its own valve and pressure; the printer's dispenser if not."
+    )
     offset_mm: Offset = Field(
         default=Offset(), description="Its tip from the first head's; `printctl calibrate offset`."
     )
@@ -86,14 +100,21 @@ class Head(StrictModel):
         return self.raises is not None
 
 
-def check_heads(heads: tuple[Head, ...], firmware: str, *, plunger: bool) -> None:
+def check_heads(heads: tuple[Head, ...], firmware: str, dispenser: Dispenser) -> None:
     """Refuse heads that contradict each other.
+
+    Parameters
+    ----------
+    heads : tuple of Head
+    firmware : str
+    dispenser : Dispenser
+        The printer's, of heads that name none.
 
     Raises
     ------
     ValueError
-        For one head alone, a first one with an offset, two that are chosen alike, a firmware
-        whose change of heads isn't known, or a pneumatic printer.
+        For one head alone, a first one with an offset, two that are chosen alike or share a valve
+        or an axis, a firmware whose change of heads isn't known, or plungers beside valves.
     """
     if not heads:
         return
@@ -101,21 +122,56 @@ def check_heads(heads: tuple[Head, ...], firmware: str, *, plunger: bool) -> Non
         raise ValueError(
             f"{len(heads)} heads; name 2 to {MOST_HEADS} of them, or none for a single one"
         )
-    family = find_family(firmware)
-    if family.head_select is None:
-        raise ValueError(f"heads: how {firmware} changes between them isn't known; use one")
-    if not plunger:
-        raise ValueError("heads: only plungers can be several; a valve is watched over for one")
+    airs = [head.dispenser or dispenser for head in heads]
+    if len({one.kind for one in airs}) > 1:
+        raise ValueError("heads: plungers and valves on one printer can't be driven; name one kind")
+    valves = [one.opens for one in airs if isinstance(one, Pneumatic)]
+    if len(set(valves)) < len(valves):
+        raise ValueError(
+            f"heads: two open the same valve ({', '.join(valves)}); give each its own dispenser"
+        )
+    if find_family(firmware).file_controllers:
+        _check_axes(heads, pneumatic=bool(valves))
+    else:
+        _check_selects(heads, firmware)
     if any(heads[0].offset_mm.mm):
         raise ValueError(
             "heads: the first one's offset_mm isn't 0; places are its tip's, so give the others' "
             "from it"
         )
-    for what in ("name", "select"):
-        values = [getattr(head, what) for head in heads]
-        if len(set(values)) < len(values):
-            raise ValueError(f"heads: two have the same {what} ({', '.join(values)})")
+    names = [head.name for head in heads]
+    if len(set(names)) < len(names):
+        raise ValueError(f"heads: two have the same name ({', '.join(names)})")
+
+
+def _check_axes(heads: tuple[Head, ...], *, pneumatic: bool) -> None:
+    """Heads of a controller that runs the file: valves, with an axis of each or none."""
+    if not pneumatic:
+        raise ValueError(
+            "heads: several plungers on a controller that runs the file can't be driven; use one, "
+            "or pneumatic heads"
+        )
+    if any(head.select for head in heads):
+        raise ValueError("heads: select is for firmwares that take lines from a host; leave it out")
+    axes = [head.z_axis for head in heads if head.z_axis]
+    if axes and (len(set(axes)) < len(heads) or any(head.moves for head in heads)):
+        raise ValueError(
+            "heads: z_axis is for all heads or none, each another letter, and none of them raises"
+        )
+
+
+def _check_selects(heads: tuple[Head, ...], firmware: str) -> None:
+    """Heads of a firmware that takes lines: each has its own number."""
+    family = find_family(firmware)
+    if family.head_select is None:
+        raise ValueError(f"heads: how {firmware} changes between them isn't known; use one")
     for number, head in enumerate(heads):
+        if head.z_axis:
+            raise ValueError(
+                "heads: z_axis is for controllers that run the file (file_controller); leave it out"
+            )
+        if head.select is None:
+            raise ValueError(f"heads: head {number} has no select; write {family.head_example}")
         chosen = family.head_number(head.select)
         if chosen is None:
             raise ValueError(

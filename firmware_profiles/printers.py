@@ -229,20 +229,32 @@ class Printer(Facts):
         return self.lines_in_flight == 2 and self.host_turnaround_s < line_s
 
     @property
+    def airs(self) -> tuple[Pneumatic, ...]:
+        """Every head's valve and pressure; none where plungers push."""
+        each = [head.dispenser or self.dispenser for head in self.heads] or [self.dispenser]
+        return tuple(one for one in each if isinstance(one, Pneumatic))
+
+    @property
     def pneumatic(self) -> Pneumatic | None:
-        """The pneumatic head, if it is one."""
-        return self.dispenser if isinstance(self.dispenser, Pneumatic) else None
+        """The pneumatic head, if it is one; of several the first."""
+        return next(iter(self.airs), None)
+
+    @property
+    def z_axes(self) -> tuple[str, ...]:
+        """Letters of the vertical axis of each head."""
+        one = "Z" if self.file_controller is None else self.file_controller.z_axis
+        return tuple(head.z_axis or one for head in self.heads) or (one,)
 
     @model_validator(mode="after")
     def _controller_agrees(self) -> Printer:
         asked = tuple(watched.query for watched in self.watch)
         sent = {"safe_state_off": self.safe_state_off, "watch": asked}
-        check_file_controller(self.firmware, self.file_controller, self.dispenser, sent)
+        check_file_controller(self.firmware, self.file_controller, self.airs, sent)
         return self
 
     @model_validator(mode="after")
     def _heads_agree(self) -> Printer:
-        check_heads(self.heads, self.firmware, plunger=self.pneumatic is None)
+        check_heads(self.heads, self.firmware, self.dispenser)
         return self
 
     @property
@@ -269,6 +281,7 @@ class Printer(Facts):
         own = {
             "name": f"{self.name}, head {number} ({head.name})",
             "heads": (),
+            "dispenser": head.dispenser or self.dispenser,
             "steps_per_mm": steps.model_copy(update={"e": head.plunger_steps_per_mm or steps.e}),
             "max_speed_mm_s": speed.model_copy(update={"e": head.max_plunger_mm_s or speed.e}),
             "plunger_travel_mm": head.plunger_travel_mm or self.plunger_travel_mm,

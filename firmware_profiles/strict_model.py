@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
@@ -105,16 +106,23 @@ class Span(StrictModel):
 # Pattern of profile commands that switch an output; refuse G codes and anything that may move.
 
 _MOVING: Final = ("MOVE", "HOME", "STEPPER", "RESTORE", "PROBE", "CALIBRATE")
-_OUTPUT: Final = r"\$DO(?:\[\d+\]\.[A-Z]|\d+\.\d+) ?= ?[01]|DigitalOutputSet\([A-Z], ?\d+, ?[01]\)"
+_OUTPUT: Final = (
+    r"\$DO(?:\[\d+\]\.[A-Z]|\d+\.\d+) ?= ?[01]|DigitalOutputSet\([A-Z], ?\d+, ?[01]\)"
+    r"|BRAKE [A-Za-z]\w* [01]|DriveBrakeO(?:n|ff)\([A-Za-z]\w*\)"
+)
+_BRAKE_CALL: Final = re.compile(r"DriveBrakeO(n|ff)\((\w+)\)")
 
 
 def is_output(command: str) -> bool:
-    """Whether a command sets a digital output in one of Aerotech's languages."""
+    """Whether a command sets a digital output or an axis' brake in an Aerotech's language."""
     return re.fullmatch(_OUTPUT, command) is not None
 
 
 def switch_words(command: str) -> list[str]:
-    """A command's name and words; of an output what it is, and its value."""
+    """A command's name and words; of an output or a brake what it is, and its value."""
+    brake = _BRAKE_CALL.fullmatch(command)
+    if brake:
+        return [f"DriveBrake({brake[2]})", "1" if brake[1] == "n" else "0"]
     if is_output(command):
         return [re.sub(r"[ ,=]*[01]\)?$", "", command).replace(" ", ""), command.rstrip(")")[-1]]
     return command.split()
@@ -134,4 +142,47 @@ SwitchCommand = Annotated[
     ),
     AfterValidator(_moves_nothing),
 ]
-"""An M command, a Klipper one with a name or an Aerotech's output: no G, nothing may move."""
+"""An M command, a Klipper one with a name, an Aerotech's output or brake: nothing may move."""
+
+
+# Lines of a lab's own for a controller that runs the file; their values in braces.
+
+PRESSURE_UNITS: Final = {"kpa": 1.0, "psi": 6.894757, "bar": 100.0}
+"""Name of a value in a line to kPa in one of its unit."""
+_VALUE: Final = re.compile(r"\{(\w*)\}")
+
+
+def _plain_line(line: str) -> str:
+    if ";" in line or "//" in line or "'" in line:
+        raise ValueError(f"{line!r} holds a comment (; // '); write the command alone")
+    return line
+
+
+FileLine = Annotated[
+    str,
+    Field(pattern=r"^[A-Za-z$][ -~]*[^ \n]$", max_length=120),
+    AfterValidator(_plain_line),
+]
+"""One line of a program file, as the controller reads it."""
+
+
+def check_values(key: str, lines: Sequence[str], values: Sequence[str]) -> None:
+    """Refuse lines whose braces hold anything but these values.
+
+    Raises
+    ------
+    ValueError
+        With the line.
+    """
+    for line in lines:
+        rest = _VALUE.sub("", line)
+        unknown = set(_VALUE.findall(line)) - set(values)
+        if unknown or "{" in rest or "}" in rest:
+            known = ", ".join(f"{{{one}}}" for one in values) or "none"
+            raise ValueError(f"{key}: {line!r} holds another value than it may have ({known})")
+
+
+def fill_pressure(lines: Sequence[str], kpa: float) -> list[str]:
+    """Return lines with a pressure in the place of {kpa}, {psi} or {bar}."""
+    values = {unit: f"{kpa / factor:.6g}" for unit, factor in PRESSURE_UNITS.items()}
+    return [line.format(**values) for line in lines]

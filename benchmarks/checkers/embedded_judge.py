@@ -283,10 +283,25 @@ def judge(
     """
     axes, moves = read_axes(Path(network_csv_path)), read_moves(Path(gcode_path).read_text())
     moves = replace(moves, start=moves.start - place_mm, end=moves.end - place_mm)
-    ul_per_e = np.pi / 4 * syringe_bore_mm**2 * flow_factor
+    ul_per_e = float(np.pi / 4 * syringe_bore_mm**2 * flow_factor)
+    return judge_moves(
+        moves, axes, needle_outer_mm, ul_per_e=ul_per_e, graze_mm=graze_mm, named=named
+    )
+
+
+def judge_moves(
+    moves: Moves,
+    axes: Axes,
+    needle_outer_mm: float,
+    *,
+    ul_per_e: float,
+    graze_mm: float = 0.005,
+    named: int = 20,
+) -> dict[str, Any]:
+    """Count what is wrong with a print's moves, in the network's frame; as `judge`."""
     ink = written_ink(moves, axes, ul_per_e)
     if not len(ink.point):
-        raise ValueError(f"{gcode_path}: no move writes ink")
+        raise ValueError("no move writes ink")
     cuts = cuts_of(axes, ink)
     bad = bad_moves(moves, ink, axes, pass_ends(axes, ink), needle_outer_mm, graze_mm)
     unclosed, joints = open_joints(joints_of(axes), axes, moves, ink)

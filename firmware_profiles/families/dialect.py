@@ -65,6 +65,8 @@ class Dialect:
         What begins a comment.
     counts_anew : bool
         Whether E is counted anew before float32 rounds it.
+    begins, ends : tuple of str
+        The lab's own lines before all others and behind them.
     """
 
     idle_timeout: str = ""
@@ -84,6 +86,8 @@ class Dialect:
     travels: int = 0
     comment: str = ";"
     counts_anew: bool = True
+    begins: tuple[str, ...] = ()
+    ends: tuple[str, ...] = ()
 
     def header(self, printer: Printer, start: Place | None = None) -> list[str]:
         """Lines before the first move: timeout, units, absolute positions, absolute linear E.
@@ -96,6 +100,7 @@ class Dialect:
         placed = self.declares and start is not None
         x, y, z = start or ("", "", "")
         return [
+            *self.begins,
             *([self.idle_timeout.format(seconds=f"{seconds:.0f}")] if timed else []),
             *self._dispenser(printer),
             *self._heads(printer),
@@ -103,10 +108,10 @@ class Dialect:
         ]
 
     def _dispenser(self, printer: Printer) -> list[str]:
-        """Units, modes, and what makes the dispenser ready: a plunger's E, or a closed valve."""
-        if printer.pneumatic:
+        """Units, modes, and what makes the dispenser ready: a plunger's E, or closed valves."""
+        if printer.airs:
             clean = [line for line in self.clean if not line.startswith(_PLUNGER_S)]
-            return [printer.pneumatic.closes, *self.modes, *clean]
+            return [*(head.closes for head in printer.airs), *self.modes, *clean]
         cold = [self.cold_extrusion] if self.cold_extrusion else []
         return [*self.modes, *self.absolute_e, *self.clean, *cold]
 
@@ -120,7 +125,11 @@ class Dialect:
 
     def footer(self) -> list[str]:
         """Lines after the last move: wait until it has ended."""
-        return [self.waits]
+        return [self.waits, *self.ends]
+
+    def words_of(self, z_axis: str) -> bytes:
+        """Letters of a move's words where the vertical axis has this letter."""
+        return self.words.replace(b"Z", z_axis.encode())
 
     def dwell(self, seconds: float) -> str:
         """A pause, rounded up to whole milliseconds."""

@@ -274,9 +274,12 @@ class Family:
         Pattern of the command that sets pressure advance, its group the value, s; empty for none.
     advances_across_only : bool
         Whether it advances the plunger in moves along x or y alone.
-    file_controllers : mapping of str to str
-        Controllers of the family, where they load a file and take no lines, and how the command
-        begins that sets an output of each; empty for all others.
+    file_controllers : mapping of str to tuple of str
+        Controllers of the family, where they load a file and take no lines, and how commands
+        begin that set an output of each; empty for all others.
+    setup_words : mapping of str to frozenset of str
+        Of each of these controllers the words, in capitals, that may begin a lab's own line: none
+        of them moves anything.
     """
 
     grammar: Grammar
@@ -326,7 +329,8 @@ class Family:
     limits_push_width: bool = False
     advance: bytes = b""
     advances_across_only: bool = False
-    file_controllers: Mapping[str, str] = field(default_factory=dict)
+    file_controllers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    setup_words: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     def timeout_command(self, seconds: str) -> str:
         """Write the command that sets its own switch-off."""

@@ -1,7 +1,8 @@
-"""`printctl profiles`: list, show, check and probe profiles of printers and materials."""
+"""`printctl profiles`: list, show, make, check and probe profiles."""
 
 from __future__ import annotations
 
+import sys
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -22,8 +23,10 @@ from firmware_profiles import (
     shipped,
     shipped_text,
 )
+from firmware_profiles.yaml_file import read_yaml
 from printctl.cli.declare import group, json_command
-from printctl.cli.options import print_note, print_result
+from printctl.cli.new_profile import Question, Sheet, read_answers
+from printctl.cli.options import print_note, print_notes, print_result
 from printctl.errors import UsageError
 from printctl.machine.families import link_facts
 from printctl.machine.probing import Row, compare, corrected_profile, query_settings
@@ -50,10 +53,7 @@ def show(
     `printctl profiles NAME` is short for it. A file of your own is shown with its defaults.
     """
     if write is not None:
-        if write.suffix not in (".yaml", ".yml"):
-            raise UsageError(f"--write {write}: a profile's file ends in .yaml")
-        if write.exists():
-            raise UsageError(f"--write {write}: it is there already; name a new file")
+        _refuse_target(write, "--write")
         if name is None or name.endswith((".yaml", ".yml")):
             raise UsageError("--write copies a shipped profile: name one of `printctl profiles`")
         write_text(write, shipped_text(PROFILE_SORTS[find_profile(name)[0]], name))
@@ -94,7 +94,9 @@ def probe(
     port: str = opt("Serial port or tcp:HOST:PORT.", ...),
     profile: str = opt("A shipped name or a .yaml file.", ...),
     baud: int | None = opt("In place of the profile's."),
-    write: Path | None = opt("Write the profile with the printer's values to this file."),
+    write: Path | None = opt(
+        "Write the profile with the printer's values to this file: a new one, or the profile's own."
+    ),
 ) -> None:
     """Read a printer's settings and show where they differ from a profile.
 
@@ -102,6 +104,8 @@ def probe(
     something differs.
     """
     printer = load(Printer, profile)
+    if write is not None and write != Path(profile):  # a file of one's own may be filled in
+        _refuse_target(write, "--write")
     settings = query_settings(port, printer, baud)
     rows = compare(settings, printer)
     kin = link_facts(printer).reported_name in settings.firmware.lower()
@@ -136,6 +140,75 @@ def probe(
         raise typer.Exit(1)
 
 
+@json_command
+def new(
+    file: Path = arg("The profile to write, a new .yaml file."),
+    answers: Path | None = opt(
+        "Take the answers from this YAML file (key: answer) and ask nothing; what it lacks is a "
+        "starting value."
+    ),
+) -> None:
+    """Make a printer's profile from at most twelve answers.
+
+    Each is checked at once; Enter takes the value in brackets, which the profile then names as a
+    starting value. Nothing is written before the last answer, and no file is replaced.
+    """
+    _refuse_target(file, "FILE")
+    sheet = Sheet(f"Answers given to `printctl profiles new`, {date.today().isoformat()}.")
+    given = None if answers is None else read_answers(answers)
+    for question in sheet.questions():
+        if given is None:
+            _ask(sheet, question)
+        else:
+            sheet.take(question, given.pop(question.key, ""))
+    if given:
+        raise UsageError(f"--answers {answers}: not for this head: {', '.join(given)}")
+    text = sheet.profile_text()
+    try:
+        with file.open("x", encoding="utf-8") as made:
+            made.write(text)
+    except FileExistsError:
+        raise UsageError(f"FILE {file}: it is there already; name a new file") from None
+    then = [
+        f"printctl profiles probe --port auto --profile {file} --write {file}",
+        f"printctl profiles check {file}",
+    ]
+    print_notes(sheet.notes())
+    print_result(
+        {"file": str(file), "starting_values": read_yaml(text)["starting_values"], "next": then},
+        [
+            f"wrote {file}; give it as --printer {file}",
+            f"next: {then[0]}   asks the machine for what it knows, and fills it in",
+            f"then: {then[1]}   says what is left to measure",
+        ],
+    )
+
+
+def _ask(sheet: Sheet, question: Question) -> None:
+    """Ask on stderr until the answer fits; an empty one is the default."""
+    print_note(question.hint)
+    while True:
+        sys.stderr.write(f"{question.text} [{question.default(sheet.answers)}]: ")
+        sys.stderr.flush()
+        line = sys.stdin.readline()
+        if not line:
+            raise UsageError(
+                "nothing was written: a question has no answer; begin again, or give --answers"
+            )
+        try:
+            return sheet.take(question, line.strip())
+        except UsageError as exc:
+            print_note(str(exc))
+
+
+def _refuse_target(file: Path, name: str) -> None:
+    """Refuse to write a profile over a file, or with another ending."""
+    if file.suffix not in (".yaml", ".yml"):
+        raise UsageError(f"{name} {file}: a profile's file ends in .yaml")
+    if file.exists():
+        raise UsageError(f"{name} {file}: it is there already; name a new file")
+
+
 def _line(row: Row) -> str:
     mark = "same   " if row.same else "DIFFERS"
     starting = ", a starting value" if row.starting and not row.same else ""
@@ -159,7 +232,8 @@ def check(file: str = arg("A .yaml file, or a shipped name.")) -> None:
 
 profiles = group(
     typer.Typer(
-        cls=ProfileGroup, help="Known printers and materials: list, show, check, ask a printer."
+        cls=ProfileGroup,
+        help="Printers and materials: list, show, make, check, ask a printer.",
     ),
-    *(show, check, probe),
+    *(show, new, check, probe),
 )

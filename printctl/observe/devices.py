@@ -11,7 +11,6 @@ import json
 import os
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import threading
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from printctl.errors import PrintctlError
+from printctl.processes import KILL, has_groups, send_signal
 from printctl.sources import python_command
 
 # Data class of a camera's or scanner's settings: kind, source, size, time limit; as JSON.
@@ -348,8 +348,7 @@ def _kill(process: subprocess.Popen[str]) -> None:
     """End a process, and a device's own program that it has started."""
     if process.poll() is not None:
         return
-    if hasattr(os, "killpg"):
-        os.killpg(process.pid, signal.SIGKILL)
+    send_signal(process.pid, KILL, group=True)
     process.kill()
     process.communicate()  # closes its pipes
 
@@ -364,7 +363,7 @@ _PARENT_POLL_S: Final = 0.2
 
 def main() -> int:
     """Acquire one picture; return 1 and print one line to stderr if that fails."""
-    if hasattr(os, "killpg"):  # elsewhere a process can't learn that its parent is gone
+    if has_groups():  # elsewhere a process can't learn that its parent is gone
         threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     settings, out = DeviceSettings.from_json(sys.argv[1]), Path(sys.argv[2])
     try:
@@ -391,7 +390,7 @@ def _end_with_parent(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(_PARENT_POLL_S)
     if os.getpgrp() == os.getpid():
-        os.killpg(os.getpid(), signal.SIGKILL)
+        send_signal(os.getpid(), KILL, group=True)
     os._exit(1)
 
 

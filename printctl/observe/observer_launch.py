@@ -6,7 +6,6 @@ Knows nothing of pictures, so that whatever starts or resumes a print may ask fo
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import time
 from pathlib import Path
@@ -15,17 +14,17 @@ from typing import Final
 from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import Care
-from printctl.machine.process.contact import alive, has_ended, stays_alive
+from printctl.machine.process.contact import alive, stays_alive
 from printctl.machine.process.launch import spawn
 from printctl.machine.records.record import RECORD, load_record
 from printctl.observe.records import LOG_FILE, OBSERVER_LOCK, ORDER_FILE, READY_FILE
+from printctl.processes import KILL, is_alive, send_signal
 from printctl.sources import python_command
 
 _READY_LIMIT_S: Final = 300.0
 """Loading takes some seconds; a camera's first picture has a limit of its own."""
 _END_LIMIT_S: Final = 10.0
 """Time for an observer to end, which may be judging a picture."""
-_KILL_SIGNAL: Final = getattr(signal, "SIGKILL", signal.SIGTERM)
 _DEFAULT_REMEDY: Final = "print without the recipe's section observe"
 
 
@@ -62,7 +61,7 @@ def start_observer(folder: Path, remedy: str = _DEFAULT_REMEDY) -> None:
         raise ObserverError(_refusal(str(exc), remedy)) from exc
     limit = time.monotonic() + _READY_LIMIT_S
     while time.monotonic() < limit:
-        over = has_ended(pid)
+        over = not is_alive(pid)
         if _ready_pid(folder) == pid:
             return
         if over:
@@ -128,15 +127,15 @@ def _end_and_wait(folder: Path) -> None:
     _end(pid)
     while alive(folder, OBSERVER_LOCK):
         if time.monotonic() > limit:
-            _end(pid, _KILL_SIGNAL)
+            _end(pid, KILL)
             return
         time.sleep(0.05)
 
 
-def _end(pid: int, how: signal.Signals = signal.SIGTERM) -> None:
+def _end(pid: int, how: int = signal.SIGTERM) -> None:
     if pid:
         with contextlib.suppress(OSError):
-            os.kill(pid, how)
+            send_signal(pid, how)
 
 
 def _ready_pid(folder: Path) -> int:

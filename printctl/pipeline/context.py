@@ -167,10 +167,17 @@ class RunContext:
         return self.recipe.printer.bath_depth_mm
 
     @cached_property
+    def flows_ul_s(self) -> tuple[float, ...]:
+        """What each pneumatic head lays while its valve is open; empty for plungers."""
+        return tuple(
+            steady_flow(head, one.ink, one.needle).ul_s
+            for head, one in zip(self.printer.airs, self.loads, strict=False)
+        )
+
+    @property
     def flow_ul_s(self) -> float | None:
-        """What a pneumatic head lays while its valve is open; None for a plunger."""
-        head = self.printer.pneumatic
-        return None if head is None else steady_flow(head, self.ink, self.needle).ul_s
+        """The same of the first head; None for a plunger."""
+        return next(iter(self.flows_ul_s), None)
 
     @cached_property
     def tissue(self) -> Tissue:

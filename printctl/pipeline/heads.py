@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from design.network import VesselKind, VesselNetwork
-from design.toolpath.gcode import GcodeOptions
-from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from design.toolpath.gcode import GcodeOptions, HeadLoad
+from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from kernels.arrays import IntArray
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
@@ -160,6 +160,32 @@ def layer_lines_um(part: Fresh, heads: Sequence[HeadPart], count: int) -> list[f
                 "one width"
             )
     return widths
+
+
+def head_loads(printer: Printer, loads: Sequence[HeadLoading]) -> tuple[HeadLoad, ...]:
+    """What the writer is told of each head; a pneumatic one's flow where its needle is known.
+
+    Raises
+    ------
+    ProfileError
+        When a head's pressure doesn't move its ink.
+    """
+    each = []
+    for number, one in enumerate(loads):
+        air, span, flow = printer.of_head(number).pneumatic, one.ink.write_speed_mm_s, None
+        if air is not None and one.needle is not None:
+            flow = steady_flow(air, one.ink, one.needle).ul_s
+        each.append(
+            HeadLoad(
+                one.syringe,
+                one.ink.flow_factor,
+                one.ink.retract_ul,
+                one.ink.plunger_ul_s,
+                flow,
+                None if span is None else (span.low, span.high),
+            )
+        )
+    return tuple(each)
 
 
 def gcode_options(

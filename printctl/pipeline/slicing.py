@@ -18,7 +18,6 @@ from design.solids.manifolds import solid_manifold
 from design.toolpath.fresh import Filling, FreshLayers, FreshOptions, FreshReport, Infill, Region
 from design.toolpath.gcode import (
     GcodeOptions,
-    HeadLoad,
     clear_mm,
     joint_mm,
     least_move_mm,
@@ -30,7 +29,7 @@ from firmware_profiles import Dish, Printer, steady_flow
 from kernels.arrays import FloatArray
 from printctl.checks.set_up import ABOVE_WALL_MM, HeadLoading
 from printctl.errors import UsageError
-from printctl.pipeline.heads import gcode_options
+from printctl.pipeline.heads import gcode_options, head_loads
 
 # Parse modifier meshes (FILE:setting=value,...): regions with their own infill or head.
 
@@ -370,10 +369,7 @@ def _writer(job: SliceJob, start: tuple[float, float, float]) -> GcodeOptions:
     options = gcode_options(first.ink, start, FreshOptions.travel_speed_mm_s, flow)
     if not job.printer.heads:
         return options
-    loads = tuple(
-        HeadLoad(one.syringe, one.ink.flow_factor, one.ink.retract_ul, one.ink.plunger_ul_s)
-        for one in job.loads
-    )
+    loads = head_loads(job.printer, job.loads)
     wall = None if job.dish is None else job.printer.z_mm.low + job.dish.wall_mm + ABOVE_WALL_MM
     return replace(options, heads=loads, safe_z_mm=wall)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import signal
 import subprocess
 import time
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from printctl.pipeline.lock import is_run_active
+from printctl.processes import KILL, is_alive, send_signal
 from printctl.sources import python_command
 
 StageState = Literal["waiting", "running", "done", "failed"]
@@ -121,16 +121,7 @@ _STARTS_S: Final = 60.0
 """A process that lives takes the folder's lock within this."""
 _REHEARSALS: Final = "runs/*.rehearsal"
 """Folders of rehearsals (`REHEARSAL`, whose package the stop process does without)."""
-_SIGKILL: Final = getattr(signal, "SIGKILL", signal.SIGTERM)  # Windows has none
-_PATIENCE: Final = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (_SIGKILL, 3.0))
-
-
-def _signal_group(pid: int, sign: int) -> None:
-    """Send a signal to a process and all that it started; Windows knows the process alone."""
-    if hasattr(os, "killpg"):
-        os.killpg(pid, sign)
-    else:
-        os.kill(pid, signal.SIGTERM)
+_PATIENCE: Final = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (KILL, 3.0))
 
 
 class DetachedProcesses:
@@ -187,12 +178,12 @@ class DetachedProcesses:
             return False
         for sign, wait_s in _PATIENCE:
             try:
-                _signal_group(pid, sign)
+                send_signal(pid, sign, group=True)
             except (ProcessLookupError, PermissionError):
                 break
             deadline = time.monotonic() + wait_s
             while time.monotonic() < deadline:
-                if (child.poll() is not None) if child is not None else not _exists(pid):
+                if (child.poll() is not None) if child is not None else not is_alive(pid):
                     return True
                 time.sleep(0.05)
         return True
@@ -205,15 +196,4 @@ class DetachedProcesses:
 
 def _lives(run: RunProgress, folder: Path) -> bool:
     soon = time.time() - run.begun < _STARTS_S
-    return bool(run.pid) and _exists(run.pid) and (soon or is_run_active(folder))
-
-
-def _exists(pid: int) -> bool:
-    """Whether a process lives; on Linux, one that waits for its parent to take note doesn't."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return not _text(Path(f"/proc/{pid}/stat")).rpartition(")")[2].startswith(" Z")
+    return bool(run.pid) and is_alive(run.pid) and (soon or is_run_active(folder))

@@ -6,7 +6,6 @@ Goes in: a program. Comes out: the head in use, tip positions and open valves, r
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -16,13 +15,14 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Pneumatic, Printer
 from firmware_profiles.families import family_of
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import FloatArray
 from sim.errors import GcodeError, LineError
 from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.program.gcode import Program, code, parse_line
+from sim.gcode.program.gcode import Program, code
 from sim.gcode.program.modal import DWELL, MOVE, SET_POSITION, TOOL
 from sim.gcode.program.read_program import read_written
-from sim.gcode.reading.line import Finding, GcodeLine, Lines, output_of
+from sim.gcode.program.valve import CLOSED, OPEN, Valve, first_rows, read_switch, read_valves
+from sim.gcode.reading.line import Finding, Lines
 
 # Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
 #
@@ -41,28 +41,37 @@ class Heads:
     raised : (n, heads) bool
         Whether each head is surely raised during each row of the program; a fixed one never is.
     commanded : (n, heads) bool
-        Whether the file has commanded it before; always true of a fixed one.
+        Whether the file has raised or lowered it before, by the profile's commands and no value
+        between; always true of a fixed one.
     lift_mm : (heads,) float64, mm
         How much higher each stands when raised.
     offset_mm : (heads, 3) float64, mm
         Of each tip from the first one's, both lowered.
+    axis_mm : (n, heads) float64 or None, mm
+        Where each head's own vertical axis stands after each row; None where all share one.
     """
 
     raised: NDArray[np.bool_]
     commanded: NDArray[np.bool_]
     lift_mm: FloatArray
     offset_mm: FloatArray
+    axis_mm: FloatArray | None = None
 
     def tips(self, program: Program, number: int) -> FloatArray:
         """Tip of one head before and after each row, (n, 2, 3), mm, raised or not."""
         ends = program.target[:, :3]
         begins = program.before[:, :3]
         tips = np.stack([begins, ends], axis=1) + self.offset_mm[number]
+        if self.axis_mm is not None:
+            own = np.append(program.start[2], self.axis_mm[:, number])
+            tips[:, :, 2] = np.column_stack([own[:-1], own[1:]]) + self.offset_mm[number, 2]
         tips[:, :, 2] += np.where(self.raised[:, number], self.lift_mm[number], 0.0)[:, None]
         return np.asarray(tips)
 
 
-def read_heads(program: Program, others: Lines, printer: Printer) -> Heads:
+def read_heads(
+    program: Program, others: Lines, printer: Printer, axis_mm: FloatArray | None = None
+) -> Heads:
     """Follow the commands that raise and lower heads; parameters as for `read_switch`."""
     heads = printer.heads or ()
     count = printer.head_count
@@ -72,10 +81,10 @@ def read_heads(program: Program, others: Lines, printer: Printer) -> Heads:
         if head.raises is not None and head.lowers is not None:
             switch = read_switch(program, others, head.lowers, head.raises)
             raised[:, number] = switch.before == CLOSED
-            commanded[:, number] = switch.before != UNKNOWN
+            commanded[:, number] = (switch.before == OPEN) | (switch.before == CLOSED)
     offset = np.array([head.offset_mm.mm for head in heads] or [(0.0, 0.0, 0.0)])
     lift = np.array([head.raised_mm for head in heads] or [0.0])
-    return Heads(raised, commanded, lift, offset)
+    return Heads(raised, commanded, lift, offset, axis_mm)
 
 
 def head_findings(program: Program, others: Lines, printer: Printer) -> list[Finding]:
@@ -139,7 +148,7 @@ def _offsets(program: Program, others: Lines, printer: Printer) -> list[Finding]
     command, word = family.head_offset_code, family.head_offset_word
     if not command:
         return []
-    row_of = _first_rows(program)
+    row_of = first_rows(program)
     words = {row_of[number]: line.values for number, line in others if line.code == command}
     twice = np.zeros(len(program), dtype=np.bool_)
     cleared: dict[int, int] = {}
@@ -189,89 +198,18 @@ def first_finding(
     return [Finding(line, sort, f"line {line}{text}", value, limit, int(where.sum()))]
 
 
-# Find a pneumatic head's valve commands in G-code, and the times of ink flow.
-#
-# Which commands those are the profile says (`dispenser`: opens, closes); a line is one of them if
-# it has the same command and words, in any order. The same command with the same address (what both
-# have in common, a pin or a fan) and another value leaves the valve somewhere between; it is
-# reported as that, and counts as open.
+# Times of ink flow from a pneumatic head.
 #
 # Ink flows from the opening delay after an opening until the closing delay after a closing. When
 # that was follows from the blocks that ran between the two commands and from the dwells beside
 # them; the time that a line takes to come isn't in it. Pressure and flow are taken as steady
 # meanwhile: no rise, no lag of the ink, no oozing from a closed valve.
 
-UNKNOWN, CLOSED, OPEN, BETWEEN = range(-1, 3)
-"""States of a valve."""
-_CODE: Final = re.compile(rb"[GMT]\d+")
-Words = frozenset[tuple[str, str | float]]
-
-
-@dataclass(frozen=True)
-class Valve:
-    """Valve states along a G-code file.
-
-    Attributes
-    ----------
-    row : (k,) int64
-        Rows of the program that switch it.
-    state : (k,) int64
-        OPEN, CLOSED or BETWEEN after each.
-    before : (n,) int64
-        State while each row of the program is done; UNKNOWN until the first switch.
-    """
-
-    row: IntArray
-    state: IntArray
-    before: IntArray
-
-    @property
-    def is_open(self) -> NDArray[np.bool_]:
-        """Whether ink may flow during each row, (n,)."""
-        open_rows: NDArray[np.bool_] = (self.before == OPEN) | (self.before == BETWEEN)
-        return open_rows
-
-
-def read_valve(program: Program, others: Lines, head: Pneumatic) -> Valve:
-    """Find the lines that switch the valve, of a file's lines that aren't moves."""
-    return read_switch(program, others, head.opens, head.closes)
-
-
-def read_switch(program: Program, others: Lines, on: str, off: str) -> Valve:
-    """Find the lines that switch something by one command with two values.
-
-    Parameters
-    ----------
-    program, others
-        As for `read_valve`.
-    on, off : str
-        After which it is OPEN, or CLOSED.
-    """
-    opens, closes = _command(on), _command(off)
-    row_of = _first_rows(program)
-    rows, states = [], []
-    for number, line in others:
-        state = UNKNOWN
-        if line.code == opens[0]:
-            state = _state((line.code, _words(line)), opens, closes)
-        if state != UNKNOWN and number in row_of:
-            rows.append(row_of[number])
-            states.append(state)
-    row, state_of = np.array(rows, np.int64), np.array(states, np.int64)
-    latest = np.searchsorted(row, np.arange(len(program)), side="left") - 1
-    before = np.where(latest >= 0, np.append(state_of, UNKNOWN)[latest], UNKNOWN)
-    return Valve(row, state_of, before)
-
-
-def _first_rows(program: Program) -> dict[int, int]:
-    """First row of each line of the file."""
-    return dict(zip(program.line.tolist()[::-1], range(len(program) - 1, -1, -1), strict=True))
-
 
 def read_with_valve(
     gcode: bytes, printer: Printer, start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> tuple[Program, Valve | None]:
-    """A file's commands, and the valve in it where the printer has one.
+    """Read a file's commands, and what its valves do together where the printer has any.
 
     Parameters
     ----------
@@ -283,10 +221,10 @@ def read_with_valve(
     GcodeError
         When a command can't be read: what is left of the file would be another part.
     """
-    program, _, file = read_written(gcode, printer, start_mm)
-    refuse_unread(file.refused)
-    head = printer.pneumatic
-    return program, None if head is None else read_valve(program, file.others, head)
+    read = read_written(gcode, printer, start_mm)
+    refuse_unread(read.file.refused)
+    valves = read_valves(read.program, read.file.others, printer)
+    return read.program, Valve.joined(valves) if valves else None
 
 
 def refuse_unread(refused: Sequence[tuple[int, LineError]]) -> None:
@@ -297,38 +235,6 @@ def refuse_unread(refused: Sequence[tuple[int, LineError]]) -> None:
             f"line {line}: {error} ({len(refused)} lines can't be read; `printctl simulate` tells "
             "them by kind)"
         )
-
-
-def _words(line: GcodeLine) -> Words:
-    if line.is_named:
-        return frozenset(line.parameters.items())
-    return frozenset(
-        (letter, "" if value is None else value) for letter, value in line.words.items()
-    )
-
-
-def _command(text: str) -> tuple[str, Words]:
-    """Name and words of a profile's command, whichever way it is written."""
-    output = output_of(text)
-    if output is not None:
-        return output[0], frozenset(output[1].items())
-    first, *rest = text.split()
-    if _CODE.fullmatch(first.encode()):
-        parsed = parse_line(text.encode("latin-1"))
-        words: Words = frozenset({*parsed.values.items(), *((flag, "") for flag in parsed.flags)})
-        return parsed.name, words
-    pairs = (word.partition("=") for word in rest)
-    return first.upper(), frozenset((key.upper(), value) for key, _, value in pairs)
-
-
-def _state(command: tuple[str, Words], opens: tuple[str, Words], closes: tuple[str, Words]) -> int:
-    """What a command makes of the valve; UNKNOWN where it is about something else."""
-    if command == opens:
-        return OPEN
-    if command == closes:
-        return CLOSED
-    same = command[0] == opens[0] and opens[1] & closes[1] <= command[1]
-    return BETWEEN if same else UNKNOWN
 
 
 def flowing(

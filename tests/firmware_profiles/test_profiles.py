@@ -92,6 +92,10 @@ def test_printers_of_the_issue_ship_with_their_family() -> None:
     assert families["makergear_m2_duet2"] == "reprapfirmware"
     assert families["lulzbot_taz6_replistruder4"] == "marlin"
     assert families["klipper_bioprinter"] == "klipper"
+    assert families["flashforge_finder_duet2_replistruder4"] == "reprapfirmware"
+    assert families["jubilee_duet3_syringe"] == "reprapfirmware"
+    assert families["prusa_i3_mk3s_syringe"] == "prusa"
+    assert {"printess_marlin", "ender3_marlin_syringe", "bio_x_style_pneumatic"} <= set(families)
 
 
 def _printer(tmp_path: Path, *without: str, add: str = "") -> str:

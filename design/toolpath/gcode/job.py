@@ -65,15 +65,20 @@ class HeadLoad:
         As in `GcodeOptions`, of this head's ink.
     relieve_ul, plunger_ul_s : float, µL, µL/s
         As in `GcodeOptions`: relief before the head is left, where the toolpath has none.
+    flow_ul_s, ink_speed_mm_s
+        As in `GcodeOptions`, of a pneumatic head.
     """
 
     syringe: Syringe
     flow_factor: float = 1.0
     relieve_ul: float = 0.02
     plunger_ul_s: float = 0.4
+    flow_ul_s: float | None = None
+    ink_speed_mm_s: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        check_fields("head's load", self, "flow_factor plunger_ul_s", "relieve_ul")
+        flow = "" if self.flow_ul_s is None else " flow_ul_s"
+        check_fields("head's load", self, f"flow_factor plunger_ul_s{flow}", "relieve_ul")
 
 
 @dataclass(frozen=True)

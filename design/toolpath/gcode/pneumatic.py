@@ -1,4 +1,4 @@
-"""Adapt G-code to a pneumatic head: feed rates that suit its flow, valve commands.
+"""Adapt G-code to pneumatic heads: feed rates that suit their flow, valve commands.
 
 The pressure fixes the flow Q, so a move of length l that is to lay the volume V must take V/Q:
 its speed is Q l/V, whatever the toolpath asked for. The valve opens and closes while the head
@@ -10,6 +10,7 @@ plunger to relieve, a closed valve takes the pressure off.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -18,13 +19,13 @@ from numpy.typing import NDArray
 
 from design.errors import ToolpathError
 from design.toolpath.gcode.commands import DWELL, MachineMoves, per_axis
-from design.toolpath.gcode.job import GcodeOptions
+from design.toolpath.gcode.job import HeadLoad
 from design.toolpath.gcode.marks import Marks, in_order
 from design.toolpath.gcode.table import Table, decimals_for
 from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Pneumatic, Printer
 from firmware_profiles.families.dialect import Dialect
-from kernels.arrays import FloatArray
+from kernels.arrays import FloatArray, IntArray
 
 ROUNDING: Final = 1e-9
 """Part of a speed by which it may be beyond its limit."""
@@ -35,7 +36,9 @@ def at_flow(
     toolpath: Toolpath,
     printer: Printer,
     place_mm: FloatArray,
-    options: GcodeOptions,
+    load: HeadLoad,
+    *,
+    standing_doses: bool,
 ) -> MachineMoves:
     """Give each writing command the speed at which the flow lays its volume.
 
@@ -45,17 +48,20 @@ def at_flow(
         Of the toolpath alone.
     toolpath : Toolpath
     printer : Printer
+        With this head alone.
     place_mm : (3,) float64, mm
         From the part's frame to the printer's.
-    options : GcodeOptions
-        The flow, the ink's speeds, and whether primes are doses.
+    load : HeadLoad
+        Its flow, and the ink's speeds.
+    standing_doses : bool
+        As in `GcodeOptions`.
 
     Raises
     ------
     ToolpathError
         Where a speed is beyond what an axis or the ink bears; names layer or vessel, and place.
     """
-    flow = _flow(printer, options)
+    flow = _flow(printer, load)
     kind = toolpath.kind[moves.move]
     writes = kind == MoveKind.WRITE
     laid = np.where(toolpath.kind == MoveKind.WRITE, toolpath.volume_ul, 0.0).cumsum()
@@ -65,8 +71,8 @@ def at_flow(
     _refuse_dry(toolpath, moves, writes & (length > 0) & (volume <= 0))
     speed = moves.speed_mm_s.copy()
     np.divide(flow * length, volume, out=speed, where=writes & (volume > 0))
-    _refuse_beyond(toolpath, printer, replace(moves, speed_mm_s=speed), way, options)
-    if not options.standing_doses:
+    _refuse_beyond(toolpath, printer, replace(moves, speed_mm_s=speed), way, load)
+    if not standing_doses:
         return replace(moves, speed_mm_s=speed)
     doses = kind == MoveKind.PRIME
     return replace(
@@ -77,13 +83,13 @@ def at_flow(
     )
 
 
-def _flow(printer: Printer, options: GcodeOptions) -> float:
-    if options.flow_ul_s is None:
+def _flow(printer: Printer, load: HeadLoad) -> float:
+    if load.flow_ul_s is None:
         raise ToolpathError(
             f"{printer.name} has a pneumatic head, and nobody said its flow (flow_ul_s, µL/s): "
             "give it, measured or foreseen (firmware_profiles.steady_flow)"
         )
-    return options.flow_ul_s
+    return load.flow_ul_s
 
 
 def _written_way(moves: MachineMoves, printer: Printer, first: FloatArray) -> FloatArray:
@@ -112,13 +118,13 @@ def _refuse_beyond(
     printer: Printer,
     moves: MachineMoves,
     way: FloatArray,
-    options: GcodeOptions,
+    load: HeadLoad,
 ) -> None:
     """Speeds that an axis or the ink doesn't bear; the first of each sort is named."""
     length = np.linalg.norm(way, axis=1)
     writes = (toolpath.kind[moves.move] == MoveKind.WRITE) & (length > 0)
     share = np.divide(np.abs(way), length[:, None], out=np.zeros_like(way), where=writes[:, None])
-    low, high = options.ink_speed_mm_s or (0.0, np.inf)
+    low, high = load.ink_speed_mm_s or (0.0, np.inf)
     limits = [
         (moves.speed_mm_s * share[:, k], 0.0, limit, f"max_speed_mm_s.{axis}")
         for k, (axis, limit) in enumerate(
@@ -133,7 +139,7 @@ def _refuse_beyond(
         if wrong.any():
             row = int(wrong.argmax())
             raise ToolpathError(
-                f"{_of(toolpath, int(moves.move[row]))}: at {options.flow_ul_s:.4g} µL/s it must "
+                f"{_of(toolpath, int(moves.move[row]))}: at {load.flow_ul_s:.4g} µL/s it must "
                 f"be written at {moves.speed_mm_s[row]:.4g} mm/s; its {speed[row]:.4g} mm/s are "
                 f"outside {least:g} to {most:g} mm/s ({printer.name}: {key}), in "
                 f"{int(wrong.sum())} moves; change the pressure, the needle or the line's width"
@@ -143,15 +149,15 @@ def _refuse_beyond(
 def valve_lines(
     toolpath: Toolpath,
     table: Table,
-    head: Pneumatic,
+    heads: Sequence[Pneumatic],
     marks: Marks,
     dialect: Dialect,
     *,
     standing_doses: bool,
 ) -> Marks:
-    """The valve's commands and the marks, each before its row of the table.
+    """Return the valves' commands and the marks, each before its row of the table.
 
-    The valve closes before a mark (where the job may be interrupted) and opens after it.
+    A valve closes before a mark (where the job may be interrupted) and opens after it.
     """
     known = table.move >= 0
     kind = np.where(known, toolpath.kind[np.maximum(table.move, 0)], -1)
@@ -162,13 +168,20 @@ def valve_lines(
     interrupted = np.isin(np.arange(len(kind)), marks.row)
     opens = np.flatnonzero(flows & (~before | doses | interrupted))
     closes = np.flatnonzero(flows & (~after | doses | np.roll(interrupted, -1))) + 1
-    shut = _switch(head, dialect, to_open=False)
-    opened = _switch(head, dialect, to_open=True)
+    shut = [_switch(head, dialect, to_open=False) for head in heads]
+    opened = [_switch(head, dialect, to_open=True) for head in heads]
     return in_order(
-        Marks(np.repeat(closes, len(shut)), shut * len(closes)),
+        _lines_at(closes, table.head[closes - 1], shut),
         marks,
-        Marks(np.repeat(opens, len(opened)), opened * len(opens)),
+        _lines_at(opens, table.head[opens], opened),
     )
+
+
+def _lines_at(rows: IntArray, heads: NDArray[np.int8], lines: Sequence[list[str]]) -> Marks:
+    """Lines of each row's head before the row."""
+    each = [lines[head] for head in heads.tolist()]
+    text = [line for of_row in each for line in of_row]
+    return Marks(np.repeat(rows, [len(of_row) for of_row in each]), text)
 
 
 def _switch(head: Pneumatic, dialect: Dialect, *, to_open: bool) -> list[str]:

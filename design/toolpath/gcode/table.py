@@ -89,6 +89,11 @@ class Table:
     given: NDArray[np.bool_]  # (n, 6), whether the word is written
     source: IntArray  # (n,), as in `Gcode`
     move: IntArray  # (n,)
+    head: NDArray[np.int8]  # (n,), whose letters the words have
+
+    def of(self, head: int) -> Table:
+        """Return the same rows as another head's."""
+        return replace(self, head=np.full(len(self.code), head, np.int8))
 
     def where(self, rows: IntArray | NDArray[np.bool_]) -> Table:
         """Return the rows of a mask or of row numbers."""
@@ -102,7 +107,12 @@ class Table:
 
 
 _NOTHING = Table(
-    _NONE, np.zeros((0, 6), dtype=np.int64), np.zeros((0, 6), dtype=np.bool_), _NONE, _NONE
+    _NONE,
+    np.zeros((0, 6), dtype=np.int64),
+    np.zeros((0, 6), dtype=np.bool_),
+    _NONE,
+    _NONE,
+    np.zeros(0, dtype=np.int8),
 )
 
 
@@ -172,7 +182,8 @@ def tabulate(
     value[:, _P] = np.rint(commands.pause_s * 1e3).astype(np.int64)
     given[:, _P] = commands.code == DWELL
     feed = int(value[moves[-1], _F]) if len(moves) else reached.feed
-    table, base = Table(commands.code, value, given, commands.source, commands.move), 0
+    head = np.zeros(len(commands.code), dtype=np.int8)
+    table, base = Table(commands.code, value, given, commands.source, commands.move, head), 0
     if not printer.pneumatic and dialect_of(printer).counts_anew:
         table, base = _counted_anew(table, reached, digits)
     return table, JobPosition(quanta[-1] if len(quanta) else reached.quanta, feed, base)
@@ -184,6 +195,14 @@ def declare_position(table: Table, begin: JobPosition, *, position: bool, plunge
         return table
     first = np.zeros(1, dtype=np.int64)
     return _with_sets(table, first, begin.quanta[None], position=position, plunger=plunger)
+
+
+def declare_height(begin: JobPosition) -> Table:
+    """Return the G92 that says at which height an axis stands, that of ``begin``."""
+    row = _with_sets(
+        _NOTHING, np.zeros(1, np.int64), begin.quanta[None], position=True, plunger=False
+    )
+    return replace(row, given=row.given & (np.arange(6) == _Z))
 
 
 def place_text(begin: JobPosition, printer: Printer) -> tuple[str, str, str]:
@@ -290,6 +309,7 @@ def _with_sets(
         np.insert(table.given, rows, given, axis=0),
         np.insert(table.source, rows, -1),
         np.insert(table.move, rows, -1),
+        np.insert(table.head, rows, 0),
     )
 
 
@@ -337,17 +357,18 @@ def _render(
     value: IntArray,
     given: NDArray[np.bool_],
     decimals: IntArray,
+    head: NDArray[np.int8],
     words: Bytes,
     text: Bytes,
 ) -> IntArray:
-    """Write all rows; returns the end of each."""
+    """Write all rows; returns the end of each. ``words`` (heads, 6) are each head's letters."""
     ends, at = np.empty(len(code), np.int64), 0
     for row in range(len(code)):
         text[at] = 71
         at = _number(text, at + 1, code[row], 0)
-        for word in range(len(words)):
+        for word in range(words.shape[1]):
             if given[row, word]:
-                text[at], text[at + 1] = 32, words[word]
+                text[at], text[at + 1] = 32, words[head[row], word]
                 at = _number(text, at + 2, value[row, word], decimals[word])
         text[at] = 10
         at += 1
@@ -356,15 +377,21 @@ def _render(
 
 
 def render(
-    table: Table, decimals: tuple[int, int, int, int, int, int], letters: bytes = WORDS
+    table: Table,
+    decimals: tuple[int, int, int, int, int, int],
+    letters: Sequence[bytes] = (WORDS,),
 ) -> tuple[bytes, int]:
-    """Text of the commands and its longest line in bytes, the line end not counted."""
-    words = np.frombuffer(letters, dtype=np.uint8)
+    """Return the commands' text and its longest line in bytes, the line end not counted.
+
+    ``letters`` are those of each head's words.
+    """
+    words = np.frombuffer(b"".join(letters), dtype=np.uint8).reshape(len(letters), -1)
     text = np.empty(CHUNK * ROW_BYTES, dtype=np.uint8)
     parts, longest = [], 0
     for low in range(0, len(table.code), CHUNK):
         part = table.where(np.arange(low, min(low + CHUNK, len(table.code))))
-        ends = _render(part.code, part.value, part.given, np.array(decimals), words, text)
+        rows = (part.code, part.value, part.given)
+        ends = _render(*rows, np.array(decimals), part.head, words, text)
         parts.append(text[: ends[-1]].tobytes())
         longest = max(longest, int(np.diff(ends, prepend=0).max()) - 1)
     return b"".join(parts), longest

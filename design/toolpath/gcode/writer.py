@@ -9,13 +9,14 @@ until every tip, lowered ones too, is above all that the job writes (and above t
 `safe_z_mm`); there wait, raise the old head, choose the new one, count E from where its own plunger
 stands, lower it; across, straight down to where its first move begins, prime. The toolpath's own
 travels of the new head before that move are left out. A ``;RELOAD`` mark stands where the old head
-is up and relieved: nothing presses in any syringe there.
+is up and relieved: nothing presses in any syringe there. Where each head has a vertical axis of its
+own, the one that is left stays up there; where the file sets pressures, it gets its resting one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Final
 
 import numpy as np
@@ -37,6 +38,7 @@ from design.toolpath.gcode.table import (
     Table,
     counted_from,
     decimals_for,
+    declare_height,
     declare_position,
     dialect_of,
     place_text,
@@ -45,6 +47,8 @@ from design.toolpath.gcode.table import (
 )
 from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Head, Printer, Syringe
+from firmware_profiles.families.dialect import Dialect
+from firmware_profiles.strict_model import fill_pressure
 from kernels.arrays import FloatArray, IntArray
 
 LINK_BYTES: Final = len("N1234567 ") + len("*255")
@@ -60,11 +64,13 @@ class HeadState:
     printer: Printer  # as if it were the only one (`Printer.of_head`)
     load: HeadLoad
     head: Head | None  # how it is chosen, raised and lowered; None for a printer of one head
+    dialect: Dialect
     pushed_ul: float = 0.0  # µL, what its toolpath has pushed
     quantum: int = 0  # its plunger's travel as written
     base: int = 0  # what E's counting anew has taken off it
     relieved: bool = True  # nothing presses: it has pushed nothing yet, or was relieved since
     owed_ul: float = 0.0  # µL, relief put in here, to be primed when the head comes back
+    height: int = 0  # its own vertical axis' place as written
 
     @property
     def offset(self) -> FloatArray:
@@ -82,8 +88,15 @@ class HeadState:
         return self.pushed_ul * self.per_ul / self.load.flow_factor - self.owed_ul * self.per_ul
 
     def select(self) -> list[str]:
-        """Command that chooses it."""
-        return [] if self.head is None else [self.head.select]
+        """Command that chooses it; none where its valve does."""
+        return [] if self.head is None or self.head.select is None else [self.head.select]
+
+    def pressure(self, *, writes: bool) -> list[str]:
+        """Lines that set its writing or its resting pressure."""
+        air = self.printer.pneumatic
+        if air is None or air.resting_kpa is None:
+            return []
+        return fill_pressure(air.sets_pressure, air.pressure_kpa if writes else air.resting_kpa)
 
     def moved(self, *, to_raise: bool) -> list[str]:
         """Raise or lower it with the motors standing, and wait; nothing where it is fixed."""
@@ -91,15 +104,22 @@ class HeadState:
             return []
         command = self.head.raises if to_raise else self.head.lowers
         if command is None:
-            return ["M400"] if to_raise else []
-        wait = [f"G4 P{np.ceil(self.head.moving_s * 1e3):.0f}"] if self.head.moving_s > 0 else []
-        return ["M400", command, *wait]
+            return [self.dialect.waits] if to_raise else []
+        wait = [self.dialect.dwell(self.head.moving_s)] if self.head.moving_s > 0 else []
+        return [self.dialect.waits, command, *wait]
 
     def reached(self, at: JobPosition) -> JobPosition:
-        """``at``, with this head's plunger in place of another's."""
+        """``at``, with this head's plunger and vertical axis in place of another's."""
         quanta = at.quanta.copy()
         quanta[E_WORD] = self.quantum
+        if self.own_axis:
+            quanta[2] = self.height
         return replace(at, quanta=quanta, base=self.base)
+
+    @property
+    def own_axis(self) -> bool:
+        """Whether it has a vertical axis of its own."""
+        return self.head is not None and self.head.z_axis is not None
 
 
 @dataclass
@@ -150,12 +170,12 @@ class Writer:
     ) -> None:
         self._place, self._options, self._syringe = place_mm, options, syringe
         self._path_top = top_mm + float(place_mm[2])
-        self._heads = _heads(printer, syringe, options)
+        self._dialect = dialect_of(printer)
+        self._heads = _heads(printer, syringe, options, self._dialect)
         # The finest plunger's digits for all, so that one job has one writing of E.
         finest = max(one.printer.steps_per_mm.e for one in self._heads)
         steps = printer.steps_per_mm.model_copy(update={"e": finest})
         self._printer = printer.model_copy(update={"steps_per_mm": steps})
-        self._dialect = dialect_of(printer)
         self._top = self._travel_height(printer)
         self._active = self._heads[0]
         self._begin: JobPosition | None = None
@@ -197,6 +217,7 @@ class Writer:
             self._write_run(toolpath, rows, lines)
         if last:
             self._leave(lines)
+            lines.insert(*self._active.pressure(writes=False))
         gcode = self._rendered(toolpath, lines, last=last)
         self._moves += len(toolpath)
         writes = np.flatnonzero(toolpath.kind == MoveKind.WRITE)
@@ -247,8 +268,11 @@ class Writer:
         start = np.append(to - 1.0 if options.start_mm is None else options.start_mm, 0.0)
         begin = JobPosition.at(start, self._printer)
         first = self._heads[0]
+        for one in self._heads:
+            lines.insert(*one.pressure(writes=one is first))
         for one in self._heads[1:]:
-            lines.insert(*one.moved(to_raise=True))
+            if not one.own_axis:
+                lines.insert(*one.moved(to_raise=True))
         lines.insert(*first.select(), *first.moved(to_raise=False))
         high = self._top if blind else max(self._top, float(start[2]))
         end = np.append(to, 0.0)
@@ -258,7 +282,18 @@ class Writer:
         table, self._reached = tabulate(MachineMoves.joined(way), begin, self._printer, blind=blind)
         declares = not blind and not self._dialect.declares
         plunger = self._printer.pneumatic is None
-        lines.add(declare_position(table, begin, position=declares, plunger=plunger))
+        declared = declare_position(table, begin, position=declares, plunger=plunger)
+        others = [one for one in self._heads[1:] if one.own_axis]
+        if declares:
+            for one in others:
+                lines.add(declare_height(begin).of(one.number))
+        for one in others:
+            low = JobPosition.at(_with(start, 2, high - 1.0), self._printer) if blind else begin
+            up, reached = tabulate(self._rise(start, high, one), low, self._printer)
+            lines.add(up.of(one.number))
+            one.height = int(reached.quanta[2])
+        lines.add(declared)
+        first.height = int(self._reached.quanta[2])
         return begin
 
     def _change(self, new: HeadState, first_mm: FloatArray, lines: _Lines) -> None:
@@ -267,8 +302,11 @@ class Writer:
         old, self._active = self._active, new
         reload = [f"{self._dialect.comment}RELOAD"] if old.pushed_ul else []
         lines.insert(*reload, *old.moved(to_raise=True), *new.select())
-        table, at = counted_from(new.reached(self._reached), self._printer)
-        lines.add(table)
+        lines.insert(*old.pressure(writes=False), *new.pressure(writes=True))
+        at = new.reached(self._reached)
+        if self._printer.pneumatic is None:
+            table, at = counted_from(at, self._printer)
+            lines.add(table)
         lines.insert(*new.moved(to_raise=False))
         to = np.append(first_mm + self._place - new.offset, new.plunger_mm)
         way = [self._across(to, self._top, new), self._rise(to, to[2], new)]
@@ -288,14 +326,15 @@ class Writer:
             part, one.printer, load.syringe, place, load.flow_factor, one.pushed_ul
         )
         if self._printer.pneumatic:
-            body = at_flow(body, part, self._printer, place, self._options)
+            doses = self._options.standing_doses
+            body = at_flow(body, part, one.printer, place, load, standing_doses=doses)
         self._add(replace(body, move=rows[body.move]), one.reached(self._reached), lines)
         one.pushed_ul = float(np.cumsum(np.append(one.pushed_ul, part.volume_ul))[-1])
-        doses = np.flatnonzero(part.volume_ul)
+        pushes = np.flatnonzero(part.volume_ul)
         if one.head is None:  # a job of one head always relieves at its end
             one.relieved = False
-        elif len(doses):
-            one.relieved = bool(part.kind[doses[-1]] == MoveKind.RETRACT)
+        elif len(pushes):
+            one.relieved = bool(part.kind[pushes[-1]] == MoveKind.RETRACT)
 
     def _leave(self, lines: _Lines) -> None:
         """Relieve the plunger, where it presses, and go straight up."""
@@ -325,8 +364,9 @@ class Writer:
         one = self._active
         own = self._printer.model_copy(update={"max_speed_mm_s": one.printer.max_speed_mm_s})
         table, self._reached = tabulate(commands, at, own)
-        lines.add(table)
+        lines.add(table.of(one.number))
         one.quantum, one.base = int(self._reached.quanta[E_WORD]), self._reached.base
+        one.height = int(self._reached.quanta[2])
 
     # -- text
 
@@ -337,7 +377,7 @@ class Writer:
         table = replace(table, code=np.where(table.code == TRAVEL, dialect.travels, table.code))
         times = (dialect.feed_decimals, dialect.dwell_decimals)
         places = (digits.x, digits.y, digits.z, digits.e, *times)
-        text, longest = render(table, places, dialect.words)
+        text, longest = render(table, places, [*map(dialect.words_of, self._printer.z_axes)])
         most = self._printer.max_line_bytes
         if longest > most - LINK_BYTES:
             raise ToolpathError(
@@ -353,10 +393,11 @@ class Writer:
     def _with_marks(self, toolpath: Toolpath, table: Table, lines: _Lines, *, last: bool) -> Marks:
         """Return all lines that are no rows; marks come before the lines of a change of head."""
         marks = marks_of(toolpath, table, self._source, last=last, comment=self._dialect.comment)
-        head, doses = self._printer.pneumatic, self._options.standing_doses
-        if head is not None:
-            return valve_lines(toolpath, table, head, marks, self._dialect, standing_doses=doses)
-        return in_order(marks, Marks(np.array(lines.row, np.int64), lines.text))
+        marks = in_order(marks, Marks(np.array(lines.row, np.int64), lines.text))
+        airs, doses = self._printer.airs, self._options.standing_doses
+        if not airs:
+            return marks
+        return valve_lines(toolpath, table, airs, marks, self._dialect, standing_doses=doses)
 
     def _framed(self, gcode: Gcode, *, first: bool, last: bool) -> Gcode:
         """Put the dialect's header before the first part, its footer behind the last."""
@@ -377,11 +418,14 @@ class Writer:
         )
 
 
-def _heads(printer: Printer, syringe: Syringe, options: GcodeOptions) -> list[HeadState]:
-    """Each head with what it holds: the same in all, where the options name none."""
-    load = HeadLoad(syringe, options.flow_factor, options.relieve_ul, options.plunger_ul_s)
+def _heads(
+    printer: Printer, syringe: Syringe, options: GcodeOptions, dialect: Dialect
+) -> list[HeadState]:
+    """Return each head with what it holds: the same in all, where the options name none."""
+    names = [name.name for name in fields(HeadLoad) if name.name != "syringe"]
+    load = HeadLoad(syringe, **{name: getattr(options, name) for name in names})
     if not printer.heads:
-        return [HeadState(0, printer, load, None)]
+        return [HeadState(0, printer, load, None, dialect)]
     loads = options.heads or (load,) * printer.head_count
     if len(loads) != printer.head_count:
         raise ToolpathError(
@@ -389,7 +433,7 @@ def _heads(printer: Printer, syringe: Syringe, options: GcodeOptions) -> list[He
             "hold something (options: heads); say it of each"
         )
     return [
-        HeadState(number, printer.of_head(number), own, head)
+        HeadState(number, printer.of_head(number), own, head, dialect)
         for number, (head, own) in enumerate(zip(printer.heads, loads, strict=True))
     ]
 

@@ -25,6 +25,8 @@ _WORDS: Final = {
     "G91": "",
     "G92": "X Y Z E",
 }
+_NO_MOTION: Final = frozenset({"$", "ENABLE", "DISABLE", "DWELL", "WAIT", "WAITFORMOTIONDONE"})
+_CALLS: Final = {"VELOCITYBLENDINGON", "CORNERROUNDINGON", "DRIVEBRAKEON", "DRIVEBRAKEOFF"}
 
 
 def dialect_of(printer: Printer) -> Dialect:
@@ -40,20 +42,29 @@ def dialect_of(printer: Printer) -> Dialect:
             f"profile {printer.name!r} doesn't say which Aerotech controller it is for; give it "
             "(file_controller: {controller: a3200})"
         )
-    return _completed(_COMMON, printer.file_controller)
+    return _completed(printer, printer.file_controller)
 
 
 FAMILY: Final = Family(
     grammar=Grammar(
         codes=codes("G", 0, 1, 4, 20, 21, 90, 91, 92) | codes("M", 105, 400),
-        names=dict.fromkeys(("$DO", "DIGITALOUTPUTSET"), Meaning.OTHER),
+        names=dict.fromkeys(
+            ("$DO", "DIGITALOUTPUTSET", "BRAKE", "DRIVEBRAKE", "SETS_PRESSURE"), Meaning.OTHER
+        ),
         words=_WORDS,
     ),
     dialect=dialect_of,
-    file_controllers={"a3200": "$DO", "automation1": "DigitalOutputSet"},
+    file_controllers={
+        "a3200": ("$DO", "BRAKE "),
+        "automation1": ("DigitalOutputSet", "DriveBrake"),
+    },
+    setup_words={
+        "a3200": _NO_MOTION | {"VELOCITY", "ROUNDING", "DVAR", "BRAKE", "CALL", "M2"},
+        "automation1": _NO_MOTION | {"VAR", *_CALLS},
+    },
 )
 """Codes are those that its commands are translated into before they are read; names are the
-commands that set an output."""
+commands that set an output, a brake or a pressure."""
 
 
 # G-code dialect for an Aerotech A3200 or Automation1 controller; not verified on a machine.
@@ -65,7 +76,10 @@ commands that set an output."""
 # footer.txt): ``$DO0.0=0``, ``G4 P0.15`` in seconds; ORNL Slicer 2, aerobasic_writer.cpp:
 # ``VELOCITY ON`` keeps the head from stopping at each move's end, ``$DO[0].X=1``, F in mm/s; G71
 # and G92 as in the programs of others. ``;`` begins a comment in mecode's files, but would part two
-# statements in AeroScript, so it isn't used.
+# statements in AeroScript, so it isn't used. A valve on an axis' brake, several vertical axes and
+# pressures by a call: the files of the Skylar-Scott lab's rig (github.com/sohams-MASS/X-CAVATE,
+# commit 5758b1422dfa, tests/verification_harness) have ``BRAKE Aa 0`` and ``Call setPress``, its
+# writer for Automation1 ``DriveBrakeOff(Aa)``.
 
 _COMMON: Final = Dialect(
     clean=(),
@@ -82,14 +96,16 @@ _BLENDING: Final = {"a3200": "VELOCITY ON", "automation1": "G108"}
 _WAITS: Final = {"a3200": "WAIT MOVEDONE {}", "automation1": "WaitForMotionDone([{}])"}
 
 
-def _completed(dialect: Dialect, chosen: FileController) -> Dialect:
-    """Blending and waiting in the controller's language, and the plunger's own letter."""
+def _completed(printer: Printer, chosen: FileController) -> Dialect:
+    """Blending and waiting in the controller's language; the axes' letters, the lab's own lines."""
     letter = chosen.plunger_axis or ""
-    axes = ["X", "Y", "Z", *letter]
+    axes = ["X", "Y", *dict.fromkeys(printer.z_axes), *letter]
     between = " " if chosen.controller == "a3200" else ", "
     return replace(
-        dialect,
-        modes=(*dialect.modes, _BLENDING[chosen.controller]),
+        _COMMON,
+        modes=(*_COMMON.modes, _BLENDING[chosen.controller]),
         waits=_WAITS[chosen.controller].format(between.join(axes)),
         words=WORDS.replace(b"E", (letter or "E").encode()),
+        begins=chosen.begins,
+        ends=chosen.ends,
     )

@@ -19,6 +19,7 @@ from typing import Final
 from design.errors import DesignError
 from design.hemodynamics.three_d.ranks import RankResult, read_result
 from printctl.errors import PrintctlError, UsageError
+from printctl.processes import KILL, send_signal
 
 # Find a Python with FEniCSx, and the program that starts MPI ranks.
 
@@ -260,7 +261,7 @@ def _end(process: subprocess.Popen[str]) -> None:
     try:
         process.wait(GRACE_S)
     except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
+        send_signal(process.pid, KILL, group=True)
         process.wait()
 
 

@@ -132,9 +132,7 @@ def _named_by(
     printer: Printer,
 ) -> tuple[tuple[tuple[GcodeLine, GcodeLine], ...], frozenset[bytes]]:
     """What switches valve and heads, as pairs; what else the profile has sent."""
-    pairs = []
-    if printer.pneumatic is not None:
-        pairs.append((printer.pneumatic.opens, printer.pneumatic.closes))
+    pairs = [(head.opens, head.closes) for head in printer.airs]
     pairs += [(h.raises, h.lowers) for h in printer.heads if h.raises and h.lowers]
     every = [*printer.safe_state_off, *(watched.query for watched in printer.watch)]
     both = [(_of_text(one, printer), _of_text(other, printer)) for one, other in pairs]

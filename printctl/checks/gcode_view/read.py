@@ -20,7 +20,7 @@ from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
 from registration.report.gcode import Act, GcodeJob, Layers
 from sim.errors import GcodeError, LineError
-from sim.gcode.heads import Valve, read_valve, refuse_unread
+from sim.gcode.heads import refuse_unread
 from sim.gcode.program.gcode import Program, code
 from sim.gcode.program.modal import BAD, DWELL, HOME, MOVE
 from sim.gcode.program.read_program import (
@@ -30,6 +30,7 @@ from sim.gcode.program.read_program import (
     read_comments,
     read_written,
 )
+from sim.gcode.program.valve import Valve, read_valves
 
 # Select the rows of a G-code file that move or extrude, with the kind of each.
 
@@ -139,20 +140,21 @@ def plunger_doses(
 
 
 def valve_doses(rows: Rows, program: Program, pushing: Pushing) -> tuple[FloatArray, str]:
-    """Doses of a pneumatic head, (n,), µL, NaN where its flow isn't known; and a note on it."""
-    head = pushing.printer.pneumatic
-    measured = head.measured.flow_ul_s if head and head.measured else None
-    flow = pushing.flow_ul_s or measured
+    """Return doses of pneumatic heads, (n,), µL, NaN where a flow isn't known; and a note on it."""
+    measured = [head.measured and head.measured.flow_ul_s for head in pushing.printer.airs]
+    flows = [pushing.flow_ul_s or one for one in measured]
     open_for = np.where(rows.act == Act.WRITE, rows.way / program.feed[rows.row], 0.0)
-    if flow is None:
+    if None in flows:
         unknown = np.where(rows.act == Act.WRITE, np.nan, 0.0)
         return unknown, (
             f"Nobody measured the flow of {pushing.printer.name}, so widths and volumes aren't "
             "known; --flow-ul-s says it."
         )  # fmt: skip
     whose = "--flow-ul-s" if pushing.flow_ul_s else "measured, printer's profile"
-    return open_for * flow, (
-        f"While the valve is open {flow:.4g} µL/s flow ({whose}), at the speed that is fed: "
+    each = np.array(flows, dtype=np.float64)
+    said = ", ".join(f"{flow:.4g}" for flow in dict.fromkeys(each.tolist()))
+    return open_for * each[program.tool[rows.row]], (
+        f"While the valve is open {said} µL/s flow ({whose}), at the speed that is fed: "
         "lag, corners and delays aren't in it."
     )  # fmt: skip
 
@@ -265,14 +267,14 @@ def read_with_program(
     start = None if b"\0" in text else declared_start(text, pushing.printer)
     try:
         # All that can be drawn is: a print refuses such lines, and a viewer prints nothing.
-        program, _, file = read_written(
+        program, _, file, _ = read_written(
             text, pushing.printer, start or (0.0, 0.0, 0.0), max_refused=len(text)
         )
         refuse_unread(file.refused if strict else ())
     except GcodeError as exc:
         raise UsageError(f"{name}: {exc}") from exc
-    head = pushing.printer.pneumatic
-    valve = None if head is None else read_valve(program, file.others, head)
+    valves = read_valves(program, file.others, pushing.printer)
+    valve = Valve.joined(valves) if valves else None
     unread = _unread(file.refused)
     rows = written_rows(program, valve, start is not None)
     rows = _at_tips(rows, program.tool, pushing)

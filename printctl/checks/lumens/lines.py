@@ -15,10 +15,11 @@ from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
 from sim.gcode.deposit.written import Strands
 from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads import Valve, as_plunger, flowing
+from sim.gcode.heads import as_plunger, flowing
 from sim.gcode.program.gcode import Program, code, parse_line, read_gcode
 from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import plain_lines, read_comments
+from sim.gcode.program.valve import Valve
 
 # Extract the writing moves of a G-code file (plunger or valve), as commanded or as executed.
 

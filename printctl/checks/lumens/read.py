@@ -68,6 +68,8 @@ class Writing:
         Of each of several heads' plungers; ``ul_per_e`` for all where it is empty.
     flow_ul_s : float or None, µL/s
         Of a pneumatic head while its valve is open.
+    flow_ul_s_of_heads : tuple of float, µL/s
+        Of each of several pneumatic heads; ``flow_ul_s`` for all where it is empty.
     line_mm : float or None, mm
         Width of every line, whatever E says; layers only.
     layer_mm : float or None, mm
@@ -86,6 +88,7 @@ class Writing:
     beads: tuple[BeadSection, ...] = (ROUNDED,)
     start_mm: Place | None = None
     ul_per_e_of_heads: tuple[float, ...] = ()
+    flow_ul_s_of_heads: tuple[float, ...] = ()
 
 
 def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLines]:
@@ -129,8 +132,9 @@ def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLi
 def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLines]:
     """Lines of all heads at their own tips' places."""
     printer, each = writing.printer, []
-    run = _run(gcode, writing)
-    views = split_by_head(run, printer)
+    views = split_by_head(_run(gcode, writing), printer)
+    if printer.airs:
+        return _layers_of_valves(gcode, views, writing)
     for view, ul_per_e in zip(views, _per_e(writing), strict=True):
         each.append(plunger_strokes(view.program, ul_per_e))
     strokes, head = stack_heads(each)
@@ -148,6 +152,49 @@ def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, Writ
     offset = np.array([one.offset_mm.mm for one in printer.heads])[head, :2]
     steps = (printer.steps_per_mm.x, printer.steps_per_mm.y)
     return lines, rounded_to_steps(lines, steps, offset)
+
+
+def _layers_of_valves(
+    gcode: bytes, views: Sequence[DryRun], writing: Writing
+) -> tuple[WrittenLines, WrittenLines]:
+    """Lines of several pneumatic heads, as written and as the dry run's motors do it."""
+    strokes = _of_valves(views, writing, level=True)
+    heights = comment_heights(gcode)
+    beads = writing.beads * len(views) if len(writing.beads) == 1 else writing.beads
+    ideal, after = (
+        layered(stack, writing.layer_mm, WINDOWLESS_MM, beads, head, heights)
+        for stack, head in map(stack_heads, strokes)
+    )
+    check_width(ideal.width, ideal.line)
+    return ideal, after
+
+
+def _of_valves(
+    views: Sequence[DryRun], writing: Writing, *, level: bool
+) -> tuple[list[Strands], list[Strands]]:
+    """Strokes of each pneumatic head, as the file says and as the dry run's motors do it."""
+    ideal, after = [], []
+    for number, (view, flow) in enumerate(zip(views, _flows(writing), strict=True)):
+        if view.valve is None or not view.valve.is_open.any():
+            continue
+        ideal.append(valve_strokes(view.program, view.valve, flow, level=level))
+        one = writing.printer.of_head(number)
+        after.append(run_strokes(view, one, 0.0, flow, level=level))
+    if not any(len(one.line) for one in ideal):
+        raise UsageError(_NEVER)
+    return ideal, after
+
+
+def _flows(writing: Writing) -> list[float]:
+    """What flows out of each pneumatic head, µL/s."""
+    if writing.flow_ul_s_of_heads:
+        return list(writing.flow_ul_s_of_heads)
+    if writing.flow_ul_s is None:
+        raise UsageError(
+            f"what flows while the valves of {writing.printer.name} are open isn't known; give "
+            "--flow-ul-s, or --ink and --needle"
+        )
+    return [writing.flow_ul_s] * writing.printer.head_count
 
 
 def _per_e(writing: Writing) -> list[float]:
@@ -192,13 +239,17 @@ def read_filaments(gcode: bytes, writing: Writing) -> tuple[Strands, Strands]:
 
 def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Strands, Strands]:
     """Filaments of all heads at their own tips' places."""
-    run, ideal, after = _run(gcode, writing), [], []
-    views = split_by_head(run, writing.printer)
+    ideal, after = [], []
+    views = split_by_head(_run(gcode, writing), writing.printer)
+    if writing.printer.airs:
+        of_valves = _of_valves(views, writing, level=False)
+        one, other = ([filaments(of, WINDOWLESS_MM) for of in each] for each in of_valves)
+        return Strands.joined(one), Strands.joined(other)
     for number, (view, per_mm) in enumerate(zip(views, _per_e(writing), strict=True)):
         strokes = plunger_strokes(view.program, per_mm, level=False)
         if not len(strokes.line):
             continue
-        ideal.append(filaments(strokes, flow_window(view.program.plunger, strokes, per_mm)))
+        ideal.append(filaments(of_valves, flow_window(view.program.plunger, strokes, per_mm)))
         printer = writing.printer.of_head(number)
         stepped = run_strokes(view, printer, per_mm, None, level=False)
         after.append(filaments(stepped, SMOOTHING_MM))

@@ -14,13 +14,13 @@ from printctl.checks.gate import refused_lines
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.checks.preflight.heads import ABOUT_HEADS, check_each_head
 from printctl.checks.preflight.mounted import profile_checks
-from printctl.checks.preflight.pneumatic_checks import valve_checks
+from printctl.checks.preflight.pneumatic_checks import pressure_checks, valve_checks
 from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.gcode import code
 from sim.gcode.program.modal import MOVE
 from sim.gcode.reading import GcodeLine
-from sim.gcode.reading.line import SETS_ARRAY, SETS_CALL, SORTS, Finding, is_known_line, output_of
+from sim.gcode.reading.line import OUTPUTS, SORTS, Finding, is_known_line, output_of
 
 # Check that a job doesn't redefine its X, Y or Z coordinates (G92) after its first move.
 #
@@ -122,16 +122,15 @@ def _output_checks(run: DryRun, printer: Printer) -> list[Check]:
     What hangs on another output of a controller (a lamp, a heater, a brake, another valve) no
     profile tells.
     """
-    head = printer.pneumatic
-    own = [] if head is None else [output_of(head.opens), output_of(head.closes)]
+    own = [output_of(text) for head in printer.airs for text in (head.opens, head.closes)]
     others = [
         (number, line)
         for number, line in run.named
-        if line.code in (SETS_ARRAY, SETS_CALL) and (line.code, line.parameters) not in own
+        if line.code in OUTPUTS and (line.code, line.parameters) not in own
     ]
     if not others:
         return [Check(_OUTPUTS, 0, 0, "", True)]
-    dispenser = "none" if head is None else f"{head.opens}, {head.closes}"
+    dispenser = ", ".join(f"{head.opens}, {head.closes}" for head in printer.airs) or "none"
     return [
         Check(
             _OUTPUTS,
@@ -147,6 +146,8 @@ def _output_checks(run: DryRun, printer: Printer) -> list[Check]:
 
 
 def _setting(words: Mapping[str, str]) -> str:
+    if "AXIS" in words and "NUMBER" not in words:
+        return f"the brake of {words['AXIS']} is set to {words['VALUE']}"
     if "NUMBER" not in words:
         return f"{words.get('TEXT', '')!r} can't be read"
     return f"output {words['NUMBER']} of {words['AXIS']} is set to {words['VALUE']}"
@@ -308,7 +309,8 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         *wait_checks(run, printer),
         *place_checks(run, printer),
         *firmware_checks(run, printer),
-        *valve_checks(run, printer),
+        *_valves(run, printer),
+        *pressure_checks(run, printer),
         *profile_checks(printer),
     ]
     listed = {*_counted_for(printer), "plunger_travel", "long_line"}
@@ -318,6 +320,13 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         if code not in listed and not code.startswith(("outside_", "speed_"))
     ]
     return checks + [_other(finding) for finding in others]
+
+
+def _valves(run: DryRun, printer: Printer) -> list[Check]:
+    """Each head's valve; none for plungers."""
+    if printer.heads and printer.airs:
+        return check_each_head(run, printer, lambda _, view, one: valve_checks(view, one))
+    return valve_checks(run, printer)
 
 
 def _counted_for(printer: Printer) -> dict[str, str]:

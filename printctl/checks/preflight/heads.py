@@ -46,11 +46,12 @@ def check_each_head(
     """
     all_checks: list[Check] = []
     for number in range(printer.head_count):
-        if not (run.program.pushed[run.program.tool == number] != 0).any():
+        own = run.program.tool == number
+        if not (run.doses | (run.program.pushed != 0))[own].any():
             continue
         name = f"head {number} ({printer.heads[number].name})"
-        own = checks(number, run.of_head(number), printer.of_head(number))
-        all_checks += [replace(check, check=f"{name}: {check.check}") for check in own]
+        rows = checks(number, run.of_head(number), printer.of_head(number))
+        all_checks += [replace(check, check=f"{name}: {check.check}") for check in rows]
     return all_checks
 
 
@@ -95,8 +96,16 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
         ),
         (
             "plunger moves of a raised head",
-            (program.pushed != 0) & heads.raised[active],
+            ((program.pushed != 0) | run.doses) & heads.raised[active],
             "it would push ink into the air; lower it before (heads: lowers)",
+        ),
+        *(
+            (
+                f"moves with the valve of head {number} open, another in use",
+                moves & valve.is_open & (program.tool != number),
+                f"its ink would flow out; close it before ({printer.airs[number].closes})",
+            )
+            for number, valve in enumerate(run.valves)
         ),
     )
     checks = [none_check(run, *row) for row in rows]
@@ -220,11 +229,13 @@ def _idle_in_walls(
     """The needle that doesn't write, against the dish's wall: above it, or clear of it inside."""
     worst, row, whose = np.inf, -1, 0
     for number in range(printer.head_count):
-        needle = needles[number]
-        idle = (run.program.kind == MOVE) & (run.program.tool != number)
+        needle, tips = needles[number], run.heads.tips(run.program, number)
+        step = tips[:, 1] - tips[:, 0]
+        # Straight up from where it stands it meets nothing.
+        nears = (step[:, :2] != 0).any(axis=1) | (step[:, 2] < 0)
         gap = wall_gap(
-            run.heads.tips(run.program, number),
-            idle,
+            tips,
+            nears & (run.program.kind == MOVE) & (run.program.tool != number),
             standing,
             0.0 if needle is None else needle.outer_mm,
         )

@@ -21,19 +21,23 @@ from sim.gcode.program.modal import MOVE
 def volumes(run: DryRun, printer: Printer, loads: Sequence[HeadLoading]) -> FloatArray:
     """Ink pushed out by each row of the program, of the head in use, (rows,), µL.
 
-    Of a pneumatic head whose needle nobody named, at whose flow one can only guess, the ink's
-    lines have no thickness.
+    Of a pneumatic head whose needle is unknown, at whose flow one can only guess, the ink's lines
+    have no thickness.
     """
     program = run.program
-    if printer.pneumatic is None:
+    if not printer.airs:
         bore = [np.pi / 4 * one.syringe.inner_mm**2 * one.ink.flow_factor for one in loads]
         return np.asarray(program.pushed * np.array(bore)[program.tool])
-    needle = loads[0].needle
-    flow = steady_flow(printer.pneumatic, loads[0].ink, needle).ul_s if needle else 0.0
+    flow = np.array(
+        [
+            steady_flow(head, one.ink, one.needle).ul_s if one.needle else 0.0
+            for head, one in zip(printer.airs, loads, strict=False)
+        ]
+    )
     ends = np.vstack([program.start[None, :3], program.target[:, :3]])
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     lasts = np.divide(length, program.feed, out=np.zeros(len(length)), where=program.feed > 0)
-    return np.where(run.doses & (program.kind == MOVE), flow * lasts, 0.0)
+    return np.where(run.doses & (program.kind == MOVE), flow[program.tool] * lasts, 0.0)
 
 
 def written_ul(run: DryRun, printer: Printer, loads: Sequence[HeadLoading]) -> float:

@@ -21,11 +21,14 @@ from firmware_profiles import (
 from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, flowing_s
+from sim.gcode.heads import flowing_s
 from sim.gcode.program.gcode import code
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
+from sim.gcode.program.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve
 
 _FEED_ROUNDING: Final = 1e-4
+_SAME_PRESSURE: Final = 1e-4
+"""Part of a pressure by which its text may round it."""
 _DROP_BORES: Final = 2.0
 """A drop of two bores across stands one half bore out of a line on either side."""
 
@@ -70,6 +73,49 @@ def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
         *([_asked_to_watch(head)] if printer.streamed else []),
         *_timing(run, valve, head),
     ]
+
+
+def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
+    """Check that a head writes at the profile's pressure, where the file sets it."""
+    checks = []
+    for number, (head, valve) in enumerate(zip(printer.airs, run.valves, strict=True)):
+        if not head.sets_pressure:
+            continue
+        sets = [
+            (line, float(one.parameters["KPA"]))
+            for line, one in run.named
+            if one.code == "SETS_PRESSURE" and int(one.parameters["HEAD"]) == number
+        ]
+        opens = run.program.line[valve.row[valve.state != CLOSED]].tolist()
+        wrong = [
+            (line, last[-1] if last else 0.0)
+            for line in opens
+            for last in [[kpa for at, kpa in sets if at < line]]
+            if not last or abs(last[-1] / head.pressure_kpa - 1.0) > _SAME_PRESSURE
+        ]
+        highest = max((kpa for _, kpa in sets), default=0.0)
+        name = f"head {number}: " if printer.heads else ""
+        checks += [
+            Check(
+                f"{name}pressure at which its valve opens",
+                wrong[0][1] if wrong else head.pressure_kpa,
+                head.pressure_kpa,
+                "kPa",
+                not wrong,
+                f"line {wrong[0][0]}" if wrong else "",
+                "set the pressure that the profile writes at (dispenser: pressure_kpa) before it",
+            ),
+            Check(
+                f"{name}highest pressure set, of the regulator",
+                highest,
+                head.max_pressure_kpa,
+                "kPa",
+                highest <= head.max_pressure_kpa * (1 + _SAME_PRESSURE),
+                "",
+                "above what the regulator gives (dispenser: max_pressure_kpa); lower it",
+            ),
+        ]
+    return checks
 
 
 def none_check(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) -> Check:

@@ -1,4 +1,4 @@
-"""Heads and valve of a job: which head is in use, is the valve open, and commands for both.
+"""Heads and valves of a job: which head is in use, is a valve open, and commands for both.
 
 Each command states a target: sent twice it does no harm. Whether the firmware chose a head some
 families say (`Family.head_confirms`), others are silent. What switches a pneumatic head's valve the
@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from functools import cache
 
-from firmware_profiles import Printer
+from firmware_profiles import Pneumatic, Printer
 from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
 from sim.gcode.reading import read_sent
@@ -38,8 +38,8 @@ def head_at(lines: Sequence[bytes], done: int) -> int | None:
 
 
 def choose(printer: Printer, number: int) -> bytes:
-    """Return the command that has E move that head's plunger."""
-    return printer.heads[number].select.encode("ascii")
+    """Return the command that chooses that head."""
+    return (printer.heads[number].select or "").encode("ascii")
 
 
 def confirms(replies: Sequence[bytes], printer: Printer, number: int) -> bool:
@@ -82,39 +82,40 @@ def is_about_heads(line: bytes, printer: Printer) -> bool:
 
 
 def shut(printer: Printer) -> list[bytes]:
-    """Commands that shut the valve; none without a valve."""
-    head = printer.pneumatic
-    return [] if head is None else [head.closes.encode("ascii")]
+    """Commands that shut every valve; none without one."""
+    return [head.closes.encode("ascii") for head in printer.airs]
 
 
 def shut_and_wait(printer: Printer) -> list[bytes]:
-    """Shut it, and wait until no ink flows any more."""
-    head = printer.pneumatic
-    return [] if head is None else [*shut(printer), *_dwell(head.closing_delay_s)]
+    """Shut them, and wait until no ink flows any more."""
+    slowest = max((head.closing_delay_s for head in printer.airs), default=0.0)
+    return [*shut(printer), *_dwell(slowest)]
 
 
 def reopen(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:
-    """Open it again if it stood open after ``done`` of the job's lines; wait until ink flows."""
-    head = printer.pneumatic
-    if head is None or not is_open(lines, done, printer):
-        return []
-    return [head.opens.encode("ascii"), *_dwell(head.opening_delay_s)]
+    """Open again what stood open after ``done`` of the job's lines; wait until ink flows."""
+    heads = [head for head in printer.airs if _stands_open(lines, done, head)]
+    slowest = max((head.opening_delay_s for head in heads), default=0.0)
+    return [*(head.opens.encode("ascii") for head in heads), *_dwell(slowest)]
 
 
 def is_open(lines: Sequence[bytes], done: int, printer: Printer) -> bool:
-    """Whether the last of ``done`` lines that is about the valve is the profile's ``opens``."""
-    head = printer.pneumatic
-    if head is None:
-        return False
-    about = (line for line in reversed(lines[:done]) if is_about_valve(line, printer))
-    last = next(about, None)
+    """Whether a valve stands open after ``done`` lines, as the profile's ``opens`` has it."""
+    return any(_stands_open(lines, done, head) for head in printer.airs)
+
+
+def _stands_open(lines: Sequence[bytes], done: int, head: Pneumatic) -> bool:
+    last = next((line for line in reversed(lines[:done]) if _is_about(line, head)), None)
     return last is not None and _words(last) == _profiles(head.opens)
 
 
 def is_about_valve(line: bytes, printer: Printer) -> bool:
-    """Whether a line sets the valve, be it to something between open and closed."""
-    head = printer.pneumatic
-    if head is None or line[:1].upper() != head.opens[:1].upper().encode("ascii"):
+    """Whether a line sets a valve, be it to something between open and closed."""
+    return any(_is_about(line, head) for head in printer.airs)
+
+
+def _is_about(line: bytes, head: Pneumatic) -> bool:
+    if line[:1].upper() != head.opens[:1].upper().encode("ascii"):
         return False
     (code, opens), (_, closes) = _profiles(head.opens), _profiles(head.closes)
     own_code, own = _words(line)

@@ -30,11 +30,11 @@ from printctl.machine.process.contact import (
     alive,
     last_word,
     load_station,
-    open_address,
     stays_alive,
 )
 from printctl.machine.process.launch import START_LIMIT_S
 from printctl.machine.process.outcome import read_outcome
+from printctl.machine.process.socket_server import open_address
 from printctl.machine.records.record import LOG, ContactRecord, load_record
 from printctl.machine.records.states import EARLY, LinkState, Status
 

@@ -1,11 +1,9 @@
-"""Find machine processes: their contact files, the locks that say whether they live, sockets."""
+"""Find machine processes: their contact files, the locks that say whether they live."""
 
 from __future__ import annotations
 
 import contextlib
 import logging
-import os
-import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,7 +24,6 @@ STATION_LOG: Final = "station.log"
 STATION_LOCK: Final = "station.lock"
 STATION_SOCKET: Final = "station.sock"
 _DOWN: Final = frozenset({StationState.HALTED, StationState.LOST, StationState.CLOSED})
-_ANSWER_LIMIT_S: Final = 5.0
 _ENDING_S: Final = 2.0
 _LOCK_PATIENCE_S: Final = 0.3
 
@@ -73,35 +70,6 @@ def stays_alive(folder: Path, held: str = LOCK) -> bool:
             return True
         time.sleep(0.02)
     return False
-
-
-def has_ended(pid: int) -> bool:
-    """Whether a process has ended, as far as that can be known."""
-    if os.name != "posix":
-        return False
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    return False
-
-
-def open_address(address: str) -> socket.socket | None:
-    """Connect to an address given by `socket_server.listen`; None when it is dead."""
-    kind, _, rest = address.partition(":")
-    if not kind:
-        return None
-    host, _, port = rest.rpartition(":")
-    tcp = kind == "tcp"
-    connection = socket.socket(socket.AF_INET if tcp else socket.AF_UNIX, socket.SOCK_STREAM)
-    connection.settimeout(_ANSWER_LIMIT_S)
-    try:
-        connection.connect((host, int(port)) if tcp else rest)
-    except OSError:
-        connection.close()
-        return None
-    connection.settimeout(None)
-    return connection
 
 
 # --- a station's contact file; a print's is loaded by `load_record` ------------------------------

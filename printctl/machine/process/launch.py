@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 import printctl
 from printctl.machine.errors import LinkError, NoLink
-from printctl.machine.process.contact import has_ended
+from printctl.processes import is_alive
 from printctl.sources import python_command
 
 START_LIMIT_S: Final = 60.0
@@ -77,7 +77,7 @@ def await_process(
     """
     limit = time.monotonic() + limit_s
     while time.monotonic() < limit:
-        over = has_ended(pid)
+        over = not is_alive(pid)
         found = look()
         if found is not None:
             return found
@@ -105,7 +105,13 @@ def detach(log: Path, module: str) -> None:
         command.remove("--detach")
         with log.open("ab") as handle:
             flags = 0x00000008 | 0x00000200  # DETACHED_PROCESS, CREATE_NEW_PROCESS_GROUP
-            copy = subprocess.Popen(command, stdout=handle, stderr=handle, creationflags=flags)
+            environment = dict(os.environ)
+            base = getattr(sys, "_base_executable", sys.executable)
+            if base != sys.executable:  # the number of a virtual environment's launcher is no use
+                command[0], environment["__PYVENV_LAUNCHER__"] = base, sys.executable
+            copy = subprocess.Popen(
+                command, stdout=handle, stderr=handle, creationflags=flags, env=environment
+            )
         print(copy.pid, flush=True)
         os._exit(0)
     pid = os.fork()
@@ -116,10 +122,3 @@ def detach(log: Path, module: str) -> None:
     null, out = os.open(os.devnull, os.O_RDWR), os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     for source, target in ((null, 0), (out, 1), (out, 2)):
         os.dup2(source, target)
-
-
-def ignore_signals() -> None:
-    """Leave Ctrl-C and hang-ups to the client."""
-    for name in ("SIGINT", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -28,13 +28,13 @@ from printctl.machine.control.station_status import Place, StationState, Station
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import JournalError, NoLink, PortLost, Refused
 from printctl.machine.process.contact import save_station
-from printctl.machine.process.launch import ignore_signals
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.socket_server import Guest, Server, forget, listen, refusal
 from printctl.machine.process.vocabulary import WORDS, Asked, Idle, Reply, Values, read_values
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import Status
+from printctl.processes import ignore_signals
 
 DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})
 """States in which the printer can't be spoken to."""

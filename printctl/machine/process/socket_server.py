@@ -35,6 +35,7 @@ from printctl.machine.errors import LinkError, Refused
 log = logging.getLogger(__name__)
 
 MAX_CLIENTS: Final = 200
+_ANSWER_LIMIT_S: Final = 5.0
 RETRY_S: Final = 0.25
 """So long a socket that can't accept waits before it tries again."""
 _NO_HANDLE: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
@@ -68,6 +69,27 @@ def listen(folder: Path, name: str = "link.sock") -> tuple[socket.socket, str, s
     path.chmod(0o600)
     listener.listen(_KNOCKING)
     return listener, f"unix:{path}", ""
+
+
+def open_address(address: str) -> socket.socket | None:
+    """Connect to an address given by `listen`; None when it is dead, or a Unix one elsewhere."""
+    kind, _, rest = address.partition(":")
+    if not kind:
+        return None
+    host, _, port = rest.rpartition(":")
+    tcp = kind == "tcp"
+    family = socket.AF_INET if tcp else getattr(socket, "AF_UNIX", None)
+    if family is None:
+        return None
+    connection = socket.socket(family, socket.SOCK_STREAM)
+    connection.settimeout(_ANSWER_LIMIT_S)
+    try:
+        connection.connect((host, int(port)) if tcp else rest)
+    except OSError:
+        connection.close()
+        return None
+    connection.settimeout(None)
+    return connection
 
 
 def forget(address: str) -> None:

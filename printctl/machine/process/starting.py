@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
@@ -49,6 +48,7 @@ from printctl.machine.process.simulated import (
 from printctl.machine.records.record import JOURNAL, LOG, load_record
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
+from printctl.processes import send_signal
 from printctl.sources import python_command
 
 FILES_BYTES: Final = 2**16
@@ -139,7 +139,7 @@ def _listening(command: list[str], folder: Path) -> PrintClient:
         return await_process(pid, "link process", look, folder / LOG, START_LIMIT_S)
     except NoLink:  # it mustn't begin to print after all
         with contextlib.suppress(OSError):
-            os.kill(pid, signal.SIGTERM)
+            send_signal(pid, signal.SIGTERM)
         raise
 
 

@@ -229,6 +229,7 @@ def ink_facts(
 ) -> dict[str, Any]:
     """Ink that is taken; of several heads of each, and of all together."""
     printer, flow = context.printer, context.flow_ul_s
+    flows = context.flows_ul_s or (None,) * printer.head_count
     if not printer.heads:
         load, count = context.loads[0], len(reload_at)
         return ink_use(run, printer, load.syringe, load.needle, flow, count).facts()
@@ -238,7 +239,7 @@ def ink_facts(
             printer.of_head(number),
             load.syringe,
             load.needle,
-            None,
+            flows[number],
             list(reload_heads).count(number),
         ).facts()
         for number, load in enumerate(context.loads)

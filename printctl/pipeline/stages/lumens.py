@@ -154,6 +154,7 @@ def writing_of(context: RunContext) -> Writing:
         layer_mm=part.even_layer_mm if isinstance(part, Fresh) else None,
         start_mm=(x, y, z),
         ul_per_e_of_heads=tuple(_ul_per_mm(one.syringe, one.ink) for one in loads),
+        flow_ul_s_of_heads=context.flows_ul_s if loads else (),
         beads=tuple(one.ink.bead_section for one in loads) or (context.ink.bead_section,),
     )
 

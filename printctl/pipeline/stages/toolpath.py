@@ -36,7 +36,6 @@ from design.toolpath.fresh import (
 from design.toolpath.gcode import (
     Gcode,
     GcodeOptions,
-    HeadLoad,
     clear_mm,
     joint_mm,
     least_move_mm,
@@ -57,7 +56,13 @@ from printctl.pipeline.apply_compensation import (
 )
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import heads_dump
-from printctl.pipeline.heads import Filled, gcode_options, layer_lines_um, needle_options
+from printctl.pipeline.heads import (
+    Filled,
+    gcode_options,
+    head_loads,
+    layer_lines_um,
+    needle_options,
+)
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
 from printctl.pipeline.priming import primed
 from printctl.pipeline.refusals import refuse_early
@@ -304,10 +309,7 @@ def head_options(context: RunContext) -> dict[str, Any]:
     """The writer's choices for several heads: what each holds, and how high they are changed."""
     if not context.printer.heads:
         return {}
-    loads = tuple(
-        HeadLoad(one.syringe, one.ink.flow_factor, one.ink.retract_ul, one.ink.plunger_ul_s)
-        for one in context.loads
-    )
+    loads = head_loads(context.printer, context.loads)
     safe = None
     if context.dish is not None:
         safe = context.printer.z_mm.low + context.dish.wall_mm + ABOVE_WALL_MM

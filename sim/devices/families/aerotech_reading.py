@@ -6,13 +6,17 @@ named here is handed on by its name, for the dry run to refuse.
 ================================================ ==============================================
 line                                             read as
 ================================================ ==============================================
-``G1 X1 Y2 A0.5 F20``                            the same with E for the plunger's axis
+``G1 X1 Y2 A0.5 F20``                            the same with E for the plunger's axis, Z for the
+                                                 vertical one; other vertical axes left out
 ``G4 P0.03``, ``DWELL 0.03``                     G4 S0.03: seconds, not milliseconds
 ``G70``, ``G71``, ``G90``, ``G91``, ``G92``      G20, G21, and the same
 ``G75``, ``G76``                                 what F counts per: minutes, seconds
 ``WAIT MOVEDONE X Y``, ``WaitForMotionDone(X)``  M400
 ``VELOCITY ON``, ``G108``                        nothing: blending isn't modelled as theirs
 ``$DO[0].X=1``, ``DigitalOutputSet(X, 0, 1)``    nothing; reported with its name and words
+``BRAKE Aa 0``, ``DriveBrakeOff(Aa)``            the same
+the profile's ``sets_pressure``, whole           the same, with head and pressure
+the profile's ``begins`` and ``ends``            nothing
 ``// ...``, ``' ...``, for an A3200 ``; ...``    a comment, which begins at a semicolon here
 ================================================ ==============================================
 
@@ -20,15 +24,18 @@ Sources: Automation1's help (help.aerotech.com/automation1, G-Code Programming),
 and footer.txt, ORNL Slicer 2's aerobasic_writer.cpp. Without G75 and G76 seconds are taken, as with
 the time base that mecode's header chooses. Not verified on a controller, and not modelled: its
 look-ahead (Marlin's planner runs here, with the profile's speeds and accelerations), G0's separate
-speeds for each axis, what an axis' own parameters limit.
+speeds for each axis, what an axis' own parameters limit, a vertical axis that moves alone
+while another head is in use (its time is missing).
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Final
 
 from firmware_profiles import Printer
+from firmware_profiles.strict_model import PRESSURE_UNITS
 from sim.errors import GcodeError
 from sim.gcode.reading.line import NOTHING, GcodeLine, TranslatedProgram, output_of
 
@@ -38,6 +45,8 @@ _WAITS: Final = re.compile(
     rb"WAIT\s+MOVEDONE(?:\s+[A-Z])+|WAITFORMOTIONDONE\([^()]+\)", re.IGNORECASE
 )
 _BASE: Final = re.compile(rb"G7([56])", re.IGNORECASE)
+SETS_PRESSURE: Final = "SETS_PRESSURE"
+"""Name of a command that sets the pressure of HEAD to KPA."""
 _PLACED: Final = re.compile(rb"G92(?: +[A-Z]" + _NUMBER + rb")+")
 _SAME: Final = {
     b"G70": b"G20",
@@ -49,8 +58,8 @@ _SAME: Final = {
 }
 
 
-def translate(gcode: bytes, printer: Printer) -> TranslatedProgram:
-    """Put a whole file into the reader's words.
+def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgram:
+    """Put a whole file into the reader's words, Z the vertical axis of one head.
 
     Raises
     ------
@@ -62,12 +71,14 @@ def translate(gcode: bytes, printer: Printer) -> TranslatedProgram:
         raise GcodeError(
             f"{printer.name} doesn't say which controller it is (file_controller: controller)"
         )
+    gcode, named = _without_pressures(gcode, printer)
     letter = (controller.plunger_axis or "").encode()
-    named: list[tuple[int, GcodeLine]] = []
+    axes = "".join(printer.z_axes).encode()
+    own = {line.encode() for line in (*controller.begins, *controller.ends, SETS_PRESSURE)}
     bases: list[tuple[int, bool]] = []
     seen = line = 0
     # A plain move is left as it is, but for the plunger's letter: nearly all lines are such.
-    words = rb"(?: +[XYZF" + letter + rb"]" + _NUMBER + rb")+"
+    words = rb"(?: +[XYF" + axes + letter + rb"]" + _NUMBER + rb")+"
     other = re.compile(rb"^(?!G[01]" + words + rb"[ \t\r]*$)[^\n]+", re.MULTILINE)
     comment = re.compile(rb"//|'|;" if controller.controller == "a3200" else rb"//")
 
@@ -82,17 +93,63 @@ def translate(gcode: bytes, printer: Printer) -> TranslatedProgram:
         base = _BASE.fullmatch(text)
         if base:
             bases.append((line + 1, base[1] == b"6"))
-        word = b"" if not text else NOTHING if base else _plain(text, words)
+        word = b"" if not text else NOTHING if base or text in own else _plain(text, words)
         if word is None:
             named.append((line + 1, _named(text.decode("ascii", "replace"), match[0].strip())))
             word = NOTHING
         return word + remark
 
     result = other.sub(plain, gcode)
-    if letter and letter != b"E":
-        moves = re.compile(rb"^(G(?:[01]|92)(?: +[XYZF]" + _NUMBER + rb")* +)" + letter, re.M)
-        result = moves.sub(rb"\1E", result)
+    letters = dict.fromkeys(axes, b"") | {ord(printer.z_axes[head]): b"Z"}
+    letters |= dict.fromkeys(letter, b"E")
+    if letters != {ord("Z"): b"Z"}:
+        result = _with_letters(result, letters)
     return TranslatedProgram(result, tuple(named), tuple(bases))
+
+
+def _with_letters(gcode: bytes, letters: Mapping[int, bytes]) -> bytes:
+    """Give the axes other letters; words whose letter is empty are left out."""
+    word = re.compile(rb" +([" + bytes(letters) + rb"])(" + _NUMBER + rb")")
+
+    def renamed(match: re.Match[bytes]) -> bytes:
+        letter = letters[match[1][0]]
+        return b" " + letter + match[2] if letter else b""
+
+    def line(match: re.Match[bytes]) -> bytes:
+        code, rest = match[1], word.sub(renamed, match[2])
+        return code + rest if rest or code != b"G92" else NOTHING
+
+    return re.sub(rb"^(G(?:[01]|92))((?: +[A-Z]" + _NUMBER + rb")+)", line, gcode, flags=re.M)
+
+
+def _without_pressures(gcode: bytes, printer: Printer) -> tuple[bytes, list[tuple[int, GcodeLine]]]:
+    """Take out the lines that set a head's pressure; what they set."""
+    found: list[tuple[int, GcodeLine]] = []
+    alone = b"\n" not in gcode  # a single line is read by itself
+    for number, air in enumerate(printer.airs):
+        lines = [_pattern(line) for line in air.sets_pressure]
+        if not lines:
+            continue
+        whole = rb"|".join(lines) if alone else rb"[ \t]*\r?\n".join(lines)
+        pattern = re.compile(rb"^[ \t]*(?:" + whole + rb")[ \t]*(?=\r?$)", re.M)
+        unit = re.findall(r"\{(\w+)\}", " ".join(air.sets_pressure))[0]
+        for match in pattern.finditer(gcode):
+            values = [text for text in match.groups() if text is not None]
+            if values:
+                kpa = float(values[0]) * PRESSURE_UNITS[unit]
+                words = {"HEAD": str(number), "KPA": f"{kpa:.6g}"}
+                line = gcode.count(b"\n", 0, match.start()) + 1
+                found.append((line, GcodeLine(SETS_PRESSURE, {}, match[0].strip(), words)))
+        gcode = pattern.sub(
+            SETS_PRESSURE.encode() + b"\n" * (0 if alone else len(lines) - 1), gcode
+        )
+    return gcode, found
+
+
+def _pattern(line: str) -> bytes:
+    """Match one line of a profile, a number in the place of its value."""
+    parts = re.split(r"\{\w+\}", line)
+    return (rb"(" + _NUMBER + rb")").join(re.escape(part).encode() for part in parts)
 
 
 def _plain(text: bytes, move_words: bytes) -> bytes | None:

@@ -35,6 +35,9 @@ class LineSources:
     writes: NDArray[np.bool_] | None = None
 
 
+_ROUNDING_MM: Final = 1e-9
+
+
 @dataclass(frozen=True)
 class NeedleMotion:
     """Rows in the order of time, in the printer's frame.
@@ -64,9 +67,10 @@ class NeedleMotion:
 
     @property
     def length_mm(self) -> FloatArray:
-        """Way of the carriage in each row, (n,), mm."""
-        ends = self.tips[0]
-        return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+        """Way of the carriage, or of a head with a longer way, in each row, (n,), mm."""
+        way = np.linalg.norm(self.tips[:, :, 1] - self.tips[:, :, 0], axis=2)
+        longest = way.max(axis=0)
+        return np.where(longest - way[0] > _ROUNDING_MM, longest, way[0])
 
 
 def motion_of(run: DryRun, sources: LineSources, volume_ul: FloatArray) -> NeedleMotion:
@@ -93,7 +97,7 @@ def motion_of(run: DryRun, sources: LineSources, volume_ul: FloatArray) -> Needl
         )
     tips = np.stack([run.heads.tips(program, k) for k in range(len(run.heads.lift_mm))])
     moves = program.kind == MOVE
-    moved = moves & (np.abs(tips[0, :, 1] - tips[0, :, 0]).max(axis=1, initial=0.0) > 0)
+    moved = moves & (np.abs(tips[:, :, 1] - tips[:, :, 0]).max(axis=(0, 2), initial=0.0) > 0)
     flows = moved & (volume_ul > 0)
     writes = flows
     if sources.writes is not None:

@@ -162,6 +162,9 @@ def _feed(
             now += times.board_s[i] / main_share(planner, ring, now, costs.board)
         run_until(planner, ring, log, now)
         if kind == MOVE:
+            if rows.tool[i] != planner[0].tool:  # of a file that doesn't name its heads
+                now = _drain(planner, ring, log, now)
+                take_head(planner, rows.tool[i], rows.target[i, 3])
             now = _room(planner, ring, log, now)
             if not extrudes[i]:
                 set_axis(planner, 3, rows.target[i, 3])

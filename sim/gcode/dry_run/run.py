@@ -21,11 +21,12 @@ from firmware_profiles.families.grammar import Meaning
 from kernels.arrays import FloatArray
 from sim.gcode.dry_run.checks import check
 from sim.gcode.dry_run.feed import StarvedMotion, line_times, run_program, starvation
-from sim.gcode.heads import Heads, Valve, read_heads, read_valve
+from sim.gcode.heads import Heads, read_heads
 from sim.gcode.motion.executed import ExecutedMotion, executed_motion
 from sim.gcode.program.gcode import Program, code
 from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written
+from sim.gcode.program.valve import Valve, read_valves
 from sim.gcode.reading.file import named_lines
 from sim.gcode.reading.line import Finding, GcodeLine, Lines
 
@@ -138,8 +139,8 @@ class DryRun:
         Moves below the firmware's least steps, taken over by their successors.
     starved : StarvedMotion
         What the wire is too slow for.
-    valve : Valve or None
-        A pneumatic head's, as the file switches it; None for a plunger.
+    valves : tuple of Valve
+        Of each pneumatic head, as the file switches it; none for plungers.
     heads : Heads
         Where each needle is, raised or not.
     heats : tuple of Heating
@@ -169,7 +170,7 @@ class DryRun:
     plunger_min_mm: float
     merged_moves: int
     starved: StarvedMotion
-    valve: Valve | None
+    valves: tuple[Valve, ...]
     heads: Heads
     heats: tuple[Heating, ...]
     first_short_line: int
@@ -179,15 +180,20 @@ class DryRun:
     findings: list[Finding]
 
     @property
+    def valve(self) -> Valve | None:
+        """The valve of one pneumatic head (`of_head`); None for a plunger, or several heads."""
+        return self.valves[0] if len(self.valves) == 1 else None
+
+    @property
     def named(self) -> Lines:
         """Commands with names, which the program holds as M105, T or G92."""
         return named_lines(self.others)
 
     @property
     def doses(self) -> NDArray[np.bool_]:
-        """Rows in which ink is pushed, (n,): the plunger goes in, or the valve stands open."""
-        if self.valve is not None:
-            return self.valve.is_open
+        """Rows in which ink is pushed, (n,): the plunger goes in, or a valve stands open."""
+        if self.valves:
+            return Valve.joined(self.valves).is_open
         pushed: NDArray[np.bool_] = self.program.pushed > 0
         return pushed
 
@@ -210,6 +216,7 @@ class DryRun:
             self,
             program=program,
             speed_mm_s=self.speed_mm_s[rows],
+            valves=tuple(self.valves[k].of_rows(rows) for k in (number,) if self.valves),
             plunger_max_mm=float(plunger.max()),
             plunger_min_mm=float(plunger.min()),
             **_bounds(moving, program.line),
@@ -256,8 +263,7 @@ def dry_run(
     GcodeError
         When the bytes aren't text.
     """
-    head = printer.pneumatic
-    program, gcode, file = read_written(gcode, printer, start_mm)
+    program, gcode, file, axis_mm = read_written(gcode, printer, start_mm)
     extrudes = extrusion_allowed(program, file.others, printer, cold_extrusion)
     times = line_times(program, gcode, printer)
     fed = run_program(program, printer, start_mm, extrudes, times)
@@ -268,8 +274,8 @@ def dry_run(
         duration_s=fed.duration_s,
         merged_moves=fed.merged,
         starved=starvation(program, printer, start_mm, extrudes, times, fed),
-        valve=None if head is None else read_valve(program, file.others, head),
-        heads=read_heads(program, file.others, printer),
+        valves=read_valves(program, file.others, printer),
+        heads=read_heads(program, file.others, printer, axis_mm),
         heats=heatings(file.others),
         others=file.others,
         **checked,

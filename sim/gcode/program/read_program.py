@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from kernels.arrays import IntArray
+from kernels.arrays import FloatArray, IntArray
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, read_gcode
+from sim.gcode.program.valve import read_valves, with_heads
 from sim.gcode.reading import read_line
 from sim.gcode.reading.file import GcodeFile, read_file
 from sim.gcode.reading.line import LIMITS
@@ -32,11 +33,14 @@ class ReadProgram(NamedTuple):
         What it was read from: as many lines as the file, each as it is sent.
     file : GcodeFile
         Its commands with names the program holds as M105, T or G92; it leaves out refused lines.
+    axis_mm : (n, heads) float64 or None, mm
+        Where each head's own vertical axis stands after each row; None where all share one.
     """
 
     program: Program
     gcode: bytes
     file: GcodeFile
+    axis_mm: FloatArray | None = None
 
 
 def read_written(
@@ -66,7 +70,17 @@ def read_written(
     program = read_gcode(text, start_mm, printer.head_count, rule)
     if file.per_second is not None:
         program = _timed(program, file.per_second)
-    return ReadProgram(program, text, file)
+    if printer.streamed or printer.head_count == 1:
+        return ReadProgram(program, text, file)
+    # No command says which head is in use: its valve does.
+    each = [
+        read_gcode(read_file(gcode, printer, head=k, max_refused=max_refused).in_g_code, start_mm)
+        for k in range(printer.head_count)
+    ]
+    axis_mm = np.column_stack([one.target[:, 2] for one in each])
+    program, refused = with_heads(program, axis_mm, read_valves(program, file.others, printer))
+    file = replace(file, refused=(*file.refused, *refused))
+    return ReadProgram(program, text, file, axis_mm)
 
 
 def _timed(program: Program, per_second: tuple[tuple[int, bool], ...]) -> Program:

@@ -63,11 +63,12 @@ def named_lines(lines: Lines) -> Lines:
 
 
 def read_file(
-    gcode: bytes, printer: Printer, *, max_refused: int = LIMITS.max_refused
+    gcode: bytes, printer: Printer, *, max_refused: int = LIMITS.max_refused, head: int = 0
 ) -> GcodeFile:
     """Read a whole file; each line is what `read_line` makes of it.
 
-    The rest behind the last of ``max_refused`` refused lines isn't read.
+    The rest behind the last of ``max_refused`` refused lines isn't read. Where each head has a
+    vertical axis of its own, Z is that of ``head``.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def read_file(
     gcode = text_of(gcode)
     translate = translator_of(printer)
     if translate is not None:
-        written = translate(gcode, printer)
+        written = translate(gcode, printer, head)
         read = _read_lines(written.gcode, printer, read_words, max_refused)
         named = dict(written.named)
         others = tuple((number, named.get(number, line)) for number, line in read.others)

@@ -139,7 +139,9 @@ class TranslatedProgram:
 #
 # A family's folder may hold ``reading.py``, whose ``translate`` puts a file in another language
 # into the words of G-code.
-Translate = Callable[[bytes, Printer], TranslatedProgram]
+#
+# Of several heads with a vertical axis each, the third argument says whose Z is.
+Translate = Callable[[bytes, Printer, int], TranslatedProgram]
 
 
 def translator_of(printer: Printer) -> Translate | None:
@@ -455,6 +457,12 @@ def _unquoted(value: bytes) -> bytes:
 
 SETS_ARRAY: Final = "$DO"
 SETS_CALL: Final = "DIGITALOUTPUTSET"
+SETS_BRAKE: Final = "BRAKE"
+SETS_BRAKE_BY_CALL: Final = "DRIVEBRAKE"
+OUTPUTS: Final = (SETS_ARRAY, SETS_CALL, SETS_BRAKE, SETS_BRAKE_BY_CALL)
+"""Names of commands that set an output, or the brake of an axis."""
+_BRAKE: Final = re.compile(r"BRAKE\s+(\w+)\s+([01])", re.IGNORECASE)
+_BRAKE_CALL: Final = re.compile(r"DriveBrakeO(n|ff)\(\s*(\w+)\s*\)", re.IGNORECASE)
 _ARRAY: Final = re.compile(r"\$DO(?:\[(\d+)\]\.|(\d+)\.)(\w+)\s*=\s*(\S+)", re.IGNORECASE)
 _CALL: Final = re.compile(
     r"DigitalOutputSet\(\s*(\w+)\s*,\s*(\d+)\s*,\s*(\S+?)\s*\)", re.IGNORECASE
@@ -470,4 +478,11 @@ def output_of(text: str) -> tuple[str, dict[str, str]] | None:
     called = _CALL.fullmatch(text.strip())
     if called:
         return SETS_CALL, {"NUMBER": called[2], "AXIS": called[1].upper(), "VALUE": called[3]}
+    brake = _BRAKE.fullmatch(text.strip())
+    if brake:
+        return SETS_BRAKE, {"AXIS": brake[1].upper(), "VALUE": brake[2]}
+    braked = _BRAKE_CALL.fullmatch(text.strip())
+    if braked:
+        value = "1" if braked[1].upper() == "N" else "0"
+        return SETS_BRAKE_BY_CALL, {"AXIS": braked[2].upper(), "VALUE": value}
     return None

@@ -67,7 +67,7 @@ def read_line(text: bytes, printer: Printer) -> GcodeLine:
 
 def _translated(text: bytes, printer: Printer, translate: Translate) -> GcodeLine:
     """Read a line in another language; what isn't G-code comes with its name."""
-    written = translate(text.rstrip(b"\r\n"), printer)
+    written = translate(text.rstrip(b"\r\n"), printer, 0)
     for _, named in written.named:
         return named
     return read_words(written.gcode, printer)

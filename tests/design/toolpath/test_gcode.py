@@ -194,7 +194,8 @@ DECIMALS = (3, 3, 4, 5, 3, 0)
 def test_text_is_the_exact_value_without_idle_digits(values, mask):
     given_words = np.array([[bool(mask >> k & 1) for k in range(6)]])
     none = np.array([-1])
-    table = Table(np.array([1]), np.array([values]), given_words, none, none)
+    head = np.zeros(1, dtype=np.int8)
+    table = Table(np.array([1]), np.array([values]), given_words, none, none, head)
     text, longest = render(table, DECIMALS)
     assert longest == len(text) - 1
     words = text.decode().rstrip("\n").split(" ")

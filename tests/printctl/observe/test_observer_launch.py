@@ -19,7 +19,7 @@ import yaml
 
 from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
-from printctl.machine.process.contact import alive, has_ended, hold_folder
+from printctl.machine.process.contact import alive, hold_folder
 from printctl.machine.records.record import RECORD
 from printctl.observe import observer_launch, views
 from printctl.observe import views as camera_holds
@@ -38,6 +38,7 @@ from printctl.observe.records import (
     save_look,
 )
 from printctl.observe.views import EMPTY_LOOK_NUMBER, image_before, picture_before
+from printctl.processes import is_alive
 from registration.devices.camera_frame.frame import CameraFrame
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.waiting import wait_for
@@ -123,7 +124,7 @@ def _begin(folder: Path, seconds_after_ready: float) -> None:
 
 def _gone(pid: int) -> bool:
     """Whether a process ends soon: it is ended behind the one that has started it."""
-    return bool(wait_for(lambda: has_ended(pid)))
+    return bool(wait_for(lambda: not is_alive(pid)))
 
 
 # --- a print's device is tried before anything moves, and the empty dish is kept
@@ -239,7 +240,7 @@ def test_a_devices_program_ends_with_a_killed_observer(tmp_path):
         observer.wait()
     scanner = int(began.read_text())
     try:
-        wait_for(lambda: has_ended(scanner))
+        wait_for(lambda: not is_alive(scanner))
     finally:
         with suppress(ProcessLookupError):
             os.kill(scanner, signal.SIGKILL)

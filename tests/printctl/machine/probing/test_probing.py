@@ -135,3 +135,22 @@ def test_command_shows_differences_writes_the_profile_and_leaves_a_used_port_alo
         assert again.returncode == 0, again.stdout + again.stderr
         assert "DIFFERS" not in again.stdout
     assert called("profiles", "check", "new.yaml", cwd=tmp_path).returncode == 0
+
+
+def test_a_new_profile_is_filled_in_by_the_printer_and_no_other_file_is_replaced(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "answers.yaml").write_text("name: Rig\nplunger_steps: 6400\n")
+    made = called("profiles", "new", "mine.yaml", "--answers", "answers.yaml", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    (tmp_path / "other.yaml").write_text("kept")
+    with printer_process(tmp_path) as port:
+        probe = ("profiles", "probe", "--port", port, "--profile", "mine.yaml", "--write")
+        assert called(*probe, "other.yaml", cwd=tmp_path).returncode == 2
+        assert called(*probe, "mine.yaml", cwd=tmp_path).returncode == 1
+        assert called(*probe, "mine.yaml", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "other.yaml").read_text() == "kept"
+    mine = load(Printer, str(tmp_path / "mine.yaml"))
+    assert mine.max_speed_mm_s == MARLIN.max_speed_mm_s
+    assert not {"steps_per_mm", "max_speed_mm_s", "x_mm"} & set(mine.starting_values)
+    assert "plunger_travel_mm" in mine.starting_values

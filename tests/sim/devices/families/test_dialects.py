@@ -17,10 +17,10 @@ from sim.devices.families.registry import simulated_printer
 from sim.devices.families.reprapfirmware_printer import crc16
 from sim.errors import GcodeError
 from sim.gcode.dry_run.run import dry_run
-from sim.gcode.heads import CLOSED, OPEN
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import checksum
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
+from sim.gcode.program.valve import CLOSED, OPEN
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.machine.link.jobs import parse_job

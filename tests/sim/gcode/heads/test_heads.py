@@ -20,9 +20,6 @@ from sim.errors import DepositError
 from sim.gcode.deposit.lay import Deposit, deposit, pneumatic_deposit
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.heads import (
-    BETWEEN,
-    CLOSED,
-    OPEN,
     as_plunger,
     flowing,
     read_with_valve,
@@ -30,6 +27,7 @@ from sim.gcode.heads import (
 )
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import read_gcode
+from sim.gcode.program.valve import BETWEEN, CLOSED, OPEN
 from sim.gcode.reading.file import read_file
 from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
@@ -185,7 +183,7 @@ def test_klipper_counts_anew_for_each_extruder():
 def test_profiles_of_several_heads_are_held_to_their_rules():
     with pytest.raises(ValueError, match="first one's offset_mm"):
         Printer.model_validate(_with(TWO, 0, offset_mm={"x": 1}))
-    with pytest.raises(ValueError, match="same select"):
+    with pytest.raises(ValueError, match="choose head 1"):
         Printer.model_validate(_with(TWO, 1, select="T0 S1"))
     with pytest.raises(ValueError, match="raises and lowers"):
         Head(name="a", select="T0", raised_mm=3)

@@ -1,0 +1,196 @@
+"""Valve commands of pneumatic heads in a G-code file, and the state of each valve row by row.
+
+Which commands those are the profile says (`dispenser`: opens, closes); a line is one of them if
+it has the same command and words, in any order. The same command with the same address (what both
+have in common, a pin or a fan) and another value leaves the valve somewhere between; it is
+reported as that, and counts as open.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Printer
+from kernels.arrays import FloatArray, IntArray
+from sim.errors import LineError
+from sim.gcode.program.gcode import Program, parse_line
+from sim.gcode.reading.line import GcodeLine, Lines, output_of, refusal
+
+UNKNOWN, CLOSED, OPEN, BETWEEN = range(-1, 3)
+"""States of a valve."""
+_CODE: Final = re.compile(rb"[GMT]\d+")
+Words = frozenset[tuple[str, str | float]]
+
+
+@dataclass(frozen=True)
+class Valve:
+    """Valve states along a G-code file.
+
+    Attributes
+    ----------
+    row : (k,) int64
+        Rows of the program that switch it.
+    state : (k,) int64
+        OPEN, CLOSED or BETWEEN after each.
+    before : (n,) int64
+        State while each row of the program is done; UNKNOWN until the first switch.
+    """
+
+    row: IntArray
+    state: IntArray
+    before: IntArray
+
+    @property
+    def is_open(self) -> NDArray[np.bool_]:
+        """Whether ink may flow during each row, (n,)."""
+        open_rows: NDArray[np.bool_] = (self.before == OPEN) | (self.before == BETWEEN)
+        return open_rows
+
+    def of_rows(self, rows: NDArray[np.bool_]) -> Valve:
+        """Return the valve as some of the program's rows see it, (n,)."""
+        earlier: IntArray = np.cumsum(rows) - rows
+        return Valve(np.minimum(earlier[self.row], rows.sum() - 1), self.state, self.before[rows])
+
+    @staticmethod
+    def joined(valves: Sequence[Valve]) -> Valve:
+        """Return what all valves do together: open where one of them is."""
+        if len(valves) == 1:
+            return valves[0]
+        row = np.concatenate([one.row for one in valves])
+        order = np.argsort(row, kind="stable")
+        state = np.concatenate([one.state for one in valves])[order]
+        before = np.max([one.before for one in valves], axis=0)
+        return Valve(row[order], state, np.asarray(before, np.int64))
+
+
+def read_valves(program: Program, others: Lines, printer: Printer) -> tuple[Valve, ...]:
+    """Find the lines that switch each head's valve, of a file's lines that aren't moves."""
+    return tuple(read_switch(program, others, head.opens, head.closes) for head in printer.airs)
+
+
+def read_switch(program: Program, others: Lines, on: str, off: str) -> Valve:
+    """Find the lines that switch something by one command with two values.
+
+    Parameters
+    ----------
+    program, others
+        As for `read_valves`.
+    on, off : str
+        After which it is OPEN, or CLOSED.
+    """
+    opens, closes = _command(on), _command(off)
+    row_of = first_rows(program)
+    rows, states = [], []
+    for number, line in others:
+        state = UNKNOWN
+        if line.code == opens[0]:
+            state = _state((line.code, _words(line)), opens, closes)
+        if state != UNKNOWN and number in row_of:
+            rows.append(row_of[number])
+            states.append(state)
+    row, state_of = np.array(rows, np.int64), np.array(states, np.int64)
+    latest = np.searchsorted(row, np.arange(len(program)), side="left") - 1
+    before = np.where(latest >= 0, np.append(state_of, UNKNOWN)[latest], UNKNOWN)
+    return Valve(row, state_of, before)
+
+
+def first_rows(program: Program) -> dict[int, int]:
+    """Return the first row of each line of the file."""
+    return dict(zip(program.line.tolist()[::-1], range(len(program) - 1, -1, -1), strict=True))
+
+
+def _words(line: GcodeLine) -> Words:
+    if line.is_named:
+        return frozenset(line.parameters.items())
+    return frozenset(
+        (letter, "" if value is None else value) for letter, value in line.words.items()
+    )
+
+
+def _command(text: str) -> tuple[str, Words]:
+    """Name and words of a profile's command, whichever way it is written."""
+    output = output_of(text)
+    if output is not None:
+        return output[0], frozenset(output[1].items())
+    first, *rest = text.split()
+    if _CODE.fullmatch(first.encode()):
+        parsed = parse_line(text.encode("latin-1"))
+        words: Words = frozenset({*parsed.values.items(), *((flag, "") for flag in parsed.flags)})
+        return parsed.name, words
+    pairs = (word.partition("=") for word in rest)
+    return first.upper(), frozenset((key.upper(), value) for key, _, value in pairs)
+
+
+def _state(command: tuple[str, Words], opens: tuple[str, Words], closes: tuple[str, Words]) -> int:
+    """What a command makes of the valve; UNKNOWN where it is about something else."""
+    if command == opens:
+        return OPEN
+    if command == closes:
+        return CLOSED
+    same = command[0] == opens[0] and opens[1] & closes[1] <= command[1]
+    return BETWEEN if same else UNKNOWN
+
+
+# Heads of a file that names none: the head whose valve opens is in use.
+
+
+_LEVEL_MM: Final = 1e-6
+
+
+def with_heads(
+    program: Program, axis_mm: FloatArray, valves: Sequence[Valve]
+) -> tuple[Program, tuple[tuple[int, LineError], ...]]:
+    """Say which head is in use row by row, and give the program that head's height.
+
+    Between two openings of different valves the head changes where the two vertical axes first
+    stand at one height.
+
+    Parameters
+    ----------
+    program : Program
+    axis_mm : (n, heads) float64, mm
+        Each head's axis after each row.
+    valves : sequence of Valve
+
+    Returns
+    -------
+    program : Program
+    refused : tuple of (int, LineError)
+        Openings before which the axes never stand at one height.
+    """
+    switches = sorted(
+        (row, state, head)
+        for head, valve in enumerate(valves)
+        for row, state in zip(valve.row.tolist(), valve.state.tolist(), strict=True)
+    )
+    tool, closed, refused = np.zeros(len(program), dtype=np.int64), 0, []
+    active: int | None = None
+    for row, state, head in switches:
+        if state == CLOSED:
+            closed = row if head == active else closed
+            continue
+        if active is None:
+            tool[:] = head
+        elif head != active:
+            apart = np.abs(axis_mm[closed:row, head] - axis_mm[closed:row, active])
+            level = np.flatnonzero(apart <= _LEVEL_MM)
+            tool[closed + int(level[0]) + 1 if len(level) else row :] = head
+            if not len(level):
+                refused.append((int(program.line[row]), _uneven(head, active)))
+        active = head
+    target = program.target.copy()
+    target[:, 2] = axis_mm[np.arange(len(program)), tool]
+    return replace(program, tool=tool, target=target), tuple(refused)
+
+
+def _uneven(head: int, before: int) -> LineError:
+    return refusal(
+        "ambiguous", b"", f"the valve of head {head} opens, and its vertical axis and that of head "
+        f"{before} never stood at one height since: raise both to one height where the head changes"
+    )  # fmt: skip

@@ -1,0 +1,163 @@
+"""Several pneumatic heads, each with a valve, a pressure and a vertical axis of its own."""
+
+import re
+
+import numpy as np
+import pytest
+
+from design.network import VesselKind, VesselNetwork
+from design.toolpath.embedded import EmbeddedHeads, EmbeddedOptions, plan_embedded
+from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
+from firmware_profiles import Printer, Syringe, load
+from printctl.checks.preflight import gcode_checks, head_checks
+from sim.gcode.dry_run.run import dry_run
+from sim.gcode.heads import flowing_s
+
+RIG = load(Printer, "stanford_two_heads")
+START = (0.0, 0.0, 60.0)
+PLACE = np.array([-10.0, -5.0, 4.0])
+FLOW_UL_S = 0.2
+APART_MM = 103.0
+
+
+def automation1() -> Printer:
+    """Return the same rig behind the newer controller, with its words for the valves."""
+    data = RIG.model_dump()
+    data["file_controller"] |= {
+        "controller": "automation1",
+        "begins": ["var $port as real", "CornerRoundingOn()"],
+        "own_words": ["setPressure"],
+    }
+    each = ((data["dispenser"], "Aa", 2), (data["heads"][1]["dispenser"], "Ab", 1))
+    for air, name, port in each:
+        air |= {"opens": f"DriveBrakeOff({name})", "closes": f"DriveBrakeOn({name})"}
+        air["sets_pressure"] = [f"$COM={port}", "$AP={psi}", "setPressure($COM, $AP)"]
+    return Printer.model_validate(data)
+
+
+def three_tubes() -> VesselNetwork:
+    """Return an artery below, a vein above and another artery on top, side by side."""
+    height = np.array([2.0, 4.0, 6.0])
+    begin = np.column_stack([np.full(3, 2.0), [2.0, 6.0, 10.0], height])
+    nodes = np.concatenate([begin, begin + [12.0, 0, 0]])
+    ends = np.column_stack([np.arange(3), np.arange(3, 6)])
+    kind = np.array([VesselKind.ARTERY, VesselKind.VEIN, VesselKind.ARTERY], dtype=np.int64)
+    return VesselNetwork.from_segments(nodes, ends, np.full(3, 0.25), kind, np.arange(3))
+
+
+def job(printer: Printer) -> bytes:
+    network = three_tubes()
+    options = EmbeddedOptions(needle_inner_mm=0.2, needle_outer_mm=0.4)
+    heads = EmbeddedHeads((options, options), (network.kind == VesselKind.VEIN).astype(np.int64))
+    load_of = HeadLoad(load(Syringe, "hamilton_1ml"), flow_ul_s=FLOW_UL_S)
+    given = GcodeOptions(start_mm=START, heads=(load_of, load_of))
+    plan = plan_embedded(network, heads)
+    return write_gcode(plan.toolpath, printer, load_of.syringe, PLACE, given).data
+
+
+def strokes_of(text: str) -> list[tuple[str, np.ndarray]]:
+    """Interpret the file by the controller's words alone; each valve's path while it is open."""
+    at = dict.fromkeys("XYAB", 0.0)
+    open_valve, pressure, port = "", {1: 0.0, 2: 0.0}, 0
+    strokes: list[tuple[str, list[list[float]]]] = []
+    for line in text.splitlines():
+        valve = re.fullmatch(r"BRAKE A(.) ([01])|DriveBrakeO(n|ff)\(A(.)\)", line)
+        if valve:
+            head = (valve[1] or valve[4]).upper()
+            if valve[2] == "0" or valve[3] == "ff":
+                assert not open_valve
+                assert pressure[2 if head == "A" else 1] == pytest.approx(10)
+                open_valve = head
+                strokes.append((head, [[at["X"], at["Y"], at[head]]]))
+            else:
+                open_valve = "" if open_valve == head else open_valve
+        elif line.startswith("$COM="):
+            port = int(line[5:])
+        elif line.startswith("$AP="):
+            pressure[port] = float(line[4:])
+        elif line.startswith(("G1 ", "G92 ")):
+            before = dict(at)
+            at |= {word[0]: float(word[1:]) for word in line.split()[1:] if word[0] in at}
+            if line.startswith("G1") and (at["X"], at["Y"]) != (before["X"], before["Y"]):
+                lowest = {"A": at["A"], "B": at["B"]}
+                lowest.pop(open_valve, None)
+                idle = min(lowest.values()) if open_valve else max(lowest.values())
+                assert idle > PLACE[2] + 6.25  # no idle tip among what is written
+            if open_valve:
+                assert not {"A", "B"} - {open_valve} & {word[0] for word in line.split()}
+                strokes[-1][1].append([at["X"], at["Y"], at[open_valve]])
+    assert not open_valve
+    assert pressure == pytest.approx({1: 5.0, 2: 5.0})
+    return [(head, np.array(path)) for head, path in strokes]
+
+
+@pytest.mark.parametrize("printer", [RIG, automation1()], ids=["a3200", "automation1"])
+def test_each_valve_writes_its_own_vessels_with_its_own_axis(printer):
+    strokes = strokes_of(job(printer).decode())
+    by_height = sorted((path[:, 2].mean() - PLACE[2], head, path) for head, path in strokes)
+    assert [head for _, head, _ in by_height] == ["A", "B", "A"]
+    for number, (height, head, path) in enumerate(by_height):
+        tip = path + [APART_MM if head == "B" else 0.0, 0, 0] - PLACE
+        assert height == pytest.approx(2.0 * (number + 1), abs=1e-3)
+        assert np.abs(tip[:, 1] - (2.0 + 4.0 * number)).max() < 1e-3
+        assert sorted(tip[[0, -1], 0].tolist()) == pytest.approx([2.0, 14.0], abs=0.3)
+
+
+@pytest.mark.parametrize("printer", [RIG, automation1()], ids=["a3200", "automation1"])
+def test_dry_run_finds_heads_by_their_valves(printer):
+    gcode = job(printer)
+    run = dry_run(gcode, printer, START)
+    assert not run.unknown
+    failed = [one for one in [*gcode_checks(run, printer), *head_checks(run, printer)]
+              if one.refuses]  # fmt: skip
+    assert not failed
+    changes = np.count_nonzero(np.diff(run.program.tool))
+    assert changes == gcode.count(b"RELOAD") - gcode.count(b"PASS_END") + 1 or changes in (1, 2)
+    written = np.pi * 0.25**2 * 12
+    for number, vessels in ((0, 2), (1, 1)):
+        view, head = run.of_head(number), printer.airs[number]
+        open_s = flowing_s(view.executed, view.program, view.valve, head)
+        assert open_s * FLOW_UL_S == pytest.approx(vessels * written, rel=0.15)
+
+
+def test_pressure_that_the_profile_does_not_write_at_is_refused():
+    gcode = job(RIG).replace(b"$COM=1\n$AP=10", b"$COM=1\n$AP=8", 1)
+    run = dry_run(gcode, RIG, START)
+    failed = {one.check for one in gcode_checks(run, RIG) if one.refuses}
+    assert failed == {"head 1: pressure at which its valve opens"}
+    stray = job(RIG).replace(b"$COM=1\n$AP=5", b"$AP=5", 1)
+    assert any(name == "$AP=5" for _, name in dry_run(stray, RIG, START).unknown)
+
+
+def test_head_that_changes_between_two_heights_is_refused():
+    gcode = re.sub(rb"( Y\S+ B)\S+", rb"\g<1>33", job(RIG), count=1)
+    run = dry_run(gcode, RIG, START)
+    assert any("never stood at one height" in one.message for one in run.findings)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"heads": [{"z_axis": "A"}, {}]}, "another letter"),
+        ({"heads": [{}, {"z_axis": "A"}]}, "another letter"),
+        ({"heads": [{"select": "T0"}, {}]}, "select is for firmwares"),
+        ({"heads": [{}, {"dispenser": None}]}, "two open the same valve"),
+        ({"file_controller": {"begins": ["G1 X5"]}}, "no word that is known to move nothing"),
+        ({"file_controller": {"begins": ["Enable Aa ; G1"]}}, "holds a comment"),
+        ({"dispenser": {"sets_pressure": ["$AP={mmhg}"]}}, "another value than it may have"),
+        ({"dispenser": {"resting_kpa": None}}, "belong together"),
+        ({"dispenser": {"resting_kpa": 90.0}}, "above pressure_kpa"),
+    ],
+)
+def test_profile_of_heads_that_contradict_each_other_is_refused(change, message):
+    data = RIG.model_dump()
+    for key, value in change.items():
+        if key == "heads":
+            for head, own in zip(data["heads"], value, strict=True):
+                head |= own
+        else:
+            data[key] |= value
+    if change.get("heads", [{}])[0].get("z_axis") == "A":
+        data["heads"][1]["z_axis"] = "A"
+    with pytest.raises(ValueError, match=message):
+        Printer.model_validate(data)
