@@ -1,0 +1,1 @@
+"""Benchmarks of the machines that a lab owns: printers behind network hosts."""
