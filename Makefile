@@ -10,7 +10,7 @@ PYTEST = $(BIN)/python -m pytest -p tests.forks
 # Without kept bytecode each process compiles all that it imports: three CPU seconds for SciPy and numba.
 unexport PYTHONDONTWRITEBYTECODE
 BENCHES = bench-vasculature bench-tissue bench-flow bench-solids bench-embedded bench-link bench-operator \
-  bench-observe bench-firmware bench-registration bench-scans bench-paper
+  bench-observe bench-firmware bench-machines bench-registration bench-scans bench-paper
 .PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-nightly $(BENCHES) docs gallery looks dist test-dist audit clean
 
 demo: $(VENV)/.ready
@@ -52,7 +52,7 @@ lint: $(VENV)/.ready-test
 # parts. BENCH="--quick" takes at most 60 CPU s, BENCH="--only PART" one part, both together work.
 # Other programs come by the environment: MARLIN=, MARLIN_WITHOUT_PARSER=, MARLIN_FAST= (ELF files),
 # OPENBF_CHECKOUT=, SHARED_SCANS= (folder of a generator), SCANS= (how many of each),
-# PRINTCTL_SHARED_DATA= (meshes); a part that needs what isn't there is skipped by name.
+# PRINTCTL_SHARED_DATA= (meshes), NETWORK_HOSTS= (folder of Moonraker, Klipper, OctoPrint); a part that needs what isn't there is skipped by name.
 $(BENCHES): bench-%: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks $* $(BENCH)
 

@@ -80,6 +80,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
         name: f"firmware.rows:{name}"
         for name in ("noise", "faults", "stop", "looks", "speed", "dry_run")
     },
+    "machines": {"network": "machines.network:rows"},
     "registration": {
         "whole": "registration.scans:whole_rows",
         "landing": "registration.scans:landing_rows",

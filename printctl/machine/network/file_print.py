@@ -197,9 +197,8 @@ class FilePrint:
 
     def _halt(self) -> None:
         self._halted_at = time.monotonic()
-        host = self._commands_host
         try:
-            status = self._ready.send(host.halt_request())
+            status = self._ready.send(self._host.halt_request())
             self._halt_taken |= status < 300
             if status >= 300:
                 log.error("the emergency stop was answered by HTTP %d", status)
@@ -366,7 +365,7 @@ class FilePrint:
 
         Raises `PrintEnded` where that can't be known.
         """
-        name, ready_since, lost_since = self.hosted.name, 0.0, 0.0
+        ready_since, lost_since = 0.0, 0.0
         while True:
             report, now = self._poll(), time.monotonic()
             if self.killing:
@@ -381,9 +380,7 @@ class FilePrint:
                     self._journal.add("host", do="not begun", by=_in_words(report))
                     return False
                 self._limit(now - ready_since)
-            elif report.file == name and report.state is not HostState.IDLE:
-                break
-            elif self._history() is not None:
+            elif self._in_record(report):
                 break
             else:
                 ready_since, lost_since = 0.0, lost_since or now
@@ -393,6 +390,11 @@ class FilePrint:
         self._begun = True
         self._journal.add("host", do="begun", by=_in_words(report))
         return True
+
+    def _in_record(self, report: HostReport) -> bool:
+        """Whether the host's state or its job history has the file as begun."""
+        present = report.file == self.hosted.name and report.state is not HostState.IDLE
+        return present or self._history() is not None
 
     def _is_ready(self, report: HostReport) -> bool:
         return report.file == self.hosted.name and report.state is HostState.READY
@@ -414,8 +416,8 @@ class FilePrint:
         return PrintEnded(
             LinkState.POSITION_UNKNOWN,
             f"unknown, look at the machine: a start was sent to {self.address}, which has no "
-            f"record of the file now ({_in_words(report)}; it, or its printer, was restarted). Whether "
-            "ink was written isn't known, and it isn't started again",
+            f"record of the file now ({_in_words(report)}; it, or its printer, was restarted). "
+            "Whether ink was written isn't known, and it isn't started again",
             known=False,
         )
 

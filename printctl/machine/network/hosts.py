@@ -45,7 +45,7 @@ def refuse_unsupported(
     if asked:
         raise Refused(
             f"{kind} runs the file by itself, and printctl can't hold it between two lines; "
-            f"nothing was sent: {'; '.join(asked)}. Or print over serial or TCP, where all this holds"
+            f"nothing was sent: {'; '.join(asked)}. Over serial or TCP all this holds"
         )
 
 
