@@ -148,13 +148,20 @@ class Handler(BaseHTTPRequestHandler):
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
         """Say nothing."""
 
-    def do_GET(self) -> None:  # noqa: N802
+    def do_GET(self) -> None:
         """Answer a GET."""
-        self._answer()
+        self.answer()
 
-    do_POST = do_PUT = do_GET
+    def do_POST(self) -> None:
+        """Answer a POST."""
+        self.answer()
 
-    def _answer(self) -> None:
+    def do_PUT(self) -> None:
+        """Answer a PUT."""
+        self.answer()
+
+    def answer(self) -> None:
+        """Answer a request by the board."""
         split = urlsplit(self.path)
         query = {key: values[0] for key, values in parse_qs(split.query).items()}
         body = self.rfile.read(int(self.headers.get("Content-Length") or 0))

@@ -23,7 +23,7 @@ from printctl.machine.network.host import (
     HostState,
     StoredFile,
 )
-from printctl.machine.network.http_client import HttpClient, HttpReply
+from printctl.machine.network.http_client import HttpHost, HttpReply
 
 _STATES: Final = {
     "processing": HostState.PRINTING,
@@ -46,13 +46,12 @@ _LOGIN: Final = (401, 403)
 _ABSENT: Final = (404, 405, 501)
 
 
-class Duet:
+class Duet(HttpHost):
     """A Duet board, with an SBC or without; see `PrintHost`."""
 
-    tells_place = True
-
     def __init__(self, address: HostAddress, key: str = "") -> None:
-        self.http, self._key = HttpClient(address), key
+        super().__init__(address)
+        self._key = key
         self._sbc: bool | None = None
 
     def identify(self) -> str:

@@ -23,25 +23,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from printctl.machine.control.halting import UNCONFIRMED
-from printctl.machine.errors import HostRefused, HostSilent, LinkError, Refused
+from printctl.machine.errors import HostRefused, HostSilent, JournalError, LinkError, Refused
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import Job
 from printctl.machine.job.moves import moves_ahead, surely_moved
-from printctl.machine.network.host import (
-    ACTIVE,
-    OVER,
-    HostAddress,
-    HostEnd,
-    HostReport,
-    HostState,
-)
+from printctl.machine.network.host import ACTIVE, OVER, HostAddress, HostEnd, HostReport, HostState
 from printctl.machine.network.hosts import make_host
 from printctl.machine.network.http_client import ReadyConnection
 from printctl.machine.records.journal import Journal
@@ -88,19 +81,7 @@ def name_on_host(print_id: str, job_name: str) -> str:
 
 @dataclass(frozen=True)
 class HostedJob:
-    """A job's file as a host runs it.
-
-    Attributes
-    ----------
-    job : Job
-    data : bytes
-        The file.
-    name : str
-        On the host.
-    printer : Printer
-    start_mm : (x, y, z) or None, mm
-        Where the checks took the tip to stand.
-    """
+    """A job's file as a host runs it: its bytes, its name there, the tip's checked start, mm."""
 
     job: Job
     data: bytes
@@ -149,8 +130,8 @@ class FilePrint:
         self._lock = threading.Lock()
         self.stopping = self.killing = False
         self._cancelled_at, self._halted_at, self._halt_taken = 0.0, 0.0, False
-        self._report: HostReport | None = None
-        self._reported_at, self._asked_since = 0.0, time.monotonic()
+        self._report: HostReport | None = None  # the last one in which the host has its printer
+        self._known_at = time.monotonic()
         self._silence = self._words = ""
         self._begun = False
         self._status = Status(LinkState.CONNECTING, lines_total=len(hosted.job))
@@ -200,8 +181,7 @@ class FilePrint:
         try:
             status = self._ready.send(self._host.halt_request())
             self._halt_taken |= status < 300
-            if status >= 300:
-                log.error("the emergency stop was answered by HTTP %d", status)
+            log.info("the emergency stop was answered by HTTP %d", status)
         except LinkError as exc:
             log.error("%s", exc)
 
@@ -211,32 +191,35 @@ class FilePrint:
         with suppress(LinkError):
             self._commands_host.identify()  # its connection and session are there beforehand
         while (wanted := self._commands.get()) is not None:
-            do, answer = wanted
-            why = ""
+            (do, answer), why = wanted, ""
             try:
                 getattr(self._commands_host, do)(self.hosted.name)
             except LinkError as exc:
                 why = f"{do} isn't done: {exc}"
                 log.error("%s", why)
                 if self._begun and do != "cancel":
-                    self._alarm(why)
+                    self._write("alarm", text=why)
+                    self._status = replace(self._status, alarms=self._status.alarms + 1)
             answer(why)
+        self._commands_host.close()
 
-    def _alarm(self, text: str) -> None:
-        self._journal.add("alarm", text=text)
-        self._status = replace(self._status, alarms=self._status.alarms + 1)
+    def _write(self, sort: str, **values: Any) -> None:
+        """Add to the journal; a full disk doesn't keep a print from being followed."""
+        try:
+            self._journal.add(sort, **values)
+        except JournalError as exc:
+            log.error("%s", exc)
+            if self._journal.use_reserve():
+                with suppress(JournalError):
+                    self._journal.add(sort, **values)
 
     # --- the print's thread --------------------------------------------------------------------
 
     def run(self, taken_over: bool = False, started: bool = False) -> Status:
         """Print to the end; return the last status.
 
-        Parameters
-        ----------
-        taken_over : bool
-            Whether the journal has an earlier process's part of this print.
-        started : bool
-            Whether the journal has the intention of a start.
+        ``taken_over``: the journal has an earlier process's part of this print; ``started``: with
+        the intention of a start.
         """
         self._commander.start()
         try:
@@ -250,11 +233,12 @@ class FilePrint:
         except PrintEnded as ended:
             self._end(ended)
         except LinkError as exc:
-            known = not self._begun
-            self._end(PrintEnded(LinkState.FAILED, str(exc), known, type(exc).__name__))
+            failed = PrintEnded(LinkState.FAILED, str(exc), not self._begun, type(exc).__name__)
+            self._end(self._halt_end() if self.killing else failed)
         finally:
             self._commands.put(None)
             self._ready.close()
+            self._host.close()
         return self._status
 
     def _connect(self, patient: bool) -> None:
@@ -352,13 +336,13 @@ class FilePrint:
             except HostRefused as exc:
                 self._silence = str(exc)
                 report = self._poll() if 400 <= exc.status < 500 else None
-                if report is not None and self._is_ready(report):
+                ready = report is not None and report.state is HostState.READY
+                if report is not None and ready and self._has_file(report):
                     raise PrintEnded(LinkState.FAILED, f"not started: {exc}") from exc
             if self._was_begun(answered):
                 return
-        raise PrintEnded(
-            LinkState.FAILED, f"not started: {self.address} reports the file as selected, not begun"
-        )
+        words = f"not started: {self.address} reports the file as selected, not begun"
+        raise PrintEnded(LinkState.FAILED, words)
 
     def _was_begun(self, answered: bool) -> bool:
         """Return whether the host has begun the file, by its own record alone.
@@ -374,52 +358,33 @@ class FilePrint:
             if report is None or report.state is HostState.OFFLINE:
                 ready_since = lost_since = 0.0
                 self._unknown("whether the print has begun isn't known")
-            elif self._is_ready(report):
+            elif self._has_file(report) and report.state is HostState.READY:
                 ready_since, lost_since = ready_since or now, 0.0
                 if not answered and now - ready_since > SETTLE_S:
-                    self._journal.add("host", do="not begun", by=_in_words(report))
+                    self._write("host", do="not begun", by=_in_words(report))
                     return False
-                self._limit(now - ready_since)
-            elif self._in_record(report):
+                if now - ready_since > 10 * SETTLE_S:
+                    raise _lost(
+                        f"{self.address} took the start and doesn't report that the file has "
+                        "begun; it isn't started again"
+                    )
+            elif (self._has_file(report) and report.state is not HostState.IDLE) or self._history():
                 break
             else:
                 ready_since, lost_since = 0.0, lost_since or now
                 if now - lost_since > DECIDE_S:
-                    raise self._not_known(report)
+                    raise _lost(
+                        f"a start was sent to {self.address}, which has no record of the file now "
+                        f"({_in_words(report)}; it, or its printer, was restarted). Whether ink "
+                        "was written isn't known, and it isn't started again"
+                    )
             time.sleep(POLL_S / 2)
         self._begun = True
-        self._journal.add("host", do="begun", by=_in_words(report))
+        self._write("host", do="begun", by=_in_words(report))
         return True
 
-    def _in_record(self, report: HostReport) -> bool:
-        """Whether the host's state or its job history has the file as begun."""
-        present = report.file == self.hosted.name and report.state is not HostState.IDLE
-        return present or self._history() is not None
-
-    def _is_ready(self, report: HostReport) -> bool:
-        return report.file == self.hosted.name and report.state is HostState.READY
-
-    def _limit(self, waited_s: float) -> None:
-        if self.stopping and waited_s > SETTLE_S:
-            raise PrintEnded(
-                LinkState.STOPPED, "stopped by the user; the host hasn't begun the file"
-            )
-        if waited_s > 10 * SETTLE_S:
-            raise PrintEnded(
-                LinkState.POSITION_UNKNOWN,
-                f"unknown, look at the machine: {self.address} took the start and doesn't report "
-                "that the file has begun; it isn't started again",
-                known=False,
-            )
-
-    def _not_known(self, report: HostReport) -> PrintEnded:
-        return PrintEnded(
-            LinkState.POSITION_UNKNOWN,
-            f"unknown, look at the machine: a start was sent to {self.address}, which has no "
-            f"record of the file now ({_in_words(report)}; it, or its printer, was restarted). "
-            "Whether ink was written isn't known, and it isn't started again",
-            known=False,
-        )
+    def _has_file(self, report: HostReport) -> bool:
+        return report.file == self.hosted.name
 
     def _follow(self) -> None:
         """Follow what the host reports until its end."""
@@ -427,7 +392,7 @@ class FilePrint:
         while True:
             report, now = self._poll(), time.monotonic()
             if self.killing:
-                self._await_halt()
+                raise self._halt_end()
             offline = report is not None and report.state is HostState.OFFLINE
             offline_since = (offline_since or now) if offline else 0.0
             if report is None or offline:
@@ -437,23 +402,20 @@ class FilePrint:
             elif report.state is HostState.HALTED:
                 words = f"the firmware has halted: {report.message}"
                 raise PrintEnded(LinkState.KILLED, words, known=False)
-            elif report.file == self.hosted.name and report.state in ACTIVE:
+            elif self._has_file(report) and report.state in ACTIVE:
                 missing = 0
                 self._take(report)
                 if self.stopping and now - self._cancelled_at > _AGAIN_S:
                     self._cancel()
-            elif report.file == self.hosted.name and report.state in OVER:
+            elif self._has_file(report) and report.state in OVER:
                 self._finish(report.state, report)
             else:
                 missing += 1
                 self._finish_by_history(report)
                 if missing > DECIDE_S / POLL_S:
-                    raise PrintEnded(
-                        LinkState.POSITION_UNKNOWN,
-                        f"unknown, look at the machine: {self.address} runs the file no longer "
-                        f"({_in_words(report)}) and has no record of its end; it, or its printer, "
-                        "was restarted",
-                        known=False,
+                    raise _lost(
+                        f"{self.address} runs the file no longer ({_in_words(report)}) and has no "
+                        "record of its end; it, or its printer, was restarted"
                     )
             time.sleep(POLL_S)
 
@@ -470,9 +432,9 @@ class FilePrint:
             self._finish(end.state, replace(report, message=end.message))
 
     def _finish(self, end: HostState, report: HostReport) -> None:
-        place = report.place if report.file == self.hosted.name else None
+        place = report.place if self._has_file(report) else None
         where = (
-            f"the tip is at {_place_words(place)}" if place else "it doesn't say where the tip is"
+            f"the tip is at {_place_words(place)}" if place else "the tip's place isn't reported"
         )
         said = f"{self.address} says {end.value}"
         if end is HostState.COMPLETE:
@@ -484,28 +446,27 @@ class FilePrint:
             raise PrintEnded(LinkState.STOPPED, words, known=place is not None)
         raise PrintEnded(LinkState.FAILED, f"{said}: {report.message}", known=False)
 
-    def _await_halt(self) -> None:
+    def _halt_end(self) -> PrintEnded:
         """Repeat the emergency stop until the host says that the firmware has halted."""
-        limit = time.monotonic() + HALT_S
+        limit, words = time.monotonic() + HALT_S, UNCONFIRMED
         while time.monotonic() < limit:
             report = self._poll()
-            gone = report is not None and report.state is HostState.OFFLINE and self._halt_taken
-            if gone or (report is not None and report.state is HostState.HALTED):
-                words = f"killed by the user; {self.address} says {_in_words(report)}"
-                raise PrintEnded(LinkState.KILLED, words, known=False)
+            state = None if report is None else report.state
+            if state is HostState.HALTED or (state is HostState.OFFLINE and self._halt_taken):
+                words = f"{self.address} says {_in_words(report)}"
+                break
             if time.monotonic() - self._halted_at > 1.0:
                 self._halt()
             time.sleep(POLL_S / 4)
-        raise PrintEnded(LinkState.KILLED, f"killed by the user; {UNCONFIRMED}", known=False)
+        return PrintEnded(LinkState.KILLED, f"killed by the user; {words}", known=False)
 
     def _look_for_end(self) -> None:
         """End a print that hasn't begun, where a person wants that."""
         if self.killing:
-            self._await_halt()
+            raise self._halt_end()
         if self.stopping:
-            raise PrintEnded(
-                LinkState.STOPPED, "stopped by the user before its start; nothing moved"
-            )
+            words = "stopped by the user before its start; nothing moved"
+            raise PrintEnded(LinkState.STOPPED, words)
 
     # --- what is known -------------------------------------------------------------------------
 
@@ -516,10 +477,13 @@ class FilePrint:
         except (HostSilent, HostRefused) as exc:
             self._silence = str(exc)
             return None
-        except (KeyError, TypeError, ValueError, IndexError) as exc:
+        except (AttributeError, LookupError, TypeError, ValueError) as exc:
             self._silence = f"{self.address}: an answer that can't be read ({exc!r})"
             return None
-        self._report, self._reported_at, self._silence = report, time.monotonic(), ""
+        if report.state is HostState.OFFLINE:
+            self._silence = f"{self.address} says {_in_words(report)}"
+        else:
+            self._report, self._known_at, self._silence = report, time.monotonic(), ""
         return report
 
     def _take(self, report: HostReport) -> None:
@@ -530,7 +494,7 @@ class FilePrint:
         behind = max(done - _READ_AHEAD, 0)
         made = surely_moved(hosted.job.lines, behind, moves_ahead(hosted.printer))
         if done != status.lines_done:
-            self._journal.add("ack", done=done)
+            self._write("ack", done=done)
         self._status = replace(
             status,
             lines_done=done,
@@ -542,10 +506,8 @@ class FilePrint:
 
     def _unknown(self, why: str) -> None:
         """Say that the state isn't known; end the print after the limit of silence."""
-        heard = self._reported_at or self._asked_since
-        silent_s = time.monotonic() - heard
-        offline = self._report is not None and self._report.state is HostState.OFFLINE
-        if silent_s > SILENT_S or offline:
+        silent_s = time.monotonic() - self._known_at
+        if silent_s > SILENT_S:
             self._status = replace(self._status, position_known=False)
             self._enter(LinkState.UNKNOWN, why)
         if silent_s > self._silent_limit_s:
@@ -554,11 +516,10 @@ class FilePrint:
 
     def _said(self, status: Status) -> str:
         """Return the state's message: what the host said last, and how long ago."""
-        report, age_s = self._report, time.monotonic() - self._reported_at
+        report, age_s = self._report, time.monotonic() - self._known_at
         asked = "; a stop is requested" if self.stopping else ""
         if status.state is LinkState.UNKNOWN:
-            age_s = age_s if report else time.monotonic() - self._asked_since
-            since = f"unknown since {_clock(age_s)} ({self._silence or _in_words(report)})"
+            since = f"unknown since {_clock(age_s)} ({self._silence})"
             return f"{since}; {status.message}; the last report: {_in_words(report)}{asked}"
         if report is None or not self._begun:
             return "; ".join(filter(None, (status.message, self._silence)))
@@ -566,34 +527,28 @@ class FilePrint:
 
     def _enter(self, state: LinkState, message: str) -> None:
         if state is not self._status.state:
-            self._journal.add("state", state=state, message=message or _in_words(self._report))
+            self._write("state", state=state, message=message or _in_words(self._report))
         self._status = replace(self._status, state=state, message=message)
-        self._tell()
-
-    def _tell(self) -> None:
         self.on_status(self.status)
 
     def _end(self, ended: PrintEnded) -> None:
-        self._status = replace(
-            self._status,
-            state=ended.state,
-            message=ended.message,
-            position_known=ended.known,
-            error=ended.error,
-            lines_executed=self._status.lines_done
-            if ended.state is LinkState.DONE
-            else self._status.lines_executed,
-        )
-        status = self._status
-        self._journal.add(
-            "end",
-            state=status.state,
-            message=status.message,
-            done=status.lines_done,
-            error=status.error,
-            position_known=status.position_known,
-        )
-        self._tell()
+        facts: dict[str, Any] = {
+            "state": ended.state,
+            "message": ended.message,
+            "error": ended.error,
+        }
+        status = replace(self._status, **facts, position_known=ended.known)
+        if ended.state is LinkState.DONE:
+            status = replace(status, lines_executed=status.lines_done)
+        self._status = status
+        self._write("end", **facts, done=status.lines_done, position_known=ended.known)
+        self.on_status(status)
+
+
+def _lost(words: str) -> PrintEnded:
+    """Return the end of a print of which the host can't say what became of it."""
+    words = f"unknown, look at the machine: {words}"
+    return PrintEnded(LinkState.POSITION_UNKNOWN, words, known=False)
 
 
 def _in_words(report: HostReport | None) -> str:

@@ -116,52 +116,41 @@ class PrintHost(Protocol):
     answer, `HostRefused` where the host says no.
     """
 
-    tells_place: bool
-    """Whether its reports have the tip's place."""
-
     def identify(self) -> str:
         """Return the host's program and version; log in where the host wants that."""
-        ...
 
     def upload(self, name: str, data: bytes, check: Callable[[float], None]) -> None:
         """Store a file; ``check`` is called with the share sent and may raise to end it."""
-        ...
 
     def stored(self, name: str, data: bytes) -> StoredFile:
         """Return what the host has stored under a name."""
-        ...
 
     def select(self, name: str) -> None:
         """Select a file without starting it; nothing moves."""
-        ...
 
     def start(self, name: str) -> None:
         """Start the selected file."""
-        ...
 
     def pause(self, name: str) -> None:
         """Pause the print."""
-        ...
 
     def resume(self, name: str) -> None:
         """Go on after a pause."""
-        ...
 
     def cancel(self, name: str) -> None:
         """End the print in the host's own way."""
-        ...
+
+    def close(self) -> None:
+        """Let go of the connection."""
 
     def halt_request(self) -> HostRequest:
         """Return the request that halts the firmware; nothing is sent."""
-        ...
 
     def state(self, name: str) -> HostReport:
         """Return what the host reports now, seen from the print of ``name``."""
-        ...
 
     def ended(self, name: str) -> HostEnd | None:
         """Return how the host's job history has a file's print; None where it has none."""
-        ...
 
 
 class HostAddress(NamedTuple):

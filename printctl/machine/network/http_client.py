@@ -116,6 +116,17 @@ class HttpClient:
         return self._connection
 
 
+class HttpHost:
+    """Part of every host: its connection, with the key as a header where one is given."""
+
+    def __init__(self, address: HostAddress, key: str = "") -> None:
+        self.http = HttpClient(address, {"X-Api-Key": key} if key else {})
+
+    def close(self) -> None:
+        """Let go of the connection."""
+        self.http.close()
+
+
 class ReadyConnection:
     """Connection opened beforehand and used for one urgent request.
 

@@ -17,14 +17,13 @@ from printctl.machine.errors import HostRefused
 from printctl.machine.network.host import (
     ACTIVE,
     OVER,
-    HostAddress,
     HostEnd,
     HostReport,
     HostRequest,
     HostState,
     StoredFile,
 )
-from printctl.machine.network.http_client import HttpClient, multipart
+from printctl.machine.network.http_client import HttpHost, multipart
 
 _QUERY: Final = (
     "/printer/objects/query?webhooks&print_stats=filename,state,message"
@@ -56,13 +55,8 @@ _COMMAND_S: Final = 60.0
 _NOT_CONNECTED: Final = 503
 
 
-class Moonraker:
+class Moonraker(HttpHost):
     """A Moonraker host; see `PrintHost`."""
-
-    tells_place = True
-
-    def __init__(self, address: HostAddress, key: str = "") -> None:
-        self.http = HttpClient(address, {"X-Api-Key": key} if key else {})
 
     def identify(self) -> str:
         """Return the host's program and version."""

@@ -13,14 +13,13 @@ from urllib.parse import quote
 
 from printctl.machine.errors import HostRefused
 from printctl.machine.network.host import (
-    HostAddress,
     HostEnd,
     HostReport,
     HostRequest,
     HostState,
     StoredFile,
 )
-from printctl.machine.network.http_client import HttpClient, multipart
+from printctl.machine.network.http_client import HttpHost, multipart
 
 _STATES: Final = {
     "Starting": HostState.PRINTING,
@@ -35,13 +34,8 @@ _UPLOAD_S: Final = 60.0
 _NO_FILE: Final = 404
 
 
-class OctoPrint:
+class OctoPrint(HttpHost):
     """An OctoPrint host; see `PrintHost`."""
-
-    tells_place = False
-
-    def __init__(self, address: HostAddress, key: str = "") -> None:
-        self.http = HttpClient(address, {"X-Api-Key": key} if key else {})
 
     def identify(self) -> str:
         """Return the host's program and version."""
@@ -63,19 +57,19 @@ class OctoPrint:
 
     def start(self, name: str) -> None:
         """Start the selected file; refused while one is being printed."""
-        self._job({"command": "start"})
+        self.http.post("/api/job", {"command": "start"})
 
     def pause(self, name: str) -> None:
         """Pause, by the host's own script."""
-        self._job({"command": "pause", "action": "pause"})
+        self.http.post("/api/job", {"command": "pause", "action": "pause"})
 
     def resume(self, name: str) -> None:
         """Go on after a pause."""
-        self._job({"command": "pause", "action": "resume"})
+        self.http.post("/api/job", {"command": "pause", "action": "resume"})
 
     def cancel(self, name: str) -> None:
         """End, by the host's own script; what the printer holds is made."""
-        self._job({"command": "cancel"})
+        self.http.post("/api/job", {"command": "cancel"})
 
     def halt_request(self) -> HostRequest:
         """Return M112 as a command; OctoPrint closes the port behind it."""
@@ -102,9 +96,6 @@ class OctoPrint:
         if last.get("success"):
             return HostEnd(HostState.COMPLETE)
         return HostEnd(HostState.FAILED, "its record says: not successful (cancelled, or failed)")
-
-    def _job(self, values: dict[str, Any]) -> None:
-        self.http.post("/api/job", values)
 
     def _file(self, name: str) -> dict[str, Any] | None:
         try:
