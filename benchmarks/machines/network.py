@@ -277,7 +277,7 @@ def measure(
             rig.recover()
             rig.mark()
             job = folder / f"{number}.gcode"
-            job.write_text(rigs.job_text(rig.frame))
+            job.write_text(rigs.job_text(rig.frame, rig.feed_mm_min))
             port = f"{rig.kind}://127.0.0.1:{proxy.port}"
             order = Order(job, rig.profile, port, folder / f"{number}.print")
             trial = Trial(rig, proxy, order, chance)

@@ -80,9 +80,9 @@ def test_killed_process_that_is_run_again_follows_the_same_print(
 
 
 def test_kill_reaches_the_host_when_the_process_is_gone(order: Order, server: BoardServer):
-    find_or_start(order, lambda: order.port)
-    wait(lambda: bool(server.strokes()))
-    os.kill(load_record(order.folder).pid, signal.SIGKILL)
+    with find_or_start(order, lambda: order.port):
+        wait(lambda: bool(server.strokes()))
+        os.kill(load_record(order.folder).pid, signal.SIGKILL)
     with attach(order.folder) as client:
         wait(lambda: client.status.ended)
         client.kill()
