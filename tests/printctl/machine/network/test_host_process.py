@@ -56,6 +56,7 @@ def test_killed_process_that_is_run_again_follows_the_same_print(
 ):
     client = find_or_start(order, lambda: order.port)
     wait(lambda: bool(server.strokes()))
+    server.board.code("M25")  # somebody pauses it at the host
     os.kill(load_record(order.folder).pid, signal.SIGKILL)
     client.wait(20.0)
     truth = read_print(order.folder)
@@ -67,7 +68,6 @@ def test_killed_process_that_is_run_again_follows_the_same_print(
     again = find_or_start(order, lambda: order.port)
     with pytest.raises(Refused, match="runs the file by itself"):
         again.reload()
-    again.pause()
     wait(lambda: again.status.state is LinkState.PAUSED)
     again.resume()
     assert again.wait(30.0).state is LinkState.DONE
