@@ -32,6 +32,7 @@ from printctl.machine.records.states import Status
 
 END_S, STOP_GOAL_MS, SLACK_S = 90.0, 150.0, 0.5
 START = {"moonraker": b"script=M24", "octoprint": b'"start"', "duet": b"M24"}
+CANCEL = {"moonraker": b"/print/cancel", "octoprint": b'"cancel"', "duet": b"M25"}
 _AGE = re.compile(r"([0-9.]+) s ago")
 
 
@@ -42,6 +43,7 @@ class Proxy:
         self.target, self.listener = target, socket.create_server(("127.0.0.1", 0))
         self.port = int(self.listener.getsockname()[1])
         self.down_until, self.drop, self.after = 0.0, b"", False
+        self.awaited, self.passed_at = b"", 0.0
         self.pairs: set[tuple[socket.socket, socket.socket]] = set()
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -76,6 +78,8 @@ class Proxy:
                     data = end.recv(65536)
                     if not data or (end is far and answer_lost):
                         return
+                    if end is near and self.awaited and self.awaited in data:
+                        self.awaited, self.passed_at = b"", time.time()
                     if end is near and self.drop and self.drop in data:
                         self.drop, answer_lost = b"", self.after
                         if not self.after:
@@ -175,8 +179,9 @@ def halt(trial: Trial) -> None:
 
 def stop(trial: Trial) -> None:
     """End the print in order."""
-    trial.cancelled = time.time()
     assert trial.client is not None
+    trial.proxy.awaited = CANCEL[trial.rig.kind]
+    trial.cancelled = time.time()
     trial.client.stop()
 
 
@@ -268,7 +273,7 @@ def measure(
     count, seed = (6 if quick else 20), 65
     rig, chance = make(folder / "rig"), random.Random(seed)
     twice = true = unknown = done = 0
-    halts: list[float] = []
+    halts, stops = [], []
     with ExitStack() as parting:
         parting.callback(rig.kill)
         rig.start()
@@ -291,15 +296,17 @@ def measure(
             unknown += status.message.startswith("unknown")
             if trial.halted:
                 halts.append(1000 * max(rig.halted_at() - trial.halted, 0.0))
+            if trial.cancelled:
+                stops.append(1000 * max(proxy.passed_at - trial.cancelled, 0.0))
             note = f"{kind} {number} {fault.__name__}: {status.state.value}: {status.message}"
             print(note, again or "", wrong or "", file=sys.stderr, flush=True)
     yield row(f"{kind}: prints with a stroke written twice", twice, f"of {count}", "0", twice == 0)
     yield all_of(f"{kind}: every reported state true", true, count)
     yield row(f"{kind}: ended as done", done, f"of {count}")
     yield row(f"{kind}: ended as unknown, look at the machine", unknown, f"of {count}")
-    if halts:
-        slowest = max(halts)
-        yield limited(f"{kind}: kill to the far side, slowest", slowest, "ms", STOP_GOAL_MS)
+    for what, times in (("kill to the far side", halts), ("stop to the host", stops)):
+        if times:
+            yield limited(f"{kind}: {what}, slowest", max(times), "ms", STOP_GOAL_MS)
 
 
 def rows(quick: bool) -> Iterator[Row]:

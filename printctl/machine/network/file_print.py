@@ -472,6 +472,11 @@ class FilePrint:
 
     def _poll(self) -> HostReport | None:
         """Ask the host for its state; None without an answer."""
+        report = self._asked()
+        self._ready.hold(report is not None)
+        return report
+
+    def _asked(self) -> HostReport | None:
         try:
             report = self._host.state(self.hosted.name)
         except (HostSilent, HostRefused) as exc:

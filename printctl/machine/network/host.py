@@ -187,8 +187,8 @@ def read_key(key_file: str = "") -> str:
     The environment's file (`KEY_FILE_VARIABLE`) comes before ``key_file``, which is the one that
     the print was started with. PortError for a file that can't be read.
     """
-    if key := os.environ.get(KEY_VARIABLE, "").strip():
-        return key
+    if text := os.environ.get(KEY_VARIABLE, "").strip():
+        return _plain(text, KEY_VARIABLE)
     path = os.environ.get(KEY_FILE_VARIABLE) or key_file
     if not path:
         return ""
@@ -196,6 +196,11 @@ def read_key(key_file: str = "") -> str:
         text = Path(path).read_bytes()[:_MAX_KEY_BYTES].decode("ascii").strip()
     except (OSError, ValueError) as exc:
         raise PortError(f"the host's key file {path} can't be read: {type(exc).__name__}") from None
-    if not text.isprintable() or " " in text:
-        raise PortError(f"the host's key file {path} must hold one line, the key alone")
-    return text
+    return _plain(text, path)
+
+
+def _plain(key: str, place: str) -> str:
+    """Return a key that can stand in a header; PortError, without it, for another one."""
+    if not (key.isascii() and key.isprintable()) or " " in key:
+        raise PortError(f"the host's key ({place}) must be one line, the key alone")
+    return key

@@ -64,5 +64,7 @@ def _unsupported(
         yield "a wire log (leave it out)"
     if baud is not None:
         yield "a baud rate (leave it out; it is the host's)"
+    if printer.pneumatic is not None:
+        yield "a pneumatic valve (no stop of a host shuts it first)"
     if printer.watch:
         yield "readings watched by printctl (leave watch out of the profile)"

@@ -130,16 +130,27 @@ class HttpHost:
 class ReadyConnection:
     """Connection opened beforehand and used for one urgent request.
 
-    A thread of its own looks after it. `send` waits neither for that thread nor for any other
-    request; any thread may call it.
+    A thread of its own looks after it, while `hold` says so. `send` waits neither for that thread
+    nor for any other request; any thread may call it.
     """
 
     def __init__(self, address: HostAddress) -> None:
         self._address = address
-        self._lock, self._over = threading.Lock(), threading.Event()
+        self._lock, self._over, self._wake = threading.Lock(), threading.Event(), threading.Event()
+        self._held = False
         self._socket: socket.socket | None = None
         self._keeper = threading.Thread(target=self._keep, name="ready", daemon=True)
         self._keeper.start()
+
+    def hold(self, held: bool) -> None:
+        """Keep a connection open, or none.
+
+        None to a host that doesn't answer: an idle connection keeps OctoPrint from starting, whose
+        first server takes one at a time and is waited for.
+        """
+        if held != self._held:
+            self._held = held
+            self._wake.set()
 
     def send(self, request: HostRequest, limit_s: float = ANSWER_S) -> int:
         """Send a request at once; return the status of the answer.
@@ -169,6 +180,7 @@ class ReadyConnection:
     def close(self) -> None:
         """End the thread and let go of the connection."""
         self._over.set()
+        self._wake.set()
         self._keeper.join(CONNECT_S)
         self._swap(None)
 
@@ -187,11 +199,13 @@ class ReadyConnection:
 
     def _keep(self) -> None:
         while not self._over.is_set():
-            ready = self._socket
-            if ready is None or was_closed(ready):
+            if not self._held:
+                self._swap(None)
+            elif was_closed(self._socket):
                 with suppress(OSError):
                     self._swap(self._connect())
-            self._over.wait(CHECK_READY_S)
+            self._wake.wait(CHECK_READY_S)
+            self._wake.clear()
 
     def _swap(self, fresh: socket.socket | None) -> None:
         with self._lock:

@@ -135,6 +135,7 @@ def test_ready_connection_is_opened_anew_when_the_host_closes_it():
     with socket.create_server(("127.0.0.1", 0)) as listener:
         address = parse_address(f"duet://127.0.0.1:{listener.getsockname()[1]}")
         with closing(ReadyConnection(address)) as ready:
+            ready.hold(True)
             listener.accept()[0].close()
             end = listener.accept()[0]
 
@@ -147,6 +148,18 @@ def test_ready_connection_is_opened_anew_when_the_host_closes_it():
             thread.start()
             assert ready.send(request) == 204
             thread.join()
+            end.close()
+
+
+def test_no_connection_is_left_open_to_a_host_that_does_not_answer():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        address = parse_address(f"octoprint://127.0.0.1:{listener.getsockname()[1]}")
+        with closing(ReadyConnection(address)) as ready:
+            ready.hold(True)
+            end = listener.accept()[0]
+            ready.hold(False)
+            end.settimeout(5.0)
+            assert end.recv(1) == b""
             end.close()
 
 
