@@ -52,7 +52,8 @@ lint: $(VENV)/.ready-test
 # parts. BENCH="--quick" takes at most 60 CPU s, BENCH="--only PART" one part, both together work.
 # Other programs come by the environment: MARLIN=, MARLIN_WITHOUT_PARSER=, MARLIN_FAST= (ELF files),
 # OPENBF_CHECKOUT=, SHARED_SCANS= (folder of a generator), SCANS= (how many of each),
-# PRINTCTL_SHARED_DATA= (meshes); a part that needs what isn't there is skipped by name.
+# PRINTCTL_SHARED_DATA= (meshes), NETWORK_HOSTS= (folder of Moonraker, Klipper and OctoPrint); a part that
+# needs what isn't there is skipped by name.
 $(BENCHES): bench-%: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks $* $(BENCH)
 

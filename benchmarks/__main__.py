@@ -89,6 +89,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
     "scans": {"count": "scans.rows:rows"},
     "machines": {
         "aerotech": "machines.aerotech:rows",
+        "network": "machines.network:rows",
         "profiles": "machines.profiles:profile_rows",
     },
     "paper": {

@@ -185,6 +185,8 @@ class Family:
         Makes the state machine that speaks to it; None where a host sends it no lines.
     reported_name : str
         What its FIRMWARE_NAME (M115) contains, in small letters.
+    hosts : tuple of str
+        Network hosts that run files on it (schemes of a port: ``moonraker``).
     verified : bool
         Whether a real one's transcripts were replayed against the state machine.
     keepalive : bool
@@ -286,6 +288,7 @@ class Family:
     dialect: Callable[[Printer], Dialect]
     make_protocol: Callable[[LinkSetup], LinkProtocol] | None = None
     reported_name: str = ""
+    hosts: tuple[str, ...] = ()
     verified: bool = False
     keepalive: bool = False
     tells_steps: bool = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -15,6 +16,7 @@ from design.units import LengthUnit
 from printctl.cli.declare import wants_json
 from printctl.errors import UsageError
 from printctl.failures import JSON_PRINTED, message_and_code
+from printctl.machine.network.host import KEY_FILE_VARIABLE, read_key
 from printctl.settings import arg, opt
 from sim.errors import GcodeError
 from sim.user_files import read_gcode_path, text_of
@@ -46,6 +48,10 @@ RunArg = Annotated[
     arg("The print: its folder, its recipe's run folder, or its G-code file.", metavar="RUN"),
 ]
 YesFlag = Annotated[bool, opt("Start a print on a real printer without asking first.")]
+HostKeyOption = Annotated[
+    Path | None,
+    opt("File with the key or password of a network host (or set PRINTCTL_HOST_KEY)."),
+]
 OutFolder = Annotated[Path, opt("Folder for the files.", callback=folder_to_write)]
 PdfFlag = Annotated[
     bool,
@@ -78,6 +84,13 @@ SourceArg = Annotated[Path, arg("A run folder, or a network: .csv, .vtp, .swc, .
 UnitOption = Annotated[
     LengthUnit | None, opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc).")
 ]
+
+
+def use_host_key(file: Path | None) -> None:
+    """Have a network host's key read from a file, by this process and those that it starts."""
+    if file is not None:
+        os.environ[KEY_FILE_VARIABLE] = str(file.absolute())
+        read_key()
 
 
 def messages() -> Console:

@@ -76,7 +76,9 @@ def print_job(
     file: cli.GcodeArg,
     printer: cli.PrinterOption,
     port: str = opt(
-        "Serial port, tcp:HOST:PORT, simulated, or auto: the one with the profile's USB id.", ...
+        "Serial port, tcp:HOST:PORT, simulated, auto (the one with the profile's USB id), or a "
+        "network host: moonraker://HOST:PORT, octoprint://HOST:PORT, duet://HOST.",
+        ...,
     ),
     syringe: cli.SyringeOption = "hamilton_1ml",
     ink: cli.InkOption = "collagen_fresh",
@@ -92,6 +94,7 @@ def print_job(
         "Print although the needle's shaft passes through written vessels; the journal keeps it.",
         False,
     ),
+    host_key: cli.HostKeyOption = None,
     yes: cli.YesFlag = False,
 ) -> None:
     """Check a G-code file and print it; attach when its print is already going on.
@@ -102,6 +105,7 @@ def print_job(
     Exit code 1 when all lines were taken but it isn't proved that all was made: another program
     wrote to the printer.
     """
+    cli.use_host_key(host_key)
     profile = load(Printer, printer)
     refuse_unsent(profile, str(file))
     tip = read_start_position(file, profile, start)

@@ -65,6 +65,7 @@ def run(
         metavar="SPEED",
     ),
     progress_file: cli.ProgressFileOption = None,
+    host_key: cli.HostKeyOption = None,
     yes: cli.YesFlag = False,
     pdf: cli.PdfFlag = False,
 ) -> None:
@@ -73,6 +74,7 @@ def run(
     Exit code 1 when the print doesn't pass, 3 when a safety check refuses it, 4 when the printer
     fails.
     """
+    cli.use_host_key(host_key)
     progress = None if progress_file is None else ProgressFile(progress_file)
     with nullcontext() if progress is None else progress.whole(cli.message_of):
         loaded = load_recipe(recipe, cli.print_note)

@@ -8,6 +8,8 @@
     │   ├── PortDenied          no right to open it
     │   ├── PortInUse           another program holds it
     │   └── PortLost            it went away while in use
+    │       └── HostSilent      a network host doesn't answer
+    ├── HostRefused             a network host answers that it won't, or can't
     ├── HandshakeError          the port opened, no firmware of the profile's family answered
     ├── JobError                a line that must not be sent
     ├── JournalError            a journal that can't be written or isn't one
@@ -43,6 +45,34 @@ class PortInUse(PortError):  # noqa: N818
 
 class PortLost(PortError):  # noqa: N818
     """The port went away while in use."""
+
+
+class HostSilent(PortLost):
+    """A network host didn't answer in time, or the connection broke.
+
+    Attributes
+    ----------
+    sent : bool
+        Whether any byte of the request may have left, so that the host may have carried it out.
+    """
+
+    def __init__(self, message: str, sent: bool = True) -> None:
+        super().__init__(message)
+        self.sent = sent
+
+
+class HostRefused(LinkError):  # noqa: N818
+    """A network host's answer that it won't, or can't.
+
+    Attributes
+    ----------
+    status : int
+        Of HTTP; 0 where the answer was wrong in another way.
+    """
+
+    def __init__(self, message: str, status: int = 0) -> None:
+        super().__init__(message)
+        self.status = status
 
 
 class HandshakeError(LinkError):
@@ -86,6 +116,8 @@ BY_NAME: dict[str, type[LinkError]] = {
         PortDenied,
         PortInUse,
         PortLost,
+        HostSilent,
+        HostRefused,
         HandshakeError,
         JobError,
         JournalError,

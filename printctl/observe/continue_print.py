@@ -10,6 +10,7 @@ from printctl.errors import PrintctlError, UsageError
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.syringes import usable_mm
+from printctl.machine.ports.detection import runs_files
 from printctl.machine.prints.state import refuse_forgotten
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import alive
@@ -162,6 +163,8 @@ def restart(folder: Path, port: str | None = None, unobserved: bool = False) -> 
         See `resume_print`; `Refused` where the printer has certainly forgotten its place.
     """
     record = load_record(folder)
+    if runs_files(record.port):
+        return resume_print(folder, port)
     resumable(folder)  # how it ended comes first; what the printer knows matters only then
     refuse_forgotten(folder, port or record.port, load(Printer, record.profile))
     if not unobserved:

@@ -25,6 +25,7 @@ from printctl.checks.preflight.mounted import (
 )
 from printctl.checks.set_up import Check, PlacedDish, refuse_failed
 from printctl.errors import UsageError
+from printctl.machine.ports.detection import runs_files
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import (
     Filled,
@@ -59,6 +60,11 @@ def refuse_unobservable(recipe: Recipe, printer: Printer) -> None:
         raise UsageError(
             f"observe: {printer.name} has several heads, a valve, or runs files by itself, and "
             "mends are put into the lines of one plunger; leave observe out"
+        )
+    if runs_files(recipe.printer.port):
+        raise UsageError(
+            f"observe: {recipe.printer.port} runs the file by itself and can't be held for an "
+            "inspection; leave observe out, or print over serial or TCP"
         )
     if recipe.plate is not None:
         raise UsageError("observe: prints of a plate can't be observed; leave observe out")

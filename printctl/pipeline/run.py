@@ -61,9 +61,9 @@ def run_recipe(
             raise UsageError(f"{recipe_folder / name}, which the recipe names, isn't there; "
                              "check the path, relative to the recipe")  # fmt: skip
     if recipe.printer.faults is not None:
-        from sim.devices.faults import load_faults  # the simulator's; few recipes name any
+        from sim.devices.faults import FaultFile  # the simulator's; few recipes name any
 
-        load_faults(recipe_folder / recipe.printer.faults)  # A wrong one is refused at once.
+        FaultFile.load(recipe_folder / recipe.printer.faults)  # A wrong one is refused at once.
     names = WHOLE_NAMES if how.until is None else names_until(how.until)
     if "print" in names:
         _refuse_pretended_scan(recipe)

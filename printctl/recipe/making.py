@@ -320,7 +320,10 @@ class PrinterPart(Part):
 
     profile: PrinterName = "generic_marlin"
     port: str = Field(
-        default="simulated", min_length=1, description="A serial port, tcp:HOST:PORT or simulated."
+        default="simulated",
+        min_length=1,
+        description="A serial port, tcp:HOST:PORT, simulated, or a network host: "
+        "moonraker://HOST:PORT, octoprint://HOST:PORT, duet://HOST.",
     )
     faults: str | None = Field(
         default=None,

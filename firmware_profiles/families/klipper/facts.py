@@ -146,6 +146,7 @@ WORDS: Final[dict[str, str]] = {
 }
 FAMILY: Final = Family(
     reported_name="klipper",
+    hosts=("moonraker", "octoprint"),
     make_protocol=_make_protocol,
     plans_by_time=True,
     complains_to_all=True,

@@ -98,6 +98,7 @@ WORDS: Final[dict[str, str]] = {
 WHOLE: Final = frozenset({"M220", "M221"})
 FAMILY: Final = Family(
     reported_name="marlin",
+    hosts=("octoprint",),
     make_protocol=make_protocol,
     verified=True,
     keepalive=True,

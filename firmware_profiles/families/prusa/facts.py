@@ -32,6 +32,7 @@ def _m302(words: Mapping[str, float]) -> int:
 
 FAMILY: Final = Family(
     reported_name="prusa",
+    hosts=("octoprint",),
     make_protocol=make_protocol,
     keepalive=True,
     tells_steps=True,

@@ -133,6 +133,7 @@ WORDS: Final[dict[str, str]] = {
 }
 FAMILY: Final = Family(
     reported_name="reprapfirmware",
+    hosts=("duet", "octoprint"),
     make_protocol=_make_protocol,
     tells_steps=True,
     axes_question=b"M669",

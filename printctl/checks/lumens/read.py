@@ -249,7 +249,7 @@ def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Strands, Strand
         strokes = plunger_strokes(view.program, per_mm, level=False)
         if not len(strokes.line):
             continue
-        ideal.append(filaments(of_valves, flow_window(view.program.plunger, strokes, per_mm)))
+        ideal.append(filaments(strokes, flow_window(view.program.plunger, strokes, per_mm)))
         printer = writing.printer.of_head(number)
         stepped = run_strokes(view, printer, per_mm, None, level=False)
         after.append(filaments(stepped, SMOOTHING_MM))

@@ -25,7 +25,13 @@ from firmware_profiles import Printer
 from firmware_profiles.families.link_protocol import QUESTION
 from printctl.machine.errors import HandshakeError, PortError, PortLost, PortMissing
 from printctl.machine.ports.clock import Clock, RealClock
-from printctl.machine.ports.detection import AUTO, PortPrograms, named_port, rates_to_try
+from printctl.machine.ports.detection import (
+    AUTO,
+    PortPrograms,
+    named_port,
+    rates_to_try,
+    runs_files,
+)
 from printctl.machine.ports.locking import hold_address
 from printctl.machine.ports.serial_port import CHUNK_BYTES, WRITE_LIMIT_S, SerialTransport
 
@@ -202,6 +208,8 @@ def open_port(name: str, printer: Printer, baud: int | None = None) -> Transport
     tcp = _TCP.match(name)
     if tcp:
         return TcpTransport(tcp["host"].strip("[]"), int(tcp["port"]), name)
+    if runs_files(name):
+        raise PortError(f"{name} is a network host that runs files; no line can be sent to it")
     if "://" in name or name.startswith("tcp:"):
         raise PortError(f"port {name!r} isn't tcp:HOST:PORT, socket://HOST:PORT or a device")
     return SerialTransport(name, baud or printer.baud, printer.dtr, printer.rts)

@@ -12,6 +12,7 @@ import yaml
 
 from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.errors import HandshakeError, PortLost
+from printctl.machine.network.file_print import HOST_ENDED
 from printctl.machine.records.states import LinkState, Status
 
 Tone = Literal["info", "warn", "bad"]
@@ -68,7 +69,10 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
         elif "dead-man" in detail:
             what = "The print was stopped: nobody confirmed to be there"
         means, remedy = "The plunger was relieved and the needle lifted straight up.", ""
-        if not known:
+        if HOST_ENDED in detail:
+            means = "The host ended it in its own way; the plunger may press on."
+            remedy = "Look at the needle before anything moves."
+        elif not known:
             means, remedy = "It isn't sure where the needle is.", _LIFT
         elif not status.lines_done:
             means = _NOT_BEGUN
@@ -86,6 +90,9 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
         what = "The connection to the printer was lost"
         means = "With power it makes the moves that it still holds; its heaters stay as set."
         remedy = "See its power and its cable. " + _LIFT
+    elif detail.startswith("unknown"):
+        what = "What the machine does isn't known: its network host can't tell"
+        means, remedy = "The print may go on, or not have begun.", "Look at the machine. " + _LIFT
     elif status.state is LinkState.POSITION_UNKNOWN or not known:
         what = "The printer doesn't know for sure where its needle is"
         means, remedy = "The print was ended, so that nothing is written beside its place.", _LIFT

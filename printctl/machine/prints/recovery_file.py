@@ -13,6 +13,7 @@ from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import Care
 from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.detection import runs_files
 from printctl.machine.prints.recovery import NoCheckpoint, Recovery, plan_recovery
 from printctl.machine.process.contact import stays_alive
 from printctl.machine.records.record import JOURNAL, load_record
@@ -45,6 +46,11 @@ def planned(folder: Path, from_line: int | None = None) -> Recovery:
     record = load_record(folder)
     if stays_alive(folder):
         raise PrintctlError(f"the print in {folder} is going on; there is nothing to recover")
+    if runs_files(record.port):
+        raise PrintctlError(
+            f"{record.port} ran the file by itself, so no place in it is proved to be made and no "
+            "rest can be planned; look at the part, and print what is missing as a file of its own"
+        )
     history = read_journal(folder / JOURNAL)
     if not history.begun:
         raise PrintctlError(

@@ -19,7 +19,7 @@ from printctl.machine.families import link_facts
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import file_count, load_job
 from printctl.machine.job.syringes import Filling
-from printctl.machine.ports.detection import SIMULATED
+from printctl.machine.ports.detection import SIMULATED, runs_files
 from printctl.machine.prints.alerts import Alert, alert_of
 from printctl.machine.prints.progress import JobTable, Progress, Supply, progress
 from printctl.machine.prints.recovery import NoCheckpoint
@@ -33,7 +33,7 @@ from printctl.machine.process.contact import (
     last_status,
     load_station,
 )
-from printctl.machine.process.outcome import resumable
+from printctl.machine.process.outcome import followable, resumable
 from printctl.machine.records.folders import data_folder
 from printctl.machine.records.record import JOURNAL, RECORD, load_record
 from printctl.machine.records.replay import JournalledPrint, read_journal_if_any
@@ -322,6 +322,9 @@ def _why_no_going_on(folder: Path) -> str:
     try:
         record = load_record(folder)
         printer = load(Printer, record.profile)
+        if runs_files(record.port):
+            followable(folder, load_job(Path(record.job), printer).sha256)
+            return ""
         resumable(folder, load_job(Path(record.job), printer).sha256)
         refuse_forgotten(folder, record.port, printer)
     except (LinkError, ProfileError) as exc:

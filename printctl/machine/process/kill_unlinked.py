@@ -17,7 +17,7 @@ from printctl.machine.control.station_status import NO_PRINTER, StationState
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import JournalError, LinkError, NoLink, PortError
 from printctl.machine.ports.clock import RealClock
-from printctl.machine.ports.detection import SIMULATED
+from printctl.machine.ports.detection import SIMULATED, runs_files
 from printctl.machine.ports.transport import locate, open_port
 from printctl.machine.process.contact import (
     STATION_JOURNAL,
@@ -29,6 +29,7 @@ from printctl.machine.process.contact import (
     save_station,
     without_place,
 )
+from printctl.machine.process.host_print import kill_on_host
 from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
@@ -45,6 +46,8 @@ def kill_unlinked(folder: Path) -> Status:
         When the port can't be used, or the printer doesn't confirm.
     """
     record = load_record(folder)
+    if runs_files(record.port):
+        return kill_on_host(folder)
     with hold_folder(folder), closing(_journal(folder / JOURNAL)) as journal:
         before = read_outcome(folder)
         message = _halt_at(record, read_journal_if_any(folder / JOURNAL).capabilities, journal)

@@ -28,9 +28,12 @@ from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import JournalError, LinkError, NoLink
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.job import Job, load_job
+from printctl.machine.network.host import KEY_FILE_VARIABLE
 from printctl.machine.ports.clock import RealClock
+from printctl.machine.ports.detection import runs_files
 from printctl.machine.ports.wire_log import FILE, LoggedTransport, WireLog
 from printctl.machine.process.contact import hold_folder
+from printctl.machine.process.host_print import run_host_print
 from printctl.machine.process.machine import Machine, serve_in
 from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import resumable
@@ -50,6 +53,9 @@ log = logging.getLogger(__name__)
 def serve_print(order: Order) -> Status:
     """Run one print in this process, on a port of its own; return its last status."""
     with contact_of(order) as contact:
+        if runs_files(order.port):
+            contact.status = run_host_print(order, contact, _begin_journal)
+            return contact.status
         plug = Plug(order.printer, order.port, order.folder, order.baud)
         machine = Machine(plug, Knowledge(plug.printer))
         machine.take_signals()
@@ -91,6 +97,7 @@ class PrintContact:
             care=order.care.to_dict(),
             print_id=before if order.resume else new_print_id(now),
             session=secrets.token_hex(8),
+            key_file=_key_file(self._before if order.resume else None),
         )
         self._record.save(order.folder)
 
@@ -120,6 +127,12 @@ class PrintContact:
             record.save(self._folder)
         except OSError:
             log.exception("link.json can't be written")
+
+
+def _key_file(before: ContactRecord | None) -> str:
+    """Return the absolute path of a network host's key file; the environment's comes first."""
+    given = os.environ.get(KEY_FILE_VARIABLE, "")
+    return os.path.abspath(given) if given else (before.key_file if before else "")
 
 
 def _unfinished(order: Order) -> ContactRecord | None:

@@ -13,6 +13,7 @@ from printctl.machine.errors import JournalError, LinkError, Refused
 from printctl.machine.families import link_facts
 from printctl.machine.job.job import Job
 from printctl.machine.job.moves import moves_ahead, surely_moved
+from printctl.machine.ports.detection import runs_files
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import JournalledPrint, load_printed_job, read_journal
 from printctl.machine.records.states import LinkState, Status
@@ -83,6 +84,11 @@ def _last_known(folder: Path, record: ContactRecord, history: JournalledPrint) -
 
 def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint) -> str:
     """Say what a printer whose host is gone may go on doing, by its family."""
+    if runs_files(record.port):
+        return (
+            f"{record.port} goes on with the file by itself, if it was started; `printctl resume` "
+            "follows it again and starts nothing twice, `printctl kill` halts it"
+        )
     if history.stopping:
         return _was_stopping(record, history)
     if history.state in _HELD_AS:
@@ -187,6 +193,32 @@ def resumable(folder: Path, sha256: str | None = None) -> JournalledPrint:
         raise Refused(
             f"the print in {folder} was of another file ({history.job.get('name')}, hash "
             "differs); give that file, or print anew in another folder"
+        )
+    return history
+
+
+def followable(folder: Path, sha256: str | None = None) -> JournalledPrint:
+    """Read the journal of a network host's print whose end isn't known, to follow it again.
+
+    Raises
+    ------
+    Refused
+        When its end is known, or it was of another file.
+    JournalError
+        When there is no journal.
+    """
+    history = read_journal(folder / JOURNAL)
+    if history.end is not None and history.state is not LinkState.POSITION_UNKNOWN:
+        raise Refused(
+            f"the print in {folder} has ended ({history.state.value}: {history.message}); print it "
+            "anew"
+        )
+    if not history.job:
+        raise Refused(f"the journal in {folder} doesn't say which print it is of; print it anew")
+    if sha256 is not None and history.sha256 != sha256:
+        raise Refused(
+            f"the print in {folder} was of another file ({history.job.get('name')}, hash differs); "
+            "give that file, or print anew in another folder"
         )
     return history
 

@@ -20,7 +20,7 @@ from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.ports.detection import AUTO, SIMULATED
+from printctl.machine.ports.detection import AUTO, SIMULATED, runs_files
 from printctl.machine.ports.transport import locate
 from printctl.machine.process.client import (
     CHECK_S,
@@ -37,9 +37,10 @@ from printctl.machine.process.contact import (
     load_station,
     stays_alive,
 )
+from printctl.machine.process.host_print import refuse_on_host
 from printctl.machine.process.launch import START_LIMIT_S, await_process, interrupt_held, spawn
 from printctl.machine.process.orders import Order
-from printctl.machine.process.outcome import resumable
+from printctl.machine.process.outcome import followable, resumable
 from printctl.machine.process.simulated import (
     is_complete_record,
     record_for,
@@ -99,7 +100,7 @@ def start_print(
             f"a print is running in {folder}; attach to it, or give another folder"
         )
     done = 0
-    if resume:
+    if resume and not runs_files(port):
         done = resumable(folder, load_job(job, load(Printer, printer)).sha256).done
     if AUTO in (port, baud):
         place = locate(port, baud, load(Printer, printer))
@@ -204,6 +205,8 @@ def find_or_start(
     if client is not None:
         return client
     refuse_unsent(load(Printer, order.printer), str(order.job))
+    if runs_files(order.port):
+        return _find_or_start_on_host(order, open_port, on_interrupt)
     if order.resume:
         if order.port != SIMULATED and was_simulated(order.folder):
             raise SafetyError(
@@ -231,6 +234,40 @@ def find_or_start(
         order.folder,
         retreat=order.retreat,
         baud=order.baud,
+        care=order.care,
+        on_interrupt=on_interrupt,
+    )
+
+
+def _find_or_start_on_host(
+    order: Order, open_port: Callable[[], str], on_interrupt: Callable[[PrintClient], None]
+) -> PrintClient:
+    """Follow the file's print on a network host again where its end isn't known; else start it.
+
+    Following starts nothing twice: see `printctl.machine.network.file_print`.
+    """
+    refuse_on_host(order)
+    try:
+        history = followable(order.folder)
+    except LinkError:
+        if order.resume:
+            raise
+        if order.once and (done := finished(order)) is not None:
+            return done
+    else:
+        if history.sha256 != order.sha256:
+            raise SafetyError(
+                f"the print of another file in {order.folder} hasn't ended as far as is known, or "
+                f"{order.job.name} (or its recipe) has changed since: look at the machine, then "
+                f"give that print up (`printctl give-up {order.folder}`)"
+            )
+        return resume_print(order.folder, order.port, on_interrupt)
+    return start_print(
+        order.job,
+        order.printer,
+        open_port(),
+        order.folder,
+        retreat=order.retreat,
         care=order.care,
         on_interrupt=on_interrupt,
     )
@@ -331,6 +368,12 @@ def connect(
     if sim_speed < 0 or not math.isfinite(sim_speed):
         raise Refused(f"sim_speed {sim_speed:g} isn't 0 or above")
     refuse_unsent(load(Printer, profile))
+    if runs_files(port):
+        raise Refused(
+            f"{port} runs files by itself, so no station stands by there: nothing can be moved, "
+            "heated or looked at from here. Print by `printctl print` or `printctl run`, and move "
+            "by the host's own page"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     if stays_alive(folder, STATION_LOCK):
         raise AlreadyPrinting(

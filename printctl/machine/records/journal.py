@@ -38,6 +38,8 @@ firmware   ``capabilities``, by name, as the firmware has reported them (M115)
 settings   ``told``: commands that set the firmware as it was before the job's first line, by code
 frame      ``told``, ``offset``: how the printer's count lay before the job's first line
 heat       ``targets``, °C by heater, as this print has set them after ``line`` lines of the job
+host       ``do``: ``selected`` (file stored on a network host and compared), ``start`` (the command
+           is about to leave), ``begun`` or ``not begun`` by the host's own record (``by``)
 stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `StopPlace`; ``done`` lines were
            taken; ``dropped``: whether moves weren't made; ``place`` that the printer told
 end        state, message, done, error, position_known: last; where the printer refused a line of
@@ -45,8 +47,8 @@ end        state, message, done, error, position_known: last; where the printer 
            ``lost`` where records before it couldn't be written
 ========== =====================================================================================
 
-job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, looked, firmware, stood
-and end records also have ``at``, the wall-clock time, s since 1970.
+job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, looked, firmware, host,
+stood and end records also have ``at``, the wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
 death of the process (kill -9). The dated ones above are also forced to the disk, but for a
@@ -86,7 +88,7 @@ RESERVE_BYTES: Final = 65_536
 _PACE_EVERY_S: Final = 1.0
 _DATED: Final = frozenset(
     {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
-    | {"look", "insert", "looked", "firmware"}
+    | {"look", "insert", "looked", "firmware", "host"}
 )
 
 

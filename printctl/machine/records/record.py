@@ -19,7 +19,7 @@ SIM_ADDRESS = "sim.address"
 """Where a simulated printer writes the port by which it is reached, in its print's folder."""
 
 
-_PRINTS_OWN: Final = ("job", "retreat", "care", "refused", "print_id", "session")
+_PRINTS_OWN: Final = ("job", "retreat", "care", "refused", "print_id", "session", "key_file")
 _STATIONS_OWN: Final = ("plunger_mm", "part_in_dish", "sim_speed")
 
 
@@ -48,6 +48,8 @@ class ContactRecord:
         Of the print, as in its journal; empty in records of versions without.
     session : str
         Random, of this process's work on the print: another one goes on with it under another.
+    key_file : str
+        Path of the file with a network host's key; the key itself is written nowhere.
     plunger_mm : float or None, mm
         Of the syringe that is mounted at a station.
     sim_speed : float or None
@@ -68,6 +70,7 @@ class ContactRecord:
     refused: dict[str, Any] = field(default_factory=dict)
     print_id: str = ""
     session: str = ""
+    key_file: str = ""
     plunger_mm: float | None = None
     part_in_dish: bool = False
     sim_speed: float | None = None

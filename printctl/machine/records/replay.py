@@ -79,6 +79,8 @@ class JournalledPrint:
         Whether the needle stood at the job's place at the last record.
     stopping : bool
         Whether it had begun to end the print: needle up, heaters perhaps off.
+    hosted : list of str
+        Steps of a print on a network host, in order: ``selected``, ``start`` and so on.
     capabilities : dict of str to bool
         Of the firmware, as it has reported them; empty where it hasn't.
     """
@@ -111,6 +113,7 @@ class JournalledPrint:
     looked: list[Record] = field(default_factory=list)
     park: tuple[float, float, float] | None = None
     stood: Record | None = None
+    hosted: list[str] = field(default_factory=list)
     heard: float | None = None
     end: Record | None = None
     over: bool = False
@@ -433,6 +436,10 @@ def _end(known: JournalledPrint, record: Record) -> None:
     known.message = record.get("message", "")
 
 
+def _host(known: JournalledPrint, record: Record) -> None:
+    known.hosted.append(record["do"])
+
+
 def _keep(name: str) -> Callable[[JournalledPrint, Record], None]:
     return lambda known, record: setattr(known, name, record)
 
@@ -458,6 +465,7 @@ _BY_SORT: Final[dict[str, Callable[[JournalledPrint, Record], None]]] = {
     "looked": _looked,
     "insert": _insert,
     "stood": _keep("stood"),
+    "host": _host,
     "end": _end,
 }
 

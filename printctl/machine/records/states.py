@@ -19,6 +19,8 @@ class LinkState(StrEnum):
     """Held as in a pause, until a client, or the operator, has decided on what is seen."""
     RESUMING = "resuming"
     STOPPING = "stopping"
+    UNKNOWN = "unknown"
+    """The network host that runs the file doesn't answer; the print may go on."""
     DONE = "done"
     STOPPED = "stopped"
     FAILED = "failed"

@@ -1,0 +1,215 @@
+"""Duet boards: ``rr_`` requests of a standalone board, ``/machine/`` of one with an SBC.
+
+Written from the public description (RepRapFirmware wiki, HTTP requests and object model; Duet
+Software Framework, REST API) and tried on a twin alone, on no real board.
+
+The file is selected (M23) and started (M24) by two commands. A board that has it selected and
+doesn't run it says so in its object model, and forgets it at a reset.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from typing import Any, Final
+from urllib.parse import quote, urlencode
+
+from printctl.machine.errors import HostRefused
+from printctl.machine.network.host import (
+    HostAddress,
+    HostEnd,
+    HostReport,
+    HostRequest,
+    HostState,
+    StoredFile,
+)
+from printctl.machine.network.http_client import HttpHost, HttpReply
+
+_STATES: Final = {
+    "processing": HostState.PRINTING,
+    "simulating": HostState.PRINTING,
+    "pausing": HostState.PAUSING,
+    "paused": HostState.PAUSED,
+    "resuming": HostState.RESUMING,
+    "cancelling": HostState.CANCELLING,
+    "halted": HostState.HALTED,
+    "off": HostState.OFFLINE,
+    "starting": HostState.OFFLINE,
+    "updating": HostState.OFFLINE,
+    "disconnected": HostState.OFFLINE,
+}
+_FOLDER: Final = "0:/gcodes/"
+_UPLOAD_S: Final = 60.0
+_COMMAND_S: Final = 60.0
+_KEYS: Final = ("state", "job", "move")
+_LOGIN: Final = (401, 403)
+_ABSENT: Final = (404, 405, 501)
+
+
+class Duet(HttpHost):
+    """A Duet board, with an SBC or without; see `PrintHost`."""
+
+    def __init__(self, address: HostAddress, key: str = "") -> None:
+        super().__init__(address)
+        self._key = key
+        self._sbc: bool | None = None
+
+    def identify(self) -> str:
+        """Log in; return the board's firmware and its version."""
+        self._log_in()
+        boards = self._model("boards")
+        main = boards[0] if boards else {}
+        words = f"{main.get('firmwareName', 'Duet')} {main.get('firmwareVersion', '')}".strip()
+        return f"{words} ({'SBC' if self._sbc else 'standalone'})"
+
+    def upload(self, name: str, data: bytes, check: Callable[[float], None]) -> None:
+        """Store a file; a standalone board compares its CRC-32."""
+        if self._is_sbc():
+            path = f"/machine/file/{quote(_FOLDER + name, safe='')}"
+            self._send(HostRequest("PUT", path, data), _UPLOAD_S, check)
+            return
+        crc = f"{zlib.crc32(data):08x}"
+        query = urlencode({"name": _FOLDER + name, "crc32": crc})
+        headers = {"Content-Type": "application/octet-stream"}
+        request = HostRequest("POST", f"/rr_upload?{query}", data, headers)
+        if self._send(request, _UPLOAD_S, check).json().get("err"):
+            raise HostRefused(
+                f"the board refused {name}: its CRC-32 isn't {crc}, or it has no room"
+            )
+
+    def stored(self, name: str, data: bytes) -> StoredFile:
+        """Return the size as the board reports it."""
+        if self._is_sbc():
+            path = f"/machine/fileinfo/{quote(_FOLDER + name, safe='')}"
+        else:
+            path = f"/rr_fileinfo?{urlencode({'name': _FOLDER + name})}"
+        found = self._send(HostRequest("GET", path)).json()
+        return StoredFile(int(found.get("size", -1)))
+
+    def select(self, name: str) -> None:
+        """Select the file; nothing moves."""
+        self._code(f'M23 "{_FOLDER}{name}"')
+
+    def start(self, name: str) -> None:
+        """Start the selected file."""
+        self._code("M24")
+
+    def pause(self, name: str) -> None:
+        """Pause, by the board's pause.g."""
+        self._code("M25")
+
+    def resume(self, name: str) -> None:
+        """Go on, by the board's resume.g."""
+        self._code("M24")
+
+    def cancel(self, name: str) -> None:
+        """Pause, then end, by the board's cancel.g."""
+        self._code("M25")
+        self._code("M0")
+
+    def halt_request(self) -> HostRequest:
+        """Return M112, which the board takes before its queues."""
+        if self._sbc:
+            return HostRequest("POST", "/machine/code", b"M112", self.http.headers)
+        return HostRequest("GET", "/rr_gcode?gcode=M112")
+
+    def state(self, name: str) -> HostReport:
+        """Return what the board's object model reports."""
+        state, job, move = (self._model(key) for key in _KEYS)
+        return read_model(state, job, move, name)
+
+    def ended(self, name: str) -> HostEnd | None:
+        """Return how the board has its last job, if that was the file's."""
+        end = _last_end(self._model("job"), name)
+        return None if end is None else HostEnd(end, "the board's last job")
+
+    # --- sessions and requests -----------------------------------------------------------------
+
+    def _is_sbc(self) -> bool:
+        if self._sbc is None:
+            self._log_in()
+        return bool(self._sbc)
+
+    def _log_in(self) -> None:
+        """Open a session; the SBC's request is unknown to a standalone board."""
+        query = urlencode({"password": self._key})
+        try:
+            found = self.http.get(f"/machine/connect?{query}")
+            self._sbc = True
+            self.http.headers = {"X-Session-Key": str(found["sessionKey"])}
+        except HostRefused as exc:
+            if exc.status not in _ABSENT:
+                raise
+            self._sbc = False
+            if self.http.get(f"/rr_connect?{query}").get("err"):
+                raise HostRefused(
+                    "the board refuses the password, or has no session free", _LOGIN[0]
+                ) from None
+
+    def _send(
+        self,
+        request: HostRequest,
+        limit_s: float = _COMMAND_S,
+        check: Callable[[float], None] | None = None,
+    ) -> HttpReply:
+        """Send a request; log in once where the session has ended (it wasn't carried out then)."""
+        self._is_sbc()
+        try:
+            return self.http.send(request, limit_s, check)
+        except HostRefused as exc:
+            if exc.status not in _LOGIN:
+                raise
+        self._log_in()
+        return self.http.send(request, limit_s, check)
+
+    def _code(self, text: str) -> None:
+        if self._is_sbc():
+            reply = self._send(HostRequest("POST", "/machine/code", text.encode())).body.decode()
+            if reply.startswith("Error"):
+                raise HostRefused(f"{text}: {reply.strip()}", 400)
+            return
+        self._send(HostRequest("GET", f"/rr_gcode?{urlencode({'gcode': text})}"))
+
+    def _model(self, key: str) -> Any:
+        if self._is_sbc():
+            return self._send(HostRequest("GET", "/machine/model")).json().get(key)
+        query = urlencode({"key": key, "flags": "d99vn"})
+        return self._send(HostRequest("GET", f"/rr_model?{query}")).json().get("result")
+
+
+def read_model(state: Any, job: Any, move: Any, name: str) -> HostReport:
+    """Read the object model's ``state``, ``job`` and ``move``, seen from the print of ``name``."""
+    state, job = state or {}, job or {}
+    status, file = str(state.get("status", "")), job.get("file") or {}
+    current = _base(file.get("fileName"))
+    reported = _STATES.get(status, HostState.IDLE)
+    if reported is HostState.IDLE:  # idle, busy, changingTool
+        end = _last_end(job, name)
+        if current:
+            reported = HostState.READY if status == "idle" else HostState.PRINTING
+        elif end is not None:
+            reported, current = (end if status == "idle" else HostState.FINISHING), name
+    position, size = job.get("filePosition"), file.get("size")
+    axes = {str(axis.get("letter")): axis for axis in (move or {}).get("axes") or ()}
+    place = [axes.get(letter, {}).get("userPosition") for letter in "XYZ"]
+    known = all(isinstance(mm, (int, float)) for mm in place)
+    return HostReport(
+        reported,
+        current,
+        position=position,
+        size=size,
+        progress=min(position / size, 1.0) if position is not None and size else None,
+        place=(float(place[0]), float(place[1]), float(place[2])) if known else None,
+    )
+
+
+def _last_end(job: Any, name: str) -> HostState | None:
+    if not job or _base(job.get("lastFileName")) != name:
+        return None
+    if job.get("lastFileCancelled"):
+        return HostState.CANCELLED
+    return HostState.FAILED if job.get("lastFileAborted") else HostState.COMPLETE
+
+
+def _base(path: Any) -> str:
+    return str(path or "").rpartition("/")[2]

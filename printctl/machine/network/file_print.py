@@ -1,0 +1,571 @@
+"""State machine of a print whose file a network host runs: upload, start once, follow, end.
+
+The start is the one step that must not be made twice. Its intention is in the journal, on the disk,
+before the command leaves. Afterwards the host's own record decides: a file that it reports as
+begun, or has in its job history, is followed; one that it reports as selected and not begun, for
+`SETTLE_S` on end, may be started again where the first answer was lost; anything else ends the
+print as ``position_unknown``, and nothing more is sent. A process that takes a print over goes the
+same way.
+
+One thread polls and uploads; commands of people go by a second connection in a thread of their own;
+the emergency stop by a third that is open beforehand.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import queue
+import re
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Printer
+from printctl.machine.control.halting import UNCONFIRMED
+from printctl.machine.errors import HostRefused, HostSilent, JournalError, LinkError, Refused
+from printctl.machine.job.coordinates import declared_start
+from printctl.machine.job.job import Job
+from printctl.machine.job.moves import moves_ahead, surely_moved
+from printctl.machine.network.host import ACTIVE, OVER, HostAddress, HostEnd, HostReport, HostState
+from printctl.machine.network.hosts import make_host
+from printctl.machine.network.http_client import ReadyConnection
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.states import LinkState, PrintEnded, Status
+
+POLL_S: Final = 0.5
+SILENT_S: Final = 3.0
+"""After so long without an answer the print's state is unknown."""
+SETTLE_S: Final = 3.0
+"""So long a host must report a file as selected and not begun before it is started again."""
+DECIDE_S: Final = 5.0
+"""So long a host may report neither the file nor a job history of it after a start."""
+CONNECT_S: Final = 15.0
+HALT_S: Final = 4.0
+"""Longest wait for the host's word that the firmware has halted; the stop is repeated meanwhile."""
+SILENT_LIMIT_S: Final = 1800.0
+MAX_STARTS: Final = 3
+MAX_UPLOADS: Final = 4
+_AGAIN_S: Final = 2.0
+"""After so long a stop that the host hasn't carried out is sent again."""
+_BUSY_WAIT_S: Final = 5.0
+_ASIDE_MM: Final = 0.05
+_READ_AHEAD: Final = 32
+"""Lines that a host may have read and not given to its printer yet."""
+HOST_ENDED: Final = "the needle is where the host's own end left it"
+_NAME: Final = re.compile(r"[^a-z0-9_-]+")
+
+_LINK: Final = {
+    HostState.PRINTING: LinkState.PRINTING,
+    HostState.FINISHING: LinkState.PRINTING,
+    HostState.PAUSING: LinkState.PAUSING,
+    HostState.PAUSED: LinkState.PAUSED,
+    HostState.RESUMING: LinkState.RESUMING,
+    HostState.CANCELLING: LinkState.STOPPING,
+}
+log = logging.getLogger(__name__)
+
+
+def name_on_host(print_id: str, job_name: str) -> str:
+    """Return a file name that no other print has, in characters that every host takes."""
+    stem = _NAME.sub("-", job_name.rpartition(".")[0].lower() or job_name.lower())[:40]
+    return f"printctl-{print_id}-{stem.strip('-') or 'job'}.gcode"
+
+
+@dataclass(frozen=True)
+class HostedJob:
+    """A job's file as a host runs it: its bytes, its name there, the tip's checked start, mm."""
+
+    job: Job
+    data: bytes
+    name: str
+    printer: Printer
+    start_mm: tuple[float, float, float] | None = None
+
+    @cached_property
+    def _ends(self) -> NDArray[np.int64]:
+        """Byte of the file behind each command line."""
+        ends = np.cumsum([len(line) for line in self.data.splitlines(keepends=True)])
+        found: NDArray[np.int64] = ends[np.asarray(self.job.file_lines, dtype=int) - 1]
+        return found
+
+    def lines_read(self, position: int) -> int:
+        """Return the command lines in the file's first ``position`` bytes."""
+        return int(np.searchsorted(self._ends, position, side="right"))
+
+
+class FilePrint:
+    """One print on a network host; `run` is its thread's, the rest may be called by any.
+
+    Attributes
+    ----------
+    on_status : callable
+        Given each status.
+    stopping, killing : bool
+        Whether a person has requested its end.
+    """
+
+    def __init__(
+        self,
+        address: HostAddress,
+        key: str,
+        hosted: HostedJob,
+        journal: Journal,
+        on_status: Callable[[Status], None] = lambda status: None,
+        silent_limit_s: float | None = None,
+    ) -> None:
+        self.address, self.hosted, self._journal = address, hosted, journal
+        self.on_status, self._silent_limit_s = on_status, silent_limit_s or SILENT_LIMIT_S
+        self._host, self._commands_host = make_host(address, key), make_host(address, key)
+        self._ready = ReadyConnection(address)
+        self._commands: queue.Queue[tuple[str, Callable[[str], None]] | None] = queue.Queue()
+        self._commander = threading.Thread(target=self._obey, name="commands", daemon=True)
+        self._lock = threading.Lock()
+        self.stopping = self.killing = False
+        self._cancelled_at, self._halted_at, self._halt_taken = 0.0, 0.0, False
+        self._report: HostReport | None = None  # the last one in which the host has its printer
+        self._known_at = time.monotonic()
+        self._silence = self._words = ""
+        self._begun = False
+        self._status = Status(LinkState.CONNECTING, lines_total=len(hosted.job))
+
+    # --- for any thread ------------------------------------------------------------------------
+
+    @property
+    def status(self) -> Status:
+        """The print as the host reported it last, with the report's age."""
+        status = self._status
+        return status if status.ended else replace(status, message=self._said(status))
+
+    def stop(self, by: str = "the user") -> None:
+        """End the print in the host's own way; before its start nothing is started."""
+        with self._lock:
+            first, self.stopping = not self.stopping, True
+        if first:
+            log.info("stop requested by %s", by)
+        self._cancel()
+
+    def pause(self) -> None:
+        """Have the host pause."""
+        self._refuse_unless(self._begun, "the print hasn't begun")
+        self._commands.put(("pause", lambda why: None))
+
+    def resume(self, answer: Callable[[str], None]) -> None:
+        """Have the host go on; ``answer`` gets why not, empty where it does."""
+        paused = self._begun and self._status.state is LinkState.PAUSED
+        self._refuse_unless(paused, "the host doesn't report a paused print")
+        self._commands.put(("resume", answer))
+
+    def kill(self) -> None:
+        """Halt the firmware at once, by the connection that is open for it."""
+        self.killing = True
+        self._halt()
+
+    def _refuse_unless(self, right: bool, why: str) -> None:
+        if not right or self._status.ended:
+            raise Refused(f"{why} ({self.status.state.value}: {self.status.message})")
+
+    def _cancel(self) -> None:
+        self._cancelled_at = time.monotonic()
+        self._commands.put(("cancel", lambda why: None))
+
+    def _halt(self) -> None:
+        self._halted_at = time.monotonic()
+        try:
+            status = self._ready.send(self._host.halt_request())
+            self._halt_taken |= status < 300
+            log.info("the emergency stop was answered by HTTP %d", status)
+        except LinkError as exc:
+            log.error("%s", exc)
+
+    # --- the commands' thread ------------------------------------------------------------------
+
+    def _obey(self) -> None:
+        with suppress(LinkError):
+            self._commands_host.identify()  # its connection and session are there beforehand
+        while (wanted := self._commands.get()) is not None:
+            (do, answer), why = wanted, ""
+            try:
+                getattr(self._commands_host, do)(self.hosted.name)
+            except LinkError as exc:
+                why = f"{do} isn't done: {exc}"
+                log.error("%s", why)
+                if self._begun and do != "cancel":
+                    self._write("alarm", text=why)
+                    self._status = replace(self._status, alarms=self._status.alarms + 1)
+            answer(why)
+        self._commands_host.close()
+
+    def _write(self, sort: str, **values: Any) -> None:
+        """Add to the journal; a full disk doesn't keep a print from being followed."""
+        try:
+            self._journal.add(sort, **values)
+        except JournalError as exc:
+            log.error("%s", exc)
+            if self._journal.use_reserve():
+                with suppress(JournalError):
+                    self._journal.add(sort, **values)
+
+    # --- the print's thread --------------------------------------------------------------------
+
+    def run(self, taken_over: bool = False, started: bool = False) -> Status:
+        """Print to the end; return the last status.
+
+        ``taken_over``: the journal has an earlier process's part of this print; ``started``: with
+        the intention of a start.
+        """
+        self._commander.start()
+        try:
+            self._connect(patient=started)
+            if not started:
+                self._prepare(taken_over)
+                self._start()
+            elif not self._was_begun(answered=False):
+                self._start()
+            self._follow()
+        except PrintEnded as ended:
+            self._end(ended)
+        except LinkError as exc:
+            failed = PrintEnded(LinkState.FAILED, str(exc), not self._begun, type(exc).__name__)
+            self._end(self._halt_end() if self.killing else failed)
+        finally:
+            self._commands.put(None)
+            self._ready.close()
+            self._host.close()
+        return self._status
+
+    def _connect(self, patient: bool) -> None:
+        self._enter(LinkState.CONNECTING, f"asks {self.address}")
+        limit = time.monotonic() + CONNECT_S
+        while True:
+            self._look_for_end()
+            try:
+                self._words = self._host.identify()
+                return
+            except (HostSilent, HostRefused) as exc:
+                self._silence = str(exc)
+                if not patient and (isinstance(exc, HostRefused) or time.monotonic() > limit):
+                    raise
+            if patient:
+                self._unknown("an earlier process began this print, or was about to")
+            time.sleep(POLL_S)
+
+    def _prepare(self, taken_over: bool) -> None:
+        """Refuse a busy or halted printer; upload, compare what was stored, select."""
+        hosted = self.hosted
+        self._enter(LinkState.CHECKING, f"{self._words}: checks the printer")
+        self._refuse_unready(taken_over)
+        for attempt in range(1, MAX_UPLOADS + 1):
+            try:
+                self._host.upload(hosted.name, hosted.data, self._uploading)
+                self._compare_stored()
+                self._host.select(hosted.name)
+                break
+            except HostSilent as exc:  # none of these moves anything
+                self._silence = str(exc)
+                if attempt == MAX_UPLOADS:
+                    raise
+                time.sleep(POLL_S * attempt)
+        self._journal.add("host", do="selected", file=hosted.name, bytes=len(hosted.data))
+
+    def _uploading(self, share: float) -> None:
+        self._look_for_end()
+        words = f"{self._words}: uploads, {100 * share:.0f} %"
+        if words != self._status.message:
+            self._status = replace(self._status, message=words)
+            self.on_status(self.status)
+
+    def _refuse_unready(self, taken_over: bool) -> None:
+        limit = time.monotonic() + _BUSY_WAIT_S
+        while (report := self._poll()) is None or report.state in ACTIVE | {HostState.OFFLINE}:
+            self._look_for_end()
+            if time.monotonic() > limit:
+                why = self._silence if report is None else _in_words(report)
+                raise Refused(f"{self.address} can't print now: {why}; nothing was uploaded")
+            time.sleep(POLL_S)
+        if report.state is HostState.HALTED:
+            raise Refused(
+                f"{self.address}: the firmware has halted ({report.message}); see to the machine "
+                "and restart it by the host's own page; nothing was uploaded"
+            )
+        if taken_over and report.file == self.hosted.name and report.state is not HostState.READY:
+            raise Refused(f"{self.address} has run this file already: {_in_words(report)}")
+        self._check_place(report)
+
+    def _check_place(self, report: HostReport) -> None:
+        start, place = self.hosted.start_mm, report.place
+        if start is None or place is None or declared_start(self.hosted.job) is not None:
+            return
+        if max(abs(a - b) for a, b in zip(start, place, strict=True)) > _ASIDE_MM:
+            raise Refused(
+                f"the host says that the tip is at {_place_words(place)}, and the checks took it "
+                f"to stand at {_place_words(start)} (--start); nothing was uploaded"
+            )
+
+    def _compare_stored(self) -> None:
+        hosted = self.hosted
+        stored = self._host.stored(hosted.name, hosted.data)
+        right = stored.size == len(hosted.data)
+        right &= stored.sha1 in ("", hashlib.sha1(hosted.data).hexdigest())
+        right &= stored.sha256 in ("", hosted.job.sha256)
+        if not right:
+            raise HostRefused(
+                f"{self.address} has stored {stored.size} bytes of {len(hosted.data)}, or others; "
+                "nothing was started"
+            )
+
+    def _start(self) -> None:
+        """Start the file; again only where the host proves that it wasn't begun."""
+        for attempt in range(1, MAX_STARTS + 1):
+            with self._lock:  # a stop that comes later finds the intention, and cancels
+                self._look_for_end()
+                self._journal.add("host", do="start", attempt=attempt, file=self.hosted.name)
+            answered = False
+            try:
+                self._host.start(self.hosted.name)
+                answered = True
+            except HostSilent as exc:
+                self._silence = str(exc)
+            except HostRefused as exc:
+                self._silence = str(exc)
+                report = self._poll() if 400 <= exc.status < 500 else None
+                ready = report is not None and report.state is HostState.READY
+                if report is not None and ready and self._has_file(report):
+                    raise PrintEnded(LinkState.FAILED, f"not started: {exc}") from exc
+            if self._was_begun(answered):
+                return
+        words = f"not started: {self.address} reports the file as selected, not begun"
+        raise PrintEnded(LinkState.FAILED, words)
+
+    def _was_begun(self, answered: bool) -> bool:
+        """Return whether the host has begun the file, by its own record alone.
+
+        Raises `PrintEnded` where that can't be known.
+        """
+        ready_since, lost_since = 0.0, 0.0
+        while True:
+            report, now = self._poll(), time.monotonic()
+            if self.killing:
+                self._begun = True
+                return True
+            if report is None or report.state is HostState.OFFLINE:
+                ready_since = lost_since = 0.0
+                self._unknown("whether the print has begun isn't known")
+            elif self._has_file(report) and report.state is HostState.READY:
+                ready_since, lost_since = ready_since or now, 0.0
+                if not answered and now - ready_since > SETTLE_S:
+                    self._write("host", do="not begun", by=_in_words(report))
+                    return False
+                if now - ready_since > 10 * SETTLE_S:
+                    raise _lost(
+                        f"{self.address} took the start and doesn't report that the file has "
+                        "begun; it isn't started again"
+                    )
+            elif (self._has_file(report) and report.state is not HostState.IDLE) or self._history():
+                break
+            else:
+                ready_since, lost_since = 0.0, lost_since or now
+                if now - lost_since > DECIDE_S:
+                    raise _lost(
+                        f"a start was sent to {self.address}, which has no record of the file now "
+                        f"({_in_words(report)}; it, or its printer, was restarted). Whether ink "
+                        "was written isn't known, and it isn't started again"
+                    )
+            time.sleep(POLL_S / 2)
+        self._begun = True
+        self._write("host", do="begun", by=_in_words(report))
+        return True
+
+    def _has_file(self, report: HostReport) -> bool:
+        return report.file == self.hosted.name
+
+    def _follow(self) -> None:
+        """Follow what the host reports until its end."""
+        missing, offline_since = 0, 0.0
+        while True:
+            report, now = self._poll(), time.monotonic()
+            if self.killing:
+                raise self._halt_end()
+            offline = report is not None and report.state is HostState.OFFLINE
+            offline_since = (offline_since or now) if offline else 0.0
+            if report is None or offline:
+                self._unknown("the print goes on by itself, if it does")
+                if report is not None and now - offline_since > 2 * DECIDE_S:
+                    self._finish_by_history(report)
+            elif report.state is HostState.HALTED:
+                words = f"the firmware has halted: {report.message}"
+                raise PrintEnded(LinkState.KILLED, words, known=False)
+            elif self._has_file(report) and report.state in ACTIVE:
+                missing = 0
+                self._take(report)
+                if self.stopping and now - self._cancelled_at > _AGAIN_S:
+                    self._cancel()
+            elif self._has_file(report) and report.state in OVER:
+                self._finish(report.state, report)
+            else:
+                missing += 1
+                self._finish_by_history(report)
+                if missing > DECIDE_S / POLL_S:
+                    raise _lost(
+                        f"{self.address} runs the file no longer ({_in_words(report)}) and has no "
+                        "record of its end; it, or its printer, was restarted"
+                    )
+            time.sleep(POLL_S)
+
+    def _history(self) -> HostEnd | None:
+        """Return what the host's job history has of the file; None where it has nothing."""
+        try:
+            return self._host.ended(self.hosted.name)
+        except (LinkError, KeyError, TypeError, ValueError):
+            return None
+
+    def _finish_by_history(self, report: HostReport) -> None:
+        """End the print where the host's job history has its end."""
+        if (end := self._history()) is not None and end.state is not None:
+            self._finish(end.state, replace(report, message=end.message))
+
+    def _finish(self, end: HostState, report: HostReport) -> None:
+        place = report.place if self._has_file(report) else None
+        where = (
+            f"the tip is at {_place_words(place)}" if place else "the tip's place isn't reported"
+        )
+        said = f"{self.address} says {end.value}"
+        if end is HostState.COMPLETE:
+            self._status = replace(self._status, lines_done=len(self.hosted.job))
+            raise PrintEnded(LinkState.DONE, f"{said}; {where}")
+        if self.stopping or end is HostState.CANCELLED:
+            by = "the user" if self.stopping else "someone at the host"
+            words = f"stopped by {by}; {said}; {where}; {HOST_ENDED}"
+            raise PrintEnded(LinkState.STOPPED, words, known=place is not None)
+        raise PrintEnded(LinkState.FAILED, f"{said}: {report.message}", known=False)
+
+    def _halt_end(self) -> PrintEnded:
+        """Repeat the emergency stop until the host says that the firmware has halted."""
+        limit, words = time.monotonic() + HALT_S, UNCONFIRMED
+        while time.monotonic() < limit:
+            report = self._poll()
+            state = None if report is None else report.state
+            if state is HostState.HALTED or (state is HostState.OFFLINE and self._halt_taken):
+                words = f"{self.address} says {_in_words(report)}"
+                break
+            if time.monotonic() - self._halted_at > 1.0:
+                self._halt()
+            time.sleep(POLL_S / 4)
+        return PrintEnded(LinkState.KILLED, f"killed by the user; {words}", known=False)
+
+    def _look_for_end(self) -> None:
+        """End a print that hasn't begun, where a person wants that."""
+        if self.killing:
+            raise self._halt_end()
+        if self.stopping:
+            words = "stopped by the user before its start; nothing moved"
+            raise PrintEnded(LinkState.STOPPED, words)
+
+    # --- what is known -------------------------------------------------------------------------
+
+    def _poll(self) -> HostReport | None:
+        """Ask the host for its state; None without an answer."""
+        report = self._asked()
+        self._ready.hold(report is not None)
+        return report
+
+    def _asked(self) -> HostReport | None:
+        try:
+            report = self._host.state(self.hosted.name)
+        except (HostSilent, HostRefused) as exc:
+            self._silence = str(exc)
+            return None
+        except (AttributeError, LookupError, TypeError, ValueError) as exc:
+            self._silence = f"{self.address}: an answer that can't be read ({exc!r})"
+            return None
+        if report.state is HostState.OFFLINE:
+            self._silence = f"{self.address} says {_in_words(report)}"
+        else:
+            self._report, self._known_at, self._silence = report, time.monotonic(), ""
+        return report
+
+    def _take(self, report: HostReport) -> None:
+        hosted, status = self.hosted, self._status
+        done = status.lines_done
+        if report.position is not None:
+            done = max(done, hosted.lines_read(report.position))
+        behind = max(done - _READ_AHEAD, 0)
+        made = surely_moved(hosted.job.lines, behind, moves_ahead(hosted.printer))
+        if done != status.lines_done:
+            self._write("ack", done=done)
+        self._status = replace(
+            status,
+            lines_done=done,
+            lines_executed=max(made, status.lines_executed),
+            file_line=hosted.job.file_line(done),
+            position_known=True,
+        )
+        self._enter(_LINK[report.state], "")
+
+    def _unknown(self, why: str) -> None:
+        """Say that the state isn't known; end the print after the limit of silence."""
+        silent_s = time.monotonic() - self._known_at
+        if silent_s > SILENT_S:
+            self._status = replace(self._status, position_known=False)
+            self._enter(LinkState.UNKNOWN, why)
+        if silent_s > self._silent_limit_s:
+            words = f"unknown since {_clock(silent_s)}, look at the machine: {self._silence}; {why}"
+            raise PrintEnded(LinkState.POSITION_UNKNOWN, words, False, HostSilent.__name__)
+
+    def _said(self, status: Status) -> str:
+        """Return the state's message: what the host said last, and how long ago."""
+        report, age_s = self._report, time.monotonic() - self._known_at
+        asked = "; a stop is requested" if self.stopping else ""
+        if status.state is LinkState.UNKNOWN:
+            since = f"unknown since {_clock(age_s)} ({self._silence})"
+            return f"{since}; {status.message}; the last report: {_in_words(report)}{asked}"
+        if report is None or not self._begun:
+            return "; ".join(filter(None, (status.message, self._silence)))
+        return f"{self.address} says {_in_words(report)}, {age_s:.1f} s ago{asked}"
+
+    def _enter(self, state: LinkState, message: str) -> None:
+        if state is not self._status.state:
+            self._write("state", state=state, message=message or _in_words(self._report))
+        self._status = replace(self._status, state=state, message=message)
+        self.on_status(self.status)
+
+    def _end(self, ended: PrintEnded) -> None:
+        facts: dict[str, Any] = {
+            "state": ended.state,
+            "message": ended.message,
+            "error": ended.error,
+        }
+        status = replace(self._status, **facts, position_known=ended.known)
+        if ended.state is LinkState.DONE:
+            status = replace(status, lines_executed=status.lines_done)
+        self._status = status
+        self._write("end", **facts, done=status.lines_done, position_known=ended.known)
+        self.on_status(status)
+
+
+def _lost(words: str) -> PrintEnded:
+    """Return the end of a print of which the host can't say what became of it."""
+    words = f"unknown, look at the machine: {words}"
+    return PrintEnded(LinkState.POSITION_UNKNOWN, words, known=False)
+
+
+def _in_words(report: HostReport | None) -> str:
+    if report is None:
+        return "nothing yet"
+    share = "" if report.progress is None else f" {100 * report.progress:.0f} %"
+    return f"{report.state.value}{share}" + (f" ({report.message})" if report.message else "")
+
+
+def _place_words(place: tuple[float, float, float]) -> str:
+    return " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", place, strict=True))
+
+
+def _clock(ago_s: float) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(time.time() - ago_s))

@@ -1,0 +1,264 @@
+"""HTTP to a network host: one connection per user, and one kept ready for the emergency stop."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import select
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any, Final, NamedTuple
+
+from printctl.machine.errors import HostRefused, HostSilent
+from printctl.machine.network.host import KEY_VARIABLE, HostAddress, HostRequest
+
+CONNECT_S: Final = 3.0
+ANSWER_S: Final = 6.0
+CHECK_READY_S: Final = 1.0
+"""Interval at which the ready connection is looked at, and opened anew where the host closed it."""
+READY_ANSWER_S: Final = 0.5
+"""Longest wait on the ready connection, which may be dead without a sign, before a new one."""
+_CHUNK_BYTES: Final = 16_384
+_MAX_ANSWER_BYTES: Final = 256 * 2**20
+_WORDS: Final = 300
+
+
+class HttpReply(NamedTuple):
+    """Status and body of an answer."""
+
+    status: int
+    body: bytes
+
+    def json(self) -> Any:
+        """Return the body's JSON value; HostRefused where it is none."""
+        try:
+            return json.loads(self.body)
+        except ValueError:
+            raise HostRefused(f"the host's answer is no JSON: {self.body[:80]!r}") from None
+
+
+class HttpClient:
+    """One kept-open connection to a host; for one thread.
+
+    A request is never sent twice: the caller knows whether that would do harm.
+    """
+
+    def __init__(self, address: HostAddress, headers: dict[str, str] | None = None) -> None:
+        self.address, self.headers = address, dict(headers or {})
+        self._connection: http.client.HTTPConnection | None = None
+
+    def get(self, path: str) -> Any:
+        """Return the JSON answer to a GET."""
+        return self.send(HostRequest("GET", path)).json()
+
+    def post(self, path: str, values: Any = None, limit_s: float = ANSWER_S) -> HttpReply:
+        """Send a POST with a JSON body, or none."""
+        body = b"" if values is None else json.dumps(values).encode()
+        headers = {} if values is None else {"Content-Type": "application/json"}
+        return self.send(HostRequest("POST", path, body, headers), limit_s)
+
+    def send(
+        self,
+        request: HostRequest,
+        limit_s: float = ANSWER_S,
+        check: Callable[[float], None] | None = None,
+    ) -> HttpReply:
+        """Send a request and return its answer; ``check`` gets the share of the body sent.
+
+        Raises
+        ------
+        HostSilent
+            Without an answer; ``sent`` is False where no byte can have reached the host.
+        HostRefused
+            For a status of 400 or above.
+        """
+        where = f"{self.address}: {request.method} {request.path.partition('?')[0]}"
+        connection = self._open(where)
+        body = request.body if check is None else _checked(request.body, check)
+        headers = {**self.headers, **request.headers, "Content-Length": str(len(request.body))}
+        try:
+            if connection.sock is not None:
+                connection.sock.settimeout(limit_s)
+            connection.request(request.method, request.path, body, headers)
+            answer = connection.getresponse()
+            reply = HttpReply(answer.status, answer.read(_MAX_ANSWER_BYTES))
+        except (OSError, http.client.HTTPException) as exc:
+            self.close()
+            raise HostSilent(f"{where}: no answer ({_reason(exc)})") from None
+        except BaseException:
+            self.close()
+            raise
+        if answer.will_close:
+            self.close()
+        if reply.status >= 400:
+            raise HostRefused(f"{where}: {_refusal(reply)}", reply.status)
+        return reply
+
+    def close(self) -> None:
+        """Let go of the connection; the next request opens another."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def _open(self, where: str) -> http.client.HTTPConnection:
+        if self._connection is not None and was_closed(self._connection.sock):
+            self.close()
+        if self._connection is None:
+            fresh = http.client.HTTPConnection(self.address.host, self.address.port, CONNECT_S)
+            try:
+                fresh.connect()
+                fresh.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            except OSError as exc:
+                raise HostSilent(f"{where}: no connection ({_reason(exc)})", sent=False) from None
+            self._connection = fresh
+        return self._connection
+
+
+class HttpHost:
+    """Part of every host: its connection, with the key as a header where one is given."""
+
+    def __init__(self, address: HostAddress, key: str = "") -> None:
+        self.http = HttpClient(address, {"X-Api-Key": key} if key else {})
+
+    def close(self) -> None:
+        """Let go of the connection."""
+        self.http.close()
+
+
+class ReadyConnection:
+    """Connection opened beforehand and used for one urgent request.
+
+    A thread of its own looks after it, while `hold` says so. `send` waits neither for that thread
+    nor for any other request; any thread may call it.
+    """
+
+    def __init__(self, address: HostAddress) -> None:
+        self._address = address
+        self._lock, self._over, self._wake = threading.Lock(), threading.Event(), threading.Event()
+        self._held = False
+        self._socket: socket.socket | None = None
+        self._keeper = threading.Thread(target=self._keep, name="ready", daemon=True)
+        self._keeper.start()
+
+    def hold(self, held: bool) -> None:
+        """Keep a connection open, or none.
+
+        None to a host that doesn't answer: an idle connection keeps OctoPrint from starting, whose
+        first server takes one at a time and is waited for.
+        """
+        if held != self._held:
+            self._held = held
+            self._wake.set()
+
+    def send(self, request: HostRequest, limit_s: float = ANSWER_S) -> int:
+        """Send a request at once; return the status of the answer.
+
+        Where the ready connection is broken a new one is opened. HostSilent without an answer.
+        """
+        head = {"Host": f"{self._address.host}:{self._address.port}", **request.headers}
+        head |= {"Content-Length": str(len(request.body)), "Connection": "close"}
+        lines = [
+            f"{request.method} {request.path} HTTP/1.1",
+            *(f"{k}: {v}" for k, v in head.items()),
+        ]
+        data = "\r\n".join([*lines, "", ""]).encode("latin-1") + request.body
+        with self._lock:
+            ready, self._socket = self._socket, None
+        reason = "no connection"
+        ends = (None,) if ready is None else (ready, None)
+        for end in ends:
+            try:
+                return self._exchange(
+                    end, data, request.method, limit_s if end is None else READY_ANSWER_S
+                )
+            except (OSError, http.client.HTTPException) as exc:
+                reason = _reason(exc)
+        raise HostSilent(f"{self._address}: the emergency stop has no answer ({reason})")
+
+    def close(self) -> None:
+        """End the thread and let go of the connection."""
+        self._over.set()
+        self._wake.set()
+        self._keeper.join(CONNECT_S)
+        self._swap(None)
+
+    def _exchange(self, end: socket.socket | None, data: bytes, method: str, limit_s: float) -> int:
+        with end or self._connect() as used:
+            used.settimeout(limit_s)
+            used.sendall(data)
+            answer = http.client.HTTPResponse(used, method=method)
+            answer.begin()
+            return answer.status
+
+    def _connect(self) -> socket.socket:
+        end = socket.create_connection((self._address.host, self._address.port), CONNECT_S)
+        end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return end
+
+    def _keep(self) -> None:
+        while not self._over.is_set():
+            if not self._held:
+                self._swap(None)
+            elif was_closed(self._socket):
+                with suppress(OSError):
+                    self._swap(self._connect())
+            self._wake.wait(CHECK_READY_S)
+            self._wake.clear()
+
+    def _swap(self, fresh: socket.socket | None) -> None:
+        with self._lock:
+            old, self._socket = self._socket, fresh
+        if old is not None:
+            old.close()
+
+
+def was_closed(end: socket.socket | None) -> bool:
+    """Whether an unused connection was closed by its far side, or has something unread."""
+    if end is None:
+        return True
+    try:
+        return bool(select.select([end], [], [], 0)[0])
+    except (OSError, ValueError):
+        return True
+
+
+def multipart(fields: dict[str, str], name: str, data: bytes) -> HostRequest:
+    """Return the body and headers of a form with one file; method and path are empty."""
+    mark = "printctl-6d1f0c7b52a94e38"
+    head = "".join(
+        f'--{mark}\r\nContent-Disposition: form-data; name="{key}"\r\n\r\n{value}\r\n'
+        for key, value in fields.items()
+    )
+    head += f'--{mark}\r\nContent-Disposition: form-data; name="file"; filename="{name}"\r\n'
+    head += "Content-Type: application/octet-stream\r\n\r\n"
+    body = head.encode() + data + f"\r\n--{mark}--\r\n".encode()
+    return HostRequest("", "", body, {"Content-Type": f"multipart/form-data; boundary={mark}"})
+
+
+def _checked(body: bytes, check: Callable[[float], None]) -> Iterator[bytes]:
+    for begin in range(0, len(body), _CHUNK_BYTES):
+        check(begin / len(body))
+        yield body[begin : begin + _CHUNK_BYTES]
+
+
+def _reason(exc: Exception) -> str:
+    return getattr(exc, "strerror", None) or str(exc) or type(exc).__name__
+
+
+def _refusal(reply: HttpReply) -> str:
+    """Return a refusal in the host's own words."""
+    words = reply.body.decode("utf-8", "replace").strip()
+    try:
+        value = json.loads(words)
+        error = value.get("error", value) if isinstance(value, dict) else value
+        words = str(error.get("message", error) if isinstance(error, dict) else error)
+    except ValueError:
+        pass
+    if reply.status in (401, 403):
+        return (
+            f"the host refuses the key (HTTP {reply.status}); give it by the environment "
+            f"({KEY_VARIABLE}) or a file (--host-key)"
+        )
+    return f"HTTP {reply.status}: {' '.join(words.split())[:_WORDS]}"

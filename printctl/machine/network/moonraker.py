@@ -1,0 +1,156 @@
+"""Moonraker, by its HTTP API (moonraker.readthedocs.io, Web API): upload, run, pause, state.
+
+The file is selected (M23) and started (M24) by two commands. Between them the firmware itself
+reports the file as loaded and not begun, which a restart of either program forgets: the proof that
+a start whose answer was lost wasn't carried out. M24 for a file that is being printed is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+from urllib.parse import quote, urlencode
+
+from printctl.machine.errors import HostRefused
+from printctl.machine.network.host import (
+    ACTIVE,
+    OVER,
+    HostEnd,
+    HostReport,
+    HostRequest,
+    HostState,
+    StoredFile,
+)
+from printctl.machine.network.http_client import HttpHost, multipart
+
+_QUERY: Final = (
+    "/printer/objects/query?webhooks&print_stats=filename,state,message"
+    "&virtual_sdcard=file_path,file_position,file_size,progress"
+    "&toolhead=print_time,estimated_print_time&motion_report=live_position&pause_resume"
+)
+_STATES: Final = {
+    "printing": HostState.PRINTING,
+    "paused": HostState.PAUSED,
+    "complete": HostState.COMPLETE,
+    "cancelled": HostState.CANCELLED,
+    "error": HostState.FAILED,
+}
+_STILL_MOVING: Final = {
+    HostState.PAUSED: HostState.PAUSING,
+    HostState.COMPLETE: HostState.FINISHING,
+    HostState.CANCELLED: HostState.CANCELLING,
+}
+"""The firmware reports an end once the last line is planned; its moves are made later."""
+_HISTORY: Final = {
+    "completed": HostState.COMPLETE,
+    "cancelled": HostState.CANCELLED,
+    "error": HostState.FAILED,
+    "klippy_shutdown": HostState.FAILED,
+    "klippy_disconnect": HostState.FAILED,
+}
+_COMMAND_S: Final = 60.0
+"""Longest wait for a command that waits for the lines planned before it."""
+_NOT_CONNECTED: Final = 503
+
+
+class Moonraker(HttpHost):
+    """A Moonraker host; see `PrintHost`."""
+
+    def identify(self) -> str:
+        """Return the host's program and version."""
+        info = self.http.get("/server/info")["result"]
+        if "history" not in info.get("components", ("history",)):
+            raise HostRefused(
+                "this Moonraker keeps no job history, by which a start is proved; put a section "
+                "[history] into moonraker.conf"
+            )
+        return f"Moonraker {info.get('moonraker_version', '')}".strip()
+
+    def upload(self, name: str, data: bytes, check: Callable[[float], None]) -> None:
+        """Store a file; the host compares its checksum."""
+        form = multipart(
+            {"root": "gcodes", "checksum": hashlib.sha256(data).hexdigest()}, name, data
+        )
+        request = replace(form, method="POST", path="/server/files/upload")
+        self.http.send(request, _COMMAND_S, check)
+
+    def stored(self, name: str, data: bytes) -> StoredFile:
+        """Return size and hash of the file as it is read back from the host."""
+        back = self.http.send(HostRequest("GET", f"/server/files/gcodes/{quote(name)}"), _COMMAND_S)
+        return StoredFile(len(back.body), sha256=hashlib.sha256(back.body).hexdigest())
+
+    def select(self, name: str) -> None:
+        """Load the file; nothing moves."""
+        self._script(f"M23 {name}")
+
+    def start(self, name: str) -> None:
+        """Start the loaded file."""
+        self._script("M24")
+
+    def pause(self, name: str) -> None:
+        """Pause, by the printer's PAUSE."""
+        self.http.post("/printer/print/pause", limit_s=_COMMAND_S)
+
+    def resume(self, name: str) -> None:
+        """Go on, by the printer's RESUME."""
+        self.http.post("/printer/print/resume", limit_s=_COMMAND_S)
+
+    def cancel(self, name: str) -> None:
+        """End, by the printer's CANCEL_PRINT; the moves planned so far are made."""
+        self.http.post("/printer/print/cancel", limit_s=_COMMAND_S)
+
+    def halt_request(self) -> HostRequest:
+        """Return the emergency stop (M112 past all queues)."""
+        return HostRequest("POST", "/printer/emergency_stop", headers=self.http.headers)
+
+    def state(self, name: str) -> HostReport:
+        """Return what the firmware reports through the host."""
+        try:
+            found = self.http.get(_QUERY)["result"]["status"]
+        except HostRefused as exc:
+            if exc.status != _NOT_CONNECTED:
+                raise
+            return HostReport(HostState.OFFLINE, message=str(exc))
+        return read_state(found)
+
+    def ended(self, name: str) -> HostEnd | None:
+        """Return how the job history has the file's last print."""
+        jobs = self.http.get("/server/history/list?limit=50&order=desc")["result"]["jobs"]
+        status = next((str(job["status"]) for job in jobs if job["filename"] == name), None)
+        if status is None:
+            return None
+        return HostEnd(_HISTORY.get(status), f"its job history says {status}")
+
+    def _script(self, text: str) -> None:
+        self.http.post(f"/printer/gcode/script?{urlencode({'script': text})}", limit_s=_COMMAND_S)
+
+
+def read_state(found: dict[str, Any]) -> HostReport:
+    """Read the status objects of one query."""
+    hooks, stats, card = (
+        found.get(key) or {} for key in ("webhooks", "print_stats", "virtual_sdcard")
+    )
+    words = str(hooks.get("state_message", "")).strip().partition("\n")[0]
+    if hooks.get("state") in ("shutdown", "error"):
+        return HostReport(HostState.HALTED, str(stats.get("filename", "")), message=words)
+    if hooks.get("state") != "ready":
+        return HostReport(HostState.OFFLINE, message=words)
+    state, name = str(stats.get("state", "")), str(stats.get("filename") or "")
+    loaded = HostState.READY if card.get("file_path") and name else HostState.IDLE
+    reported = _STATES.get(state, loaded)
+    head = found.get("toolhead") or {}
+    if head.get("print_time", 0.0) > head.get("estimated_print_time", 0.0):
+        reported = _STILL_MOVING.get(reported, reported)
+    live = (found.get("motion_report") or {}).get("live_position")
+    counted = reported in ACTIVE or reported in OVER
+    return HostReport(
+        reported,
+        name,
+        position=int(card["file_position"]) if counted and "file_position" in card else None,
+        size=int(card["file_size"]) if counted and card.get("file_size") else None,
+        progress=float(card["progress"]) if counted and "progress" in card else None,
+        message=str(stats.get("message") or ""),
+        place=(float(live[0]), float(live[1]), float(live[2])) if live else None,
+    )

@@ -1,0 +1,179 @@
+"""Run a print on a network host in this process: its folder, journal, clients; or end one."""
+
+from __future__ import annotations
+
+import signal
+from contextlib import ExitStack, closing, suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_profiles import Printer, load
+from printctl.machine.control.halting import UNCONFIRMED
+from printctl.machine.errors import JournalError, LinkError, Refused
+from printctl.machine.job.job import Job, load_job
+from printctl.machine.network.file_print import FilePrint, HostedJob, name_on_host
+from printctl.machine.network.host import HostState, parse_address, read_key
+from printctl.machine.network.hosts import make_host, refuse_unsupported
+from printctl.machine.network.http_client import ReadyConnection
+from printctl.machine.process.contact import hold_folder
+from printctl.machine.process.orders import Order
+from printctl.machine.process.outcome import followable, read_outcome
+from printctl.machine.process.socket_server import Guest, Server, forget, listen
+from printctl.machine.process.vocabulary import WORDS, read_values
+from printctl.machine.records.folders import archive_journal, remember_folder
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.states import LinkState, Status
+from printctl.processes import ignore_signals
+from sim.user_files import read_gcode_path
+
+HALT_TRIES: Final = 3
+
+
+def refuse_on_host(order: Order) -> None:
+    """Raise Refused where an order asks for what its network host can't do."""
+    kind = parse_address(order.port).kind
+    printer = load(Printer, order.printer)
+    refuse_unsupported(kind, printer, order.care, order.baud, order.retreat.prime_mm)
+
+
+class HostDoor:
+    """Grants clients' requests to a print on a network host; a `RequestTaker`.
+
+    Attributes
+    ----------
+    server : Server
+        Set once it listens.
+    """
+
+    server: Server
+
+    def __init__(self, printing: FilePrint, print_id: str) -> None:
+        self._printing, self._print_id = printing, print_id
+
+    def kill(self) -> None:
+        """Halt the firmware; called in a thread that does nothing else."""
+        self._printing.kill()
+
+    def publish(self, status: Status) -> None:
+        """Send a status to all who have subscribed."""
+        self.server.tell("print", status.to_dict())
+
+    def take(self, guest: Guest, request: dict[str, Any]) -> bool:
+        """Take a request; return whether it has an answer of its own."""
+        do, printing = request["do"], self._printing
+        values, guest.known = read_values(request), True
+        if do in ("status", "subscribe"):
+            if values["of"] != "print":
+                raise Refused("a network host's printer has no station; ask for its print")
+            if do == "subscribe":
+                guest.subscribed, guest.of_print = "print", True
+            asked = {"asked": True} if do == "status" else {}
+            self.server.post(guest, {"event": "status", **asked, **printing.status.to_dict()})
+            return True
+        if do == "detach":
+            guest.subscribed = ""
+            return True
+        guest.of_print = guest.of_print or bool(request.get("print"))
+        if do == "kill":
+            self.server.kill()
+        elif do == "stop":
+            printing.stop()
+        elif do == "pause" and not values["after"]:
+            printing.pause()
+        elif do == "resume" and not (values["change"] or values["unchanged"]):
+            printing.resume(partial(self._resumed, guest))
+            return True
+        else:
+            raise Refused(
+                f"{do} isn't possible: {printing.address.kind} runs the file by itself, and "
+                "printctl holds it at no layer, look or change of syringe"
+            )
+        return WORDS[do].answers
+
+    def _resumed(self, guest: Guest, why: str) -> None:
+        refused = {"event": "refused", "message": why, "error": Refused.__name__}
+        self.server.post(guest, refused if why else {"event": "resumed"})
+
+
+def run_host_print(order: Order, contact: Any, begin_journal: Any) -> Status:
+    """Print on a network host, from upload or from where an earlier process left it.
+
+    ``contact`` is the print's `PrintContact`; ``begin_journal`` writes its job record.
+    """
+    ignore_signals()
+    refuse_on_host(order)
+    printer = load(Printer, order.printer)
+    job, data = load_job(order.job, printer), read_gcode_path(order.job)
+    history = followable(order.folder, job.sha256) if order.resume else None
+    identity = contact.print_id if history is None else history.print_id
+    heard = {"heard": (order.folder / JOURNAL).stat().st_mtime} if history else {}
+    path = order.folder / JOURNAL if history else archive_journal(order.folder)
+    with ExitStack() as parting:
+        journal = Journal(path, reserve=True)
+        parting.callback(journal.close)
+        printing = _print_of(order, identity, job, data, printer, journal)
+        door = HostDoor(printing, identity)
+        listener, address, token = listen(order.folder)
+        door.server = Server(listener, token, door)
+        parting.callback(forget, address)
+        parting.callback(door.server.finish)
+        printing.on_status = door.publish
+        door.server.start()
+        signal.signal(signal.SIGTERM, lambda *_: printing.stop("the system"))
+        begin_journal(journal, order, job, printer, id=identity, lines=len(job), **heard)
+        remember_folder(order.folder)
+        contact.begin(identity, address, token)
+        return printing.run(history is not None, history is not None and "start" in history.hosted)
+
+
+def _print_of(
+    order: Order, identity: str, job: Job, data: bytes, printer: Printer, journal: Journal
+) -> FilePrint:
+    key = read_key(load_record(order.folder).key_file)
+    name = name_on_host(identity, job.name)
+    hosted = HostedJob(job, data, name, printer, order.care.start_mm)
+    limit_s = order.care.silent_limit_s
+    return FilePrint(parse_address(order.port), key, hosted, journal, silent_limit_s=limit_s)
+
+
+def kill_on_host(folder: Path) -> Status:
+    """Halt the firmware behind the network host of a print whose process is gone; write that down.
+
+    LinkError where the host can't be reached, or doesn't confirm.
+    """
+    record = load_record(folder)
+    address, key = parse_address(record.port), read_key(record.key_file)
+    with hold_folder(folder), closing(ReadyConnection(address)) as urgent:
+        host = make_host(address, key)
+        with suppress(LinkError):
+            host.identify()
+        words, reported = "", None
+        for _ in range(HALT_TRIES):
+            try:
+                taken = urgent.send(host.halt_request()) < 300
+                reported = host.state("").state
+            except LinkError as exc:
+                words = str(exc)
+                continue
+            if reported is HostState.HALTED or (taken and reported is HostState.OFFLINE):
+                break
+        else:
+            said = f"it says {reported.value}" if reported else words
+            raise LinkError(f"{address}: {UNCONFIRMED} ({said})")
+        before = read_outcome(folder)
+        message = f"killed by the user; {address} says {reported.value}; before, the print was "
+        message += before.state.value
+        status = replace(
+            before, state=LinkState.KILLED, message=message, position_known=False, error=""
+        )
+        with suppress(JournalError), closing(Journal(folder / JOURNAL)) as journal:
+            journal.add(
+                "end", state=status.state, message=message, done=status.lines_done, error="",
+                position_known=False,
+            )  # fmt: skip
+        with suppress(OSError):
+            replace(record, address="", token="", status=status.to_dict()).save(folder)
+    return status

@@ -1,0 +1,252 @@
+"""One start, true states, stop from every state: a print on a host over real sockets."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from printctl.machine.errors import Refused
+from printctl.machine.records.journal import read_records
+from printctl.machine.records.states import LinkState
+from tests.printctl.machine.network.boards import JOB, BoardServer, Print
+
+STROKES = [line for line in JOB.splitlines() if " E" in line and line.startswith("G1")]
+START = r"M24|/machine/code"
+
+
+def wait(condition: Callable[[], bool], within_s: float = 10.0) -> None:
+    limit = time.monotonic() + within_s
+    while not condition():
+        assert time.monotonic() < limit
+        time.sleep(0.005)
+
+
+def printing(one: Print) -> Print:
+    wait(lambda: one.film.status.state is LinkState.PRINTING)
+    return one
+
+
+def starts(server: BoardServer) -> int:
+    """How often the file was begun: its first line runs at each."""
+    lines = server.lines + server.board.run_lines
+    return lines.count("G92 X10 Y10 Z5")
+
+
+def test_prints_every_line_once_and_says_the_hosts_word(server: BoardServer, tmp_path: Path):
+    one = Print(tmp_path / "p", server).start()
+    status = one.end()
+    assert status.state is LinkState.DONE
+    assert status.proved
+    assert status.lines_done == status.lines_total
+    assert "X14.00 Y13.00 Z5.00" in status.message
+    assert server.strokes() == STROKES
+    assert one.steps() == ["selected", "start", "begun"]
+    said = [seen.message for seen in one.seen if seen.state is LinkState.PRINTING]
+    assert said
+    assert all("says printing" in words and "s ago" in words for words in said)
+
+
+def test_intention_is_on_the_disk_before_the_start_leaves(server: BoardServer, tmp_path: Path):
+    found: list[bool] = []
+    one = Print(tmp_path / "p", server)
+
+    def look(path: str) -> None:
+        if "M24" in path or (server.sbc and "code" in path and server.board.selected):
+            records = [record for record in read_records(one.journal_path) if record]
+            found.append(any(record.get("do") == "start" for record in records))
+
+    server.faults.meanwhile = look
+    one.start().end()
+    assert found
+    assert all(found)
+
+
+def test_lost_answer_starts_nothing_twice(server: BoardServer, tmp_path: Path):
+    one = Print(tmp_path / "p", server)
+    server.faults.meanwhile = lambda path: (
+        setattr(server.faults, "lose_answer", START) if server.board.selected else None
+    )
+    wait_for = one.start()
+    wait(lambda: server.board.status == "processing")
+    server.faults.meanwhile, server.faults.lose_answer = (lambda path: None), ""
+    assert wait_for.end().state is LinkState.DONE
+    assert (starts(server), server.strokes()) == (1, STROKES)
+    assert one.steps() == ["selected", "start", "begun"]
+
+
+def test_lost_start_is_sent_again_once_the_host_proves_it(server: BoardServer, tmp_path: Path):
+    lost: list[str] = []
+
+    def lose(path: str) -> None:
+        begins = "M24" in path or ("machine/code" in path and bool(server.board.selected))
+        if begins and not lost:
+            lost.append(path)
+            server.faults.drop = START
+
+    server.faults.meanwhile = lose
+    one = Print(tmp_path / "p", server).start()
+    assert one.end().state is LinkState.DONE
+    assert (starts(server), server.strokes()) == (1, STROKES)
+    assert one.steps() == ["selected", "start", "not begun", "start", "begun"]
+
+
+def test_process_that_takes_over_follows_and_starts_nothing(server: BoardServer, tmp_path: Path):
+    first = printing(Print(tmp_path / "p", server).start())
+    again = Print(tmp_path / "p", server).start(taken_over=True, started=True)
+    assert again.end().state is LinkState.DONE
+    first.end()
+    assert (starts(server), server.strokes()) == (1, STROKES)
+
+
+def test_takes_over_after_the_end(server: BoardServer, tmp_path: Path):
+    Print(tmp_path / "p", server).start().end()
+    again = Print(tmp_path / "p", server).start(taken_over=True, started=True)
+    assert again.end().state is LinkState.DONE
+    assert starts(server) == 1
+
+
+def test_restarted_host_without_a_record_ends_as_unknown(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    server.reset()
+    status = one.end()
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert status.message.startswith("unknown, look at the machine")
+    assert starts(server) == 1
+    again = Print(tmp_path / "p", server).start(taken_over=True, started=True)
+    assert again.end().state is LinkState.POSITION_UNKNOWN
+    assert starts(server) == 1
+
+
+def test_silent_host_is_unknown_and_then_followed_again(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    server.down()
+    wait(lambda: one.film.status.state is LinkState.UNKNOWN)
+    words = one.film.status.message
+    assert words.startswith("unknown since ")
+    assert "the last report: printing" in words
+    assert not one.film.status.position_known
+    server.up()
+    assert one.end().state is LinkState.DONE
+    assert server.strokes() == STROKES
+
+
+def test_host_silent_for_too_long_ends_as_unknown(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server, silent_limit_s=0.6).start())
+    server.down()
+    status = one.end()
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert status.message.startswith("unknown since ")
+    server.up()
+
+
+def test_pause_and_resume(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    one.film.pause()
+    wait(lambda: one.film.status.state is LinkState.PAUSED)
+    made = len(server.strokes())
+    time.sleep(0.3)
+    assert len(server.strokes()) == made
+    why: list[str] = []
+    one.film.resume(why.append)
+    wait(lambda: bool(why))
+    assert why == [""]
+    assert one.end().state is LinkState.DONE
+    assert server.strokes() == STROKES
+    with pytest.raises(Refused):
+        one.film.pause()
+
+
+def test_stop_ends_it_in_the_hosts_way(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    one.film.stop()
+    one.film.stop()
+    status = one.end()
+    assert status.state is LinkState.STOPPED
+    assert "stopped by the user" in status.message
+    assert server.board.status == "idle"
+    assert len(server.strokes()) < len(STROKES)
+
+
+def test_stop_before_the_start_starts_nothing(server: BoardServer, tmp_path: Path):
+    one = Print(tmp_path / "p", server)
+    one.film.stop()
+    status = one.start().end()
+    assert status.state is LinkState.STOPPED
+    assert "nothing moved" in status.message
+    assert starts(server) == 0
+
+
+@pytest.mark.parametrize("state", ["uploading", "printing", "paused", "polling"])
+def test_kill_waits_for_nothing(server: BoardServer, tmp_path: Path, state: str):
+    one = Print(tmp_path / "p", server)
+    hung = {"uploading": "upload|machine/file/", "polling": "rr_model|machine/model"}.get(state, "")
+    if state == "uploading":
+        server.faults.hang = hung
+    one.start()
+    if state == "uploading":
+        wait(lambda: server.count(hung) > 0)
+    else:
+        printing(one)
+    if state == "paused":
+        one.film.pause()
+        wait(lambda: one.film.status.state is LinkState.PAUSED)
+    if state == "polling":
+        asked = server.count(hung)
+        server.faults.hang = hung
+        wait(lambda: server.count(hung) > asked)
+    one.film.kill()
+    assert server.board.status == "halted"
+    server.faults.hang = ""
+    status = one.end()
+    assert status.state is LinkState.KILLED
+    assert "says halted" in status.message
+    assert not status.position_known
+
+
+def test_kill_without_an_answer_says_cut_the_power(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    server.down()
+    one.film.kill()
+    assert "NOT confirmed: cut its power" in one.end().message
+    server.up()
+
+
+def test_halt_by_the_firmware_itself_ends_it(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    server.board.code("M112")
+    status = one.end()
+    assert status.state is LinkState.KILLED
+    assert "firmware has halted" in status.message
+
+
+def test_file_stored_wrongly_is_not_started(
+    server: BoardServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(type(server.board), "_size", lambda self: 1)
+    server.faults.meanwhile = lambda path: (
+        [file.write_bytes(b"G1") for file in server.folder.iterdir()] if "info" in path else None
+    )
+    status = Print(tmp_path / "p", server).start().end()
+    assert status.state is LinkState.FAILED
+    assert "nothing was started" in status.message
+    assert starts(server) == 0
+
+
+@pytest.mark.parametrize("busy", ["processing", "halted", "off"])
+def test_printer_that_is_not_free_is_left_alone(server: BoardServer, tmp_path: Path, busy: str):
+    server.board.status = busy
+    one = Print(tmp_path / "p", server).start()
+    status = one.end()
+    assert status.state is LinkState.FAILED
+    assert "nothing was uploaded" in status.message
+    assert server.count("upload|machine/file/") == 0
+
+
+def test_upload_that_breaks_is_made_again(server: BoardServer, tmp_path: Path):
+    server.faults.drop = "upload|machine/file/"
+    one = Print(tmp_path / "p", server).start()
+    assert one.end().state is LinkState.DONE
+    assert starts(server) == 1
