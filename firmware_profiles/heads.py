@@ -134,6 +134,11 @@ def check_heads(heads: tuple[Head, ...], firmware: str, dispenser: Dispenser) ->
         _check_axes(heads, pneumatic=bool(valves))
     else:
         _check_selects(heads, firmware)
+        if valves:
+            raise ValueError(
+                "heads: several pneumatic heads are driven by a controller that runs the file alone "
+                "(file_controller); with lines from a host use one"
+            )
     if any(heads[0].offset_mm.mm):
         raise ValueError(
             "heads: the first one's offset_mm isn't 0; places are its tip's, so give the others' "
