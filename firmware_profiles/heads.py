@@ -136,8 +136,8 @@ def check_heads(heads: tuple[Head, ...], firmware: str, dispenser: Dispenser) ->
         _check_selects(heads, firmware)
         if valves:
             raise ValueError(
-                "heads: several pneumatic heads are driven by a controller that runs the file alone "
-                "(file_controller); with lines from a host use one"
+                "heads: several pneumatic heads are driven by a controller that runs the file "
+                "(file_controller), and by no other; use one, or plungers"
             )
     if any(heads[0].offset_mm.mm):
         raise ValueError(
