@@ -318,9 +318,9 @@ def test_a_higher_drop_is_advised_only_where_it_was_grown(fits: float, advised: 
 
 
 def test_too_few_terminals_and_too_few_trunk_ends_are_told_apart() -> None:
-    with pytest.raises(GrowthError, match=r"^3 terminals are too few .*; ask for 24 at least$"):
+    with pytest.raises(GrowthError, match=r"^terminals is 3; .* a heart needs 24 at least$"):
         trunk_ends(600, 3, "heart")
-    with pytest.raises(GrowthError, match=r"^5 trunk_ends are too few .*; ask for 6 at least$"):
+    with pytest.raises(GrowthError, match=r"^trunk_ends is 5; .* a heart needs 6 at least$"):
         trunk_ends(5, 400, "heart")
 
 
