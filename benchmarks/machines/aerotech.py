@@ -28,6 +28,7 @@ from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from firmware_profiles import Printer, Syringe, load
 
 NETWORKS: Final = ("4", "9", "14", "cnet_100", "61_vessels_multimaterial", "500")
+RIGS: Final = {"a3200": "stanford_two_heads", "automation1": "stanford_two_heads_automation1"}
 TWO_INKS: Final = "61_vessels_multimaterial"
 PLACE_MM: Final = (-12.0, -12.0, 5.0)
 START_MM: Final = (0.0, 0.0, 90.0)
@@ -63,7 +64,8 @@ def _network_rows(name: str) -> Iterator[Row]:
     with scratch() as folder:
         table = folder / "network.csv"
         write_network_csv(table, network)
-        for controller, printer in _rigs().items():
+        for controller, profile in RIGS.items():
+            printer = load(Printer, profile)
             text = write_gcode(plan.toolpath, printer, syringe, PLACE_MM, writer).data.decode()
             program = read_program(text, "//")
             label = f"{name}, {controller}"
@@ -81,22 +83,6 @@ def _read(name: str) -> VesselNetwork:
 
 def _file(name: str) -> str:
     return name if "vessels" in name else f"{name}_vessels"
-
-
-def _rigs() -> dict[str, Printer]:
-    """Return the lab's rig behind either controller."""
-    rig = load(Printer, "stanford_two_heads")
-    data = rig.model_dump()
-    data["file_controller"] |= {
-        "controller": "automation1",
-        "begins": ["CornerRoundingOn()"],
-        "own_words": ["setPressure"],
-    }
-    each = ((data["dispenser"], "Aa", 2), (data["heads"][1]["dispenser"], "Ab", 1))
-    for air, name, port in each:
-        air |= {"opens": f"DriveBrakeOff({name})", "closes": f"DriveBrakeOn({name})"}
-        air["sets_pressure"] = [f"$COM={port}", "$AP={psi}", "setPressure($COM, $AP)"]
-    return {"a3200": rig, "automation1": Printer.model_validate(data)}
 
 
 def _judged(
