@@ -111,7 +111,12 @@ def test_an_end_of_input_writes_nothing(shell: Shell, monkeypatch) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 def test_ctrl_c_writes_nothing(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "printctl", "profiles", "new", str(tmp_path / "mine.yaml")]
+    # A test run in the background of a shell inherits an ignored Ctrl-C.
+    heard = (
+        "import runpy, signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "runpy.run_module('printctl', run_name='__main__')"
+    )
+    command = [sys.executable, "-c", heard, "profiles", "new", str(tmp_path / "mine.yaml")]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
         assert process.stdin is not None
