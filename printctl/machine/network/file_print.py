@@ -324,6 +324,7 @@ class FilePrint:
     def _start(self) -> None:
         """Start the file; again only where the host proves that it wasn't begun."""
         for attempt in range(1, MAX_STARTS + 1):
+            self._see_selected()
             with self._lock:  # a stop that comes later finds the intention, and cancels
                 self._look_for_end()
                 self._journal.add("host", do="start", attempt=attempt, file=self.hosted.name)
@@ -344,6 +345,22 @@ class FilePrint:
         words = f"not started: {self.address} reports the file as selected, not begun"
         raise PrintEnded(LinkState.FAILED, words)
 
+    def _see_selected(self) -> None:
+        """End the print where the host has another file selected: a start would begin that."""
+        limit = time.monotonic() + SETTLE_S
+        while True:
+            report = self._poll()
+            ready = report is not None and report.state is HostState.READY
+            if report is not None and ready and self._has_file(report):
+                return
+            self._look_for_end()
+            if time.monotonic() > limit:
+                said = self._silence if report is None else _in_words(report)
+                file = "" if report is None else f", file {report.file or 'none'}"
+                words = f"not started: {self.address} doesn't report the file as selected ({said}"
+                raise PrintEnded(LinkState.FAILED, f"{words}{file}); is another client at work?")
+            time.sleep(POLL_S / 4)
+
     def _was_begun(self, answered: bool) -> bool:
         """Return whether the host has begun the file, by its own record alone.
 
@@ -361,6 +378,8 @@ class FilePrint:
             elif self._has_file(report) and report.state is HostState.READY:
                 ready_since, lost_since = ready_since or now, 0.0
                 if not answered and now - ready_since > SETTLE_S:
+                    if self._history():  # begun, ended and selected anew
+                        break
                     self._write("host", do="not begun", by=_in_words(report))
                     return False
                 if now - ready_since > 10 * SETTLE_S:
@@ -373,10 +392,13 @@ class FilePrint:
             else:
                 ready_since, lost_since = 0.0, lost_since or now
                 if now - lost_since > DECIDE_S:
+                    why = "it, or its printer, was restarted"
+                    if report.state in ACTIVE and not self._has_file(report):
+                        why = f"it runs {report.file}, which this start may have begun: stop it"
                     raise _lost(
                         f"a start was sent to {self.address}, which has no record of the file now "
-                        f"({_in_words(report)}; it, or its printer, was restarted). Whether ink "
-                        "was written isn't known, and it isn't started again"
+                        f"({_in_words(report)}; {why}). Whether ink was written isn't known, and "
+                        "it isn't started again"
                     )
             time.sleep(POLL_S / 2)
         self._begun = True
