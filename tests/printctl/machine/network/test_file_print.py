@@ -93,6 +93,21 @@ def test_lost_start_is_sent_again_once_the_host_proves_it(server: BoardServer, t
     assert one.steps() == ["selected", "start", "not begun", "start", "begun"]
 
 
+def test_another_clients_file_is_not_started(server: BoardServer, tmp_path: Path):
+    (server.folder / "other.gcode").write_text("G1 X1\n")
+
+    def select(path: str) -> None:
+        if server.board.selected:
+            server.board.selected = "other.gcode"
+
+    server.faults.meanwhile = select
+    one = Print(tmp_path / "p", server).start()
+    ended = one.end()
+    assert ended.state is LinkState.FAILED
+    assert "file other.gcode); is another client at work?" in ended.message
+    assert (starts(server), server.strokes(), one.steps()) == (0, [], ["selected"])
+
+
 def test_process_that_takes_over_follows_and_starts_nothing(server: BoardServer, tmp_path: Path):
     first = printing(Print(tmp_path / "p", server).start())
     again = Print(tmp_path / "p", server).start(taken_over=True, started=True)
