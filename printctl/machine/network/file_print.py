@@ -19,14 +19,13 @@ import queue
 import re
 import threading
 import time
+from bisect import bisect_right
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 from typing import Any, Final
-
-import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from printctl.machine.control.halting import UNCONFIRMED
@@ -90,15 +89,14 @@ class HostedJob:
     start_mm: tuple[float, float, float] | None = None
 
     @cached_property
-    def _ends(self) -> NDArray[np.int64]:
+    def _ends(self) -> list[int]:
         """Byte of the file behind each command line."""
-        ends = np.cumsum([len(line) for line in self.data.splitlines(keepends=True)])
-        found: NDArray[np.int64] = ends[np.asarray(self.job.file_lines, dtype=int) - 1]
-        return found
+        ends = [*accumulate(len(line) for line in self.data.splitlines(keepends=True))]
+        return [ends[line - 1] for line in self.job.file_lines]
 
     def lines_read(self, position: int) -> int:
         """Return the command lines in the file's first ``position`` bytes."""
-        return int(np.searchsorted(self._ends, position, side="right"))
+        return bisect_right(self._ends, position)
 
 
 class FilePrint:
@@ -133,7 +131,7 @@ class FilePrint:
         self._report: HostReport | None = None  # the last one in which the host has its printer
         self._known_at = time.monotonic()
         self._silence = self._words = ""
-        self._begun = False
+        self._start_sent = self._begun = False
         self._status = Status(LinkState.CONNECTING, lines_total=len(hosted.job))
 
     # --- for any thread ------------------------------------------------------------------------
@@ -142,15 +140,20 @@ class FilePrint:
     def status(self) -> Status:
         """The print as the host reported it last, with the report's age."""
         status = self._status
-        return status if status.ended else replace(status, message=self._said(status))
+        if status.ended:
+            return status
+        if self._begun and time.monotonic() - self._known_at > SILENT_S:
+            status = replace(status, state=LinkState.UNKNOWN, position_known=False)
+        return replace(status, message=self._said(status))
 
     def stop(self, by: str = "the user") -> None:
         """End the print in the host's own way; before its start nothing is started."""
         with self._lock:
-            first, self.stopping = not self.stopping, True
+            first, self.stopping, sent = not self.stopping, True, self._start_sent
         if first:
             log.info("stop requested by %s", by)
-        self._cancel()
+        if sent:
+            self._cancel()
 
     def pause(self) -> None:
         """Have the host pause."""
@@ -165,6 +168,8 @@ class FilePrint:
 
     def kill(self) -> None:
         """Halt the firmware at once, by the connection that is open for it."""
+        if self._status.ended:
+            return
         self.killing = True
         self._halt()
 
@@ -193,6 +198,7 @@ class FilePrint:
         while (wanted := self._commands.get()) is not None:
             (do, answer), why = wanted, ""
             try:
+                self._refuse_other_file()
                 getattr(self._commands_host, do)(self.hosted.name)
             except LinkError as exc:
                 why = f"{do} isn't done: {exc}"
@@ -202,6 +208,12 @@ class FilePrint:
                     self._status = replace(self._status, alarms=self._status.alarms + 1)
             answer(why)
         self._commands_host.close()
+
+    def _refuse_other_file(self) -> None:
+        """Raise HostRefused where the host runs another file: no command is for that one."""
+        report = self._commands_host.state(self.hosted.name)
+        if report.state in ACTIVE and not self._has_file(report):
+            raise HostRefused(f"{self.address} runs {report.file or 'another file'}")
 
     def _write(self, sort: str, **values: Any) -> None:
         """Add to the journal; a full disk doesn't keep a print from being followed."""
@@ -222,6 +234,7 @@ class FilePrint:
         the intention of a start.
         """
         self._commander.start()
+        self._start_sent = started
         try:
             self._connect(patient=started)
             if not started:
@@ -231,7 +244,8 @@ class FilePrint:
                 self._start()
             self._follow()
         except PrintEnded as ended:
-            self._end(ended)
+            halted = self.killing and ended.state is not LinkState.KILLED
+            self._end(self._halt_end() if halted else ended)
         except LinkError as exc:
             failed = PrintEnded(LinkState.FAILED, str(exc), not self._begun, type(exc).__name__)
             self._end(self._halt_end() if self.killing else failed)
@@ -266,6 +280,8 @@ class FilePrint:
             try:
                 self._host.upload(hosted.name, hosted.data, self._uploading)
                 self._compare_stored()
+                self._refuse_unready(taken_over)  # an upload takes its time
+                self._look_for_end()
                 self._host.select(hosted.name)
                 break
             except HostSilent as exc:  # none of these moves anything
@@ -288,12 +304,12 @@ class FilePrint:
             self._look_for_end()
             if time.monotonic() > limit:
                 why = self._silence if report is None else _in_words(report)
-                raise Refused(f"{self.address} can't print now: {why}; nothing was uploaded")
+                raise Refused(f"{self.address} can't print now: {why}; nothing was started")
             time.sleep(POLL_S)
         if report.state is HostState.HALTED:
             raise Refused(
                 f"{self.address}: the firmware has halted ({report.message}); see to the machine "
-                "and restart it by the host's own page; nothing was uploaded"
+                "and restart it by the host's own page; nothing was started"
             )
         if taken_over and report.file == self.hosted.name and report.state is not HostState.READY:
             raise Refused(f"{self.address} has run this file already: {_in_words(report)}")
@@ -306,7 +322,7 @@ class FilePrint:
         if max(abs(a - b) for a, b in zip(start, place, strict=True)) > _ASIDE_MM:
             raise Refused(
                 f"the host says that the tip is at {_place_words(place)}, and the checks took it "
-                f"to stand at {_place_words(start)} (--start); nothing was uploaded"
+                f"to stand at {_place_words(start)} (--start); nothing was started"
             )
 
     def _compare_stored(self) -> None:
@@ -327,6 +343,7 @@ class FilePrint:
             self._see_selected()
             with self._lock:  # a stop that comes later finds the intention, and cancels
                 self._look_for_end()
+                self._start_sent = True
                 self._journal.add("host", do="start", attempt=attempt, file=self.hosted.name)
             answered = False
             try:
@@ -504,9 +521,10 @@ class FilePrint:
         except (HostSilent, HostRefused) as exc:
             self._silence = str(exc)
             return None
-        except (AttributeError, LookupError, TypeError, ValueError) as exc:
+        except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as exc:
             self._silence = f"{self.address}: an answer that can't be read ({exc!r})"
             return None
+        report = report.without_nonsense(len(self.hosted.data))
         if report.state is HostState.OFFLINE:
             self._silence = f"{self.address} says {_in_words(report)}"
         else:

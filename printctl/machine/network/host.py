@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
@@ -79,6 +79,16 @@ class HostReport:
     progress: float | None = None
     message: str = ""
     place: tuple[float, float, float] | None = None
+
+    def without_nonsense(self, size: int) -> HostReport:
+        """Return the report without a progress or a position that a file of ``size`` can't have."""
+        sound = self.progress is not None and 0.0 <= self.progress <= 1.0
+        inside = self.position is not None and 0 <= self.position <= size
+        return replace(
+            self,
+            progress=self.progress if sound else None,
+            position=self.position if inside else None,
+        )
 
 
 class HostEnd(NamedTuple):

@@ -21,7 +21,7 @@ CHECK_READY_S: Final = 1.0
 READY_ANSWER_S: Final = 0.5
 """Longest wait on the ready connection, which may be dead without a sign, before a new one."""
 _CHUNK_BYTES: Final = 16_384
-_MAX_ANSWER_BYTES: Final = 256 * 2**20
+_MAX_ANSWER_BYTES: Final = 8 * 2**20
 _WORDS: Final = 300
 
 
@@ -35,7 +35,7 @@ class HttpReply(NamedTuple):
         """Return the body's JSON value; HostRefused where it is none."""
         try:
             return json.loads(self.body)
-        except ValueError:
+        except (ValueError, RecursionError):
             raise HostRefused(f"the host's answer is no JSON: {self.body[:80]!r}") from None
 
 
@@ -64,8 +64,11 @@ class HttpClient:
         request: HostRequest,
         limit_s: float = ANSWER_S,
         check: Callable[[float], None] | None = None,
+        max_bytes: int = _MAX_ANSWER_BYTES,
     ) -> HttpReply:
         """Send a request and return its answer; ``check`` gets the share of the body sent.
+
+        Of a longer answer than ``max_bytes`` the rest isn't read.
 
         Raises
         ------
@@ -83,17 +86,19 @@ class HttpClient:
                 connection.sock.settimeout(limit_s)
             connection.request(request.method, request.path, body, headers)
             answer = connection.getresponse()
-            reply = HttpReply(answer.status, answer.read(_MAX_ANSWER_BYTES))
+            reply = HttpReply(answer.status, answer.read(max_bytes))
         except (OSError, http.client.HTTPException) as exc:
             self.close()
             raise HostSilent(f"{where}: no answer ({_reason(exc)})") from None
         except BaseException:
             self.close()
             raise
-        if answer.will_close:
+        if answer.will_close or len(reply.body) == max_bytes:
             self.close()
         if reply.status >= 400:
-            raise HostRefused(f"{where}: {_refusal(reply)}", reply.status)
+            words, key = _refusal(reply), self.headers.get("X-Api-Key", "")
+            words = words.replace(key, "***") if key else words
+            raise HostRefused(f"{where}: {words}", reply.status)
         return reply
 
     def close(self) -> None:
@@ -254,7 +259,7 @@ def _refusal(reply: HttpReply) -> str:
         value = json.loads(words)
         error = value.get("error", value) if isinstance(value, dict) else value
         words = str(error.get("message", error) if isinstance(error, dict) else error)
-    except ValueError:
+    except (ValueError, RecursionError):
         pass
     if reply.status in (401, 403):
         return (

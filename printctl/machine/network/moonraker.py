@@ -78,7 +78,8 @@ class Moonraker(HttpHost):
 
     def stored(self, name: str, data: bytes) -> StoredFile:
         """Return size and hash of the file as it is read back from the host."""
-        back = self.http.send(HostRequest("GET", f"/server/files/gcodes/{quote(name)}"), _COMMAND_S)
+        request = HostRequest("GET", f"/server/files/gcodes/{quote(name)}")
+        back = self.http.send(request, _COMMAND_S, max_bytes=len(data) + 1)
         return StoredFile(len(back.body), sha256=hashlib.sha256(back.body).hexdigest())
 
     def select(self, name: str) -> None:

@@ -256,7 +256,7 @@ def test_printer_that_is_not_free_is_left_alone(server: BoardServer, tmp_path: P
     one = Print(tmp_path / "p", server).start()
     status = one.end()
     assert status.state is LinkState.FAILED
-    assert "nothing was uploaded" in status.message
+    assert "nothing was started" in status.message
     assert server.count("upload|machine/file/") == 0
 
 
