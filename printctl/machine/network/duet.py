@@ -23,7 +23,7 @@ from printctl.machine.network.host import (
     HostState,
     StoredFile,
 )
-from printctl.machine.network.http_client import HttpHost, HttpReply
+from printctl.machine.network.http_client import ANSWER_S, HttpHost, HttpReply
 
 _STATES: Final = {
     "processing": HostState.PRINTING,
@@ -51,7 +51,7 @@ class Duet(HttpHost):
 
     def __init__(self, address: HostAddress, key: str = "") -> None:
         super().__init__(address)
-        self._key = key
+        self._key = self.http.secret = key
         self._sbc: bool | None = None
 
     def identify(self) -> str:
@@ -172,9 +172,9 @@ class Duet(HttpHost):
 
     def _model(self, key: str) -> Any:
         if self._is_sbc():
-            return self._send(HostRequest("GET", "/machine/model")).json().get(key)
+            return self._send(HostRequest("GET", "/machine/model"), ANSWER_S).json().get(key)
         query = urlencode({"key": key, "flags": "d99vn"})
-        return self._send(HostRequest("GET", f"/rr_model?{query}")).json().get("result")
+        return self._send(HostRequest("GET", f"/rr_model?{query}"), ANSWER_S).json().get("result")
 
 
 def read_model(state: Any, job: Any, move: Any, name: str) -> HostReport:

@@ -8,14 +8,15 @@ import select
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import Any, Final, NamedTuple
+from urllib.parse import quote, quote_plus
 
 from printctl.machine.errors import HostRefused, HostSilent
 from printctl.machine.network.host import KEY_VARIABLE, HostAddress, HostRequest
 
 CONNECT_S: Final = 3.0
-ANSWER_S: Final = 6.0
+ANSWER_S: Final = 4.0
 CHECK_READY_S: Final = 1.0
 """Interval at which the ready connection is looked at, and opened anew where the host closed it."""
 READY_ANSWER_S: Final = 0.5
@@ -45,8 +46,10 @@ class HttpClient:
     A request is never sent twice: the caller knows whether that would do harm.
     """
 
-    def __init__(self, address: HostAddress, headers: dict[str, str] | None = None) -> None:
-        self.address, self.headers = address, dict(headers or {})
+    def __init__(
+        self, address: HostAddress, headers: dict[str, str] | None = None, secret: str = ""
+    ) -> None:
+        self.address, self.headers, self.secret = address, dict(headers or {}), secret
         self._connection: http.client.HTTPConnection | None = None
 
     def get(self, path: str) -> Any:
@@ -85,8 +88,9 @@ class HttpClient:
             if connection.sock is not None:
                 connection.sock.settimeout(limit_s)
             connection.request(request.method, request.path, body, headers)
-            answer = connection.getresponse()
-            reply = HttpReply(answer.status, answer.read(max_bytes))
+            with _ended_after(connection.sock, limit_s):
+                answer = connection.getresponse()
+                reply = HttpReply(answer.status, answer.read(max_bytes))
         except (OSError, http.client.HTTPException) as exc:
             self.close()
             raise HostSilent(f"{where}: no answer ({_reason(exc)})") from None
@@ -96,10 +100,13 @@ class HttpClient:
         if answer.will_close or len(reply.body) == max_bytes:
             self.close()
         if reply.status >= 400:
-            words, key = _refusal(reply), self.headers.get("X-Api-Key", "")
-            words = words.replace(key, "***") if key else words
-            raise HostRefused(f"{where}: {words}", reply.status)
+            raise HostRefused(f"{where}: {self._without_secret(_refusal(reply))}", reply.status)
         return reply
+
+    def _without_secret(self, words: str) -> str:
+        for secret in filter(None, {self.secret, quote(self.secret), quote_plus(self.secret)}):
+            words = words.replace(secret, "***")
+        return words
 
     def close(self) -> None:
         """Let go of the connection; the next request opens another."""
@@ -125,7 +132,7 @@ class HttpHost:
     """Part of every host: its connection, with the key as a header where one is given."""
 
     def __init__(self, address: HostAddress, key: str = "") -> None:
-        self.http = HttpClient(address, {"X-Api-Key": key} if key else {})
+        self.http = HttpClient(address, {"X-Api-Key": key} if key else {}, key)
 
     def close(self) -> None:
         """Let go of the connection."""
@@ -217,6 +224,24 @@ class ReadyConnection:
             old, self._socket = self._socket, fresh
         if old is not None:
             old.close()
+
+
+@contextmanager
+def _ended_after(end: socket.socket | None, limit_s: float) -> Iterator[None]:
+    """Break a connection off after a time, however slowly its answer drips."""
+
+    def shut() -> None:
+        with suppress(OSError):
+            if end is not None:
+                end.shutdown(socket.SHUT_RDWR)
+
+    timer = threading.Timer(limit_s, shut)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def was_closed(end: socket.socket | None) -> bool:
