@@ -69,6 +69,11 @@ class Pneumatic(StrictModel):
         default=None, description="Set while another head writes; needed with sets_pressure."
     )
 
+    @property
+    def valve(self) -> frozenset[str]:
+        """What both commands have in common: a pin, an output, a brake."""
+        return frozenset(switch_words(self.opens)) & frozenset(switch_words(self.closes))
+
     @model_validator(mode="after")
     def _is_possible(self) -> Pneumatic:
         if self.pressure_kpa > self.max_pressure_kpa:
@@ -77,8 +82,8 @@ class Pneumatic(StrictModel):
                 f"{self.max_pressure_kpa:g} kPa (max_pressure_kpa); lower it"
             )
         check_values("sets_pressure", self.sets_pressure, tuple(PRESSURE_UNITS))
-        if self.sets_pressure and not any("{" in line for line in self.sets_pressure):
-            raise ValueError("sets_pressure holds no value: write {kpa}, {psi} or {bar} in it")
+        if self.sets_pressure and "".join(self.sets_pressure).count("{") != 1:
+            raise ValueError("sets_pressure holds one value: {kpa}, {psi} or {bar}, once")
         if bool(self.sets_pressure) != (self.resting_kpa is not None):
             raise ValueError(
                 "sets_pressure and resting_kpa belong together: give both, or neither where a "

@@ -147,7 +147,7 @@ def _check_words(key: str, lines: Sequence[str], given: FileController, firmware
     known = find_family(firmware).setup_words[given.controller]
     known |= {word.upper() for word in given.own_words}
     for line in lines:
-        word = re.match(r"\$(?=\w+ ?=)|\w+", line)
+        word = re.match(r"\$(?=\w+ ?=)|\w+", re.sub("^call +", "", line, flags=re.I))
         if word is None or word[0].upper() not in known:
             raise ValueError(
                 f"{key}: {line!r} begins with no word that is known to move nothing "

@@ -125,11 +125,13 @@ def check_heads(heads: tuple[Head, ...], firmware: str, dispenser: Dispenser) ->
     airs = [head.dispenser or dispenser for head in heads]
     if len({one.kind for one in airs}) > 1:
         raise ValueError("heads: plungers and valves on one printer can't be driven; name one kind")
-    valves = [one.opens for one in airs if isinstance(one, Pneumatic)]
-    if len(set(valves)) < len(valves):
-        raise ValueError(
-            f"heads: two open the same valve ({', '.join(valves)}); give each its own dispenser"
-        )
+    valves = [one for one in airs if isinstance(one, Pneumatic)]
+    if len({one.valve for one in valves}) < len(valves):
+        text = ", ".join(one.opens for one in valves)
+        raise ValueError(f"heads: two open the same valve ({text}); give each its own dispenser")
+    ports = [one.sets_pressure for one in valves if one.sets_pressure]
+    if len(set(ports)) < len(ports):
+        raise ValueError("heads: two set their pressure by the same lines; name each one's port")
     if find_family(firmware).file_controllers:
         _check_axes(heads, pneumatic=bool(valves))
     else:
@@ -159,6 +161,11 @@ def _check_axes(heads: tuple[Head, ...], *, pneumatic: bool) -> None:
     if any(head.select for head in heads):
         raise ValueError("heads: select is for firmwares that take lines from a host; leave it out")
     axes = [head.z_axis for head in heads if head.z_axis]
+    if axes and any(head.offset_mm.z for head in heads):
+        raise ValueError(
+            "heads: offset_mm.z beside z_axis: each needle is touched off by its own axis; leave z "
+            "out"
+        )
     if axes and (len(set(axes)) < len(heads) or any(head.moves for head in heads)):
         raise ValueError(
             "heads: z_axis is for all heads or none, each another letter, and none of them raises"

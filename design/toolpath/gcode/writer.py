@@ -284,15 +284,19 @@ class Writer:
         plunger = self._printer.pneumatic is None
         declared = declare_position(table, begin, position=declares, plunger=plunger)
         others = [one for one in self._heads[1:] if one.own_axis]
+        first_rows = np.arange(len(declared.code)) < len(declared.code) - len(table.code)
+        lines.add(declared.where(first_rows))
         if declares:
             for one in others:
                 lines.add(declare_height(begin).of(one.number))
+        if others:  # no axis is above the height of changes
+            self._top = high
         for one in others:
             low = JobPosition.at(_with(start, 2, high - 1.0), self._printer) if blind else begin
             up, reached = tabulate(self._rise(start, high, one), low, self._printer)
             lines.add(up.of(one.number))
             one.height = int(reached.quanta[2])
-        lines.add(declared)
+        lines.add(declared.where(~first_rows))
         first.height = int(self._reached.quanta[2])
         return begin
 

@@ -26,7 +26,7 @@ _WORDS: Final = {
     "G92": "X Y Z E",
 }
 _NO_MOTION: Final = frozenset({"$", "ENABLE", "DISABLE", "DWELL", "WAIT", "WAITFORMOTIONDONE"})
-_CALLS: Final = {"VELOCITYBLENDINGON", "CORNERROUNDINGON", "DRIVEBRAKEON", "DRIVEBRAKEOFF"}
+_CALLS: Final = {"VELOCITYBLENDINGON", "CORNERROUNDINGON"}
 
 
 def dialect_of(printer: Printer) -> Dialect:
@@ -59,7 +59,7 @@ FAMILY: Final = Family(
         "automation1": ("DigitalOutputSet", "DriveBrake"),
     },
     setup_words={
-        "a3200": _NO_MOTION | {"VELOCITY", "ROUNDING", "DVAR", "BRAKE", "CALL", "M2"},
+        "a3200": _NO_MOTION | {"VELOCITY", "ROUNDING", "DVAR", "M2"},
         "automation1": _NO_MOTION | {"VAR", *_CALLS},
     },
 )

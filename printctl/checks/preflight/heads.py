@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Needle, Printer
+from kernels.arrays import FloatArray
 from printctl.checks.preflight.dish import wall_gap
 from printctl.checks.preflight.pneumatic_checks import none_check
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
@@ -203,9 +204,11 @@ def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> C
             limit, what = surface, "the bath's surface"
     worst, row, whose = np.inf, -1, 0
     for number in range(printer.head_count):
-        tips = run.heads.tips(run.program, number)[:, :, 2].min(axis=1)
+        tips = run.heads.tips(run.program, number)
         idle = (run.program.kind == MOVE) & (run.program.tool != number)
-        height = np.where(idle, tips, np.inf)
+        if run.heads.axis_mm is not None:
+            idle &= _nears(tips)
+        height = np.where(idle, tips[:, :, 2].min(axis=1), np.inf)
         if len(height) and float(height.min()) < worst:
             worst, row, whose = float(height.min()), int(height.argmin()), number
     limit = limit if np.isfinite(limit) else worst if np.isfinite(worst) else 0.0
@@ -223,6 +226,13 @@ def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> C
     )
 
 
+def _nears(tips: FloatArray) -> NDArray[np.bool_]:
+    """Whether a tip goes across or down, (n,): straight up it meets nothing."""
+    step = tips[:, 1] - tips[:, 0]
+    nears: NDArray[np.bool_] = (step[:, :2] != 0).any(axis=1) | (step[:, 2] < 0)
+    return nears
+
+
 def _idle_in_walls(
     run: DryRun, printer: Printer, standing: PlacedDish, needles: Sequence[Needle | None]
 ) -> Check:
@@ -230,12 +240,9 @@ def _idle_in_walls(
     worst, row, whose = np.inf, -1, 0
     for number in range(printer.head_count):
         needle, tips = needles[number], run.heads.tips(run.program, number)
-        step = tips[:, 1] - tips[:, 0]
-        # Straight up from where it stands it meets nothing.
-        nears = (step[:, :2] != 0).any(axis=1) | (step[:, 2] < 0)
         gap = wall_gap(
             tips,
-            nears & (run.program.kind == MOVE) & (run.program.tool != number),
+            _nears(tips) & (run.program.kind == MOVE) & (run.program.tool != number),
             standing,
             0.0 if needle is None else needle.outer_mm,
         )

@@ -93,6 +93,19 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
             for last in [[kpa for at, kpa in sets if at < line]]
             if not last or abs(last[-1] / head.pressure_kpa - 1.0) > _SAME_PRESSURE
         ]
+        others = [
+            int(line)
+            for other, valve_of in enumerate(run.valves)
+            if other != number
+            for line in run.program.line[valve_of.row[valve_of.state != CLOSED]].tolist()
+        ]
+        ends = int(run.program.line[-1]) + 1 if len(run.program) else 1
+        pressed = [
+            line
+            for line in [*others, ends]
+            for last in [[kpa for at, kpa in sets if at < line]]
+            if last and abs(last[-1] - (head.resting_kpa or 0.0)) > _SAME_PRESSURE * last[-1]
+        ]
         highest = max((kpa for _, kpa in sets), default=0.0)
         name = f"head {number}: " if printer.heads else ""
         checks += [
@@ -104,6 +117,15 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
                 not wrong,
                 f"line {wrong[0][0]}" if wrong else "",
                 "set the pressure that the profile writes at (dispenser: pressure_kpa) before it",
+            ),
+            Check(
+                f"{name}not at its resting pressure while another head writes, or at the end",
+                len(pressed),
+                0,
+                "",
+                not pressed,
+                f"line {min(pressed)}" if pressed else "",
+                "set the resting pressure (dispenser: resting_kpa) before it",
             ),
             Check(
                 f"{name}highest pressure set, of the regulator",

@@ -73,14 +73,22 @@ def read_written(
     if printer.streamed or printer.head_count == 1:
         return ReadProgram(program, text, file)
     # No command says which head is in use: its valve does.
-    each = [
-        read_gcode(read_file(gcode, printer, head=k, max_refused=max_refused).in_g_code, start_mm)
+    files = [
+        read_file(gcode, printer, head=k, max_refused=max_refused)
         for k in range(printer.head_count)
     ]
-    axis_mm = np.column_stack([one.target[:, 2] for one in each])
-    program, refused = with_heads(program, axis_mm, read_valves(program, file.others, printer))
-    file = replace(file, refused=(*file.refused, *refused))
+    each = [_heights(read_gcode(one.in_g_code, start_mm), program) for one in files]
+    axis_mm = np.column_stack(each)
+    program, uneven = with_heads(program, axis_mm, read_valves(program, file.others, printer))
+    refused = dict(pair for one in files[::-1] for pair in one.refused) | dict(uneven)
+    file = replace(file, refused=tuple(sorted(refused.items())))
     return ReadProgram(program, text, file, axis_mm)
+
+
+def _heights(of_head: Program, program: Program) -> FloatArray:
+    """Height of one head's axis after each row of the program; refused lines may differ."""
+    last = np.searchsorted(of_head.line, program.line, side="right")
+    return np.append(of_head.start[2], of_head.target[:, 2])[last]
 
 
 def _timed(program: Program, per_second: tuple[tuple[int, bool], ...]) -> Program:

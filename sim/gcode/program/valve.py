@@ -54,6 +54,9 @@ class Valve:
 
     def of_rows(self, rows: NDArray[np.bool_]) -> Valve:
         """Return the valve as some of the program's rows see it, (n,)."""
+        if not rows.any():
+            none = np.zeros(0, np.int64)
+            return Valve(none, none, none)
         earlier: IntArray = np.cumsum(rows) - rows
         return Valve(np.minimum(earlier[self.row], rows.sum() - 1), self.state, self.before[rows])
 
