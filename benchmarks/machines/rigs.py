@@ -14,6 +14,7 @@ import struct
 import subprocess
 import sys
 import time
+from abc import ABC, abstractmethod
 from datetime import datetime
 from http.client import HTTPException
 from pathlib import Path
@@ -53,7 +54,7 @@ def installed(name: str) -> Path:
     return needed(Path(folder) / name)
 
 
-class Rig:
+class Rig(ABC):
     """A host with its printer in a folder; subclasses say how it is started and counted."""
 
     kind: ClassVar[str]
@@ -66,9 +67,9 @@ class Rig:
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         folder.mkdir(parents=True)
 
+    @abstractmethod
     def commands(self) -> dict[str, list[str]]:
         """Return the command of each program, in the order of their start."""
-        raise NotImplementedError
 
     def start(self) -> None:
         """Start what doesn't run, and wait until the host answers for its printer."""
@@ -107,25 +108,25 @@ class Rig:
         except (URLError, OSError, HTTPException):
             return b""
 
+    @abstractmethod
     def ready(self) -> bool:
         """Whether the host answers, and its printer with it."""
-        raise NotImplementedError
 
     def recover(self) -> None:
         """Make the printer ready for the next print, however the last one ended."""
         self.start()
 
+    @abstractmethod
     def mark(self) -> None:
         """Count from here."""
-        raise NotImplementedError
 
+    @abstractmethod
     def strokes(self) -> dict[int, float]:
         """Return how often each stroke was written since the mark, in parts of a stroke."""
-        raise NotImplementedError
 
+    @abstractmethod
     def last_motion(self) -> float:
         """Return when the printer last moved, or was given a move, s since 1970."""
-        raise NotImplementedError
 
     def halted_at(self) -> float:
         """Return when the halt was there; the last motion where motors are seen."""

@@ -269,6 +269,12 @@ def _speed_for(steps: float, most: float) -> str:
     return f"{min(most, math.floor(100 * AVR_STEPS_HZ / steps) / 100):g}"
 
 
+def _other_value(opens: str) -> str:
+    """Return the command with the other value of its output: S0, or S255 where that opens it."""
+    stem, _, value = opens.rpartition("S")
+    return f"{stem}S{255 if value == '0' else 0}"
+
+
 def _axes(key: str) -> tuple[str, ...]:
     return tuple(f"{key}.{axis}" for axis in "xyz")
 
@@ -356,7 +362,7 @@ QUESTIONS: Final = (
     ),
     Question(
         "closes", "Which command closes it?", "The same output with another value.",
-        lambda said: said["opens"].rsplit("S", 1)[0] + "S0", str, ("dispenser.closes",), AIR,
+        lambda said: _other_value(said["opens"]), str, ("dispenser.closes",), AIR,
     ),
     Question(
         "stays_on", f"What must go on cooling after a stop ({', '.join(_COOLINGS)})?",

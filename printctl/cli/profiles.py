@@ -169,6 +169,9 @@ def new(
             made.write(text)
     except FileExistsError:
         raise UsageError(f"FILE {file}: it is there already; name a new file") from None
+    except OSError:
+        file.unlink(missing_ok=True)  # a half one would be taken for a profile
+        raise
     then = [
         f"printctl profiles probe --port auto --profile {file} --write {file}",
         f"printctl profiles check {file}",

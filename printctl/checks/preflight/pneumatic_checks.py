@@ -18,6 +18,7 @@ from firmware_profiles import (
     Syringe,
     steady_flow,
 )
+from firmware_profiles.families import family_of
 from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
@@ -71,7 +72,7 @@ def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
         *(none_check(run, name, where, remedy) for name, where, remedy in rows),
         _left_closed(run, valve, head),
         *([_asked_to_watch(head)] if printer.streamed else []),
-        *_timing(run, valve, head),
+        *_timing(run, valve, head, family_of(printer).dialect(printer).waits),
     ]
 
 
@@ -164,7 +165,7 @@ def _asked_to_watch(head: Pneumatic) -> Check:
     return Check("asked of you", 0, 0, "", False, "kill and dead host", remedy, "warns")
 
 
-def _timing(run: DryRun, valve: Valve, head: Pneumatic) -> list[Check]:
+def _timing(run: DryRun, valve: Valve, head: Pneumatic, waits: str) -> list[Check]:
     """Switches while the motors may run, and delays that aren't waited for."""
     program = run.program
     still = np.isin(program.kind, (DWELL, SYNC))
@@ -176,7 +177,9 @@ def _timing(run: DryRun, valve: Valve, head: Pneumatic) -> list[Check]:
         if row > first_move and _waits(run, row) < _delay(head, state) - 1e-9
     ]
     return [
-        _warned(run, "valve switched while the head may still move", moving, "put M400 before it"),
+        _warned(
+            run, "valve switched while the head may still move", moving, f"put {waits} before it"
+        ),
         _warned(
             run,
             "valve switched without its delay waited for",

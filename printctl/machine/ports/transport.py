@@ -209,9 +209,11 @@ def open_port(name: str, printer: Printer, baud: int | None = None) -> Transport
     if tcp:
         return TcpTransport(tcp["host"].strip("[]"), int(tcp["port"]), name)
     if runs_files(name):
-        raise PortError(f"{name} is a network host that runs files; no line can be sent to it")
+        kind = name.partition("://")[0]
+        raise PortError(f"{kind}:// is a network host that runs files; no line can be sent to it")
     if "://" in name or name.startswith("tcp:"):
-        raise PortError(f"port {name!r} isn't tcp:HOST:PORT, socket://HOST:PORT or a device")
+        shown = name.rpartition("@")[2]  # what stands before it may be a password
+        raise PortError(f"port {shown!r} isn't tcp:HOST:PORT, socket://HOST:PORT or a device")
     return SerialTransport(name, baud or printer.baud, printer.dtr, printer.rts)
 
 

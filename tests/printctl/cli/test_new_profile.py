@@ -60,6 +60,25 @@ def test_what_was_answered_is_no_starting_value(shell: Shell) -> None:
     assert not {"x_mm", "steps_per_mm"} & {one.partition(".")[0] for one in mine.starting_values}
 
 
+def test_a_valve_that_opens_without_current_has_the_other_value_to_close(shell: Shell) -> None:
+    answers(head=AIR, opens="M106 P0 S0", closes="M106 P0 S255")
+    shell.json("profiles", "new", "mine.yaml", "--answers", "answers.yaml")
+    assert load(Printer, "mine.yaml").pneumatic.closes == "M106 P0 S255"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a limit of the shell's")
+def test_a_full_disk_leaves_no_profile(tmp_path: Path) -> None:
+    Path(tmp_path / "answers.yaml").write_text("{}")
+    new = f"{sys.executable} -m printctl profiles new mine.yaml --answers answers.yaml"
+    ended = subprocess.run(
+        ["bash", "-c", f"ulimit -f 0; {new}"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert ended.returncode == 1
+    assert "grew too large for this disk" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert not (tmp_path / "mine.yaml").exists()
+
+
 def test_a_wrong_answer_is_refused_at_once_and_asked_again(shell: Shell, monkeypatch) -> None:
     typed(monkeypatch, "Rig", "marlyn", "", "20 x", "100 100 100", *[""] * 20)
     code, _, err = shell("profiles", "new", "mine.yaml")
