@@ -564,8 +564,9 @@ class FilePrint:
         report, age_s = self._report, time.monotonic() - self._known_at
         asked = "; a stop is requested" if self.stopping else ""
         if status.state is LinkState.UNKNOWN:
-            since = f"unknown since {_clock(age_s)} ({self._silence})"
-            return f"{since}; {status.message}; the last report: {_in_words(report)}{asked}"
+            since = f"unknown since {_clock(age_s)} ({self._silence or 'no answer yet'})"
+            said = "; ".join(filter(None, (since, status.message)))
+            return f"{said}; the last report: {_in_words(report)}{asked}"
         if report is None or not self._begun:
             return "; ".join(filter(None, (status.message, self._silence)))
         return f"{self.address} says {_in_words(report)}, {age_s:.1f} s ago{asked}"
