@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 
-def on_demand(package: str) -> Callable[[str], Any]:
-    """The ``__getattr__`` of a package: each name's module is loaded when the name is asked for.
+def on_demand(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """A package's ``__getattr__`` and ``__dir__``: a name's module is loaded when it is asked for.
 
     Where names come from stands in the package's ``__init__.py`` under ``if TYPE_CHECKING:``, as
     imports that checkers and readers know; this reads them there. No name may be a module's of the
@@ -39,7 +39,7 @@ def on_demand(package: str) -> Callable[[str], Any]:
         setattr(sys.modules[package], name, value)
         return value
 
-    return found
+    return found, lambda: list(sys.modules[package].__all__)
 
 
 def exported_names(package: str) -> dict[str, str]:

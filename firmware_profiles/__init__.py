@@ -4,16 +4,15 @@ Goes in: a profile's name or a file. Comes out: a frozen model of it, checked. B
 `load.py`.
 """
 
-from firmware_profiles.cross_checks import ProfileDoubt, profile_doubts
+from firmware_profiles.cross_checks import profile_doubts
 from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic, SteadyFlow, steady_flow
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.file_controller import FileController
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
-from firmware_profiles.load import load, read_keys, shipped, shipped_text
+from firmware_profiles.load import load, shipped, shipped_text
 from firmware_profiles.materials import (
     Bath,
     Ink,
-    MeasuredLag,
     supported_diameter_mm,
     weight_in_bath_n_m3,
 )
@@ -35,14 +34,12 @@ __all__ = [
     "Head",
     "Ink",
     "MeasuredFlow",
-    "MeasuredLag",
     "Needle",
     "Offset",
     "Plate",
     "Plunger",
     "Pneumatic",
     "Printer",
-    "ProfileDoubt",
     "ProfileError",
     "Span",
     "SteadyFlow",
@@ -53,7 +50,6 @@ __all__ = [
     "load",
     "pressure_pa",
     "profile_doubts",
-    "read_keys",
     "shipped",
     "shipped_text",
     "steady_flow",

@@ -21,10 +21,8 @@ if TYPE_CHECKING:
         nearest_distances,
     )
     from design.geometry.segments import point_segment, point_triangle_squared, segment_segment
-    from design.geometry.surface import Surface
 
 __all__ = [
-    "Surface",
     "TriangleTree",
     "boxes_of",
     "build_hierarchy",
@@ -37,8 +35,4 @@ __all__ = [
     "segment_segment",
 ]
 
-__getattr__ = on_demand(__name__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = on_demand(__name__)

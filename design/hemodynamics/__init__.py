@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     )
     from design.hemodynamics.other_solvers.svoned import write_svoned
     from design.hemodynamics.pressure_drops import Losses, Stenosis, resistance_at
-    from design.hemodynamics.probes import Probes, ProbeWaves
+    from design.hemodynamics.probes import Probes
     from design.hemodynamics.vessel_coefficients import (
         GelWall,
         RigidWall,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
         vessel_resistance,
     )
     from design.hemodynamics.zero_d.balance import balance, flow_spread
-    from design.hemodynamics.zero_d.pulsatile import PulsatileSolution, solve_pulsatile
+    from design.hemodynamics.zero_d.pulsatile import solve_pulsatile
     from design.hemodynamics.zero_d.pulsatile_report import (
         end_waves,
         pulsatile_at_probes,
@@ -63,7 +63,6 @@ if TYPE_CHECKING:
     )
     from design.hemodynamics.zero_d.steady import (
         FlowSolution,
-        FlowStructure,
         flow_structure,
         node_inflow,
         solve_flow,
@@ -73,7 +72,6 @@ __all__ = [
     "Carreau",
     "FlowConditions",
     "FlowSolution",
-    "FlowStructure",
     "Fluid",
     "GelWall",
     "Losses",
@@ -84,10 +82,8 @@ __all__ = [
     "PowerLaw",
     "PressureOutlet",
     "Pries1994",
-    "ProbeWaves",
     "Probes",
     "PulsatileConditions",
-    "PulsatileSolution",
     "ResistanceOutlet",
     "RigidWall",
     "ShearBand",
@@ -125,8 +121,4 @@ __all__ = [
     "write_svoned",
 ]
 
-__getattr__ = on_demand(__name__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = on_demand(__name__)

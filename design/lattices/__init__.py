@@ -13,4 +13,4 @@ if TYPE_CHECKING:
 
 __all__ = ["LatticeKind", "LatticeOptions", "build_lattice"]
 
-__getattr__ = on_demand(__name__)
+__getattr__, __dir__ = on_demand(__name__)

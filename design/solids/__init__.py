@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.geometry.crossings import Crossings, find_crossings
-    from design.solids.check import SolidCheck, validate_file, validate_files
+    from design.geometry.crossings import find_crossings
+    from design.solids.check import validate_file, validate_files
     from design.solids.connectors import (
         PlacedConnector,
         connector_parts,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from design.solids.ports import Port, end_ports, find_ports, open_ends
     from design.solids.read import read_solid
     from design.solids.solid import Solid
-    from design.solids.step import StepCheck, write_step
+    from design.solids.step import write_step
     from design.solids.threemf import Part, write_3mf
     from design.solids.topology import construct_genus, network_genus, surface_genus
     from design.solids.write import write_obj, write_ply, write_solid_vtp, write_stl
@@ -38,13 +38,10 @@ if TYPE_CHECKING:
 __all__ = [
     "Chamber",
     "Connector",
-    "Crossings",
     "Part",
     "PlacedConnector",
     "Port",
     "Solid",
-    "SolidCheck",
-    "StepCheck",
     "block_solid",
     "chamber_solid",
     "check_connector",
@@ -79,4 +76,4 @@ __all__ = [
     "write_stl",
 ]
 
-__getattr__ = on_demand(__name__)
+__getattr__, __dir__ = on_demand(__name__)

@@ -9,7 +9,6 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from design.geometry.surface import Surface
-    from design.tissue.grid import GridArrays, SignedDistanceGrid
     from design.tissue.images import VolumeImage, label_surface, load_label_surface, read_image
     from design.tissue.load import (
         depth_demand,
@@ -40,11 +39,7 @@ if TYPE_CHECKING:
     from design.tissue.surface import SizeLimits, SpacingRule, tissue_from_surface
     from design.tissue.tissue import (
         Demand,
-        DepthDemand,
-        FunctionDemand,
-        ImageDemand,
         Tissue,
-        UniformDemand,
     )
     from design.tissue.zones import (
         BlockZone,
@@ -60,19 +55,13 @@ __all__ = [
     "BlockZone",
     "CylinderZone",
     "Demand",
-    "DepthDemand",
-    "FunctionDemand",
-    "GridArrays",
-    "ImageDemand",
     "MeshZone",
     "Part",
-    "SignedDistanceGrid",
     "SizeLimits",
     "SpacingRule",
     "SphereZone",
     "Surface",
     "Tissue",
-    "UniformDemand",
     "VolumeImage",
     "Zone",
     "annulus",
@@ -103,8 +92,4 @@ __all__ = [
     "zone_surface",
 ]
 
-__getattr__ = on_demand(__name__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = on_demand(__name__)

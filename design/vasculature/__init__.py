@@ -9,20 +9,17 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.vasculature.collide import Collisions, check_given_once, check_network, collisions
+    from design.vasculature.collide import check_given_once, check_network, collisions
     from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
     from design.vasculature.growth.parts import (
-        GrownParts,
         Inlet,
         grow_parts,
         parts_to_network,
         terminals_of,
     )
-    from design.vasculature.growth.printable import PrintableTree, grow_printable
+    from design.vasculature.growth.printable import grow_printable
     from design.vasculature.growth.regions import ClusterPool
     from design.vasculature.growth.supply import (
-        PartSupply,
-        SupplyBalance,
         check_parts,
         check_supply,
         supply_balance,
@@ -31,7 +28,6 @@ if TYPE_CHECKING:
     from design.vasculature.loops.loops import ClosedLoops, LoopOptions, close_loops
     from design.vasculature.loops.mixing import JoinedTrees, join_forest, mix_trees
     from design.vasculature.named import (
-        PLANAR_BLOCK_MM,
         PLANAR_DIMPLES,
         Dimple,
         planar_four_vessel,
@@ -47,23 +43,17 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "PLANAR_BLOCK_MM",
     "PLANAR_DIMPLES",
     "ClosedLoops",
     "ClusterPool",
-    "Collisions",
     "DepthPenalty",
     "Dimple",
-    "GrownParts",
     "GrowthOptions",
     "GrowthStage",
     "Inlet",
     "JoinedTrees",
     "LoopOptions",
-    "PartSupply",
-    "PrintableTree",
     "RootSpec",
-    "SupplyBalance",
     "VesselTree",
     "check_given_once",
     "check_network",
@@ -88,8 +78,4 @@ __all__ = [
     "tree_to_network",
 ]
 
-__getattr__ = on_demand(__name__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = on_demand(__name__)

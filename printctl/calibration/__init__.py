@@ -74,4 +74,4 @@ __all__ = [
     "weighing_test",
 ]
 
-__getattr__ = on_demand(__name__)
+__getattr__, __dir__ = on_demand(__name__)

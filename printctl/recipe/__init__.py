@@ -15,8 +15,4 @@ if TYPE_CHECKING:
 
 __all__ = ["SCHEMA", "Recipe", "load_recipe", "parse_recipe"]
 
-__getattr__ = on_demand(__name__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = on_demand(__name__)

@@ -4,8 +4,8 @@ Goes in: a search file. Comes out: ranked candidates, a page, the best as a reci
 `run.py`.
 """
 
-from printctl.search.evaluate import Task, evaluate
-from printctl.search.model import SearchFile, load_search
+from printctl.search.evaluate import evaluate
+from printctl.search.model import load_search
 from printctl.search.run import SearchResult, run_search
 
-__all__ = ["SearchFile", "SearchResult", "Task", "evaluate", "load_search", "run_search"]
+__all__ = ["SearchResult", "evaluate", "load_search", "run_search"]

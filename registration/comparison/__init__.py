@@ -4,16 +4,14 @@ Goes in: several registrations. Comes out: spread, drift, capability, findings. 
 `compare.py`.
 """
 
-from registration.comparison.compare import Comparison, Print, compare
+from registration.comparison.compare import Comparison, compare
 from registration.comparison.findings import (
     comparison_csv,
     comparison_dict,
     notes,
-    sentences,
     verdict,
 )
 from registration.comparison.gauge_findings import gauge_csv
-from registration.comparison.gauge_study import GaugeStudy
 from registration.comparison.scans import (
     ComparisonError,
     GaugedScan,
@@ -25,17 +23,14 @@ from registration.comparison.scans import (
 __all__ = [
     "Comparison",
     "ComparisonError",
-    "GaugeStudy",
     "GaugeStudyError",
     "GaugedScan",
     "Origin",
-    "Print",
     "compare",
     "comparison_csv",
     "comparison_dict",
     "gauge_csv",
     "gauged_scan",
     "notes",
-    "sentences",
     "verdict",
 ]

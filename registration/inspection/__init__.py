@@ -29,8 +29,6 @@ if TYPE_CHECKING:
         Frame,
         Gap,
         Lumen,
-        LumenFinding,
-        Shift,
         Stations,
         Stretch,
         Unseen,
@@ -45,9 +43,7 @@ __all__ = [
     "HeightFrame",
     "LayerFindings",
     "Lumen",
-    "LumenFinding",
     "SeeingOptions",
-    "Shift",
     "Stations",
     "Stretch",
     "Surface",
@@ -61,8 +57,4 @@ __all__ = [
     "surface_of",
 ]
 
-__getattr__ = on_demand(__name__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = on_demand(__name__)

@@ -16,7 +16,7 @@ from registration.overlay.measure import (
     statuses,
 )
 from registration.overlay.pose import Pose, align_pose, read_pose
-from registration.overlay.raster import LayerLines, LumenSections, PixelPatch, Raster, layers_of
+from registration.overlay.raster import LayerLines, LumenSections, Raster, layers_of
 
 __all__ = [
     "Cutter",
@@ -25,7 +25,6 @@ __all__ = [
     "LayerStatus",
     "Limits",
     "LumenSections",
-    "PixelPatch",
     "Pose",
     "Raster",
     "ScanCut",

@@ -4,7 +4,7 @@ Goes in: a tissue, a network and its steady flow. Comes out: concentration in ti
 Begin with `solve.py`.
 """
 
-from design.hemodynamics.oxygen.conditions import OxygenConditions, assumptions
+from design.hemodynamics.oxygen.conditions import OxygenConditions
 from design.hemodynamics.oxygen.solution import (
     HALF,
     OxygenSolution,
@@ -25,7 +25,6 @@ __all__ = [
     "OxygenConditions",
     "OxygenSolution",
     "TissueGrid",
-    "assumptions",
     "grid_of_box",
     "grid_of_tissue",
     "oxygen_summary",

@@ -7,12 +7,11 @@ lumen. Begin with `steady.py`.
 from design.hemodynamics.three_d.engine import FlowOptions
 from design.hemodynamics.three_d.march import Stepping, check_cycles, march_flow
 from design.hemodynamics.three_d.meshing.curve import least_jacobian, straighten_edges
-from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh, MeshPort
+from design.hemodynamics.three_d.meshing.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.residence import ResidenceTime, residence_time
 from design.hemodynamics.three_d.solution import (
     Field,
     ThreeDSolution,
-    ThreeDWaves,
     WallShear,
     at_points,
     face_mean,
@@ -20,24 +19,19 @@ from design.hemodynamics.three_d.solution import (
     wall_shear,
     write_flow_vtu,
 )
-from design.hemodynamics.three_d.steady import ErrorEstimate, estimate_error, solve_steady
+from design.hemodynamics.three_d.steady import estimate_error, solve_steady
 from design.hemodynamics.three_d.vessels.sections import (
-    Section,
     probe_steady,
     sections_at,
 )
 
 __all__ = [
-    "ErrorEstimate",
     "Field",
     "FlowOptions",
     "LumenMesh",
-    "MeshPort",
     "ResidenceTime",
-    "Section",
     "Stepping",
     "ThreeDSolution",
-    "ThreeDWaves",
     "WallShear",
     "at_points",
     "check_cycles",

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
         FreshOptions,
         Infill,
     )
-    from design.toolpath.fresh.plan import FreshLayers, FreshPlan, plan_fresh
+    from design.toolpath.fresh.plan import FreshLayers, plan_fresh
     from design.toolpath.fresh.report import FreshReport
     from design.toolpath.fresh.section import Region, check_lumens
 
@@ -27,7 +27,6 @@ __all__ = [
     "Filling",
     "FreshLayers",
     "FreshOptions",
-    "FreshPlan",
     "FreshReport",
     "Infill",
     "Region",
@@ -35,4 +34,4 @@ __all__ = [
     "plan_fresh",
 ]
 
-__getattr__ = on_demand(__name__)
+__getattr__, __dir__ = on_demand(__name__)

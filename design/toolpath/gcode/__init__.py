@@ -27,4 +27,4 @@ __all__ = [
     "write_gcode",
 ]
 
-__getattr__ = on_demand(__name__)
+__getattr__, __dir__ = on_demand(__name__)

@@ -8,24 +8,21 @@ from printctl.analysis.flow.conditions import pulsatile_conditions, steady_condi
 from printctl.analysis.flow.solve import (
     ONE_D,
     ONE_D_WAVES,
-    PULSES,
     TABLE,
     WAVES,
     one_d_options,
     read_waves,
     solve_section,
 )
-from printctl.analysis.flow.tables import NPZ, CsvTables, FlowTables, NpzTables
+from printctl.analysis.flow.tables import NPZ, CsvTables, NpzTables
 
 __all__ = [
     "NPZ",
     "ONE_D",
     "ONE_D_WAVES",
-    "PULSES",
     "TABLE",
     "WAVES",
     "CsvTables",
-    "FlowTables",
     "NpzTables",
     "one_d_options",
     "pulsatile_conditions",

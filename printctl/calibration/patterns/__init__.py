@@ -14,7 +14,6 @@ from printctl.calibration.patterns.files import (
     read_printed_lines,
     sheet_svg,
     sheet_text,
-    speed_at,
     width_row,
 )
 from printctl.calibration.patterns.kinds import (
@@ -29,8 +28,6 @@ from printctl.calibration.patterns.kinds import (
 from printctl.calibration.patterns.plan import (
     Bead,
     Pattern,
-    PatternName,
-    Question,
     Stroke,
     pattern_path,
 )
@@ -41,9 +38,7 @@ __all__ = [
     "Bead",
     "LineSeries",
     "Pattern",
-    "PatternName",
     "PatternSetUp",
-    "Question",
     "Stroke",
     "WrittenPattern",
     "bridge_pattern",
@@ -56,7 +51,6 @@ __all__ = [
     "read_printed_lines",
     "sheet_svg",
     "sheet_text",
-    "speed_at",
     "spiral_pattern",
     "squares_pattern",
     "width_row",

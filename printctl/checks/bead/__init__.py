@@ -11,22 +11,19 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from printctl.checks.bead.files import PLAYED, OutputFiles, write_prediction
     from printctl.checks.bead.predict import (
-        ChosenLag,
         InkPrediction,
         lag_of,
         predict_job,
         written_filaments,
     )
     from printctl.checks.bead.vessels import VesselDiameters, merge_bundles, vessel_diameters
-    from printctl.checks.bead.warn import bead_warnings, prediction_facts, prediction_lines
+    from printctl.checks.bead.warn import prediction_facts, prediction_lines
 
 __all__ = [
     "PLAYED",
-    "ChosenLag",
     "InkPrediction",
     "OutputFiles",
     "VesselDiameters",
-    "bead_warnings",
     "lag_of",
     "merge_bundles",
     "predict_job",
@@ -37,4 +34,4 @@ __all__ = [
     "written_filaments",
 ]
 
-__getattr__ = on_demand(__name__)
+__getattr__, __dir__ = on_demand(__name__)

@@ -18,7 +18,6 @@ from printctl.checks.gate.inputs import (
     LineOrigin,
     NotAllowed,
     Phase,
-    Place,
     PrinterSituation,
     Refusal,
     Verdict,
@@ -28,7 +27,6 @@ from printctl.checks.gate.inputs import (
 from printctl.checks.gate.judge import (
     changed_settings,
     judge,
-    judge_line,
     judge_stored_line,
     refused_lines,
 )
@@ -46,7 +44,6 @@ __all__ = [
     "LineOrigin",
     "NotAllowed",
     "Phase",
-    "Place",
     "PrinterSituation",
     "Refusal",
     "Verdict",
@@ -55,7 +52,6 @@ __all__ = [
     "check_homing",
     "check_step",
     "judge",
-    "judge_line",
     "judge_stored_line",
     "reach",
     "refused_lines",

@@ -14,4 +14,4 @@ if TYPE_CHECKING:
 
 __all__ = ["LineMap", "Pushing", "Reading", "read_job", "read_line_map", "read_with_program"]
 
-__getattr__ = on_demand(__name__)
+__getattr__, __dir__ = on_demand(__name__)

@@ -14,12 +14,10 @@ if TYPE_CHECKING:
         floor_check,
         unknown_dish,
     )
-    from printctl.checks.preflight.firmware import firmware_checks
     from printctl.checks.preflight.force import force_checks, hardest_push
     from printctl.checks.preflight.gcode import gcode_checks
     from printctl.checks.preflight.heads import check_each_head, head_checks
     from printctl.checks.preflight.ink import (
-        InkUse,
         PrintTime,
         ink_use,
         temperature_checks,
@@ -33,7 +31,6 @@ if TYPE_CHECKING:
         chemistry_check,
         held_check,
         needle_check,
-        syringe_check,
         syringe_checks,
     )
     from printctl.checks.preflight.set_up import file_checks
@@ -42,8 +39,6 @@ if TYPE_CHECKING:
         read_written,
         shaft_checks,
         shaft_clearance,
-        shaft_lines,
-        unmapped_check,
         written_arrays,
     )
     from printctl.checks.preflight.steps import step_checks
@@ -55,7 +50,6 @@ if TYPE_CHECKING:
         well_checks,
     )
     from printctl.checks.set_up import (
-        WALL_CLEARANCE_MM,
         Budget,
         Check,
         HeadLoading,
@@ -68,11 +62,9 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "WALL_CLEARANCE_MM",
     "Budget",
     "Check",
     "HeadLoading",
-    "InkUse",
     "PlacedDish",
     "PrintTime",
     "SetUp",
@@ -85,7 +77,6 @@ __all__ = [
     "compare_well_moves",
     "dish_checks",
     "file_checks",
-    "firmware_checks",
     "floor_check",
     "force_checks",
     "gcode_checks",
@@ -100,13 +91,10 @@ __all__ = [
     "refuse_failed",
     "shaft_checks",
     "shaft_clearance",
-    "shaft_lines",
     "step_checks",
-    "syringe_check",
     "syringe_checks",
     "temperature_checks",
     "unknown_dish",
-    "unmapped_check",
     "viability_checks",
     "viability_facts",
     "volumes",
@@ -117,8 +105,4 @@ __all__ = [
     "written_ul",
 ]
 
-__getattr__ = on_demand(__name__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = on_demand(__name__)

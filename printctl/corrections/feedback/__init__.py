@@ -4,12 +4,11 @@ Goes in: folders of registered prints. Comes out: a compensation. Begin with `es
 """
 
 from printctl.corrections.feedback.estimate import Choices, estimate
-from printctl.corrections.feedback.evidence import NO_ORIGIN, ORIGIN, Print, keep_origin, read_print
+from printctl.corrections.feedback.evidence import NO_ORIGIN, Print, keep_origin, read_print
 from printctl.corrections.feedback.whole_part import Mean
 
 __all__ = [
     "NO_ORIGIN",
-    "ORIGIN",
     "Choices",
     "Mean",
     "Print",

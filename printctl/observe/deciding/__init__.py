@@ -16,7 +16,6 @@ from printctl.observe.deciding.decision import (
 from printctl.observe.deciding.evidence import (
     Evidence,
     InkSupply,
-    NarrowedLumen,
     SupplyState,
     judge_supply,
 )
@@ -34,7 +33,6 @@ __all__ = [
     "GapTest",
     "InkSupply",
     "Limits",
-    "NarrowedLumen",
     "SupplyState",
     "confirmed_gaps",
     "judge_supply",

@@ -4,7 +4,7 @@ Goes in: a held print, gaps along its written paths, the voids of the design. Co
 to insert, what they lay, and what stays unmended. Begin with `plan.py`.
 """
 
-from printctl.observe.mending.check import MendCheck, check_mend
+from printctl.observe.mending.check import check_mend
 from printctl.observe.mending.held_print import (
     HeldPrint,
     MendError,
@@ -12,7 +12,7 @@ from printctl.observe.mending.held_print import (
     WrittenPath,
     written_paths,
 )
-from printctl.observe.mending.laid_ink import Gap, NotMended
+from printctl.observe.mending.laid_ink import Gap
 from printctl.observe.mending.obstacles import Voids
 from printctl.observe.mending.plan import Mend, checked_mend, plan_mend
 
@@ -20,9 +20,7 @@ __all__ = [
     "Gap",
     "HeldPrint",
     "Mend",
-    "MendCheck",
     "MendError",
-    "NotMended",
     "Style",
     "Voids",
     "WrittenPath",

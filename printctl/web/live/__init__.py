@@ -13,4 +13,4 @@ if TYPE_CHECKING:
 
 __all__ = ["JobSource", "LiveScene", "SceneError", "make_scene"]
 
-__getattr__ = on_demand(__name__)
+__getattr__, __dir__ = on_demand(__name__)

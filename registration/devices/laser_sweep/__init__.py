@@ -8,18 +8,14 @@ x, y, z of later sweeps. Begin with `profiles.py`.
 from registration.devices.laser_sweep.heights import sweep_heights
 from registration.devices.laser_sweep.planes import (
     FittedSweep,
-    LaserSweep,
     fit_laser,
     is_laser_file,
     read_laser,
 )
-from registration.devices.laser_sweep.profiles import Profile, Traced, trace
+from registration.devices.laser_sweep.profiles import trace
 
 __all__ = [
     "FittedSweep",
-    "LaserSweep",
-    "Profile",
-    "Traced",
     "fit_laser",
     "is_laser_file",
     "read_laser",

@@ -4,8 +4,8 @@ Goes in: a picture and a pattern. Comes out: widths and gaps, mm. Begin with `vi
 """
 
 from registration.devices.microscope.annotate import annotated
-from registration.devices.microscope.ink_absorption import Shade, shade_profile
-from registration.devices.microscope.picture import Picture, Target, View, read_picture
+from registration.devices.microscope.ink_absorption import Shade
+from registration.devices.microscope.picture import Target, View, read_picture
 from registration.devices.microscope.view import find_view, marked_view
 from registration.devices.microscope.widths import (
     Crossing,
@@ -21,7 +21,6 @@ __all__ = [
     "GapWidth",
     "Line",
     "LineWidths",
-    "Picture",
     "Shade",
     "Target",
     "View",
@@ -31,5 +30,4 @@ __all__ = [
     "measure_gaps",
     "measure_lines",
     "read_picture",
-    "shade_profile",
 ]

@@ -6,22 +6,19 @@ with `beam.py`.
 
 from registration.devices.optics.beam import Beam, OctCalibration, refract, refraction_bound
 from registration.devices.optics.file import read_calibration, write_calibration
-from registration.devices.optics.fit import GridFit, fit_grid, with_step
-from registration.devices.optics.surface import SampleSurface, find_surface, fit_surface
-from registration.devices.optics.targets import GridView, Step, find_grid, measure_step
+from registration.devices.optics.fit import fit_grid, with_step
+from registration.devices.optics.surface import SampleSurface, find_surface
+from registration.devices.optics.targets import GridView, find_grid, measure_step
 from registration.devices.optics.undistort import is_resampled, undistort
 
 __all__ = [
     "Beam",
-    "GridFit",
     "GridView",
     "OctCalibration",
     "SampleSurface",
-    "Step",
     "find_grid",
     "find_surface",
     "fit_grid",
-    "fit_surface",
     "is_resampled",
     "measure_step",
     "read_calibration",

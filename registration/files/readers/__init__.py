@@ -23,4 +23,4 @@ __all__ = [
     "write_scan_tiff",
 ]
 
-__getattr__ = on_demand(__name__)
+__getattr__, __dir__ = on_demand(__name__)

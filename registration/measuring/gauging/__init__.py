@@ -13,14 +13,13 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.measuring.gauging.changes import drop_edge_changes, find_changes
     from registration.measuring.gauging.closures import Ends, find_closures
-    from registration.measuring.gauging.defect import Defect, DefectKind
+    from registration.measuring.gauging.defect import Defect
     from registration.measuring.gauging.design_to_scan import ScannedSurface, surface_points
     from registration.measuring.gauging.deviation import (
         TOLERANCES_UM,
         Deviation,
         deviations,
         hausdorff_p95_um,
-        share_within,
         summarise,
     )
     from registration.measuring.gauging.gel_like import (
@@ -55,7 +54,6 @@ __all__ = [
     "TOLERANCES_UM",
     "ContrastGauge",
     "Defect",
-    "DefectKind",
     "Deviation",
     "Ends",
     "MeasuredLumen",
@@ -75,7 +73,6 @@ __all__ = [
     "liquid_level",
     "network_of_lumens",
     "printed_network",
-    "share_within",
     "sub_network",
     "summarise",
     "surface_points",
@@ -90,8 +87,4 @@ __all__ = [
     "without_resistance",
 ]
 
-__getattr__ = on_demand(__name__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = on_demand(__name__)

@@ -34,8 +34,4 @@ __all__ = [
     "read_datums",
 ]
 
-__getattr__ = on_demand(__name__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = on_demand(__name__)

@@ -10,10 +10,9 @@ from registration.measuring.topology.compare import (
     Topology,
     betti_numbers,
     compare_topology,
-    graph_betti,
 )
 from registration.measuring.topology.grid import LumenGrid, lay_grid, scanned_with
-from registration.measuring.topology.leaks import Leaks, LeakSearch, find_leaks
+from registration.measuring.topology.leaks import LeakSearch, find_leaks
 from registration.measuring.topology.overlap import Agreement, Overlap, agreement, overlap
 
 __all__ = [
@@ -21,7 +20,6 @@ __all__ = [
     "Betti",
     "Faults",
     "LeakSearch",
-    "Leaks",
     "LumenGrid",
     "Overlap",
     "Topology",
@@ -29,7 +27,6 @@ __all__ = [
     "betti_numbers",
     "compare_topology",
     "find_leaks",
-    "graph_betti",
     "lay_grid",
     "overlap",
     "scanned_with",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from registration.gcode_job import Act, GcodeColour, GcodeJob, Layers, layer_sums
+    from registration.gcode_job import Act, GcodeJob, Layers, layer_sums
     from registration.report.gcode.figure import draw_layer, layer_figure
     from registration.report.gcode.page import GcodePage, write_gcode_html
     from registration.report.gcode.part_outline import DesignOutline, design_outline
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Act",
     "DesignOutline",
-    "GcodeColour",
     "GcodeJob",
     "GcodePage",
     "Layers",
@@ -27,4 +26,4 @@ __all__ = [
     "write_gcode_html",
 ]
 
-__getattr__ = on_demand(__name__)
+__getattr__, __dir__ = on_demand(__name__)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from registration.report.picture.camera import DIRECTIONS, Camera, View, fitted_camera
+    from registration.report.picture.camera import DIRECTIONS, View, fitted_camera
     from registration.report.picture.compose import (
         DrivingWave,
         FilmScene,
@@ -31,7 +31,6 @@ __all__ = [
     "DIRECTIONS",
     "FLOW",
     "GAUGED",
-    "Camera",
     "Colour",
     "DrivingWave",
     "FilmScene",
@@ -45,8 +44,4 @@ __all__ = [
     "quantities",
 ]
 
-__getattr__ = on_demand(__name__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = on_demand(__name__)
