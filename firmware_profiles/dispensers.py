@@ -54,6 +54,11 @@ class Pneumatic(StrictModel):
         "A3200, DriveBrakeOff(Aa) on an Automation1."
     )
     closes: SwitchCommand = Field(description="Closes it; the same command with another value.")
+    enables: FileLine | None = Field(
+        default=None,
+        description="Line that enables the axis whose brake is the valve, written right before "
+        "each opening, e.g. Enable Aa: a controller may let the brake go by itself there.",
+    )
     opening_delay_s: Delay = Field(description="From the command until ink flows.")
     closing_delay_s: Delay = Field(description="From the command until none flows any more.")
     measured: MeasuredFlow | None = Field(

@@ -30,8 +30,8 @@ class FileController(StrictModel):
     )
     begins: Annotated[tuple[FileLine, ...], Field(max_length=32)] = Field(
         default=(),
-        description="The lab's own lines at the file's begin, e.g. [DVAR $AP, Enable Aa, ROUNDING "
-        "ON]; none may move.",
+        description="The lab's own lines at the file's begin, e.g. [DVAR $AP, Enable X, ROUNDING "
+        "ON]; none may move, or enable an axis whose brake is a valve (dispenser: enables).",
     )
     own_words: Annotated[
         tuple[Annotated[str, Field(pattern=r"^[A-Za-z]\w{0,39}$")], ...], Field(max_length=16)
@@ -40,9 +40,16 @@ class FileController(StrictModel):
         description="The lab's own functions that may begin such a line or sets_pressure; none may "
         "move.",
     )
-    ends: Annotated[tuple[FileLine, ...], Field(max_length=32)] = Field(
-        default=(), description="The same behind the last line, e.g. [Disable Aa, M2]."
+    ends: Annotated[tuple[FileLine, ...], Field(max_length=128)] = Field(
+        default=(),
+        description="The same behind the last line, e.g. [Disable Aa, M2]; an own word may be "
+        "defined there, from DFS to ENDDFS.",
     )
+
+    @property
+    def undefined_words(self) -> list[str]:
+        """Own words that the file doesn't define: the controller must have them."""
+        return [one for one in self.own_words if f"DFS {one}" not in self.ends]
 
 
 def refuse_family_sections(keys: Mapping[str, object]) -> None:
@@ -95,10 +102,10 @@ def check_file_controller(
     known = find_family(firmware).file_controllers
     valve = tuple(command for head in airs for command in (head.opens, head.closes))
     if not known:
-        if any(head.sets_pressure for head in airs):
+        if any(head.sets_pressure or head.enables for head in airs):
             raise ValueError(
-                f"sets_pressure: {firmware} takes lines from a host, which sets no pressure; set "
-                "it by hand"
+                f"sets_pressure, enables: {firmware} takes lines from a host, which sets no "
+                "pressure and enables no axis; do it by hand"
             )
         _refuse_controller(firmware, given, (*valve, *sent["safe_state_off"]))
         return
@@ -116,11 +123,14 @@ def check_file_controller(
             f"file_controller: z_axis and plunger_axis are both {given.z_axis}; name two axes"
         )
     _check_head(given, known[given.controller], valve)
-    for key, lines in (("begins", given.begins), ("ends", given.ends)):
+    executed = _outside_definitions(given)
+    for key, lines in (("begins", given.begins), ("ends", executed)):
         check_values(f"file_controller.{key}", lines, ())
         _check_words(f"file_controller.{key}", lines, given, firmware)
     for head in airs:
-        _check_words("sets_pressure", head.sets_pressure, given, firmware)
+        lines = head.sets_pressure + ((head.enables,) if head.enables else ())
+        _check_words("sets_pressure, enables", lines, given, firmware)
+        _check_enabled(head, (*given.begins, *executed))
     for key, commands in sent.items():
         if commands:
             raise ValueError(
@@ -153,6 +163,23 @@ def _check_words(key: str, lines: Sequence[str], given: FileController, firmware
                 f"{key}: {line!r} begins with no word that is known to move nothing "
                 f"({', '.join(sorted(known))}); leave it out, or name the lab's own function in "
                 "file_controller: own_words"
+            )
+
+
+def _outside_definitions(given: FileController) -> list[str]:
+    """Return the lines of `ends` that run: all but an own word's body."""
+    body = rf"^DFS ({'|'.join(given.own_words)})$.*?^ENDDFS(?:\n|\Z)"
+    return re.sub(body, "", "\n".join(given.ends), flags=re.M | re.S).splitlines()
+
+
+def _check_enabled(head: Pneumatic, lines: Sequence[str]) -> None:
+    """Refuse lines that enable the axis whose brake is a valve."""
+    brake = re.match(r"(?:Drive)?Brake\w*[ (]+(\w+)", head.opens, re.IGNORECASE)
+    for line in lines:
+        if brake and re.match(rf"Enable\b.*\b{brake[1]}\b", line, re.IGNORECASE):
+            raise ValueError(
+                f"file_controller: {line!r} may let the brake of {brake[1]} go, which is a valve; "
+                "take it out, and say it as dispenser: enables, right before the valve opens"
             )
 
 

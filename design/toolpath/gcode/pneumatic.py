@@ -188,4 +188,5 @@ def _switch(head: Pneumatic, dialect: Dialect, *, to_open: bool) -> list[str]:
     """Wait for the motors, switch, wait for the valve."""
     delay = head.opening_delay_s if to_open else head.closing_delay_s
     pause = [dialect.dwell(delay)] if delay > 0 else []
-    return [dialect.waits, head.opens if to_open else head.closes, *pause]
+    enables = [head.enables] if to_open and head.enables else []
+    return [dialect.waits, *enables, head.opens if to_open else head.closes, *pause]

@@ -37,11 +37,17 @@ def firmware_checks(run: DryRun, printer: Printer) -> list[Check]:
 
 def _run_by_hand(printer: Printer) -> Check:
     """What a host that sends nothing can't see to."""
+    words = printer.file_controller.undefined_words if printer.file_controller else []
     remedy = (
-        "load the file in the controller's own software; before it runs, enable the axes, touch "
-        "off, and see that its units are mm, its ramps as in the profile, and that its stop shuts "
-        "the valve or halts the plunger: nothing from here can"
+        "load the file in the controller's own software; before it runs, enable the axes (none "
+        "whose brake is a valve), touch off, and see that its units are mm, its ramps as in the "
+        "profile, and that its stop shuts the valve or halts the plunger: nothing from here can"
     )
+    if words:
+        remedy += (
+            f"; and that the controller has {', '.join(words)}, which the file calls and doesn't "
+            "define (file_controller: ends)"
+        )
     return Check(
         "asked of you", 0, 0, "", False, f"{printer.name}: {printer.firmware}", remedy, "warns"
     )

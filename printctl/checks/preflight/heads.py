@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Needle, Printer
 from kernels.arrays import FloatArray
 from printctl.checks.preflight.dish import wall_gap
-from printctl.checks.preflight.pneumatic_checks import none_check
+from printctl.checks.preflight.pneumatic_checks import none_check, waits_s
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
@@ -128,7 +128,7 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
     )
     short = np.zeros(len(program), dtype=np.bool_)
     least = max((head.moving_s for head in printer.heads if head.moves), default=0.0)
-    short[[row for row in switched.tolist() if _waits(run, row) < least - 1e-9]] = True
+    short[[row for row in switched.tolist() if waits_s(run, row) < least - 1e-9]] = True
     checks.append(
         replace(
             none_check(
@@ -147,15 +147,6 @@ def _stands(still: NDArray[np.bool_], moves: NDArray[np.bool_], row: int) -> boo
     """Whether the motors were waited for since the last move before a row."""
     last_move = int(np.flatnonzero(moves[:row])[-1]) if moves[:row].any() else -1
     return last_move < 0 or bool(still[last_move + 1 : row].any())
-
-
-def _waits(run: DryRun, row: int) -> float:
-    """Seconds of dwells between a row and the next move."""
-    program = run.program
-    after = np.flatnonzero(program.kind[row:] == MOVE)
-    until = slice(row, row + int(after[0]) if len(after) else len(program))
-    dwells = program.value[until][program.kind[until] == DWELL].sum()
-    return float(dwells) if len(after) else np.inf
 
 
 def _written_top(run: DryRun) -> tuple[float, int]:

@@ -174,7 +174,7 @@ def _timing(run: DryRun, valve: Valve, head: Pneumatic, waits: str) -> list[Chec
     short = [
         row
         for row, state in zip(valve.row.tolist(), valve.state.tolist(), strict=True)
-        if row > first_move and _waits(run, row) < _delay(head, state) - 1e-9
+        if row > first_move and waits_s(run, row) < _delay(head, state) - 1e-9
     ]
     return [
         _warned(
@@ -199,7 +199,7 @@ def _delay(head: Pneumatic, state: int) -> float:
     return head.opening_delay_s if state == OPEN else head.closing_delay_s
 
 
-def _waits(run: DryRun, row: int) -> float:
+def waits_s(run: DryRun, row: int) -> float:
     """Seconds of dwells between a switch and the next move; no end for the last."""
     program = run.program
     after = np.flatnonzero(program.kind[row:] == MOVE)

@@ -11,7 +11,7 @@ line                                             read as
 ``G4 P0.03``, ``DWELL 0.03``                     G4 S0.03: seconds, not milliseconds
 ``G70``, ``G71``, ``G90``, ``G91``, ``G92``      G20, G21, and the same
 ``G75``, ``G76``                                 what F counts per: minutes, seconds
-``WAIT MOVEDONE X Y``, ``WaitForMotionDone(X)``  M400
+``WAIT MOVEDONE X Y``, ``WaitForMotionDone(X)``  M400; refused where they leave an axis out
 ``VELOCITY ON``, ``G108``                        nothing: blending isn't modelled as theirs
 ``$DO[0].X=1``, ``DigitalOutputSet(X, 0, 1)``    nothing; reported with its name and words
 ``BRAKE Aa 0``, ``DriveBrakeOff(Aa)``            the same
@@ -21,28 +21,29 @@ the profile's ``begins`` and ``ends``            nothing
 ================================================ ==============================================
 
 Sources: Automation1's help (help.aerotech.com/automation1, G-Code Programming), mecode's header.txt
-and footer.txt, ORNL Slicer 2's aerobasic_writer.cpp. Without G75 and G76 seconds are taken, as with
-the time base that mecode's header chooses. Not verified on a controller, and not modelled: its
-look-ahead (Marlin's planner runs here, with the profile's speeds and accelerations), G0's separate
-speeds for each axis, what an axis' own parameters limit, a vertical axis that moves alone
-while another head is in use (its time is missing).
+and footer.txt, ORNL Slicer 2's aerobasic_writer.cpp. A file that moves before it has said modes,
+units and places is refused: they stay as they are between programs, and a reset takes them from
+parameters (DefaultTaskTargetMode: the same help, Motion Setup Functions). Not verified on a
+controller, and not modelled: its look-ahead (Marlin's planner runs here, with the profile's speeds
+and accelerations), G0's separate speeds for each axis, what an axis' own parameters limit.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of
 from firmware_profiles.strict_model import PRESSURE_UNITS
-from sim.errors import GcodeError
-from sim.gcode.reading.line import NOTHING, GcodeLine, TranslatedProgram, output_of
+from sim.errors import GcodeError, LineError
+from sim.gcode.reading.line import NOTHING, GcodeLine, TranslatedProgram, output_of, refusal
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
 _DWELL: Final = re.compile(rb"(?:G0?4\s+P|DWELL\s+)(" + _NUMBER + rb")", re.IGNORECASE)
 _WAITS: Final = re.compile(
-    rb"WAIT\s+MOVEDONE(?:\s+[A-Z])+|WAITFORMOTIONDONE\([^()]+\)", re.IGNORECASE
+    rb"WAIT\s+MOVEDONE((?:\s+[A-Z])+)|WAITFORMOTIONDONE\(([][, \w]+)\)", re.IGNORECASE
 )
 _BASE: Final = re.compile(rb"G7([56])", re.IGNORECASE)
 SETS_PRESSURE: Final = "SETS_PRESSURE"
@@ -75,7 +76,11 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
     letter = (controller.plunger_axis or "").encode()
     axes = "".join(printer.z_axes).encode()
     own = {line.encode() for line in (*controller.begins, *controller.ends, SETS_PRESSURE)}
+    enables = {air.enables: air.opens for air in printer.airs if air.enables}
+    dialect = family_of(printer).dialect(printer)
     bases: list[tuple[int, bool]] = []
+    refused: list[tuple[int, LineError]] = []
+    movable = {b"%c" % axis for axis in b"XY" + axes + letter}
     seen = line = 0
     # A plain move is left as it is, but for the plunger's letter: nearly all lines are such.
     words = rb"(?: +[XYF" + axes + letter + rb"]" + _NUMBER + rb")+"
@@ -90,6 +95,12 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
         text = match[0][: begins.start()] if begins else match[0]
         remark = b";" + match[0][begins.end() :] if begins else b""
         text = text.strip()
+        # What enables a valve's axis may let its brake go: the valve counts as open from there on.
+        text = enables.get(text.decode("ascii", "replace"), "").encode() or text
+        waits = _WAITS.fullmatch(text)
+        if waits and not movable <= set(re.findall(rb"\w+", (waits[1] or waits[2]).upper())):
+            reason = f"waits while another axis may still move; name them all: {dialect.waits}"
+            refused.append((line + 1, refusal("ambiguous", text, reason)))
         base = _BASE.fullmatch(text)
         if base:
             bases.append((line + 1, base[1] == b"6"))
@@ -100,11 +111,50 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
         return word + remark
 
     result = other.sub(plain, gcode)
+    if b"\n" in gcode:  # a single line is read by itself
+        refused += _undeclared(result, movable, bases)
     letters = dict.fromkeys(axes, b"") | {ord(printer.z_axes[head]): b"Z"}
     letters |= dict.fromkeys(letter, b"E")
     if letters != {ord("Z"): b"Z"}:
         result = _with_letters(result, letters)
-    return TranslatedProgram(result, tuple(named), tuple(bases))
+    return TranslatedProgram(result, tuple(named), tuple(bases), tuple(refused))
+
+
+def _undeclared(
+    gcode: bytes, axes: Collection[bytes], bases: Sequence[tuple[int, bool]]
+) -> list[tuple[int, LineError]]:
+    """Refuse the first move before which a mode, a unit or an axis' place isn't declared.
+
+    ``gcode`` is in the reader's words with the axes' own letters.
+    """
+    first = re.search(rb"^G[01] ", gcode, re.M)
+    if first is None:
+        return []
+    before = gcode[: first.start()]
+    said = {
+        "G90 or G91": re.search(rb"^G9[01]\b", before, re.M),
+        "G71 or G70": re.search(rb"^G2[01]\b", before, re.M),
+        "G76 or G75": bases and bases[0][0] <= before.count(b"\n"),
+    }
+    missing = [words for words, found in said.items() if not found]
+    at = first.start() if missing else len(gcode)
+    for axis in sorted(axes):
+        for word in re.finditer(b" %b[-+.\\d]" % axis, gcode):
+            begin = gcode.rfind(b"\n", 0, word.start()) + 1
+            code, in_comment = gcode[begin : begin + 2], b";" in gcode[begin : word.start()]
+            if code in (b"G0", b"G1") and not in_comment:
+                missing.append(f"G92 {axis.decode()}... (its place)")
+                at = min(at, begin)
+            if code in (b"G0", b"G1", b"G9") and not in_comment:
+                break
+    if not missing:
+        return []
+    text = gcode[at:].partition(b"\n")[0]
+    reason = (
+        f"moves without {', '.join(missing)} in the lines before: the controller would go on from "
+        "what the program before left, or its own defaults; say each in a line of its own"
+    )
+    return [(gcode.count(b"\n", 0, at) + 1, refusal("undeclared", text, reason))]
 
 
 def _with_letters(gcode: bytes, letters: Mapping[int, bytes]) -> bytes:

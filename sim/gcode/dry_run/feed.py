@@ -161,7 +161,8 @@ def _feed(
             run_until(planner, ring, log, now)
             now += times.board_s[i] / main_share(planner, ring, now, costs.board)
         run_until(planner, ring, log, now)
-        if kind == MOVE:
+        alone = kind == MOVE and rows.value[i] > 0.0
+        if kind == MOVE and not alone:
             if rows.tool[i] != planner[0].tool:  # of a file that doesn't name its heads
                 now = _drain(planner, ring, log, now)
                 take_head(planner, rows.tool[i], rows.target[i, 3])
@@ -178,7 +179,7 @@ def _feed(
         elif kind == TOOL:
             now = _drain(planner, ring, log, now)
             take_head(planner, rows.tool[i], rows.target[i, 3])
-        elif kind == DWELL:
+        elif kind == DWELL or alone:
             now = _drain(planner, ring, log, now)
             begin = min(begin, now)
             now += rows.value[i]

@@ -156,7 +156,8 @@ class Program:
     feed : (n,) float64, mm/s
         Asked for.
     value : (n,) float64
-        Seconds of a dwell; the S (else R, else P) word of any other command, NaN without one.
+        Seconds of a dwell, or of a move that only the axis of a head not in use makes; the S (else
+        R, else P) word of a command that doesn't move. Else NaN.
     length : (n,) int64, bytes
         Of the command without comment, line number and checksum.
     start : (4,) float64, mm
@@ -335,6 +336,8 @@ def _read(text: bytes, modal_of: Records, words_of: Records, rows: Columns) -> i
 def _value(words: Record, kind: int) -> float:
     if kind == DWELL:
         return dwell_s(words)
+    if kind in (MOVE, ARC):
+        return np.nan
     if has_word(words, 18):
         return words.value[18]
     if has_word(words, 17):

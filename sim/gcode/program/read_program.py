@@ -15,7 +15,7 @@ from firmware_profiles.families import family_of
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, read_gcode
-from sim.gcode.program.valve import read_valves, with_heads
+from sim.gcode.program.valve import read_valves, with_heads, with_other_axes
 from sim.gcode.reading import read_line
 from sim.gcode.reading.file import GcodeFile, read_file
 from sim.gcode.reading.line import LIMITS
@@ -80,6 +80,7 @@ def read_written(
     each = [_heights(read_gcode(one.in_g_code, start_mm), program) for one in files]
     axis_mm = np.column_stack(each)
     program, uneven = with_heads(program, axis_mm, read_valves(program, file.others, printer))
+    program = with_other_axes(program, axis_mm, printer)
     refused = dict(pair for one in files[::-1] for pair in one.refused) | dict(uneven)
     file = replace(file, refused=tuple(sorted(refused.items())))
     return ReadProgram(program, text, file, axis_mm)

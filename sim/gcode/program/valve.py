@@ -20,6 +20,7 @@ from firmware_profiles import Printer
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, parse_line
+from sim.gcode.program.modal import MOVE
 from sim.gcode.reading.line import GcodeLine, Lines, output_of, refusal
 
 UNKNOWN, CLOSED, OPEN, BETWEEN = range(-1, 3)
@@ -89,12 +90,14 @@ def read_switch(program: Program, others: Lines, on: str, off: str) -> Valve:
     """
     opens, closes = _command(on), _command(off)
     row_of = first_rows(program)
-    rows, states = [], []
+    rows: list[int] = []
+    states: list[int] = []
     for number, line in others:
         state = UNKNOWN
         if line.code == opens[0]:
             state = _state((line.code, _words(line)), opens, closes)
-        if state != UNKNOWN and number in row_of:
+        # An axis that is enabled before its brake is let go opens a valve twice.
+        if state not in (UNKNOWN, *states[-1:]) and number in row_of:
             rows.append(row_of[number])
             states.append(state)
     row, state_of = np.array(rows, np.int64), np.array(states, np.int64)
@@ -190,6 +193,33 @@ def with_heads(
     target = program.target.copy()
     target[:, 2] = axis_mm[np.arange(len(program)), tool]
     return replace(program, tool=tool, target=target), tuple(refused)
+
+
+def with_other_axes(program: Program, axis_mm: FloatArray, printer: Printer) -> Program:
+    """Give each move the time that the vertical axes of heads not in use take.
+
+    F is the speed along the way of all axes together. Where only such an axis moves, the row's
+    `value` is its time, from standing to standing; else its feed is lowered.
+
+    Parameters
+    ----------
+    axis_mm : (n, heads) float64, mm
+        As for `with_heads`.
+    """
+    step = np.abs(np.diff(axis_mm, axis=0, prepend=np.full_like(axis_mm[:1], program.start[2])))
+    step[np.arange(len(program)), program.tool] = 0.0
+    moves = (program.kind == MOVE) & step.any(axis=1)
+    own = np.linalg.norm((program.target - program.before)[moves, :3], axis=1)
+    way = np.hypot(own, np.linalg.norm(step[moves], axis=1))
+    top = printer.max_speed_mm_s.z * way / step[moves].max(axis=1)
+    speed = np.minimum(program.feed[moves], top)
+    ramp = min(printer.acceleration_mm_s2, printer.max_acceleration_mm_s2.z)
+    seconds = np.where(way * ramp > speed**2, way / speed + speed / ramp, 2 * np.sqrt(way / ramp))
+    alone = own <= _LEVEL_MM
+    feed, value = program.feed.copy(), program.value.copy()
+    feed[moves] = np.where(alone, feed[moves], speed * own / way)
+    value[moves] = np.where(alone, seconds, np.nan)
+    return replace(program, feed=feed, value=value)
 
 
 def _uneven(head: int, before: int) -> LineError:

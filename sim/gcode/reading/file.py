@@ -78,11 +78,12 @@ def read_file(
     gcode = text_of(gcode)
     translate = translator_of(printer)
     if translate is not None:
-        written = translate(gcode, printer, head)
+        written = translate(gcode if gcode.endswith(b"\n") else gcode + b"\n", printer, head)
         read = _read_lines(written.gcode, printer, read_words, max_refused)
         named = dict(written.named)
         others = tuple((number, named.get(number, line)) for number, line in read.others)
-        return replace(read, others=others, per_second=written.per_second)
+        refused = tuple(sorted((*read.refused, *written.refused), key=lambda one: one[0]))
+        return replace(read, refused=refused, others=others, per_second=written.per_second)
     return _read_lines(gcode, printer, read_line, max_refused)
 
 

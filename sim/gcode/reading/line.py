@@ -102,6 +102,7 @@ SORTS: Final[dict[str, str]] = {
     "repeated_word": "words that stand twice in a line",
     "too_long": "lines longer than any firmware takes",
     "ambiguous": "words that firmwares read differently",
+    "undeclared": "lines whose effect hangs on what the controller was left at",
     "too_many": "places where reading was given up",
 }
 """Sort to what it is, in the plural."""
@@ -128,11 +129,14 @@ class TranslatedProgram:
         Outputs that are set, and everything that isn't known, by its name.
     per_second : tuple of (int, bool)
         Lines from which on F counts per second, or per minute.
+    refused : tuple of (int, LineError)
+        Lines that are known, and do something else than the file's author can have meant.
     """
 
     gcode: bytes
     named: Lines
     per_second: tuple[tuple[int, bool], ...]
+    refused: tuple[tuple[int, LineError], ...] = ()
 
 
 # Find the translator to G-code of a firmware family whose files are in another language.

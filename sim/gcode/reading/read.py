@@ -68,6 +68,8 @@ def read_line(text: bytes, printer: Printer) -> GcodeLine:
 def _translated(text: bytes, printer: Printer, translate: Translate) -> GcodeLine:
     """Read a line in another language; what isn't G-code comes with its name."""
     written = translate(text.rstrip(b"\r\n"), printer, 0)
+    for _, error in written.refused:
+        raise error
     for _, named in written.named:
         return named
     return read_words(written.gcode, printer)

@@ -12,6 +12,7 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.checks.preflight import gcode_checks, head_checks
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.heads import flowing_s
+from sim.gcode.program.modal import MOVE
 
 RIG = load(Printer, "stanford_two_heads")
 AUTOMATION1 = load(Printer, "stanford_two_heads_automation1")
@@ -125,6 +126,42 @@ def test_line_that_one_axis_alone_refuses_is_refused():
     assert any("digits" in one.message for one in run.findings)
 
 
+def test_axis_that_moves_beside_the_head_in_use_takes_its_time():
+    gcode = job(RIG)
+    whole = dry_run(gcode, RIG, START).duration_s
+    lone = gcode.replace(b"\nWAIT", b"\nG1 B61 F2\nG1 B60\nWAIT", 1)
+    assert dry_run(lone, RIG, START).duration_s - whole == pytest.approx(1.0, abs=0.05)
+    row = gcode.index(b"\nG1 X")  # the first move across has A or B at rest
+    end = gcode.index(b"\n", row + 1)
+    beside = gcode[:end].rpartition(b" F")[0] or gcode[:end]
+    assert dry_run(beside + b" B160 F5" + gcode[end:], RIG, START).duration_s > whole + 10
+
+
+def test_valve_is_open_from_where_its_axis_is_enabled():
+    gcode = job(RIG)
+    assert gcode.count(b"\nEnable Aa\nBRAKE Aa 0\n") == gcode.count(b"BRAKE Aa 0") == 2
+    run = dry_run(gcode.replace(b"\nG92 B60", b"\nEnable Aa\nG92 B60"), RIG, START)
+    first = int(np.argmax(run.program.kind == MOVE))
+    assert run.valves[0].is_open[first]
+    assert not run.unknown
+
+
+def test_pressure_s_function_is_asked_for_unless_the_file_defines_it():
+    def asked(printer):
+        checks = gcode_checks(dry_run(job(printer), printer, START), printer)
+        assert not any(one.refuses for one in checks)
+        return [one for one in checks if "setPress" in one.remedy]
+
+    assert len(asked(RIG)) == 1
+    data = RIG.model_dump()
+    body = ["M2", "DFS setPress", 'FILEWRITE $hFile "{#H}"', "ENDDFS"]
+    data["file_controller"]["ends"] = body
+    assert not asked(Printer.model_validate(data))
+    data["file_controller"]["ends"] = [*body, "G1 X5"]
+    with pytest.raises(ValueError, match="no word that is known to move nothing"):
+        Printer.model_validate(data)
+
+
 def test_head_that_writes_nothing_stays_up():
     network = three_tubes()
     options = EmbeddedOptions(needle_inner_mm=0.2, needle_outer_mm=0.4)
@@ -166,6 +203,8 @@ def test_several_valves_are_refused_on_a_printer_that_takes_lines():
         ({"heads": [{}, {"dispenser": None}]}, "two open the same valve"),
         ({"file_controller": {"begins": ["G1 X5"]}}, "no word that is known to move nothing"),
         ({"file_controller": {"begins": ["Enable Aa ; G1"]}}, "holds a comment"),
+        ({"file_controller": {"begins": ["Enable X Aa"]}}, "may let the brake of Aa go"),
+        ({"dispenser": {"enables": "G1 X5"}}, "no word that is known to move nothing"),
         ({"dispenser": {"sets_pressure": ["$AP={mmhg}"]}}, "another value than it may have"),
         ({"dispenser": {"sets_pressure": ["$AP={psi}{psi}"]}}, "one value"),
         ({"dispenser": {"sets_pressure": ["$AP={psi}", "BRAKE Ab 0"]}}, "to move nothing"),

@@ -1,5 +1,7 @@
 """Simulated Duet, Klipper, Aerotech program: differences from Marlin, refusals, complete prints."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -219,6 +221,37 @@ def test_what_isnt_known_is_refused_by_name() -> None:
     assert not (run.program.kind == MOVE).any()
 
 
+@pytest.mark.parametrize(
+    ("said", "instead", "line", "words"),
+    [
+        (b"G90\n", b"", 6, "G90 or G91"),
+        (b"G71\n", b"", 6, "G71 or G70"),
+        (b"G76\n", b"", 6, "G76 or G75"),
+        (b"G92 X60 Y70 Z30", b"G92 X60 Y70", 16, "G92 Z"),
+        (b"G92 X60 Y70 Z30", b"VELOCITY ON // G92 X60 Y70 Z30", 7, "G92 X.*G92 Y.*G92 Z"),
+        (b"G92 X60 Y70 Z30\nG1 X61 Y72 F20", b"G1 X61 Y72 F20\nG92 X61 Y72 Z30", 6, "G92 X.*G92 Y"),
+    ],
+)
+def test_move_from_what_the_controller_was_left_at_is_refused(said, instead, line, words):
+    (found,) = dry_run(FILE.replace(said, instead), A3200, FILE_START).findings
+    assert (found.code, found.line) == ("undeclared", line)
+    assert re.search(words, found.message)
+
+
+@pytest.mark.parametrize(
+    ("printer", "waits", "words"),
+    [
+        (A3200, b"WAIT MOVEDONE X Y", "WAIT MOVEDONE X Y Z"),
+        (NEWER, b"WaitForMotionDone([X, Y, Z])", r"WaitForMotionDone\(\[X, Y, Z, A\]\)"),
+    ],
+)
+def test_wait_that_leaves_an_axis_out_is_refused(printer, waits, words):
+    header = b"G71\nG76\nG90\nG92 X60 Y70 Z30\nG1 Z31 F5\n"
+    (found,) = dry_run(header + waits + b"\n", printer, FILE_START).findings
+    assert (found.code, found.line) == ("ambiguous", 6)
+    assert re.search(words, found.message)
+
+
 @pytest.mark.parametrize("printer", [A3200, NEWER])
 def test_a_whole_job_of_the_writer_passes(printer: Printer) -> None:
     toolpath = fresh_toolpath(as_solid(block(3, 3, 0.18)), FreshOptions())
@@ -241,7 +274,8 @@ def test_a_whole_job_of_the_writer_passes(printer: Printer) -> None:
 
 def test_lines_dont_have_to_come_by_a_wire() -> None:
     """Many short moves: a serial line of 9600 baud would starve the planner."""
-    text = b"".join(b"G1 X%.4f F20\n" % (60 + 0.01 * k) for k in range(1, 500))
+    text = FILE.partition(b"G1")[0]
+    text += b"".join(b"G1 X%.4f F20\n" % (60 + 0.01 * k) for k in range(1, 500))
     slow = A3200.model_copy(update={"baud": 9600})
     assert dry_run(text, slow, FILE_START).duration_s == dry_run(text, A3200, FILE_START).duration_s
 
