@@ -211,7 +211,7 @@ class FilePrint:
         while (wanted := self._commands.get()) is not None:
             (do, answer), why = wanted, ""
             try:
-                self._refuse_other_file()
+                self._refuse_other_file(do)
                 getattr(self._commands_host, do)(self.hosted.name)
             except LinkError as exc:
                 why = f"{do} isn't done: {exc}"
@@ -222,9 +222,14 @@ class FilePrint:
             answer(why)
         self._commands_host.close()
 
-    def _refuse_other_file(self) -> None:
-        """Raise HostRefused where the host runs another file: no command is for that one."""
-        report = self._commands_host.state(self.hosted.name)
+    def _refuse_other_file(self, do: str) -> None:
+        """Raise HostRefused where the host runs another file: no command is for that one.
+
+        Klipper answers a question up to 0.25 s late: to pause or stop, a poll's answer does.
+        """
+        report = self._report
+        if do == "resume" or report is None or time.monotonic() - self._known_at > 2 * POLL_S:
+            report = self._commands_host.state(self.hosted.name)
         if report.state in ACTIVE and not self._has_file(report):
             raise HostRefused(f"{self.address} runs {report.file or 'another file'}")
 
