@@ -3,7 +3,8 @@
 Modelled, after the public description (RepRapFirmware wiki, HTTP requests and object model; Duet
 Software Framework, REST API): sessions by address (standalone) or key (SBC), upload with CRC-32,
 deletion, M23, M32, M24, M25, M0, M112, the object model's ``state``, ``job``, ``move`` and
-``boards``, a file run line by line in the time that its moves take. A new process is a board after a reset.
+``boards``, a file run line by line in the time that its moves take. A new process is a board
+after a reset.
 
 Not modelled: planning ahead, macros, heaters, replies by ``rr_reply``, limits of memory and of
 sockets, any other G-code than G1 with F (others take no time).

@@ -480,7 +480,7 @@ class FilePrint:
             if self.killing:
                 raise self._halt_end()
             if report is not None and self._has_file(report):
-                self._see_one_print(ended.count if ended else 0, report)
+                self._see_one_print(ended.ends if ended else 0, report)
             offline = report is not None and report.state is HostState.OFFLINE
             offline_since = (offline_since or now) if offline else 0.0
             if report is None or offline:

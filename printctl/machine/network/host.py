@@ -99,13 +99,13 @@ class HostReport:
 class HostEnd(NamedTuple):
     """How a host's job history says that a file ended.
 
-    ``state`` is None where the history has the file as begun and its end isn't known; ``count`` is
+    ``state`` is None where the history has the file as begun and its end isn't known; ``ends`` is
     how many prints of the file have ended, of those that the history keeps.
     """
 
     state: HostState | None
     message: str = ""
-    count: int = 1
+    ends: int = 1
 
 
 class StoredFile(NamedTuple):
@@ -193,8 +193,8 @@ def parse_address(port: str) -> HostAddress:
     match = _ADDRESS.fullmatch(rest)
     if "@" in rest or "?" in rest:
         raise PortError(
-            f"port {scheme}://... holds a user, a password or a query; give {scheme}://HOST:PORT, and "
-            f"the key by the environment ({KEY_VARIABLE}) or a file (--host-key)"
+            f"port {scheme}://... holds a user, a password or a query; give {scheme}://HOST:PORT, "
+            f"and the key by the environment ({KEY_VARIABLE}) or a file (--host-key)"
         )
     if kind not in NETWORK_HOSTS or match is None or int(match["port"] or 1) > 65535:
         raise PortError(

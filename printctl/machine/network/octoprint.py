@@ -97,11 +97,11 @@ class OctoPrint(HttpHost):
         prints = (self._file(name) or {}).get("prints") or {}
         if not prints.get("last"):
             return None
-        count = prints.get("success", 0) + prints.get("failure", 0)
+        ends = prints.get("success", 0) + prints.get("failure", 0)
         if prints["last"].get("success"):
-            return HostEnd(HostState.COMPLETE, "its record says: successful", count)
+            return HostEnd(HostState.COMPLETE, "its record says: successful", ends)
         words = "its record says: not successful (cancelled, or failed)"
-        return HostEnd(HostState.FAILED, words, count)
+        return HostEnd(HostState.FAILED, words, ends)
 
     def _file(self, name: str) -> dict[str, Any] | None:
         try:

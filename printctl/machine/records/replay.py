@@ -80,7 +80,7 @@ class JournalledPrint:
     stopping : bool
         Whether it had begun to end the print: needle up, heaters perhaps off.
     hosted : (str, str)
-        Last step of a print on a network host, ``selected`` or ``start``, and its file's name there.
+        Last step of a print on a network host (``selected`` or ``start``) and its file there.
     capabilities : dict of str to bool
         Of the firmware, as it has reported them; empty where it hasn't.
     """

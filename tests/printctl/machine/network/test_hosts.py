@@ -168,9 +168,7 @@ def test_ready_connection_is_opened_anew_when_the_host_closes_it():
 
 
 @pytest.fixture
-def encrypted(
-    scripted: Scripted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> HostAddress:
+def encrypted(scripted: Scripted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> HostAddress:
     """A host behind TLS, whose certificate is its own CA, for the name localhost."""
     if shutil.which("openssl") is None:
         pytest.skip("needs openssl")
@@ -304,7 +302,7 @@ def test_moonraker_upload_history_and_halt(scripted: Scripted, opened: Opened):
     assert host.stored("a.gcode", data).sha256 == hashlib.sha256(data).hexdigest()
     assert host.ended("none") is None
     ended = host.ended("a"), host.ended("b")
-    assert [(one.state, one.count) for one in ended] == [(None, 0), (HostState.COMPLETE, 1)]
+    assert [(one.state, one.ends) for one in ended] == [(None, 0), (HostState.COMPLETE, 1)]
     assert host.halt_request().path == "/printer/emergency_stop"
 
 
