@@ -31,19 +31,19 @@ from printctl.machine.records.record import load_record
 from printctl.machine.records.states import Status
 
 END_S, STOP_GOAL_MS, SLACK_S = 90.0, 150.0, 0.5
-START = {"moonraker": b"script=M24", "octoprint": b'"start"', "duet": b"M24"}
+START = {"moonraker": b"/print/start", "octoprint": b'"print": true', "duet": b"M32"}
 CANCEL = {"moonraker": b"/print/cancel", "octoprint": b'"cancel"', "duet": b"M25"}
 _AGE = re.compile(r"([0-9.]+) s ago")
 
 
 class Proxy:
-    """TCP proxy: cuts all connections for a while, or one request or its answer."""
+    """TCP proxy: cuts all connections for a while, or one request or its answer; keeps that."""
 
     def __init__(self, target: int) -> None:
         self.target, self.listener = target, socket.create_server(("127.0.0.1", 0))
         self.port = int(self.listener.getsockname()[1])
         self.down_until, self.drop, self.after = 0.0, b"", False
-        self.awaited, self.passed_at = b"", 0.0
+        self.awaited, self.passed_at, self.held = b"", 0.0, b""
         self.pairs: set[tuple[socket.socket, socket.socket]] = set()
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -54,6 +54,14 @@ class Proxy:
             for end in pair:
                 with suppress(OSError):
                     end.shutdown(socket.SHUT_RDWR)
+
+    def release(self) -> None:
+        """Hand a request that was cut to the host, late."""
+        if self.held:
+            with socket.create_connection(("127.0.0.1", self.target), 3) as late:
+                late.sendall(self.held)
+                late.settimeout(3)
+                late.recv(65536)
 
     def _accept(self) -> None:
         while True:
@@ -71,18 +79,20 @@ class Proxy:
             if time.monotonic() < self.down_until:
                 near.close()
         self.pairs.add((near, far))
-        answer_lost = False
+        answer_lost, request = False, b""
         with near, far, suppress(OSError):
             while True:
                 for end in select.select([near, far], [], [])[0]:
                     data = end.recv(65536)
                     if not data or (end is far and answer_lost):
                         return
+                    request = request + data if end is near else b""
                     if end is near and self.awaited and self.awaited in data:
                         self.awaited, self.passed_at = b"", time.time()
                     if end is near and self.drop and self.drop in data:
                         self.drop, answer_lost = b"", self.after
                         if not self.after:
+                            self.held = request
                             return
                     (far if end is near else near).sendall(data)
         self.pairs.discard((near, far))
@@ -99,6 +109,7 @@ class Trial:
     client: PrintClient | None = None
     samples: list[tuple[float, Status]] = field(default_factory=list)
     down: list[tuple[float, float]] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
     halted: float = 0.0
     cancelled: float = 0.0
 
@@ -121,6 +132,10 @@ class Trial:
                     if status.ended:
                         return
             time.sleep(0.1)
+
+    def says(self, state: str) -> bool:
+        """Whether this was reported last."""
+        return bool(self.samples) and self.samples[-1][1].state.value == state
 
     def kill_printctl(self) -> None:
         """Kill the print's process, as a power cut does."""
@@ -202,8 +217,22 @@ def lost_answer(trial: Trial) -> None:
 
 
 def lost_start(trial: Trial) -> None:
-    """Begin with a start that never reaches the host."""
+    """Begin with a start that doesn't reach the host, until `late_start` or after the end."""
     trial.proxy.drop, trial.proxy.after = START[trial.rig.kind], False
+
+
+def late_start(trial: Trial) -> None:
+    """Hand the lost start to the host in a pause: nothing may move."""
+    assert trial.client is not None
+    trial.client.pause()
+    trial.watch(20.0, lambda: trial.says("paused"))
+    before = trial.rig.last_motion()
+    trial.proxy.release()
+    trial.watch(2.0)
+    if trial.rig.last_motion() > before:
+        trial.wrong.append("a start that came late moved a paused printer")
+    with suppress(LinkError):
+        trial.client.resume()
 
 
 def killed_start(trial: Trial) -> None:
@@ -231,6 +260,9 @@ def run(trial: Trial, fault: Callable[[Trial], None]) -> Status:
     if fault in BEFORE:
         fault(trial)
     trial.go()
+    if fault is lost_start:
+        trial.watch(END_S, lambda: trial.says("printing"))
+        fault = late_start
     if fault not in BEFORE:
         trial.watch(trial.chance.uniform(0.1, 3.5))
         if not (trial.samples and trial.samples[-1][1].ended):
@@ -247,7 +279,8 @@ def run(trial: Trial, fault: Callable[[Trial], None]) -> Status:
 
 def untrue(trial: Trial, status: Status) -> list[str]:
     """Return what was reported and wasn't so."""
-    found, ended = [], next(at for at, one in trial.samples if one == status)
+    found, ended = [*trial.wrong], next(at for at, one in trial.samples if one == status)
+    trial.proxy.release()
     time.sleep(1.5)
     made, last = trial.rig.strokes(), trial.rig.last_motion()
     whole = all(abs(made.get(k, 0.0) - 1) < 0.1 for k in range(rigs.STROKES))
@@ -285,7 +318,7 @@ def measure(
             job.write_text(rigs.job_text(rig.frame, rig.feed_mm_min))
             port = f"{rig.kind}://127.0.0.1:{proxy.port}"
             order = Order(job, rig.profile, port, folder / f"{number}.print")
-            trial = Trial(rig, proxy, order, chance)
+            trial, proxy.held = Trial(rig, proxy, order, chance), b""
             fault = FAULTS[number % len(FAULTS)]
             status = run(trial, fault)
             wrong = untrue(trial, status)

@@ -2,8 +2,9 @@
 
 Modelled, after the public description (RepRapFirmware wiki, HTTP requests and object model; Duet
 Software Framework, REST API): sessions by address (standalone) or key (SBC), upload with CRC-32,
-M23, M24, M25, M0, M112, the object model's ``state``, ``job``, ``move`` and ``boards``, a file run
-line by line in the time that its moves take. A new process is a board after a reset.
+deletion, M23, M32, M24, M25, M0, M112, the object model's ``state``, ``job``, ``move`` and
+``boards``, a file run line by line in the time that its moves take. A new process is a board
+after a reset.
 
 Not modelled: planning ahead, macros, heaters, replies by ``rr_reply``, limits of memory and of
 sockets, any other G-code than G1 with F (others take no time).
@@ -60,8 +61,9 @@ class Board:
             self._note("M112")
         elif self.status == "halted":
             return "Error: halted"
-        elif word == "M23":
-            return self._select(text[3:].strip().strip('"').removeprefix(_FOLDER))
+        elif word in ("M23", "M32"):
+            wrong = self._select(text[3:].strip().strip('"').removeprefix(_FOLDER))
+            return wrong or (self._start() if word == "M32" else "")
         elif word == "M24":
             return self._start()
         elif word == "M25" and self.status == "processing":
@@ -80,6 +82,14 @@ class Board:
             "boards": [{"firmwareName": "RepRapFirmware twin", "firmwareVersion": "3.5"}],
         }.get(key)
 
+    def delete(self, name: str) -> bool:
+        """Delete a file; return whether it was there and not open."""
+        path = self.folder / name
+        if name == self.selected or not path.is_file():
+            return False
+        path.unlink()
+        return True
+
     def _size(self) -> int:
         path = self.folder / self.selected
         return path.stat().st_size if path.is_file() else 0
@@ -92,7 +102,7 @@ class Board:
 
     def _select(self, name: str) -> str:
         if self.status not in ("idle", "busy") or not (self.folder / name).is_file():
-            return "Error: M23: Cannot set file to print"
+            return f"Error: Cannot set file to print: {name}"
         self.selected, self.position = name, 0
         return ""
 
@@ -160,6 +170,10 @@ class Handler(BaseHTTPRequestHandler):
         """Answer a PUT."""
         self.answer()
 
+    def do_DELETE(self) -> None:
+        """Answer a DELETE."""
+        self.answer()
+
     def answer(self) -> None:
         """Answer a request by the board."""
         split = urlsplit(self.path)
@@ -197,6 +211,8 @@ class Handler(BaseHTTPRequestHandler):
             return 200, {"err": int(wrong)}
         if path == "/rr_fileinfo":
             return self._info(name)
+        if path == "/rr_delete":
+            return 200, {"err": int(not board.delete(name))}
         if path == "/rr_gcode":
             board.code(query.get("gcode", ""))
             return 200, {"buff": 255}
@@ -207,6 +223,8 @@ class Handler(BaseHTTPRequestHandler):
     def _of_sbc(self, path: str, body: bytes) -> tuple[int, Any]:
         board, (do, _, rest) = self.board, path.partition("/")
         name = unquote(rest).removeprefix(_FOLDER)
+        if do == "file" and self.command == "DELETE":
+            return (204 if board.delete(name) else 404), ""
         if do == "file":
             (board.folder / name).write_bytes(body)
             return 201, ""

@@ -3,8 +3,8 @@
 Written from the public description (RepRapFirmware wiki, HTTP requests and object model; Duet
 Software Framework, REST API) and tried on a twin alone, on no real board.
 
-The file is selected (M23) and started (M24) by two commands. A board that has it selected and
-doesn't run it says so in its object model, and forgets it at a reset.
+The file is selected (M23) and started by its name (M32). A board that has it selected and doesn't
+run it says so in its object model, and forgets it at a reset.
 """
 
 from __future__ import annotations
@@ -91,8 +91,18 @@ class Duet(HttpHost):
         self._code(f'M23 "{_FOLDER}{name}"')
 
     def start(self, name: str) -> None:
-        """Start the selected file."""
-        self._code("M24")
+        """Select the file and start it; unlike M24 that never goes on with a paused one."""
+        self._code(f'M32 "{_FOLDER}{name}"', ANSWER_S)
+
+    def delete(self, name: str) -> None:
+        """Delete the file."""
+        if self._is_sbc():
+            path = f"/machine/file/{quote(_FOLDER + name, safe='')}"
+            self._send(HostRequest("DELETE", path))
+            return
+        query = urlencode({"name": _FOLDER + name})
+        if self._send(HostRequest("GET", f"/rr_delete?{query}")).json().get("err"):
+            raise HostRefused(f"the board doesn't delete {name}")
 
     def pause(self, name: str) -> None:
         """Pause, by the board's pause.g."""
@@ -162,13 +172,14 @@ class Duet(HttpHost):
         self._log_in()
         return self.http.send(request, limit_s, check)
 
-    def _code(self, text: str) -> None:
+    def _code(self, text: str, limit_s: float = _COMMAND_S) -> None:
         if self._is_sbc():
-            reply = self._send(HostRequest("POST", "/machine/code", text.encode())).body.decode()
+            request = HostRequest("POST", "/machine/code", text.encode())
+            reply = self._send(request, limit_s).body.decode()
             if reply.startswith("Error"):
                 raise HostRefused(f"{text}: {reply.strip()}", 400)
             return
-        self._send(HostRequest("GET", f"/rr_gcode?{urlencode({'gcode': text})}"))
+        self._send(HostRequest("GET", f"/rr_gcode?{urlencode({'gcode': text})}"), limit_s)
 
     def _model(self, key: str) -> Any:
         if self._is_sbc():

@@ -7,6 +7,9 @@ begun, or has in its job history, is followed; one that it reports as selected a
 print as ``position_unknown``, and nothing more is sent. A process that takes a print over goes the
 same way.
 
+A start names its file. The file of a lost start is replaced by a copy and deleted before the copy
+is started: a start that was held back on the way finds no file, whenever it arrives.
+
 One thread polls and uploads; commands of people go by a second connection in a thread of their own;
 the emergency stop by a third that is open beforehand.
 """
@@ -24,6 +27,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from http import HTTPStatus
 from itertools import accumulate
 from typing import Any, Final
 
@@ -33,7 +37,15 @@ from printctl.machine.errors import HostRefused, HostSilent, JournalError, LinkE
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import Job
 from printctl.machine.job.moves import moves_ahead, surely_moved
-from printctl.machine.network.host import ACTIVE, OVER, HostAddress, HostEnd, HostReport, HostState
+from printctl.machine.network.host import (
+    ACTIVE,
+    OVER,
+    RUNNING,
+    HostAddress,
+    HostEnd,
+    HostReport,
+    HostState,
+)
 from printctl.machine.network.hosts import make_host
 from printctl.machine.network.http_client import ReadyConnection
 from printctl.machine.records.journal import Journal
@@ -59,6 +71,8 @@ _ASIDE_MM: Final = 0.05
 _READ_AHEAD: Final = 32
 """Lines that a host may have read and not given to its printer yet."""
 HOST_ENDED: Final = "the needle is where the host's own end left it"
+_SAME_START_S: Final = 0.1
+_ENDING: Final = ".gcode"
 _NAME: Final = re.compile(r"[^a-z0-9_-]+")
 
 _LINK: Final = {
@@ -75,7 +89,7 @@ log = logging.getLogger(__name__)
 def name_on_host(print_id: str, job_name: str) -> str:
     """Return a file name that no other print has, in characters that every host takes."""
     stem = _NAME.sub("-", job_name.rpartition(".")[0].lower() or job_name.lower())[:40]
-    return f"printctl-{print_id}-{stem.strip('-') or 'job'}.gcode"
+    return f"printctl-{print_id}-{stem.strip('-') or 'job'}{_ENDING}"
 
 
 @dataclass(frozen=True)
@@ -125,13 +139,13 @@ class FilePrint:
         self._ready = ReadyConnection(address)
         self._commands: queue.Queue[tuple[str, Callable[[str], None]] | None] = queue.Queue()
         self._commander = threading.Thread(target=self._obey, name="commands", daemon=True)
-        self._lock = threading.Lock()
         self.stopping = self.killing = False
         self._cancelled_at, self._halted_at, self._halt_taken = 0.0, 0.0, False
         self._report: HostReport | None = None  # the last one in which the host has its printer
         self._known_at = time.monotonic()
         self._silence = self._words = ""
         self._start_sent = self._begun = False
+        self._begun_s: float | None = None
         self._status = Status(LinkState.CONNECTING, lines_total=len(hosted.job))
 
     # --- for any thread ------------------------------------------------------------------------
@@ -148,11 +162,10 @@ class FilePrint:
 
     def stop(self, by: str = "the user") -> None:
         """End the print in the host's own way; before its start nothing is started."""
-        with self._lock:
-            first, self.stopping, sent = not self.stopping, True, self._start_sent
-        if first:
+        if not self.stopping:
             log.info("stop requested by %s", by)
-        if sent:
+        self.stopping = True
+        if self._begun:  # else `_look_for_end` or `_follow` sees it
             self._cancel()
 
     def pause(self) -> None:
@@ -198,7 +211,7 @@ class FilePrint:
         while (wanted := self._commands.get()) is not None:
             (do, answer), why = wanted, ""
             try:
-                self._refuse_other_file()
+                self._refuse_other_file(do)
                 getattr(self._commands_host, do)(self.hosted.name)
             except LinkError as exc:
                 why = f"{do} isn't done: {exc}"
@@ -209,9 +222,14 @@ class FilePrint:
             answer(why)
         self._commands_host.close()
 
-    def _refuse_other_file(self) -> None:
-        """Raise HostRefused where the host runs another file: no command is for that one."""
-        report = self._commands_host.state(self.hosted.name)
+    def _refuse_other_file(self, do: str) -> None:
+        """Raise HostRefused where the host runs another file: no command is for that one.
+
+        Klipper answers a question up to 0.25 s late: to pause or stop, a poll's answer does.
+        """
+        report = self._report
+        if do == "resume" or report is None or time.monotonic() - self._known_at > 2 * POLL_S:
+            report = self._commands_host.state(self.hosted.name)
         if report.state in ACTIVE and not self._has_file(report):
             raise HostRefused(f"{self.address} runs {report.file or 'another file'}")
 
@@ -271,8 +289,11 @@ class FilePrint:
                 self._unknown("an earlier process began this print, or was about to")
             time.sleep(POLL_S)
 
-    def _prepare(self, taken_over: bool) -> None:
-        """Refuse a busy or halted printer; upload, compare what was stored, select."""
+    def _prepare(self, taken_over: bool = False, lost: str = "") -> None:
+        """Refuse a busy or halted printer; upload, compare what was stored, select.
+
+        ``lost`` is the file of a start that may be under way still; it is deleted.
+        """
         hosted = self.hosted
         self._enter(LinkState.CHECKING, f"{self._words}: checks the printer")
         self._refuse_unready(taken_over)
@@ -283,6 +304,8 @@ class FilePrint:
                 self._refuse_unready(taken_over)  # an upload takes its time
                 self._look_for_end()
                 self._host.select(hosted.name)
+                if lost:
+                    self._delete(lost)
                 break
             except HostSilent as exc:  # none of these moves anything
                 self._silence = str(exc)
@@ -290,6 +313,18 @@ class FilePrint:
                     raise
                 time.sleep(POLL_S * attempt)
         self._journal.add("host", do="selected", file=hosted.name, bytes=len(hosted.data))
+
+    def _delete(self, lost: str) -> None:
+        if self._host.ended(lost) is not None:
+            raise HostRefused(f"{self.address}: {lost} has begun after all")
+        with suppress(HostRefused):  # it may be gone already
+            self._host.delete(lost)
+        try:
+            size = self._host.stored(lost, b"").size
+        except HostRefused as exc:
+            size = -1 if exc.status == HTTPStatus.NOT_FOUND else 0
+        if size >= 0 or not self._is_ready(self._poll()):
+            raise HostSilent(f"{self.address} doesn't confirm that {lost} is deleted")
 
     def _uploading(self, share: float) -> None:
         self._look_for_end()
@@ -330,7 +365,7 @@ class FilePrint:
         stored = self._host.stored(hosted.name, hosted.data)
         right = stored.size == len(hosted.data)
         right &= stored.sha1 in ("", hashlib.sha1(hosted.data).hexdigest())
-        right &= stored.sha256 in ("", hosted.job.sha256)
+        right &= stored.sha256 in ("", hashlib.sha256(hosted.data).hexdigest())
         if not right:
             raise HostRefused(
                 f"{self.address} has stored {stored.size} bytes of {len(hosted.data)}, or others; "
@@ -341,10 +376,9 @@ class FilePrint:
         """Start the file; again only where the host proves that it wasn't begun."""
         for attempt in range(1, MAX_STARTS + 1):
             self._see_selected()
-            with self._lock:  # a stop that comes later finds the intention, and cancels
-                self._look_for_end()
-                self._start_sent = True
-                self._journal.add("host", do="start", attempt=attempt, file=self.hosted.name)
+            self._look_for_end()
+            self._start_sent = True
+            self._journal.add("host", do="start", attempt=attempt, file=self.hosted.name)
             answered = False
             try:
                 self._host.start(self.hosted.name)
@@ -353,9 +387,7 @@ class FilePrint:
                 self._silence = str(exc)
             except HostRefused as exc:
                 self._silence = str(exc)
-                report = self._poll() if 400 <= exc.status < 500 else None
-                ready = report is not None and report.state is HostState.READY
-                if report is not None and ready and self._has_file(report):
+                if 400 <= exc.status < 500 and self._is_ready(self._poll()):
                     raise PrintEnded(LinkState.FAILED, f"not started: {exc}") from exc
             if self._was_begun(answered):
                 return
@@ -367,8 +399,7 @@ class FilePrint:
         limit = time.monotonic() + SETTLE_S
         while True:
             report = self._poll()
-            ready = report is not None and report.state is HostState.READY
-            if report is not None and ready and self._has_file(report):
+            if self._is_ready(report):
                 return
             self._look_for_end()
             if time.monotonic() > limit:
@@ -398,10 +429,10 @@ class FilePrint:
                     if self._history():  # begun, ended and selected anew
                         break
                     self._write("host", do="not begun", by=_in_words(report))
-                    return False
+                    return not self._replaced()
                 if now - ready_since > 10 * SETTLE_S:
                     raise _lost(
-                        f"{self.address} took the start and doesn't report that the file has "
+                        f"{self.address} was sent a start and doesn't report that the file has "
                         "begun; it isn't started again"
                     )
             elif (self._has_file(report) and report.state is not HostState.IDLE) or self._history():
@@ -422,22 +453,40 @@ class FilePrint:
         self._write("host", do="begun", by=_in_words(report))
         return True
 
+    def _replaced(self) -> bool:
+        """Put a copy in the place of the file whose start was lost; False if that has begun."""
+        lost = self.hosted
+        self.hosted = replace(lost, name=f"{lost.name.removesuffix(_ENDING)}-again{_ENDING}")
+        try:
+            self._prepare(lost=lost.name)
+        except LinkError as exc:
+            log.error("%s", exc)
+            self.hosted = lost
+            return not self._was_begun(answered=True)
+        self._start_sent = False
+        return True
+
     def _has_file(self, report: HostReport) -> bool:
         return report.file == self.hosted.name
+
+    def _is_ready(self, report: HostReport | None) -> bool:
+        return report is not None and report.state is HostState.READY and self._has_file(report)
 
     def _follow(self) -> None:
         """Follow what the host reports until its end."""
         missing, offline_since = 0, 0.0
         while True:
-            report, now = self._poll(), time.monotonic()
+            ended, report, now = self._history(), self._poll(), time.monotonic()
             if self.killing:
                 raise self._halt_end()
+            if report is not None and self._has_file(report):
+                self._see_one_print(ended.ends if ended else 0, report)
             offline = report is not None and report.state is HostState.OFFLINE
             offline_since = (offline_since or now) if offline else 0.0
             if report is None or offline:
                 self._unknown("the print goes on by itself, if it does")
                 if report is not None and now - offline_since > 2 * DECIDE_S:
-                    self._finish_by_history(report)
+                    self._finish_by_history(ended, report)
             elif report.state is HostState.HALTED:
                 words = f"the firmware has halted: {report.message}"
                 raise PrintEnded(LinkState.KILLED, words, known=False)
@@ -450,7 +499,7 @@ class FilePrint:
                 self._finish(report.state, report)
             else:
                 missing += 1
-                self._finish_by_history(report)
+                self._finish_by_history(ended, report)
                 if missing > DECIDE_S / POLL_S:
                     raise _lost(
                         f"{self.address} runs the file no longer ({_in_words(report)}) and has no "
@@ -465,17 +514,32 @@ class FilePrint:
         except (LinkError, KeyError, TypeError, ValueError):
             return None
 
-    def _finish_by_history(self, report: HostReport) -> None:
+    def _see_one_print(self, ends: int, report: HostReport) -> None:
+        """End the print where its file was begun anew; ``report`` is younger than ``ends``."""
+        begun_s, runs = report.begun_s, report.state in RUNNING
+        if begun_s is not None:
+            self._begun_s = begun_s if self._begun_s is None else self._begun_s
+            ends += abs(begun_s - self._begun_s) > _SAME_START_S
+        if ends > 1 or (ends and runs):
+            raise _lost(
+                f"the file has ended once on {self.address} and was begun anew, by another client; "
+                f"it says {_in_words(report)}"
+            )
+
+    def _finish_by_history(self, ended: HostEnd | None, report: HostReport) -> None:
         """End the print where the host's job history has its end."""
-        if (end := self._history()) is not None and end.state is not None:
-            self._finish(end.state, replace(report, message=end.message))
+        if ended is not None and ended.state is not None:
+            self._finish(ended.state, replace(report, message=ended.message))
 
     def _finish(self, end: HostState, report: HostReport) -> None:
-        place = report.place if self._has_file(report) else None
+        place, read = (report.place, report.position) if self._has_file(report) else (None, None)
         where = (
             f"the tip is at {_place_words(place)}" if place else "the tip's place isn't reported"
         )
         said = f"{self.address} says {end.value}"
+        if end is HostState.COMPLETE and read not in (None, len(self.hosted.data)):
+            words = f"{said}, and has read {read} of {len(self.hosted.data)} bytes; {where}"
+            raise PrintEnded(LinkState.FAILED, words, known=False)
         if end is HostState.COMPLETE:
             self._status = replace(self._status, lines_done=len(self.hosted.job))
             raise PrintEnded(LinkState.DONE, f"{said}; {where}")
@@ -500,10 +564,10 @@ class FilePrint:
         return PrintEnded(LinkState.KILLED, f"killed by the user; {words}", known=False)
 
     def _look_for_end(self) -> None:
-        """End a print that hasn't begun, where a person wants that."""
+        """End a print of which no start is under way, where a person wants that."""
         if self.killing:
             raise self._halt_end()
-        if self.stopping:
+        if self.stopping and not self._start_sent:
             words = "stopped by the user before its start; nothing moved"
             raise PrintEnded(LinkState.STOPPED, words)
 

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
 from printctl.machine.errors import PortError
-from printctl.machine.ports.detection import NETWORK_HOSTS
+from printctl.machine.ports.detection import ENCRYPTED, NETWORK_HOSTS
 
 KEY_VARIABLE: Final = "PRINTCTL_HOST_KEY"
 KEY_FILE_VARIABLE: Final = "PRINTCTL_HOST_KEY_FILE"
 _DEFAULT_PORT: Final = {"moonraker": 7125, "octoprint": 5000, "duet": 80}
+_HTTPS_PORT: Final = 443
 _ADDRESS: Final = re.compile(
     r"(?P<host>\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+)(?::(?P<port>\d{1,5}))?/?"
 )
@@ -45,10 +46,11 @@ class HostState(StrEnum):
     """The host answers, and has no connection to its printer."""
 
 
-ACTIVE: Final = frozenset(
+RUNNING: Final = frozenset(
     {HostState.PRINTING, HostState.PAUSING, HostState.PAUSED, HostState.RESUMING}
-    | {HostState.FINISHING, HostState.CANCELLING}
 )
+"""States in which lines of a file are ahead."""
+ACTIVE: Final = RUNNING | {HostState.FINISHING, HostState.CANCELLING}
 """States in which a file's lines are run, or will be."""
 OVER: Final = frozenset({HostState.COMPLETE, HostState.CANCELLED, HostState.FAILED})
 
@@ -70,6 +72,8 @@ class HostReport:
         The host's own words, for a fault.
     place : (x, y, z) or None, mm
         Where the host says that the tip is; None where it doesn't.
+    begun_s : float or None, s
+        When the file was begun, by the host's clock; None where it doesn't say.
     """
 
     state: HostState
@@ -79,6 +83,7 @@ class HostReport:
     progress: float | None = None
     message: str = ""
     place: tuple[float, float, float] | None = None
+    begun_s: float | None = None
 
     def without_nonsense(self, size: int) -> HostReport:
         """Return the report without a progress or a position that a file of ``size`` can't have."""
@@ -94,11 +99,13 @@ class HostReport:
 class HostEnd(NamedTuple):
     """How a host's job history says that a file ended.
 
-    ``state`` is None where the history has the file as begun and its end isn't known.
+    ``state`` is None where the history has the file as begun and its end isn't known; ``ends`` is
+    how many prints of the file have ended, of those that the history keeps.
     """
 
     state: HostState | None
     message: str = ""
+    ends: int = 1
 
 
 class StoredFile(NamedTuple):
@@ -139,7 +146,10 @@ class PrintHost(Protocol):
         """Select a file without starting it; nothing moves."""
 
     def start(self, name: str) -> None:
-        """Start the selected file."""
+        """Start the file of that name, whichever is selected; refused where there is none."""
+
+    def delete(self, name: str) -> None:
+        """Delete a stored file that isn't selected: a start of it is refused from then on."""
 
     def pause(self, name: str) -> None:
         """Pause the print."""
@@ -169,26 +179,29 @@ class HostAddress(NamedTuple):
     kind: str
     host: str
     port: int
+    encrypted: bool = False
 
     def __str__(self) -> str:
-        return f"{self.kind}://{self.host}:{self.port}"
+        return f"{self.kind}{ENCRYPTED * self.encrypted}://{self.host}:{self.port}"
 
 
 def parse_address(port: str) -> HostAddress:
     """Read a port such as ``moonraker://host:7125``; PortError for another one."""
     kind, _, rest = port.partition("://")
-    kind = kind.lower()
+    scheme = kind.lower()
+    kind, encrypted = scheme.removesuffix(ENCRYPTED), scheme.endswith(ENCRYPTED)
     match = _ADDRESS.fullmatch(rest)
     if "@" in rest or "?" in rest:
         raise PortError(
-            f"port {kind}://... holds a user, a password or a query; give {kind}://HOST:PORT, and "
-            f"the key by the environment ({KEY_VARIABLE}) or a file (--host-key)"
+            f"port {scheme}://... holds a user, a password or a query; give {scheme}://HOST:PORT, "
+            f"and the key by the environment ({KEY_VARIABLE}) or a file (--host-key)"
         )
     if kind not in NETWORK_HOSTS or match is None or int(match["port"] or 1) > 65535:
         raise PortError(
             f"port {port!r} isn't {', '.join(f'{one}://HOST[:PORT]' for one in NETWORK_HOSTS)}"
         )
-    return HostAddress(kind, match["host"].strip("[]"), int(match["port"] or _DEFAULT_PORT[kind]))
+    usual = _HTTPS_PORT if encrypted else _DEFAULT_PORT[kind]
+    return HostAddress(kind, match["host"].strip("[]"), int(match["port"] or usual), encrypted)
 
 
 def read_key(key_file: str = "") -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import http.client
 import json
-import select
 import socket
+import ssl
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -118,13 +118,15 @@ class HttpClient:
         if self._connection is not None and was_closed(self._connection.sock):
             self.close()
         if self._connection is None:
-            fresh = http.client.HTTPConnection(self.address.host, self.address.port, CONNECT_S)
             try:
-                fresh.connect()
-                fresh.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._connection = _connect(self.address)
+            except ssl.SSLCertVerificationError as exc:
+                raise HostRefused(
+                    f"{where}: the host's certificate isn't trusted ({exc.verify_message}); name "
+                    "the file of a lab's own CA by the environment (SSL_CERT_FILE)"
+                ) from None
             except OSError as exc:
                 raise HostSilent(f"{where}: no connection ({_reason(exc)})", sent=False) from None
-            self._connection = fresh
         return self._connection
 
 
@@ -197,25 +199,22 @@ class ReadyConnection:
         self._swap(None)
 
     def _exchange(self, end: socket.socket | None, data: bytes, method: str, limit_s: float) -> int:
-        with end or self._connect() as used:
+        with end or _connect(self._address).sock as used:
             used.settimeout(limit_s)
             used.sendall(data)
             answer = http.client.HTTPResponse(used, method=method)
             answer.begin()
             return answer.status
 
-    def _connect(self) -> socket.socket:
-        end = socket.create_connection((self._address.host, self._address.port), CONNECT_S)
-        end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return end
-
     def _keep(self) -> None:
         while not self._over.is_set():
+            with self._lock:  # `send` must not lose an answer to this look
+                closed = was_closed(self._socket)
             if not self._held:
                 self._swap(None)
-            elif was_closed(self._socket):
+            elif closed:
                 with suppress(OSError):
-                    self._swap(self._connect())
+                    self._swap(_connect(self._address).sock)
             self._wake.wait(CHECK_READY_S)
             self._wake.clear()
 
@@ -224,6 +223,20 @@ class ReadyConnection:
             old, self._socket = self._socket, fresh
         if old is not None:
             old.close()
+
+
+def _connect(address: HostAddress) -> http.client.HTTPConnection:
+    """Open a connection; where it is encrypted, to a host whose certificate is trusted alone."""
+    if address.encrypted:
+        trusted = ssl.create_default_context()
+        fresh: http.client.HTTPConnection = http.client.HTTPSConnection(
+            address.host, address.port, timeout=CONNECT_S, context=trusted
+        )
+    else:
+        fresh = http.client.HTTPConnection(address.host, address.port, CONNECT_S)
+    fresh.connect()
+    fresh.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return fresh
 
 
 @contextmanager
@@ -245,13 +258,16 @@ def _ended_after(end: socket.socket | None, limit_s: float) -> Iterator[None]:
 
 
 def was_closed(end: socket.socket | None) -> bool:
-    """Whether an unused connection was closed by its far side, or has something unread."""
-    if end is None:
-        return True
+    """Whether an unused connection was closed by its far side, or had something unread."""
     try:
-        return bool(select.select([end], [], [], 0)[0])
-    except (OSError, ValueError):
-        return True
+        if end is not None:
+            end.settimeout(0.0)
+            end.recv(1)  # TLS has news of its own to read, which are no answer
+    except (BlockingIOError, ssl.SSLWantReadError):
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def multipart(fields: dict[str, str], name: str, data: bytes) -> HostRequest:

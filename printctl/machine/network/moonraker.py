@@ -1,8 +1,8 @@
 """Moonraker, by its HTTP API (moonraker.readthedocs.io, Web API): upload, run, pause, state.
 
-The file is selected (M23) and started (M24) by two commands. Between them the firmware itself
-reports the file as loaded and not begun, which a restart of either program forgets: the proof that
-a start whose answer was lost wasn't carried out. M24 for a file that is being printed is refused.
+The file is selected (M23) and started by its name, by two commands. Between them the firmware
+itself reports the file as loaded and not begun, which a restart of either program forgets: the
+proof that a start whose answer was lost wasn't carried out.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from printctl.machine.errors import HostRefused
 from printctl.machine.network.host import (
     ACTIVE,
     OVER,
+    RUNNING,
     HostEnd,
     HostReport,
     HostRequest,
@@ -26,7 +27,7 @@ from printctl.machine.network.host import (
 from printctl.machine.network.http_client import HttpHost, multipart
 
 _QUERY: Final = (
-    "/printer/objects/query?webhooks&print_stats=filename,state,message"
+    "/printer/objects/query?webhooks&print_stats=filename,state,message,total_duration"
     "&virtual_sdcard=file_path,file_position,file_size,progress"
     "&toolhead=print_time,estimated_print_time&motion_report=live_position&pause_resume"
 )
@@ -50,6 +51,8 @@ _HISTORY: Final = {
     "klippy_shutdown": HostState.FAILED,
     "klippy_disconnect": HostState.FAILED,
 }
+_ENDED_HERE: Final = ("completed", "cancelled", "error")
+"""Ends of a print; the others are ends of what the host knew of it."""
 _COMMAND_S: Final = 60.0
 """Longest wait for a command that waits for the lines planned before it."""
 _NOT_CONNECTED: Final = 503
@@ -57,6 +60,9 @@ _NOT_CONNECTED: Final = 503
 
 class Moonraker(HttpHost):
     """A Moonraker host; see `PrintHost`."""
+
+    _since = 0.0
+    """Start of the history that is asked for, s since 1970 by the host's clock."""
 
     def identify(self) -> str:
         """Return the host's program and version."""
@@ -84,11 +90,17 @@ class Moonraker(HttpHost):
 
     def select(self, name: str) -> None:
         """Load the file; nothing moves."""
-        self._script(f"M23 {name}")
+        query = urlencode({"script": f"M23 {name}"})
+        self.http.post(f"/printer/gcode/script?{query}", limit_s=_COMMAND_S)
 
     def start(self, name: str) -> None:
-        """Start the loaded file."""
-        self._script("M24")
+        """Start the file; refused while one is being printed, or without the file."""
+        query = urlencode({"filename": name})
+        self.http.post(f"/printer/print/start?{query}")
+
+    def delete(self, name: str) -> None:
+        """Delete the file; refused while it is being printed."""
+        self.http.send(HostRequest("DELETE", f"/server/files/gcodes/{quote(name)}"))
 
     def pause(self, name: str) -> None:
         """Pause, by the printer's PAUSE."""
@@ -109,23 +121,26 @@ class Moonraker(HttpHost):
     def state(self, name: str) -> HostReport:
         """Return what the firmware reports through the host."""
         try:
-            found = self.http.get(_QUERY)["result"]["status"]
+            result = self.http.get(_QUERY)["result"]
         except HostRefused as exc:
             if exc.status != _NOT_CONNECTED:
                 raise
             return HostReport(HostState.OFFLINE, message=str(exc))
-        return read_state(found)
+        report = read_state(result["status"])
+        if report.state not in RUNNING:
+            return report
+        begun_s = result["eventtime"] - result["status"]["print_stats"]["total_duration"]
+        return replace(report, begun_s=begun_s)
 
     def ended(self, name: str) -> HostEnd | None:
-        """Return how the job history has the file's last print."""
-        jobs = self.http.get("/server/history/list?limit=50&order=desc")["result"]["jobs"]
-        status = next((str(job["status"]) for job in jobs if job["filename"] == name), None)
-        if status is None:
+        """Return how the job history has the file's first print."""
+        query = f"/server/history/list?limit=50&order=desc&since={self._since}"
+        jobs = [job for job in self.http.get(query)["result"]["jobs"] if job["filename"] == name]
+        if not jobs:
             return None
-        return HostEnd(_HISTORY.get(status), f"its job history says {status}")
-
-    def _script(self, text: str) -> None:
-        self.http.post(f"/printer/gcode/script?{urlencode({'script': text})}", limit_s=_COMMAND_S)
+        status, self._since = str(jobs[-1]["status"]), float(jobs[-1]["start_time"]) - 1.0
+        ends = sum(job["status"] in _ENDED_HERE for job in jobs)
+        return HostEnd(_HISTORY.get(status), f"its job history says {status}", ends)
 
 
 def read_state(found: dict[str, Any]) -> HostReport:

@@ -56,8 +56,12 @@ class OctoPrint(HttpHost):
         self.http.post(f"/api/files/local/{quote(name)}", {"command": "select", "print": False})
 
     def start(self, name: str) -> None:
-        """Start the selected file; refused while one is being printed."""
-        self.http.post("/api/job", {"command": "start"})
+        """Select the file and start it; refused while one is being printed, or without the file."""
+        self.http.post(f"/api/files/local/{quote(name)}", {"command": "select", "print": True})
+
+    def delete(self, name: str) -> None:
+        """Delete the file; refused while it is being printed."""
+        self.http.send(HostRequest("DELETE", f"/api/files/local/{quote(name)}"))
 
     def pause(self, name: str) -> None:
         """Pause, by the host's own script."""
@@ -90,12 +94,14 @@ class OctoPrint(HttpHost):
 
     def ended(self, name: str) -> HostEnd | None:
         """Return how the file's own record has its last print."""
-        last = ((self._file(name) or {}).get("prints") or {}).get("last")
-        if not last:
+        prints = (self._file(name) or {}).get("prints") or {}
+        if not prints.get("last"):
             return None
-        if last.get("success"):
-            return HostEnd(HostState.COMPLETE)
-        return HostEnd(HostState.FAILED, "its record says: not successful (cancelled, or failed)")
+        ends = prints.get("success", 0) + prints.get("failure", 0)
+        if prints["last"].get("success"):
+            return HostEnd(HostState.COMPLETE, "its record says: successful", ends)
+        words = "its record says: not successful (cancelled, or failed)"
+        return HostEnd(HostState.FAILED, words, ends)
 
     def _file(self, name: str) -> dict[str, Any] | None:
         try:

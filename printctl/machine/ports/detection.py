@@ -26,12 +26,14 @@ AUTO: Final = "auto"
 """In place of a port's name or a baud rate."""
 NETWORK_HOSTS: Final = ("moonraker", "octoprint", "duet")
 """Schemes of ports behind which a program receives a whole file and runs it by itself."""
+ENCRYPTED: Final = "+https"
+"""Behind such a scheme: HTTP over TLS."""
 
 
 def runs_files(port: str) -> bool:
     """Whether a port is a network host's (``moonraker://HOST:PORT`` and the like)."""
     scheme, found, _ = port.partition("://")
-    return bool(found) and scheme.lower() in NETWORK_HOSTS
+    return bool(found) and scheme.lower().removesuffix(ENCRYPTED) in NETWORK_HOSTS
 
 
 @dataclass(frozen=True)

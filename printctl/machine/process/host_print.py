@@ -114,7 +114,9 @@ def run_host_print(order: Order, contact: Any, begin_journal: Any) -> Status:
     with ExitStack() as parting:
         journal = Journal(path, reserve=True)
         parting.callback(journal.close)
-        printing = _print_of(order, identity, job, data, printer, journal)
+        step, name = ("", name_on_host(identity, job.name)) if history is None else history.hosted
+        name = name or name_on_host(identity, job.name)
+        printing = _print_of(order, name, job, data, printer, journal)
         door = HostDoor(printing, identity)
         listener, address, token = listen(order.folder)
         door.server = Server(listener, token, door)
@@ -126,14 +128,14 @@ def run_host_print(order: Order, contact: Any, begin_journal: Any) -> Status:
         begin_journal(journal, order, job, printer, id=identity, lines=len(job), **heard)
         remember_folder(order.folder)
         contact.begin(identity, address, token)
-        return printing.run(history is not None, history is not None and "start" in history.hosted)
+        return printing.run(history is not None, step == "start")
 
 
 def _print_of(
-    order: Order, identity: str, job: Job, data: bytes, printer: Printer, journal: Journal
+    order: Order, name: str, job: Job, data: bytes, printer: Printer, journal: Journal
 ) -> FilePrint:
     key = read_key(load_record(order.folder).key_file)
-    name = name_on_host(identity, job.name)
+    data = data if data.endswith(b"\n") else data + b"\n"  # else a host may leave the last line out
     hosted = HostedJob(job, data, name, printer, order.care.start_mm)
     limit_s = order.care.silent_limit_s
     return FilePrint(parse_address(order.port), key, hosted, journal, silent_limit_s=limit_s)

@@ -79,8 +79,8 @@ class JournalledPrint:
         Whether the needle stood at the job's place at the last record.
     stopping : bool
         Whether it had begun to end the print: needle up, heaters perhaps off.
-    hosted : list of str
-        Steps of a print on a network host, in order: ``selected``, ``start`` and so on.
+    hosted : (str, str)
+        Last step of a print on a network host (``selected`` or ``start``) and its file there.
     capabilities : dict of str to bool
         Of the firmware, as it has reported them; empty where it hasn't.
     """
@@ -113,7 +113,7 @@ class JournalledPrint:
     looked: list[Record] = field(default_factory=list)
     park: tuple[float, float, float] | None = None
     stood: Record | None = None
-    hosted: list[str] = field(default_factory=list)
+    hosted: tuple[str, str] = ("", "")
     heard: float | None = None
     end: Record | None = None
     over: bool = False
@@ -437,7 +437,8 @@ def _end(known: JournalledPrint, record: Record) -> None:
 
 
 def _host(known: JournalledPrint, record: Record) -> None:
-    known.hosted.append(record["do"])
+    if "file" in record:
+        known.hosted = (record["do"], record["file"])
 
 
 def _keep(name: str) -> Callable[[JournalledPrint, Record], None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -9,12 +10,13 @@ from pathlib import Path
 import pytest
 
 from printctl.machine.errors import Refused
+from printctl.machine.network.host import HostReport, HostState
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.network.boards import JOB, BoardServer, Print
 
 STROKES = [line for line in JOB.splitlines() if " E" in line and line.startswith("G1")]
-START = r"M24|/machine/code"
+START = r"M32|/machine/code"
 
 
 def wait(condition: Callable[[], bool], within_s: float = 10.0) -> None:
@@ -54,7 +56,7 @@ def test_intention_is_on_the_disk_before_the_start_leaves(server: BoardServer, t
     one = Print(tmp_path / "p", server)
 
     def look(path: str) -> None:
-        if "M24" in path or (server.sbc and "code" in path and server.board.selected):
+        if "M32" in path or (server.sbc and "code" in path and server.board.selected):
             records = [record for record in read_records(one.journal_path) if record]
             found.append(any(record.get("do") == "start" for record in records))
 
@@ -81,7 +83,7 @@ def test_lost_start_is_sent_again_once_the_host_proves_it(server: BoardServer, t
     lost: list[str] = []
 
     def lose(path: str) -> None:
-        begins = "M24" in path or ("machine/code" in path and bool(server.board.selected))
+        begins = "M32" in path or ("machine/code" in path and bool(server.board.selected))
         if begins and not lost:
             lost.append(path)
             server.faults.drop = START
@@ -90,7 +92,100 @@ def test_lost_start_is_sent_again_once_the_host_proves_it(server: BoardServer, t
     one = Print(tmp_path / "p", server).start()
     assert one.end().state is LinkState.DONE
     assert (starts(server), server.strokes()) == (1, STROKES)
-    assert one.steps() == ["selected", "start", "not begun", "start", "begun"]
+    again = ["selected", "start", "begun"]
+    assert one.steps() == ["selected", "start", "not begun", *again]
+    late = 'M32 "0:/gcodes/printctl-1-aa-job.gcode"'
+    assert server.board.code(late).startswith("Error")
+    assert starts(server) == 1
+
+
+def held_start(server: BoardServer) -> list[str]:
+    """Lose the next start; return it, to come late."""
+    held: list[str] = []
+
+    def lose(path: str) -> None:
+        if server.board.selected and re.search(START, path) and not held:
+            held.append(f'M32 "0:/gcodes/{server.board.selected}"')
+            server.faults.drop = START
+
+    server.faults.meanwhile = lose
+    return held
+
+
+def test_a_start_that_comes_late_is_void(server: BoardServer, tmp_path: Path):
+    held = held_start(server)
+    one = printing(Print(tmp_path / "p", server).start())
+    one.film.pause()
+    wait(lambda: one.film.status.state is LinkState.PAUSED)
+    assert server.board.code(held[0]).startswith("Error")
+    assert server.board.status == "paused"
+    one.film.resume(lambda why: None)
+    assert one.end().state is LinkState.DONE
+    assert server.board.code(held[0]).startswith("Error")
+    assert (starts(server), server.strokes()) == (1, STROKES)
+
+
+def test_a_start_that_comes_late_after_a_stop_is_void(server: BoardServer, tmp_path: Path):
+    held = held_start(server)
+    one = Print(tmp_path / "p", server).start()
+    wait(lambda: bool(held))
+    one.film.stop()
+    ended = one.end()
+    assert ended.state is LinkState.STOPPED
+    assert "nothing moved" in ended.message
+    assert server.board.code(held[0]).startswith("Error")
+    assert starts(server) == 0
+
+
+def test_a_start_that_comes_while_its_file_is_replaced_is_followed(
+    server: BoardServer, tmp_path: Path
+):
+    held, uploads = held_start(server), []
+    lose = server.faults.meanwhile
+
+    def come(path: str) -> None:
+        lose(path)
+        if held and re.search("upload|machine/file/", path) and not uploads:
+            uploads.append(path)
+            assert server.board.code(held[0]) == ""
+
+    server.faults.meanwhile = come
+    one = Print(tmp_path / "p", server).start()
+    assert one.end().state is LinkState.DONE
+    assert (len(uploads), starts(server), server.strokes()) == (1, 1, STROKES)
+
+
+def test_a_print_begun_anew_between_two_questions_is_not_taken_for_ours(
+    server: BoardServer, tmp_path: Path
+):
+    one = printing(Print(tmp_path / "p", server).start())
+    board, name = server.board, server.board.selected
+    board.code("M25")
+    board.code("M0")
+    wait(lambda: board.status == "idle")
+    board.code(f'M32 "{name}"')
+    ended = one.end()
+    assert ended.state is LinkState.POSITION_UNKNOWN
+    assert "begun anew, by another client" in ended.message
+
+
+def test_another_begin_of_the_file_is_told_by_the_hosts_clock(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    for begun_s in (70.0, 70.01, 75.0):
+        said = HostReport(HostState.PRINTING, one.film.hosted.name, begun_s=begun_s)
+        assert one.film.status.state is LinkState.PRINTING
+        one.film._host.state = lambda name, said=said: said  # type: ignore[method-assign,misc]
+        time.sleep(0.2)
+    assert "begun anew" in one.end().message
+
+
+def test_complete_before_the_files_end_is_not_done(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    said = HostReport(HostState.COMPLETE, one.film.hosted.name, position=len(JOB) // 2)
+    one.film._host.state = lambda name: said  # type: ignore[method-assign]
+    ended = one.end()
+    assert ended.state is LinkState.FAILED
+    assert f"has read {len(JOB) // 2} of {len(JOB)} bytes" in ended.message
 
 
 def test_another_clients_file_is_not_started(server: BoardServer, tmp_path: Path):

@@ -40,7 +40,7 @@ def order(tmp_path: Path, server: BoardServer, monkeypatch: pytest.MonkeyPatch) 
     (tmp_path / "key").write_text("hush")
     monkeypatch.setenv("PRINTCTL_HOST_KEY_FILE", str(tmp_path / "key"))
     job = tmp_path / "job.gcode"
-    job.write_text(JOB.replace("F1200", "F240"))
+    job.write_text(JOB.replace("F1200", "F240").rstrip())
     return Order(job, PROFILE, server.port, tmp_path / "job.print", once=True)
 
 
@@ -73,6 +73,8 @@ def test_killed_process_that_is_run_again_follows_the_same_print(
     assert again.wait(30.0).state is LinkState.DONE
     lines = server.board.run_lines
     assert lines.count("G92 X10 Y10 Z5") == 1
+    (stored,) = server.folder.glob("printctl-*")
+    assert stored.read_bytes().endswith(b"\n")  # Klipper leaves out a last line without it
     assert len(server.strokes()) == len(set(server.strokes())) == 4
     assert find_or_start(order, lambda: order.port).status.state is LinkState.DONE  # once
     kept = b"".join(path.read_bytes() for path in order.folder.iterdir() if path.is_file())

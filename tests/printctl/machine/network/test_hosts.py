@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import socket
+import ssl
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,7 +20,13 @@ import pytest
 
 from printctl.machine.errors import HostRefused, HostSilent, PortError
 from printctl.machine.network.duet import Duet
-from printctl.machine.network.host import HostRequest, HostState, parse_address, read_key
+from printctl.machine.network.host import (
+    HostAddress,
+    HostRequest,
+    HostState,
+    parse_address,
+    read_key,
+)
 from printctl.machine.network.http_client import HttpClient, ReadyConnection
 from printctl.machine.network.moonraker import Moonraker, read_state
 from printctl.machine.network.octoprint import OctoPrint, read_job
@@ -79,10 +88,17 @@ def opened() -> Iterator[Opened]:
 
 
 def test_addresses():
-    assert parse_address("moonraker://lab") == ("moonraker", "lab", 7125)
-    assert parse_address("octoprint://10.0.0.2:80/") == ("octoprint", "10.0.0.2", 80)
-    assert parse_address("duet://[::1]:8080") == ("duet", "::1", 8080)
-    for wrong in ("duet://", "duet://a:99999", "moonraker://a/b", "http://a"):
+    assert parse_address("moonraker://lab") == ("moonraker", "lab", 7125, False)
+    assert parse_address("octoprint+https://10.0.0.2/") == ("octoprint", "10.0.0.2", 443, True)
+    assert parse_address("duet://[::1]:8080") == ("duet", "::1", 8080, False)
+    assert str(parse_address("octoprint+https://a")) == "octoprint+https://a:443"
+    for wrong in (
+        "duet://",
+        "duet+https+https://a",
+        "duet://a:99999",
+        "moonraker://a/b",
+        "http://a",
+    ):
         with pytest.raises(PortError):
             parse_address(wrong)
 
@@ -151,6 +167,55 @@ def test_ready_connection_is_opened_anew_when_the_host_closes_it():
             end.close()
 
 
+@pytest.fixture
+def encrypted(scripted: Scripted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> HostAddress:
+    """A host behind TLS, whose certificate is its own CA, for the name localhost."""
+    if shutil.which("openssl") is None:
+        pytest.skip("needs openssl")
+    made = (
+        "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj /CN=h"
+    )
+    files = ["-addext", "subjectAltName=DNS:localhost", "-keyout", "key.pem", "-out", "ca.pem"]
+    subprocess.run([*made.split(), *files], cwd=tmp_path, check=True, capture_output=True)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(tmp_path / "ca.pem", tmp_path / "key.pem")
+    scripted.server.socket = context.wrap_socket(scripted.server.socket, server_side=True)
+    monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
+    return parse_address(f"moonraker+https://localhost:{scripted.server.server_address[1]}")
+
+
+def test_tls_keeps_one_connection_and_halts_by_another(
+    encrypted: HostAddress, scripted: Scripted, opened: Opened
+):
+    client, ready = opened(HttpClient(encrypted)), opened(ReadyConnection(encrypted))
+    client.get("/a")
+    first = client._connection
+    time.sleep(0.1)  # the server's tickets are there by now
+    client.get("/b")
+    assert client._connection is first
+    ready.hold(True)
+    time.sleep(0.3)
+    kept = ready._socket
+    time.sleep(0.2)
+    assert kept is ready._socket is not None
+    assert ready.send(HostRequest("POST", "/stop")) == 200
+    assert [path for _, path, *_ in scripted.asked] == ["/a", "/b", "/stop"]
+
+
+def test_tls_refuses_a_certificate_that_nobody_vouches_for(
+    encrypted: HostAddress, scripted: Scripted, monkeypatch: pytest.MonkeyPatch
+):
+    other_name = encrypted._replace(host="127.0.0.1")
+    with pytest.raises(HostRefused, match="IP address mismatch"):
+        HttpClient(other_name).get("/a")
+    monkeypatch.delenv("SSL_CERT_FILE")
+    with pytest.raises(HostRefused, match="self-signed"):
+        HttpClient(encrypted).get("/a")
+    with closing(ReadyConnection(encrypted)) as ready, pytest.raises(HostSilent):
+        ready.send(HostRequest("POST", "/stop"))
+    assert not scripted.asked
+
+
 def test_no_connection_is_left_open_to_a_host_that_does_not_answer():
     with socket.create_server(("127.0.0.1", 0)) as listener:
         address = parse_address(f"octoprint://127.0.0.1:{listener.getsockname()[1]}")
@@ -202,6 +267,16 @@ def test_moonraker_states(found: dict[str, Any], state: HostState):
     assert read_state(found).state is state
 
 
+def test_moonraker_reports_when_the_file_was_begun(scripted: Scripted, opened: Opened):
+    stats = {"state": "printing", "filename": "a", "total_duration": 40.0}
+    result = {"eventtime": 100.0, "status": {**MOVING, "print_stats": stats}}
+    scripted.answer = lambda method, path, body: (200, {"result": result})
+    host = opened(Moonraker(scripted.at("moonraker")))
+    assert host.state("a").begun_s == 60.0
+    stats["state"] = "complete"
+    assert host.state("a").begun_s is None
+
+
 def test_moonraker_upload_history_and_halt(scripted: Scripted, opened: Opened):
     data = b"G1 X1\n"
 
@@ -209,8 +284,9 @@ def test_moonraker_upload_history_and_halt(scripted: Scripted, opened: Opened):
         if path.startswith("/server/files/gcodes/"):
             return 200, data
         jobs = [
-            {"filename": "b", "status": "completed"},
-            {"filename": "a", "status": "interrupted"},
+            {"filename": "b", "status": "in_progress", "start_time": 9.0},
+            {"filename": "b", "status": "completed", "start_time": 5.0},
+            {"filename": "a", "status": "interrupted", "start_time": 1.0},
         ]
         return 200, {"result": {"jobs": jobs, "components": ["history"]}}
 
@@ -226,7 +302,7 @@ def test_moonraker_upload_history_and_halt(scripted: Scripted, opened: Opened):
     assert host.stored("a.gcode", data).sha256 == hashlib.sha256(data).hexdigest()
     assert host.ended("none") is None
     ended = host.ended("a"), host.ended("b")
-    assert [one.state for one in ended if one] == [None, HostState.COMPLETE]
+    assert [(one.state, one.ends) for one in ended] == [(None, 0), (HostState.COMPLETE, 1)]
     assert host.halt_request().path == "/printer/emergency_stop"
 
 
