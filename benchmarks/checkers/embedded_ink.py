@@ -171,10 +171,16 @@ class Ink:
         return volume
 
 
-def written_ink(moves: Moves, axes: Axes, ul_per_e: float, longest_mm: float = np.inf) -> Ink:
+def written_ink(
+    moves: Moves,
+    axes: Axes,
+    ul_per_e: float,
+    longest_mm: float = np.inf,
+    window_mm: float = WINDOW_MM,
+) -> Ink:
     """Lay the ink: a stretch is at most `FINEST` radii long, and ``longest_mm``.
 
-    Radius from the volume pushed over `WINDOW_MM` about each place, within its pass: E is written
+    Radius from the volume pushed over ``window_mm`` about each place, within its pass: E is written
     with few digits, so that a short move says little.
     """
     stroke = passes_of(moves)
@@ -185,7 +191,8 @@ def written_ink(moves: Moves, axes: Axes, ul_per_e: float, longest_mm: float = n
     bounds = np.append(0.0, along)[np.append(first, len(number))]
     begin, end = bounds[number], bounds[number + 1]
     middle = along - length / 2
-    rough = _radius(middle, begin, end, along, total, ul_per_e)
+    pushed_by = along, total, ul_per_e, window_mm
+    rough = _radius(middle, begin, end, *pushed_by)
     count = np.ceil(length / np.minimum(FINEST * rough, longest_mm)).astype(np.int64).clip(min=1)
     of = np.repeat(np.arange(len(wrote)), count)
     nth = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
@@ -196,7 +203,7 @@ def written_ink(moves: Moves, axes: Axes, ul_per_e: float, longest_mm: float = n
     return Ink(
         point=point,
         tip=start + ((nth + 1.0) / count[of])[:, None] * way,
-        radius=_radius(at, begin[of], end[of], along, total, ul_per_e),
+        radius=_radius(at, begin[of], end[of], *pushed_by),
         length=length[of] / count[of],
         move=wrote[of],
         stroke=number[of],
@@ -215,10 +222,11 @@ def _radius(
     along: FloatArray,
     total: FloatArray,
     ul_per_e: float,
+    window_mm: float,
 ) -> FloatArray:
     places = np.append(0.0, along)
-    low = np.clip(at - WINDOW_MM / 2, begin, np.maximum(end - WINDOW_MM, begin))
-    high = np.clip(low + WINDOW_MM, begin, end)
+    low = np.clip(at - window_mm / 2, begin, np.maximum(end - window_mm, begin))
+    high = np.clip(low + window_mm, begin, end)
     pushed = np.interp(high, places, total) - np.interp(low, places, total)
     radius: FloatArray = np.sqrt(np.maximum(pushed, 0.0) * ul_per_e / (np.pi * (high - low)))
     return np.maximum(radius, 1e-3)
@@ -242,6 +250,23 @@ def overlap_ul(ink: Ink, axes: Axes) -> float:
             written_by[spot] = ink.stroke[k]
         again[k] = written_by[spot] != ink.stroke[k]
     return float(ink.volume_ul[again | (own & ~on_axis & _past_joints(ink, axes))].sum())
+
+
+def vessels_of_passes(ink: Ink, axes: Axes) -> IntArray:
+    """Vessel of each stretch; of an overlap at a pass' end the one that the pass writes there."""
+    past, rows = _past_joints(ink, axes), np.arange(len(ink.stroke))
+    joint = past.copy()  # with the stretch nearest to the node, which may lie on either side
+    joint[1:] |= past[:-1]
+    joint[:-1] |= past[1:]
+    past = joint
+    beside = np.flatnonzero(~past)
+    at = np.searchsorted(beside, rows)
+    own = rows.copy()
+    for k in (at, at - 1):
+        row = beside[k.clip(0, len(beside) - 1)]
+        own = np.where(past & (ink.stroke[row] == ink.stroke), row, own)
+    vessel: IntArray = ink.vessel[own]
+    return vessel
 
 
 def _past_joints(ink: Ink, axes: Axes) -> NDArray[np.bool_]:

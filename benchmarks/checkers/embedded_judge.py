@@ -17,6 +17,7 @@ itself where that happens further apart along it than J.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +28,12 @@ from scipy.spatial import KDTree
 from benchmarks.checkers.compiled import compiled
 from benchmarks.checkers.embedded_ink import (
     BIN_MM,
+    WINDOW_MM,
     Axes,
     Ink,
     overlap_ul,
     read_axes,
+    vessels_of_passes,
     written_ink,
 )
 from benchmarks.checkers.embedded_joints import cuts_of, joints_of, open_joints, pass_ends
@@ -95,8 +98,7 @@ class Tips:
 class Bad:
     """Moves (n,) of which the shaft enters ink, in order.
 
-    ``through``: vessel that is entered deepest, -1 beside the network; ``depth_mm``: how deep,
-    radially, at most.
+    ``through``: stretch of ink that is entered deepest; ``depth_mm``: how deep, radially, at most.
     """
 
     move: IntArray
@@ -162,7 +164,7 @@ def bad_moves(
         for low, n in zip(first, samples, strict=True)
     ]
     at = np.array(deepest, dtype=np.int64)
-    return Bad(move, ink.vessel[through[at]], depth[at])
+    return Bad(move, through[at], depth[at])
 
 
 def _grid(ink: Ink, shaft: float) -> tuple[Any, ...]:
@@ -297,9 +299,13 @@ def judge_moves(
     ul_per_e: float,
     graze_mm: float = 0.005,
     named: int = 20,
+    window_mm: float = WINDOW_MM,
 ) -> dict[str, Any]:
-    """Count what is wrong with a print's moves, in the network's frame; as `judge`."""
-    ink = written_ink(moves, axes, ul_per_e)
+    """Count what is wrong with a print's moves, in the network's frame; as `judge`.
+
+    ``window_mm``: way over which what is pushed tells the ink's radius (`written_ink`).
+    """
+    ink = written_ink(moves, axes, ul_per_e, window_mm=window_mm)
     if not len(ink.point):
         raise ValueError("no move writes ink")
     cuts = cuts_of(axes, ink)
@@ -328,9 +334,11 @@ def _crossings(
     share = np.linspace(0.0, 1.0, 33)[:, None, None]
     start, end = moves.start[bad.move], moves.end[bad.move]
     ways = (start + share * (end - start)).transpose(1, 0, 2)
+    # An overlap past a node is its own vessel's and, by its place, another's.
+    both = np.column_stack([ink.vessel, vessels_of_passes(ink, axes)])
     own = [
-        overlaps_near(axes, int(vessel), int(through), way, needle_outer_mm)
-        for vessel, through, way in zip(ink.vessel[at], bad.through, ways, strict=True)
+        any(overlaps_near(axes, *pair, way, needle_outer_mm) for pair in product(one, other))
+        for one, other, way in zip(both[at].tolist(), both[bad.through].tolist(), ways, strict=True)
     ]
     deepest = np.lexsort((-bad.depth_mm, np.array(own)))[:named]
     return {
@@ -343,7 +351,7 @@ def _crossings(
                 "line": int(moves.line[bad.move[k]]),
                 "kind": "writing" if writes[k] else "travel",
                 "vessel": int(ink.vessel[at[k]]),
-                "through": int(bad.through[k]),
+                "through": int(ink.vessel[bad.through[k]]),
                 "depth_mm": round(float(bad.depth_mm[k]), 4),
                 "at_own_overlap": own[k],
                 "at_mm": np.round(moves.end[bad.move[k]], 3).tolist(),

@@ -38,6 +38,8 @@ PRINT_MM_S, JOG_MM_S, DWELL_S = 1.0, 5.0, 0.08
 """Speeds at which the lab's report counts its files."""
 NEAR_MM: Final = 0.1
 """A point of a vessel is written where the path comes so near, or within its radius."""
+MOVE_MM: Final = 0.001
+"""Each move tells its ink's radius by itself: what flows follows from its time, which is exact."""
 WRITTEN_SHARE: Final = 0.95
 MANUAL: Final = frozenset({"G71", "G76", "G4", "WAIT", "Disable"})
 """Words that aren't in the lab's files, and stand in the A3200's manual: mm, seconds, a dwell in
@@ -96,15 +98,19 @@ def _judged(
 ) -> Iterator[Row]:
     moves = program.moves(APART_MM, FLOW_UL_S)
     moves = replace(moves, start=moves.start - PLACE_MM, end=moves.end - PLACE_MM)
-    found = judge_moves(moves, read_axes(table), options.needle_outer_mm, ul_per_e=1.0)
+    found = judge_moves(
+        moves, read_axes(table), options.needle_outer_mm, ul_per_e=1.0, window_mm=MOVE_MM
+    )
     head = program.head
+    count = np.ceil(moves.length / (NEAR_MM / 4)).astype(np.int64) + 1
+    of = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(of)) - (np.cumsum(count) - count)[of]) / (count[of] - 1).clip(min=1)
+    path = moves.start[of] + share[:, None] * (moves.end - moves.start)[of]
     written = 0
     for vessel in range(network.vessel_count):
         points, radius = network.polyline(vessel)
         ends = head == own[vessel]
-        step = np.linspace(0, 1, 9)[:, None, None]
-        path = (moves.start[ends] + step * (moves.end - moves.start)[ends]).reshape(-1, 3)
-        away, _ = KDTree(path).query(points)
+        away, _ = KDTree(path[ends[of]]).query(points)
         there = np.mean(away <= np.maximum(radius, NEAR_MM)) >= WRITTEN_SHARE
         written += bool(there) or vessel in left_out
     yield all_of(f"{name}: vessels written with their ink, or left out by name", written,

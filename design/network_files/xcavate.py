@@ -90,9 +90,10 @@ def read_network_xcavate(
     if ends is not None:
         lines = _turned(lines, ends)
     merged, notes = _merged(path, lines)
-    network, snaps, free = _join_lines(path, merged)
+    network, snaps = _join_lines(path, merged)
     # Merged vessels meet at nodes already.
     moved = tuple(snap for snap in snaps if not notes or snap.moved_mm > 0.0)
+    free = int(np.count_nonzero(network.degree() == 1))
     return XcavateNetwork(network, moved, (*notes, _note(moved, free)))
 
 
@@ -281,14 +282,13 @@ class _Foot(NamedTuple):
     gap_mm: float
 
 
-def _join_lines(path: Path, lines: list[_Line]) -> tuple[VesselNetwork, list[Snap], int]:
+def _join_lines(path: Path, lines: list[_Line]) -> tuple[VesselNetwork, list[Snap]]:
     """Put every end that lies within another vessel on its axis, and cut that vessel there.
 
     An end lies within the vessel of whose radius (at the nearest place of its axis) the distance
     is the smallest part, if that is at most `REACH`. The end moves, the other vessel doesn't;
     points that the end would have to turn back to are left out. Ends that lie in the same place
-    of a vessel, to `SAME_JOINT` of its radius, share a node. Also returns the ends that were moved,
-    and how many meet nothing.
+    of a vessel, to `SAME_JOINT` of its radius, share a node. Also returns the ends that were moved.
     """
     near = _Near(lines)
     ends = [(i, side) for i in range(len(lines)) for side in (0, 1)]
@@ -297,15 +297,14 @@ def _join_lines(path: Path, lines: list[_Line]) -> tuple[VesselNetwork, list[Sna
     paths = [
         LabelledPath(one.points, one.radius, (2 * i, 2 * i + 1), i) for i, one in enumerate(lines)
     ]
-    snaps, free = [], 0
+    snaps = []
     for (i, side), foot in zip(ends, feet, strict=True):
         if foot is None:
-            free += 1
             continue
         labels.unite(2 * i + side, _joint(paths[foot.line], foot.at, labels))
         end = ("start", "end")[side]
         snaps.append(Snap(lines[i].vessel, lines[foot.line].vessel, end, foot.gap_mm))
-    return chain_pieces(_pieces(path, lines, paths, labels)), snaps, free
+    return chain_pieces(_pieces(path, lines, paths, labels)), snaps
 
 
 class _Near:

@@ -187,6 +187,13 @@ def test_ends_that_meet_end_to_end_share_a_node_and_loops_close(tmp_path: Path) 
     assert network.degree().tolist() == [2, 2, 2, 2]
 
 
+def test_an_end_within_which_another_lies_is_not_free(tmp_path: Path) -> None:
+    lines = ("0, 0, 0, 0.05\n1, 0, 0, 0.05\n", "1.06, 0, 0, 0.1\n2, 0, 0, 0.1\n")
+    heads = (f"Vessel: {k}, Number of Points: 2\n{line}" for k, line in enumerate(lines))
+    found = read_network_xcavate(_written(tmp_path, "".join(heads)))
+    assert found.notes[-1].endswith("free ends (inlets, outlets or loose): 2.")
+
+
 def test_a_fifth_column_says_artery_or_vein(tmp_path: Path) -> None:
     rows = ["0, 0, 0, 0.1, 1", "2, 0, 0, 0.1, 1", "2.5, 0, 0, 0.1, 0", "4, 0, 0, 0.1, 0"]
     text = "Vessel: 0, Number of Points: 4\n" + "\n".join(rows)
