@@ -156,7 +156,7 @@ class RepRapFirmware(HomedFirmware):
 
     def take_tool(self, command: Command) -> Steps:
         """T: none with that number deselects all, and is no head here; T alone tells."""
-        machine, count = self.board.machine, self.board.machine.printer.head_count
+        machine, count = self.board.machine, self.board.machine.printer.tool_count
         if count == 1:
             return None
         if 0 <= command.number < count:

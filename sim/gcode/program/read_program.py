@@ -67,17 +67,21 @@ def read_written(
     file = read_file(gcode, printer, max_refused=max_refused)
     text = file.in_g_code
     rule = family_of(printer).grammar.e_rule
-    program = read_gcode(text, start_mm, printer.head_count, rule)
+    program = read_gcode(text, start_mm, printer.tool_count, rule)
     if file.per_second is not None:
         program = _timed(program, file.per_second)
-    if printer.streamed or printer.head_count == 1:
+    if len(printer.airs) < 2:
         return ReadProgram(program, text, file)
     # No command says which head is in use: its valve does.
+    own = len(set(printer.z_axes)) > 1
     files = [
-        read_file(gcode, printer, head=k, max_refused=max_refused)
+        read_file(gcode, printer, head=k, max_refused=max_refused) if own else file
         for k in range(printer.head_count)
     ]
-    each = [_heights(read_gcode(one.in_g_code, start_mm), program) for one in files]
+    each = [
+        _heights(read_gcode(one.in_g_code, start_mm), program) if own else program.target[:, 2]
+        for one in files
+    ]
     axis_mm = np.column_stack(each)
     program, uneven = with_heads(program, axis_mm, read_valves(program, file.others, printer))
     refused = dict(pair for one in files[::-1] for pair in one.refused) | dict(uneven)
