@@ -11,11 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
+from typing import Final
 
 from firmware_profiles import Pneumatic, Printer
 from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
 from sim.gcode.reading import read_sent
+
+
+PRESSURE_SETTLES_S: Final = 1.0
+"""Waited for where a pressure is set again: electronic regulators take some tenths of a second."""
 
 
 def head_chosen(line: bytes) -> int | None:
@@ -111,12 +116,13 @@ def shut(printer: Printer) -> list[bytes]:
 
 
 def pressures(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:
-    """Commands that set each head's pressure as the job had set it last before ``done``."""
+    """Commands that set each head's pressure as the job had set it last before ``done``; a wait."""
     last = (
         next((line for line in reversed(lines[:done]) if _is_about(line, *pair)), None)
         for pair in printer.pressure_pairs.values()
     )
-    return [line for line in last if line is not None]
+    commands = [line for line in last if line is not None]
+    return [*commands, *_dwell(PRESSURE_SETTLES_S)] if commands else []
 
 
 def shut_and_wait(printer: Printer) -> list[bytes]:
