@@ -284,15 +284,14 @@ def _way_in(
         commands.append(choose(printer, head))
     if not printer.pneumatic:
         commands.append(count_from(retreat.relieved_e(e, rest_start.relieved_mm)))
-    opens = reopen(job.lines, begin, printer)
     commands += [
         b"G0 Z%.4f F%.0f" % (high, rise * 60),
         b"G0 X%.4f Y%.4f F%.0f" % (x, y, level * 60),
         *pressures(job.lines, begin, printer),
         *lowered(job.lines, begin, printer),
         *retreat.rejoin(at, printer, retreat.prime_mm),
-        *([b"M400"] if opens else []),
-        *opens,
+        *([b"M400"] if printer.airs else []),  # the rest may begin where a valve opens
+        *reopen(job.lines, begin, printer),
     ]
     title = f"; rest of {job.name} (sha256 {job.sha256}) from its line {job.file_lines[begin]}"
     return b"\n".join([title.encode("ascii", "replace"), *commands]) + b"\n"
@@ -334,8 +333,8 @@ def manual_steps(printer: Printer, frame: JobFrame) -> tuple[str, ...]:
     plunger = "Leave the plunger as it is; wipe the tip, the file primes at the point."
     if printer.pneumatic:
         plunger = (
-            "Take the air's pressure off before that: the valve may stand open. Wipe the tip; set "
-            "the pressure again when the file runs, which shuts the valve first."
+            "Take the air's pressure off before that: the valve may stand open. Wipe the tip; let "
+            "the air on again when the file runs, which shuts the valve first."
         )
     if frame.start is None:
         place = (
