@@ -157,9 +157,10 @@ def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:
 def _asked_to_watch(head: Pneumatic) -> Check:
     """What no link can do: switch a valve at a printer that takes nothing any more."""
     remedy = (
-        f"a stop or pause sends {head.closes!r} before the needle is lifted, but a kill, a "
-        "firmware that halts itself, a dead host and a pulled cable leave the valve as it is: take "
-        "one that is shut without power, and have a hand on the air's cock"
+        f"a stop or pause sends {head.closes!r} before the needle is lifted, and a kill before "
+        "M112, but a firmware that halts may not do it, and a dead host and a pulled cable leave "
+        "valve and pressure as they are: take a valve that is shut without power, and have a hand "
+        "on the air's cock"
     )
     return Check("asked of you", 0, 0, "", False, "kill and dead host", remedy, "warns")
 

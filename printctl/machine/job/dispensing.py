@@ -18,7 +18,6 @@ from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
 from sim.gcode.reading import read_sent
 
-
 PRESSURE_SETTLES_S: Final = 1.0
 """Waited for where a pressure is set again: electronic regulators take some tenths of a second."""
 

@@ -150,21 +150,37 @@ def test_head_that_changes_between_two_heights_is_refused():
     assert any("never stood at one height" in one.message for one in run.findings)
 
 
-def duet_job() -> bytes:
+def of_pins() -> Printer:
+    """Return the Duet's heads on output pins that have names, with a scale in kPa."""
+    data = DUET.model_dump() | {"firmware": "klipper"}
+    for number, one in enumerate((data, data["heads"][1])):
+        one["dispenser"] |= {
+            "opens": f"SET_PIN PIN=valve{number} VALUE=1",
+            "closes": f"SET_PIN PIN=valve{number} VALUE=0",
+            "sets_pressure": (f"SET_PIN PIN=air{number} VALUE={{kpa}}",),
+        }
+    for number, head in enumerate(data["heads"]):
+        head["raises"] = f"SET_PIN PIN=lift{number} VALUE=1"
+        head["lowers"] = f"SET_PIN PIN=lift{number} VALUE=0"
+    return Printer.model_validate(data | {"idle_timeout_s": 600})
+
+
+def duet_job(printer: Printer = DUET) -> bytes:
     """Return the same job for a printer that takes lines, whose two heads share one Z."""
-    return job(DUET, np.array([60.0, 60.0, 4.0]))
+    return job(printer, np.array([60.0, 60.0, 4.0]))
 
 
-def test_valves_and_pressures_on_a_printer_that_takes_lines():
-    gcode = duet_job()
-    run = dry_run(gcode, DUET, START)
-    checks = [*gcode_checks(run, DUET), *head_checks(run, DUET)]
+@pytest.mark.parametrize("printer", [DUET, of_pins()], ids=["by number", "by name"])
+def test_valves_and_pressures_on_a_printer_that_takes_lines(printer):
+    gcode = duet_job(printer)
+    run = dry_run(gcode, printer, START)
+    checks = [*gcode_checks(run, printer), *head_checks(run, printer)]
     assert not run.unknown
     assert not [one for one in checks if one.refuses]
     assert [one.value for one in checks if "pressure at which" in one.check] == [60, 80]
     assert np.count_nonzero(np.diff(run.program.tool)) in (1, 2)
     lines = gcode.decode().splitlines()
-    assert not any(line.startswith(("T", "G10")) for line in lines)
+    assert not any(line.startswith(("T", "G10", "ACTIVATE")) for line in lines)
     tips = run.of_head(1)
     writes = tips.valve.is_open & (tips.program.kind == MOVE)
     ends = tips.program.target[writes, 0]  # of the vein, by a tip that stands 40 mm aside

@@ -233,7 +233,7 @@ def test_rest_of_a_job_opens_the_valve_only_where_the_tip_is_back(begin):
     assert "pressure off" in plan.steps[0]
 
 
-# --- several valves: every end leaves all shut and at rest, every resumption sets the pressure first
+# --- several valves: shut and at rest at every end, the pressure set again before one opens
 WRITTEN = alone(PAIR_JOB).laid
 
 

@@ -120,7 +120,12 @@ class Valves(FakeMarlin):
         for head in opened:
             air = [self.output[2 + head], self.output[3 - head]]
             lifts = [self.output[4 + head], self.output[5 - head]]
-            if self._moves or self.output[1 - head] or air != [WRITING[head], RESTING] or lifts != [0, 255]:
+            if (
+                self._moves
+                or self.output[1 - head]
+                or air != [WRITING[head], RESTING]
+                or lifts != [0, 255]
+            ):
                 self.wrong.append(f"{command} with {self.output}")
         for head in (0, 1):
             if self.output[head] and before != after:
