@@ -42,19 +42,14 @@ def head_at(lines: Sequence[bytes], done: int, printer: Printer) -> int | None:
     """
     if not printer.heads:
         return None
-    used = _opened_by if printer.airs else _chosen_by
-    heads = (used(line, printer) for line in reversed(lines[:done]))
-    return next((number for number in heads if number is not None), None)
-
-
-def _chosen_by(line: bytes, printer: Printer) -> int | None:
-    return head_chosen(line)
-
-
-def _opened_by(line: bytes, printer: Printer) -> int | None:
-    opens = (k for k, air in enumerate(printer.airs) if _is_about(line, air.opens, air.closes)
-             and _words(line) == _profiles(air.opens))  # fmt: skip
-    return next(opens, None)
+    opened = {_profiles(air.opens): number for number, air in enumerate(printer.airs)}
+    for line in reversed(lines[:done]):
+        if line[:1] == b"G" and line[1:2].isdigit():
+            continue
+        number = opened.get(_words(line)) if opened else head_chosen(line)
+        if number is not None:
+            return number
+    return None
 
 
 def choose(printer: Printer, number: int) -> bytes:
