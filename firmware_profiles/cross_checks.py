@@ -144,15 +144,9 @@ def _safety(printer: Printer) -> Iterator[ProfileDoubt]:
 
 
 def _head(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[ProfileDoubt]:
-    head, shut = printer.pneumatic, tuple(one.closes for one in printer.airs)
+    head = printer.pneumatic
     if head is None:
         yield from _plunger(printer, syringes)
-    elif printer.streamed and printer.safe_state_off[: len(shut)] != shut:
-        yield ProfileDoubt(
-            "safe_state_off",
-            f"doesn't begin with {', '.join(map(repr, shut))} (dispenser: closes): a stop would "
-            "leave the ink under pressure; put it first",
-        )
     elif head.measured is not None and head.measured.pressure_kpa != head.pressure_kpa:
         yield ProfileDoubt(
             "dispenser",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -66,9 +67,10 @@ class Pneumatic(StrictModel):
     )
     sets_pressure: Annotated[tuple[FileLine, ...], Field(max_length=8)] = Field(
         default=(),
-        description="Lines that set this head's pressure, {kpa}, {psi} or {bar} in them, for a "
-        "controller that runs the file, e.g. [$COM=2, '$AP={psi}', Call setPress P$COM Q$AP]; "
-        "without them a person sets it.",
+        description="Lines that set this head's pressure, with {kpa}, {psi} or {bar} in them, or "
+        "{output}: the firmware's number for an output, 0 to max_pressure_kpa. One line where a "
+        "host sends it (M42 P3 S{output}); more for a controller that runs the file ([$COM=2, "
+        "'$AP={psi}', Call setPress P$COM Q$AP]). Without them a person sets it.",
     )
     resting_kpa: Annotated[float, Field(ge=0, le=2000, allow_inf_nan=False)] | None = Field(
         default=None, description="Set while another head writes; needed with sets_pressure."
@@ -79,6 +81,11 @@ class Pneumatic(StrictModel):
         """What both commands have in common: a pin, an output, a brake."""
         return frozenset(switch_words(self.opens)) & frozenset(switch_words(self.closes))
 
+    @property
+    def port(self) -> frozenset[str]:
+        """What sets its pressure, whatever the pressure; empty where a person does."""
+        return frozenset(re.sub(r"\{\w+\}", "", " ".join(self.sets_pressure)).split())
+
     @model_validator(mode="after")
     def _is_possible(self) -> Pneumatic:
         if self.pressure_kpa > self.max_pressure_kpa:
@@ -86,9 +93,9 @@ class Pneumatic(StrictModel):
                 f"pressure_kpa {self.pressure_kpa:g} is above what the regulator gives, "
                 f"{self.max_pressure_kpa:g} kPa (max_pressure_kpa); lower it"
             )
-        check_values("sets_pressure", self.sets_pressure, tuple(PRESSURE_UNITS))
+        check_values("sets_pressure", self.sets_pressure, (*PRESSURE_UNITS, "output"))
         if self.sets_pressure and "".join(self.sets_pressure).count("{") != 1:
-            raise ValueError("sets_pressure holds one value: {kpa}, {psi} or {bar}, once")
+            raise ValueError("sets_pressure holds one value: {kpa}, {psi}, {bar} or {output}, once")
         if bool(self.sets_pressure) != (self.resting_kpa is not None):
             raise ValueError(
                 "sets_pressure and resting_kpa belong together: give both, or neither where a "

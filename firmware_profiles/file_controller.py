@@ -6,12 +6,19 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, TypeAdapter, ValidationError
 
 from firmware_profiles.dispensers import Pneumatic
 from firmware_profiles.families.registry import family_names, find_family
 from firmware_profiles.heads import AxisLetter
-from firmware_profiles.strict_model import FileLine, StrictModel, check_values, is_output
+from firmware_profiles.strict_model import (
+    PRESSURE_UNITS,
+    FileLine,
+    StrictModel,
+    SwitchCommand,
+    check_values,
+    is_output,
+)
 
 
 class FileController(StrictModel):
@@ -102,12 +109,11 @@ def check_file_controller(
     known = find_family(firmware).file_controllers
     valve = tuple(command for head in airs for command in (head.opens, head.closes))
     if not known:
-        if any(head.sets_pressure or head.enables for head in airs):
-            raise ValueError(
-                f"sets_pressure, enables: {firmware} takes lines from a host, which sets no "
-                "pressure and enables no axis; do it by hand"
-            )
+        if any(head.enables for head in airs):
+            raise ValueError(f"enables: {firmware} enables no axis by name; leave it out")
         _refuse_controller(firmware, given, (*valve, *sent["safe_state_off"]))
+        for head in airs:
+            _check_sent_pressure(head, airs)
         return
     if given is None:
         raise ValueError(
@@ -131,6 +137,7 @@ def check_file_controller(
         lines = head.sets_pressure + ((head.enables,) if head.enables else ())
         _check_words("sets_pressure, enables", lines, given, firmware)
         _check_enabled(head, (*given.begins, *executed))
+        check_values("sets_pressure", head.sets_pressure, tuple(PRESSURE_UNITS))
     for key, commands in sent.items():
         if commands:
             raise ValueError(
@@ -150,6 +157,27 @@ def _refuse_controller(
                 f"{command!r} sets an output of a controller that loads files; {firmware} doesn't "
                 "know it"
             )
+
+
+def _check_sent_pressure(head: Pneumatic, airs: Sequence[Pneumatic]) -> None:
+    """Refuse what a host can't send as a head's pressure: but one command that switches."""
+    if not head.sets_pressure:
+        return
+    if len(head.sets_pressure) > 1:
+        raise ValueError(
+            "sets_pressure: a host sends one line for a pressure, such as M42 P3 S{output}; "
+            f"{len(head.sets_pressure)} are given"
+        )
+    line = re.sub(r"\{\w+\}", "1", head.sets_pressure[0])
+    try:
+        TypeAdapter(SwitchCommand).validate_python(line)
+    except ValidationError as exc:
+        raise ValueError(
+            f"sets_pressure: {head.sets_pressure[0]!r} isn't a command that only switches, such as "
+            "M42 P3 S{output}"
+        ) from exc
+    if any(one.valve <= frozenset(line.split()) for one in airs):
+        raise ValueError(f"sets_pressure: {head.sets_pressure[0]!r} switches a valve (opens)")
 
 
 def _check_words(key: str, lines: Sequence[str], given: FileController, firmware: str) -> None:

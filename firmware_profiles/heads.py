@@ -44,8 +44,8 @@ class Head(StrictModel):
     name: str = Field(min_length=1, max_length=40)
     select: SelectCommand | None = Field(
         default=None,
-        description="Makes it the one that E moves; moves nothing. None on a controller that runs "
-        "the file: there the head whose valve opens is in use.",
+        description="Makes it the one that E moves; moves nothing. None for pneumatic heads: the "
+        "one whose valve opens is in use.",
     )
     z_axis: AxisLetter | None = Field(
         default=None,
@@ -129,18 +129,21 @@ def check_heads(heads: tuple[Head, ...], firmware: str, dispenser: Dispenser) ->
     if len({one.valve for one in valves}) < len(valves):
         text = ", ".join(one.opens for one in valves)
         raise ValueError(f"heads: two open the same valve ({text}); give each its own dispenser")
-    ports = [one.sets_pressure for one in valves if one.sets_pressure]
+    ports = [one.port for one in valves if one.sets_pressure]
     if len(set(ports)) < len(ports):
         raise ValueError("heads: two set their pressure by the same lines; name each one's port")
-    if find_family(firmware).file_controllers:
+    by_file = bool(find_family(firmware).file_controllers)
+    if valves and any(head.select for head in heads):
+        raise ValueError("heads: select is for plungers; a valve says itself which is in use")
+    if by_file:
         _check_axes(heads, pneumatic=bool(valves))
-    else:
+    elif any(head.z_axis for head in heads):
+        raise ValueError(
+            "heads: z_axis is for controllers that run the file (file_controller); leave it out, "
+            "and say raises and lowers if each head is lifted by itself"
+        )
+    elif not valves:
         _check_selects(heads, firmware)
-        if valves:
-            raise ValueError(
-                "heads: several pneumatic heads are driven by a controller that runs the file "
-                "(file_controller), and by no other; use one, or plungers"
-            )
     if any(heads[0].offset_mm.mm):
         raise ValueError(
             "heads: the first one's offset_mm isn't 0; places are its tip's, so give the others' "
@@ -158,8 +161,6 @@ def _check_axes(heads: tuple[Head, ...], *, pneumatic: bool) -> None:
             "heads: several plungers on a controller that runs the file can't be driven; use one, "
             "or pneumatic heads"
         )
-    if any(head.select for head in heads):
-        raise ValueError("heads: select is for firmwares that take lines from a host; leave it out")
     axes = [head.z_axis for head in heads if head.z_axis]
     if axes and any(head.offset_mm.z for head in heads):
         raise ValueError(
@@ -178,10 +179,6 @@ def _check_selects(heads: tuple[Head, ...], firmware: str) -> None:
     if family.head_select is None:
         raise ValueError(f"heads: how {firmware} changes between them isn't known; use one")
     for number, head in enumerate(heads):
-        if head.z_axis:
-            raise ValueError(
-                "heads: z_axis is for controllers that run the file (file_controller); leave it out"
-            )
         if head.select is None:
             raise ValueError(f"heads: head {number} has no select; write {family.head_example}")
         chosen = family.head_number(head.select)

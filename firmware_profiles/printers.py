@@ -24,6 +24,8 @@ from firmware_profiles.strict_model import (
     Span,
     StrictModel,
     SwitchCommand,
+    fill_pressure,
+    round_output,
 )
 
 
@@ -45,6 +47,8 @@ class Axes(StrictModel):
     e: Positive
 
 
+_PRESSURE_ROUNDING: Final = 0.01
+"""Part by which an output's whole numbers may change a pressure: flow goes with a power of it."""
 _MOVE_BYTES: Final = 26
 """Of a short move, as it is sent, less the end that is withheld."""
 
@@ -239,6 +243,40 @@ class Printer(Facts):
         """The pneumatic head, if it is one; of several the first."""
         return next(iter(self.airs), None)
 
+    def pressure_lines(self, number: int, kpa: float) -> list[str]:
+        """Lines that set the pressure of one pneumatic head, kPa; none where a person does."""
+        air = self.airs[number]
+        share = kpa / air.max_pressure_kpa
+        return fill_pressure(air.sets_pressure, kpa, share, family_of(self).full_output)
+
+    def written_kpa(self, number: int, kpa: float) -> float:
+        """Pressure of one pneumatic head as its line says it, which may round it, kPa."""
+        air, full = self.airs[number], family_of(self).full_output
+        if "{output}" not in "".join(air.sets_pressure):
+            return kpa
+        share = kpa / air.max_pressure_kpa
+        return round_output(share, full) / full * air.max_pressure_kpa
+
+    @property
+    def pressure_pairs(self) -> dict[int, tuple[str, str]]:
+        """One line each that sets a head's pressure to nothing and to its greatest, by head."""
+        each = {k: air for k, air in enumerate(self.airs) if len(air.sets_pressure) == 1}
+        return {
+            k: (self.pressure_lines(k, 0.0)[0], self.pressure_lines(k, air.max_pressure_kpa)[0])
+            for k, air in each.items()
+        }
+
+    @property
+    def safe_lines(self) -> tuple[str, ...]:
+        """Lines that shut every valve, then set every pressure to its resting one."""
+        rests = (self.pressure_lines(k, air.resting_kpa or 0.0) for k, air in enumerate(self.airs))
+        return (*(air.closes for air in self.airs), *(line for lines in rests for line in lines))
+
+    @property
+    def tool_count(self) -> int:
+        """How many heads the firmware is told to choose between; valves need no choice."""
+        return 1 if self.airs else self.head_count
+
     @property
     def z_axes(self) -> tuple[str, ...]:
         """Letters of the vertical axis of each head."""
@@ -250,6 +288,14 @@ class Printer(Facts):
         asked = tuple(watched.query for watched in self.watch)
         sent = {"safe_state_off": self.safe_state_off, "watch": asked}
         check_file_controller(self.firmware, self.file_controller, self.airs, sent)
+        for number, air in enumerate(self.airs):
+            written = self.written_kpa(number, air.pressure_kpa)
+            if abs(written / air.pressure_kpa - 1.0) > _PRESSURE_ROUNDING:
+                raise ValueError(
+                    f"pressure_kpa {air.pressure_kpa:g} would be set as {written:.4g} kPa: "
+                    f"{{output}} counts up to {family_of(self).full_output:g} for "
+                    f"{air.max_pressure_kpa:g} kPa (max_pressure_kpa); write what it can say"
+                )
         return self
 
     @model_validator(mode="after")

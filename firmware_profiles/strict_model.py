@@ -182,7 +182,15 @@ def check_values(key: str, lines: Sequence[str], values: Sequence[str]) -> None:
             raise ValueError(f"{key}: {line!r} holds another value than it may have ({known})")
 
 
-def fill_pressure(lines: Sequence[str], kpa: float) -> list[str]:
-    """Return lines with a pressure in the place of {kpa}, {psi} or {bar}."""
+def round_output(value: float, full: float) -> float:
+    """Round what {output} says: whole numbers up to 255, four digits up to 1."""
+    return round(value * full, 0 if full > 1 else 4)
+
+
+def fill_pressure(lines: Sequence[str], kpa: float, share: float, full: float) -> list[str]:
+    """Return lines with a pressure in the place of {kpa}, {psi}, {bar} or {output}.
+
+    ``share`` is the pressure's of the regulator's greatest, ``full`` the output's number for that.
+    """
     values = {unit: f"{kpa / factor:.6g}" for unit, factor in PRESSURE_UNITS.items()}
-    return [line.format(**values) for line in lines]
+    return [line.format(**values, output=f"{round_output(share, full):g}") for line in lines]

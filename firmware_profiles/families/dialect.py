@@ -117,7 +117,7 @@ class Dialect:
 
     def _heads(self, printer: Printer) -> list[str]:
         """The firmware adds no offset of its own, and takes each head's E as it is."""
-        numbers = range(len(printer.heads))
+        numbers = range(printer.tool_count if printer.heads and not printer.airs else 0)
         return [
             *(text.format(head=number) for number in numbers for text in self.of_each_head),
             *(text.format(head=number) for number in numbers[1:] for text in self.of_others),

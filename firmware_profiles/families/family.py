@@ -265,6 +265,8 @@ class Family:
         First head that can have an offset.
     head_note : str
         What to see to where the heads' steps differ; empty for nothing.
+    full_output : float
+        Number by which an output is all on: 255, or 1.
     configuration_file, configuration_remedy : str
         File of its configuration, and what a person must see to there before a plunger is moved,
         since no question tells it; empty for nothing.
@@ -326,6 +328,7 @@ class Family:
     head_offset_needs_word: bool = False
     head_first_offset: int = 0
     head_note: str = ""
+    full_output: float = 255.0
     configuration_file: str = ""
     configuration_remedy: str = ""
     configured_heads: bool = True

@@ -195,7 +195,6 @@ def _profile(sheet: Sheet) -> dict[str, Any]:
             "opening_delay_s": 0.03,
             "closing_delay_s": 0.03,
         }
-        data["safe_state_off"] = [said["closes"]]
     else:
         data["plunger_travel_mm"] = said["plunger_travel"]
     data["safe_state_on"] = _COOLINGS[said["stays_on"]]

@@ -48,7 +48,7 @@ class Heads:
     offset_mm : (heads, 3) float64, mm
         Of each tip from the first one's, both lowered.
     axis_mm : (n, heads) float64 or None, mm
-        Where each head's own vertical axis stands after each row; None where all share one.
+        Where each head's vertical axis stands after each row; None where a command chooses the head.
     """
 
     raised: NDArray[np.bool_]
@@ -90,7 +90,7 @@ def read_heads(
 def head_findings(program: Program, others: Lines, printer: Printer) -> list[Finding]:
     """What a firmware would make of the file's changes of head that its author can't have meant."""
     findings = _no_such_head(program, printer)
-    if printer.head_count == 1:
+    if printer.tool_count == 1:
         return findings
     return [
         *findings,
@@ -101,14 +101,14 @@ def head_findings(program: Program, others: Lines, printer: Printer) -> list[Fin
 
 
 def _no_such_head(program: Program, printer: Printer) -> list[Finding]:
-    known = [code(f"T{number}") for number in range(printer.head_count)]
+    known = [code(f"T{number}") for number in range(printer.tool_count)]
     first, last = code("T0"), code("T99999")
     where = (program.code >= first) & (program.code <= last) & ~np.isin(program.code, known)
     return first_finding(
         program,
         where,
         "no_such_head",
-        f" chooses a head that {printer.name} hasn't (0 to {printer.head_count - 1}): the "
+        f" chooses a head that {printer.name} hasn't (0 to {printer.tool_count - 1}): the "
         "firmware would go on with the one before, and its syringe be pushed for the other",
     )
 

@@ -194,7 +194,7 @@ def test_an_output_is_no_marlins() -> None:
     printer = load(Printer, "pneumatic_marlin")
     head = {**printer.dispenser.model_dump(), "opens": "$DO[0].X=1", "closes": "$DO[0].X=0"}
     with pytest.raises(ValueError, match="marlin doesn't know it"):
-        Printer.model_validate({**printer.model_dump(), "dispenser": head, "safe_state_off": ()})
+        Printer.model_validate({**printer.model_dump(), "dispenser": head})
 
 
 @pytest.mark.parametrize(

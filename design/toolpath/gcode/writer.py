@@ -48,7 +48,6 @@ from design.toolpath.gcode.table import (
 from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Head, Printer, Syringe
 from firmware_profiles.families.dialect import Dialect
-from firmware_profiles.strict_model import fill_pressure
 from kernels.arrays import FloatArray, IntArray
 
 LINK_BYTES: Final = len("N1234567 ") + len("*255")
@@ -96,7 +95,7 @@ class HeadState:
         air = self.printer.pneumatic
         if air is None or air.resting_kpa is None:
             return []
-        return fill_pressure(air.sets_pressure, air.pressure_kpa if writes else air.resting_kpa)
+        return self.printer.pressure_lines(0, air.pressure_kpa if writes else air.resting_kpa)
 
     def moved(self, *, to_raise: bool) -> list[str]:
         """Raise or lower it with the motors standing, and wait; nothing where it is fixed."""

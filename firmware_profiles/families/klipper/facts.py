@@ -197,6 +197,7 @@ FAMILY: Final = Family(
     head_select=re.compile(r"ACTIVATE_EXTRUDER EXTRUDER=extruder([1-7]?)"),
     head_example="ACTIVATE_EXTRUDER EXTRUDER=extruder1",
     head_confirms=_confirms,
+    full_output=1.0,
     configuration_file="printer.cfg",
     configuration_remedy=(
         "min_extrude_temp must be 0 (section extruder), and the section force_move must be "

@@ -167,6 +167,7 @@ FAMILY: Final = Family(
     head_offset_code="G10",
     head_offset_word="P",
     head_offset_needs_word=True,
+    full_output=1.0,
     configuration_file="config.g",
     configuration_remedy=(
         "a tool must be selected (T0), else the board refuses to push; the job selects none, "

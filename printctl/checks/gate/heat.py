@@ -114,7 +114,7 @@ class NamedTarget:
         if name in facts.heaters:
             return facts.heaters[name]
         if name.startswith(facts.numbered) and number.isdigit():
-            if not 0 < int(number) < known.printer.head_count:
+            if not 0 < int(number) < known.printer.tool_count:
                 raise _no_head(name, known)
             return f"nozzle {int(number)}"
         raise NotAllowed(f"{name or 'no heater'} is neither {' nor '.join(facts.heaters)}")
@@ -134,7 +134,7 @@ def _heater(line: GcodeLine, known: PrinterSituation) -> str:
     kind, head = HEATERS[line.code], line.words.get("T", 0.0)
     if "T" in line.words and kind != "nozzle":
         raise NotAllowed(f"T names a head, and {line.code} heats the {kind}; take T out")
-    if head not in range(known.printer.head_count):
+    if head not in range(known.printer.tool_count):
         raise _no_head("T" if head is None else f"T{head:g}", known)
     return kind + (f" {head:.0f}" if head else "")
 
@@ -142,5 +142,5 @@ def _heater(line: GcodeLine, known: PrinterSituation) -> str:
 def _no_head(name: str, known: PrinterSituation) -> NotAllowed:
     """Say which heads the machine has."""
     printer = known.printer
-    heads = "one head, T0" if printer.head_count == 1 else f"T0 to T{printer.head_count - 1}"
+    heads = "one head, T0" if printer.tool_count == 1 else f"T0 to T{printer.tool_count - 1}"
     return NotAllowed(f"{name} is no head of {printer.name}, which has {heads} (profile: heads)")

@@ -131,8 +131,9 @@ def _words(line: GcodeLine) -> set[tuple[str, object]]:
 def _named_by(
     printer: Printer,
 ) -> tuple[tuple[tuple[GcodeLine, GcodeLine], ...], frozenset[bytes]]:
-    """What switches valve and heads, as pairs; what else the profile has sent."""
+    """What switches valves, pressures and heads, as pairs; what else the profile has sent."""
     pairs = [(head.opens, head.closes) for head in printer.airs]
+    pairs += printer.pressure_pairs.values()
     pairs += [(h.raises, h.lowers) for h in printer.heads if h.raises and h.lowers]
     every = [*printer.safe_state_off, *(watched.query for watched in printer.watch)]
     both = [(_of_text(one, printer), _of_text(other, printer)) for one, other in pairs]

@@ -274,8 +274,10 @@ def choose_head(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     if number is None:
         example = family.head_example or "no head"
         raise NotAllowed(f"it names no head in a way that checks follow; write {example}")
-    if number >= printer.head_count:
-        raise NotAllowed(f"{printer.name} has {printer.head_count} heads, counted from 0 (heads)")
+    if number >= printer.tool_count:
+        raise NotAllowed(
+            f"{printer.name} has {printer.tool_count} to choose, counted from 0 (heads: select)"
+        )
     return AllowedLine(line.text.decode("ascii"))
 
 

@@ -57,9 +57,9 @@ def _safe_state(printer: Printer) -> list[Check]:
     """Whether the firmware knows the commands that a stop would send."""
     return _known(
         printer,
-        printer.safe_state_off,
+        list(dict.fromkeys((*printer.safe_lines, *printer.safe_state_off))),
         "commands of the safe state unknown to the firmware",
-        "safe_state_off",
+        "dispenser, safe_state_off",
         "a stop would switch nothing off",
     )
 

@@ -25,7 +25,7 @@ from sim.gcode.dry_run.run import DryRun
 from sim.gcode.heads import flowing_s
 from sim.gcode.program.gcode import code
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
-from sim.gcode.program.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve
+from sim.gcode.program.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, read_pressures
 
 _FEED_ROUNDING: Final = 1e-4
 _SAME_PRESSURE: Final = 1e-4
@@ -78,21 +78,20 @@ def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
 
 def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
     """Check that a head writes at the profile's pressure, where the file sets it."""
-    checks = []
+    checks, every = [], read_pressures(run.others, printer)
     for number, (head, valve) in enumerate(zip(printer.airs, run.valves, strict=True)):
         if not head.sets_pressure:
             continue
-        sets = [
-            (line, float(one.parameters["KPA"]))
-            for line, one in run.named
-            if one.code == "SETS_PRESSURE" and int(one.parameters["HEAD"]) == number
-        ]
+        sets = [(line, kpa) for line, of, kpa in every if of == number]
+        wanted, rests = (
+            printer.written_kpa(number, kpa) for kpa in (head.pressure_kpa, head.resting_kpa or 0.0)
+        )
         opens = run.program.line[valve.row[valve.state != CLOSED]].tolist()
         wrong = [
             (line, last[-1] if last else 0.0)
             for line in opens
             for last in [[kpa for at, kpa in sets if at < line]]
-            if not last or abs(last[-1] / head.pressure_kpa - 1.0) > _SAME_PRESSURE
+            if not last or abs(last[-1] / wanted - 1.0) > _SAME_PRESSURE
         ]
         others = [
             int(line)
@@ -105,15 +104,15 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
             line
             for line in [*others, ends]
             for last in [[kpa for at, kpa in sets if at < line]]
-            if last and abs(last[-1] - (head.resting_kpa or 0.0)) > _SAME_PRESSURE * last[-1]
+            if last and abs(last[-1] - rests) > _SAME_PRESSURE * last[-1]
         ]
         highest = max((kpa for _, kpa in sets), default=0.0)
         name = f"head {number}: " if printer.heads else ""
         checks += [
             Check(
                 f"{name}pressure at which its valve opens",
-                wrong[0][1] if wrong else head.pressure_kpa,
-                head.pressure_kpa,
+                wrong[0][1] if wrong else wanted,
+                wanted,
                 "kPa",
                 not wrong,
                 f"line {wrong[0][0]}" if wrong else "",
@@ -129,13 +128,13 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
                 "set the resting pressure (dispenser: resting_kpa) before it",
             ),
             Check(
-                f"{name}highest pressure set, of the regulator",
+                f"{name}highest pressure set",
                 highest,
-                head.max_pressure_kpa,
+                wanted,
                 "kPa",
-                highest <= head.max_pressure_kpa * (1 + _SAME_PRESSURE),
+                highest <= wanted * (1 + _SAME_PRESSURE),
                 "",
-                "above what the regulator gives (dispenser: max_pressure_kpa); lower it",
+                "above what the profile writes at (dispenser: pressure_kpa); lower it",
             ),
         ]
     return checks
@@ -158,9 +157,10 @@ def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:
 def _asked_to_watch(head: Pneumatic) -> Check:
     """What no link can do: switch a valve at a printer that takes nothing any more."""
     remedy = (
-        f"a stop or pause sends {head.closes!r} before the needle is lifted, but a kill, a "
-        "firmware that halts itself, a dead host and a pulled cable leave the valve as it is: take "
-        "one that is shut without power, and have a hand on the air's cock"
+        f"a stop or pause sends {head.closes!r} before the needle is lifted, and a kill before "
+        "M112, but a firmware that halts may not do it, and a dead host and a pulled cable leave "
+        "valve and pressure as they are: take a valve that is shut without power, and have a hand "
+        "on the air's cock"
     )
     return Check("asked of you", 0, 0, "", False, "kill and dead host", remedy, "warns")
 

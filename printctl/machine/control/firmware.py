@@ -106,8 +106,8 @@ class FirmwareCheck:
             )
         # for whoever halts it when this process has died
         self._logbook.record("firmware", capabilities=self.firmware.capabilities)
-        built, wanted = self.firmware.extruders, len(printer.heads)
-        if 0 < built < wanted:  # it would push one syringe for all
+        built, wanted = self.firmware.extruders, printer.tool_count
+        if wanted > 1 and 0 < built < wanted:  # it would push one syringe for all
             raise HandshakeError(
                 f"the firmware was built for {built} (EXTRUDER_COUNT), the profile names {wanted} "
                 "heads: it would go on with one where the job takes another; build it with "

@@ -12,6 +12,9 @@ fifteen was followed by a move of 1.6 mm of the plunger. So one M410 more, a sec
 more again for each further line in flight, which is let in a second after the one before it; then
 M112: no step after the first. Heaters go off with M112.
 
+Valves are told to shut before M112, where there are any; whether that is done before it is the
+firmware's matter.
+
 Without emergency parser a line is looked at where the command queue has room, M410 as well as
 M112, but its second would hold M112 up, with heaters on and moves let in: M112 alone.
 
@@ -33,6 +36,7 @@ from printctl.machine.control.steps import Steps, Wait
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import PortLost
 from printctl.machine.families import link_facts
+from printctl.machine.job.dispensing import shut_valves
 from printctl.machine.job.moves import MotorRunOn, unknown_run_on
 from printctl.machine.records.states import LinkState, PrintEnded
 
@@ -83,11 +87,13 @@ def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting
     its profile.
     """
     quickstop = link_facts(printer).quickstop
+    valves = b"\n".join((b"", *shut_valves(printer), b""))
+    shuts = ((valves, 0.0),) if printer.airs else ()
     if not quickstop or not emergency_parser:
-        return Halting((), kill, runs_on_s=unknown_run_on(printer))
+        return Halting(shuts, kill, runs_on_s=unknown_run_on(printer))
     at_once = b"\n%b\n" % quickstop
-    between = ((at_once, 1.0),) * printer.lines_in_flight
-    return Halting(((at_once, 0.5), *between, (at_once, 1.3)), kill, True, unknown_run_on(printer))
+    first = ((at_once, 0.5), *shuts, *((at_once, 1.0),) * printer.lines_in_flight, (at_once, 1.3))
+    return Halting(first, kill, True, unknown_run_on(printer))
 
 
 class Kill:

@@ -144,7 +144,7 @@ class HeatCheck:
         """Return targets by heater, °C; empty where the firmware tells none."""
         readings = parse_temperatures((yield from self._channel.command(b"M105", journalled)))
         targets = {one.name: one.target_c for one in readings if one.target_c is not None}
-        several = len(self._channel.wiring.printer.heads) > 1
+        several = self._channel.wiring.printer.tool_count > 1
         return {k: v for k, v in targets.items() if not (several and k.startswith("nozzle"))}
 
     def _confirmed(self, targets: Mapping[str, float], journalled: bool) -> Steps[dict[str, float]]:

@@ -15,7 +15,7 @@ from printctl.machine.control.channel import Channel
 from printctl.machine.control.requests import Request, RequestQueue
 from printctl.machine.control.steps import Urgent
 from printctl.machine.families import link_facts
-from printctl.machine.job.dispensing import shut
+from printctl.machine.job.dispensing import shut_valves
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded
 
 AGAIN_S: Final = 3.0
@@ -103,7 +103,7 @@ class Interruption:
         # a second would hold up a firmware that looks at it in its turn
         again = self._kill.halting.stops_at_once
         end_of_waits = link.ends_waits if waits else b""
-        commands = (*shut(self._wiring.printer), end_of_waits, link.quickstop)
+        commands = (*shut_valves(self._wiring.printer), end_of_waits, link.quickstop)
         if not protocol.cut_in([text for text in commands if text], again, now):
             if not protocol.idle:
                 self._report(FIRST)

@@ -122,7 +122,7 @@ class JobProgress:
     @property
     def head(self) -> int | None:
         """The head that the job has in use; None where there is one alone, or none was chosen."""
-        return head_at(self.job.lines, self.done) if self._printer.heads else None
+        return head_at(self.job.lines, self.done, self._printer)
 
     @property
     def relieved_mm(self) -> float:

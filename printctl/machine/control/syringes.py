@@ -11,7 +11,7 @@ from printctl.machine.control.firmware import RETRIES
 from printctl.machine.control.steps import Steps
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.coordinates import Modal
-from printctl.machine.job.dispensing import choose, confirms, keep_raised
+from printctl.machine.job.dispensing import choose, confirms, keep_raised, pressures
 from printctl.machine.job.job import Job
 from printctl.machine.job.retreat import count_from
 from printctl.machine.job.syringes import Filling, Plan, grown_plan, plan_reloads
@@ -21,17 +21,19 @@ from printctl.machine.records.states import LinkState, PrintEnded
 def take_head(run: Print) -> Steps[None]:
     """Choose the job's head and raise the others: another program may have chosen another.
 
-    Nothing where the printer has one head alone.
+    Pressures that a pause let down are the job's again before its needle goes down.
     """
-    number = run.progress.head
+    number, at = run.progress.head, (run.job.lines, run.progress.done, run.printer)
+    yield from run.channel.commands([*keep_raised(*at), *pressures(*at)])
     if number is not None:
-        yield from run.channel.commands(keep_raised(run.job.lines, run.progress.done, run.printer))
         yield from _choose_head(run, number)
 
 
 def _choose_head(run: Print, number: int) -> Steps[None]:
     """Have the firmware use a head; end the print where it doesn't confirm that."""
     printer = run.printer
+    if printer.airs:
+        return
     for _ in range(RETRIES):  # an answer may be garbled
         if confirms((yield from run.channel.command(choose(printer, number))), printer, number):
             return

@@ -11,11 +11,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
+from typing import Final
 
 from firmware_profiles import Pneumatic, Printer
 from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
 from sim.gcode.reading import read_sent
+
+PRESSURE_SETTLES_S: Final = 1.0
+"""Waited for where a pressure is set again: electronic regulators take some tenths of a second."""
 
 
 def head_chosen(line: bytes) -> int | None:
@@ -31,14 +35,25 @@ def head_chosen(line: bytes) -> int | None:
     return int(number or 0) if chooses and (not number or number.isdigit()) else None
 
 
-def head_at(lines: Sequence[bytes], done: int) -> int | None:
-    """Return the head in use after ``done`` lines; None where the job hasn't chosen one."""
-    chosen = map(head_chosen, reversed(lines[:done]))
-    return next((number for number in chosen if number is not None), None)
+def head_at(lines: Sequence[bytes], done: int, printer: Printer) -> int | None:
+    """Return the head in use after ``done`` lines: chosen last, or its valve opened last.
+
+    None for a printer of one head, and where the job hasn't taken one yet.
+    """
+    if not printer.heads:
+        return None
+    opened = {_profiles(air.opens): number for number, air in enumerate(printer.airs)}
+    for line in reversed(lines[:done]):
+        if line[:1] == b"G" and line[1:2].isdigit():
+            continue
+        number = opened.get(_words(line)) if opened else head_chosen(line)
+        if number is not None:
+            return number
+    return None
 
 
 def choose(printer: Printer, number: int) -> bytes:
-    """Return the command that chooses that head."""
+    """Return the command that chooses that head; empty where its valve does."""
     return (printer.heads[number].select or "").encode("ascii")
 
 
@@ -65,12 +80,15 @@ def all_raised(printer: Printer) -> list[bytes]:
     return commands + _dwell(max((head.moving_s for head in moving), default=0.0))
 
 
-def lowered(printer: Printer, number: int | None) -> list[bytes]:
-    """Commands that lower a head, once the motors stand, and wait until it is down."""
-    if number is None or not printer.heads or printer.heads[number].lowers is None:
-        return []
-    head = printer.heads[number]
-    return [b"M400", (head.lowers or "").encode("ascii"), *_dwell(head.moving_s)]
+def lowered(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:
+    """Commands that lower what the job has lowered, once the motors stand; wait for it."""
+    commands: list[bytes] = []
+    for head in printer.heads:
+        raises, lowers = ((text or "").encode("ascii") for text in (head.raises, head.lowers))
+        last = next((line for line in reversed(lines[:done]) if line in (raises, lowers)), b"")
+        if last and last == lowers:
+            commands += [b"M400", lowers, *_dwell(head.moving_s)]
+    return commands
 
 
 def is_about_heads(line: bytes, printer: Printer) -> bool:
@@ -81,9 +99,24 @@ def is_about_heads(line: bytes, printer: Printer) -> bool:
     return head_chosen(line) is not None or line in {one.encode("ascii") for one in moves if one}
 
 
-def shut(printer: Printer) -> list[bytes]:
+def shut_valves(printer: Printer) -> list[bytes]:
     """Commands that shut every valve; none without one."""
     return [head.closes.encode("ascii") for head in printer.airs]
+
+
+def shut(printer: Printer) -> list[bytes]:
+    """Shut every valve, then set every pressure that a command sets to its resting value."""
+    return [line.encode("ascii") for line in printer.safe_lines]
+
+
+def pressures(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:
+    """Commands that set each head's pressure as the job had set it last before ``done``; a wait."""
+    last = (
+        next((line for line in reversed(lines[:done]) if _is_about(line, *pair)), None)
+        for pair in printer.pressure_pairs.values()
+    )
+    commands = [line for line in last if line is not None]
+    return [*commands, *_dwell(PRESSURE_SETTLES_S)] if commands else []
 
 
 def shut_and_wait(printer: Printer) -> list[bytes]:
@@ -105,21 +138,25 @@ def is_open(lines: Sequence[bytes], done: int, printer: Printer) -> bool:
 
 
 def _stands_open(lines: Sequence[bytes], done: int, head: Pneumatic) -> bool:
-    last = next((line for line in reversed(lines[:done]) if _is_about(line, head)), None)
+    about = (line for line in reversed(lines[:done]) if _is_about(line, head.opens, head.closes))
+    last = next(about, None)
     return last is not None and _words(last) == _profiles(head.opens)
 
 
 def is_about_valve(line: bytes, printer: Printer) -> bool:
-    """Whether a line sets a valve, be it to something between open and closed."""
-    return any(_is_about(line, head) for head in printer.airs)
+    """Whether a line sets a valve, be it between open and closed, or a head's pressure."""
+    pairs = [(head.opens, head.closes) for head in printer.airs]
+    pairs += printer.pressure_pairs.values()
+    return any(_is_about(line, *pair) for pair in pairs)
 
 
-def _is_about(line: bytes, head: Pneumatic) -> bool:
-    if line[:1].upper() != head.opens[:1].upper().encode("ascii"):
+def _is_about(line: bytes, one: str, other: str) -> bool:
+    """Whether a line sets what two commands of the profile set otherwise."""
+    if line[:1].upper() != one[:1].upper().encode("ascii"):
         return False
-    (code, opens), (_, closes) = _profiles(head.opens), _profiles(head.closes)
+    (code, first), (_, second) = _profiles(one), _profiles(other)
     own_code, own = _words(line)
-    return own_code == code and opens & closes <= own
+    return own_code == code and first & second <= own
 
 
 _Words = frozenset[tuple[str, float | str | None]]

@@ -108,15 +108,17 @@ class Retreat:
 
 
 def heaters_off(printer: Printer) -> list[bytes]:
-    """Return commands of the safe state: ``safe_state_off``, then the heaters off.
+    """Return commands of the safe state: valves shut, ``safe_state_off``, then the heaters off.
 
     ``ink ...`` in ``safe_state_on`` keeps the tool's temperature, ``bath ...`` the bed's. Each of
     several heads is named: without a number it is the one in use that goes off.
     """
-    commands = [command.encode("ascii") for command in printer.safe_state_off]
+    others = (command.encode("ascii") for command in printer.safe_state_off)
+    commands = list(dict.fromkeys([*shut(printer), *others]))
     if not any(item.startswith("ink") for item in printer.safe_state_on):
-        each = range(len(printer.heads))
-        commands += [b"M104 T%d S0" % number for number in each] or [b"M104 S0"]
+        count = printer.tool_count
+        each = [b"M104 T%d S0" % number for number in range(count)]
+        commands += each if count > 1 else [b"M104 S0"]
     if not any(item.startswith("bath") for item in printer.safe_state_on):
         commands.append(b"M140 S0")
     return commands

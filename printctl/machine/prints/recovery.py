@@ -35,6 +35,7 @@ from printctl.machine.job.dispensing import (
     is_about_heads,
     is_about_valve,
     lowered,
+    pressures,
     reopen,
     shut,
 )
@@ -264,11 +265,12 @@ def _way_in(
 ) -> bytes:
     """Settings of the job so far; then up, across, down and prime.
 
-    A pneumatic head's valve is shut first of all, and opened once the tip is in place. Of several
+    Pneumatic heads' valves are shut and their pressures at rest first of all; above the place the
+    pressures are the job's again, and its valve is opened once the tip is in place. Of several
     heads all are raised, the job's is chosen, and lowered above its place.
     """
     begin, at = rest_start.index, rest_start.at
-    head = head_at(job.lines, begin) if printer.heads else None
+    head = head_at(job.lines, begin, printer)
     retreat = retreat.of_head(head)
     x, y, z, e = (float(value or 0.0) for value in (at.x, at.y, at.z, at.e))
     top = max(z, frame.top)
@@ -277,18 +279,19 @@ def _way_in(
     speed = printer.max_speed_mm_s
     level, rise = min(TRAVEL_MM_S, speed.x, speed.y), min(TRAVEL_MM_S, speed.z)
     commands = [*shut(printer), *_settings(job, begin, printer), *frame.lines]
-    if head is not None:
-        commands += [*all_raised(printer), choose(printer, head)]
+    commands += all_raised(printer)
+    if head is not None and not printer.airs:
+        commands.append(choose(printer, head))
     if not printer.pneumatic:
         commands.append(count_from(retreat.relieved_e(e, rest_start.relieved_mm)))
-    opens = reopen(job.lines, begin, printer)
     commands += [
         b"G0 Z%.4f F%.0f" % (high, rise * 60),
         b"G0 X%.4f Y%.4f F%.0f" % (x, y, level * 60),
-        *lowered(printer, head),
+        *pressures(job.lines, begin, printer),
+        *lowered(job.lines, begin, printer),
         *retreat.rejoin(at, printer, retreat.prime_mm),
-        *([b"M400"] if opens else []),
-        *opens,
+        *([b"M400"] if printer.airs else []),  # the rest may begin where a valve opens
+        *reopen(job.lines, begin, printer),
     ]
     title = f"; rest of {job.name} (sha256 {job.sha256}) from its line {job.file_lines[begin]}"
     return b"\n".join([title.encode("ascii", "replace"), *commands]) + b"\n"
@@ -330,8 +333,8 @@ def manual_steps(printer: Printer, frame: JobFrame) -> tuple[str, ...]:
     plunger = "Leave the plunger as it is; wipe the tip, the file primes at the point."
     if printer.pneumatic:
         plunger = (
-            "Take the air's pressure off before that: the valve may stand open. Wipe the tip; set "
-            "the pressure again when the file runs, which shuts the valve first."
+            "Take the air's pressure off before that: the valve may stand open. Wipe the tip; let "
+            "the air on again when the file runs, which shuts the valve first."
         )
     if frame.start is None:
         place = (
@@ -371,7 +374,7 @@ def describe_rest(
     begin, done = rest_start.index, history.done
     first = job.file_lines[begin]
     steps = [f"The file begins with line {first} of {job.name} ({rest_start.why})."]
-    head = head_at(job.lines, begin) if printer.heads else None
+    head = head_at(job.lines, begin, printer)
     amount = describe_rewritten_ink(job, begin, done, head, ul_per_mm) if done > begin else ""
     if rest_start.stood:
         unsure = history.stood is not None and not history.stood["certain"]

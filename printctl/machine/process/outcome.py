@@ -95,13 +95,15 @@ def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint)
         return f"it was {_HELD_AS[history.state]}, so its motors stood; heaters stay on"
     if not history.begun:
         return "the job had not begun, so its motors stood"
-    moves = "it goes on with what it has taken"
+    moves, air = "it goes on with what it has taken", ""
     with contextlib.suppress(ProfileError):
-        moves += f": {_held(load(Printer, record.profile))}"
+        printer = load(Printer, record.profile)
+        moves += f": {_held(printer)}"
+        air = "; a valve may stand open: take the air's pressure off" if printer.airs else ""
     last = time.localtime(history.heard or (folder / JOURNAL).stat().st_mtime)
     return (
         f"nothing has stopped its motors: {moves} (last word on "
-        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on. `printctl "
+        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on{air}. `printctl "
         "kill`, its own stop or its power ends both"
     )
 

@@ -74,8 +74,8 @@ class Motion:
         fresh["shift"] = fresh["physical"] - fresh["position"]
         self.planner[:] = fresh
         rule = family_of(printer).grammar.e_rule
-        self.modal = new_modal(self._start_mm, printer.head_count, rule)
-        self.tool_offset = np.zeros((printer.head_count, 3))
+        self.modal = new_modal(self._start_mm, printer.tool_count, rule)
+        self.tool_offset = np.zeros((printer.tool_count, 3))
         self.slope = 0.0
         spans: tuple[Span, ...] = (printer.x_mm, printer.y_mm, printer.z_mm)
         self.modal["low"] = [span.low for span in spans]

@@ -38,6 +38,7 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from firmware_profiles.strict_model import PRESSURE_UNITS
 from sim.errors import GcodeError, LineError
+from sim.gcode.program.valve import SETS_PRESSURE
 from sim.gcode.reading.line import NOTHING, GcodeLine, TranslatedProgram, output_of, refusal
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
@@ -46,8 +47,6 @@ _WAITS: Final = re.compile(
     rb"WAIT\s+MOVEDONE((?:\s+[A-Z])+)|WAITFORMOTIONDONE\(([][, \w]+)\)", re.IGNORECASE
 )
 _BASE: Final = re.compile(rb"G7([56])", re.IGNORECASE)
-SETS_PRESSURE: Final = "SETS_PRESSURE"
-"""Name of a command that sets the pressure of HEAD to KPA."""
 _PLACED: Final = re.compile(rb"G92(?: +[A-Z]" + _NUMBER + rb")+")
 _SAME: Final = {
     b"G70": b"G20",

@@ -164,7 +164,7 @@ class Klipper(HomedFirmware):
             machine.say("// pressure_advance: 0.000000")
         elif name == "TURN_OFF_HEATERS":
             machine.heat.off(machine.now)
-        else:
+        elif name not in ("SET_FAN_SPEED", "SET_PIN"):  # outputs, which nothing here hangs on
             machine.say(f'// Unknown command:"{name}"')
         return None
 
@@ -172,8 +172,8 @@ class Klipper(HomedFirmware):
         """ACTIVATE_EXTRUDER: its own count of E, which begins at 0; nothing moves."""
         machine, motion = self.board.machine, self.board.machine.motion
         chosen = plain_command("ACTIVATE_EXTRUDER", parameters_of(words))
-        number = int(chosen[1:]) if chosen[:1] == b"T" else machine.printer.head_count
-        if number >= machine.printer.head_count:
+        number = int(chosen[1:]) if chosen[:1] == b"T" else machine.printer.tool_count
+        if number >= machine.printer.tool_count:
             machine.say(f"!! The value '{words.decode()}' is not valid for EXTRUDER")
             return
         called = f"extruder{number or ''}"
@@ -198,7 +198,7 @@ class Klipper(HomedFirmware):
 
     def take_tool(self, command: Command) -> Steps:
         """T: no command of its own, but a configuration with one head may take it in silence."""
-        if self.board.machine.printer.head_count > 1:
+        if self.board.machine.printer.tool_count > 1:
             self.say_unknown(command)
         return None
 

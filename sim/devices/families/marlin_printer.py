@@ -296,7 +296,7 @@ class Marlin(Firmware):
             return self.handlers[name](self.board, command)
         if name == "M420" and self.board.machine.board.bed_slope:
             return m420(self.board, command)
-        if name == self.offsets_by and printer.head_count > 1:
+        if name == self.offsets_by and printer.tool_count > 1:
             m218(self.board, command)
         elif name not in printer.extra_commands:
             self.say_unknown(command)
@@ -456,7 +456,7 @@ _BACK_MM_S: Final = 300.0
 def take_tool(board: Controller, command: Command) -> Task:
     """T: another head, the same again, or none such."""
     machine, number = board.machine, command.number
-    count = machine.printer.head_count
+    count = machine.printer.tool_count
     if count == 1:  # the recorded build takes any number in silence, and goes on with its one
         return
     yield STANDSTILL
@@ -486,13 +486,13 @@ def m218(board: Controller, command: Command) -> None:
     """Offset of a head's tip from the first one's (a Duet's: G10 P); without words, tell them."""
     machine = board.machine
     number = int(command.values.get("P" if command.letter == "G" else "T", machine.motion.tool))
-    if not 0 <= number < machine.printer.head_count:
+    if not 0 <= number < machine.printer.tool_count:
         machine.say(f"echo:M218 Invalid extruder {number}")
         return
     for axis, name in enumerate("XYZ"):
         if name in command.values:
             machine.motion.tool_offset[number, axis] = command.values[name]
     if not command.values:
-        for one in range(1, machine.printer.head_count):
+        for one in range(1, machine.printer.tool_count):
             x, y, z = machine.motion.tool_offset[one]
             machine.say(f"  M218 T{one} X{x:.2f} Y{y:.2f} Z{z:.3f}")

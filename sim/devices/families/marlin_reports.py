@@ -230,7 +230,7 @@ def identity(printer: Printer) -> list[str]:
         "FIRMWARE_NAME:Marlin bugfix-2.1.x (Nov 20 2026 03:35:05) "
         "SOURCE_CODE_URL:github.com/MarlinFirmware/Marlin PROTOCOL_VERSION:1.0 "
         "MACHINE_TYPE:3D Printer KINEMATICS:Cartesian "
-        f"EXTRUDER_COUNT:{printer.head_count} UUID:{UUID}",
+        f"EXTRUDER_COUNT:{printer.tool_count} UUID:{UUID}",
         *(
             f"Cap:{word}"
             for word in _CAPABILITIES.format(emergency=int(printer.emergency_parser)).split()

@@ -130,7 +130,7 @@ class RepRapFirmware(HomedFirmware):
         **{name: handler for name, handler in HANDLERS.items() if name not in _MISSING},
         "G20": HANDLERS["G21"],
         "G92": _g92,
-        "M85": HANDLERS["M107"],  # known, does nothing
+        **dict.fromkeys(("M42", "M85", "M280"), HANDLERS["M107"]),  # known, do nothing
         "M92": _m92,
         "M201": _m201,
         "M203": _m203,
@@ -156,7 +156,7 @@ class RepRapFirmware(HomedFirmware):
 
     def take_tool(self, command: Command) -> Steps:
         """T: none with that number deselects all, and is no head here; T alone tells."""
-        machine, count = self.board.machine, self.board.machine.printer.head_count
+        machine, count = self.board.machine, self.board.machine.printer.tool_count
         if count == 1:
             return None
         if 0 <= command.number < count:

@@ -15,7 +15,7 @@ from firmware_profiles.families import family_of
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, read_gcode
-from sim.gcode.program.valve import read_valves, with_heads, with_other_axes
+from sim.gcode.program.valve import idle_outside, read_valves, with_heads, with_other_axes
 from sim.gcode.reading import read_line
 from sim.gcode.reading.file import GcodeFile, read_file
 from sim.gcode.reading.line import LIMITS
@@ -67,20 +67,25 @@ def read_written(
     file = read_file(gcode, printer, max_refused=max_refused)
     text = file.in_g_code
     rule = family_of(printer).grammar.e_rule
-    program = read_gcode(text, start_mm, printer.head_count, rule)
+    program = read_gcode(text, start_mm, printer.tool_count, rule)
     if file.per_second is not None:
         program = _timed(program, file.per_second)
-    if printer.streamed or printer.head_count == 1:
+    if len(printer.airs) < 2:
         return ReadProgram(program, text, file)
     # No command says which head is in use: its valve does.
-    files = [
-        read_file(gcode, printer, head=k, max_refused=max_refused)
-        for k in range(printer.head_count)
-    ]
-    each = [_heights(read_gcode(one.in_g_code, start_mm), program) for one in files]
-    axis_mm = np.column_stack(each)
+    files, axis_mm = [file], np.repeat(program.target[:, 2:3], printer.head_count, axis=1)
+    own_axes = len(set(printer.z_axes)) > 1
+    if own_axes:
+        files = [
+            read_file(gcode, printer, head=k, max_refused=max_refused)
+            for k in range(printer.head_count)
+        ]
+        each = [_heights(read_gcode(one.in_g_code, start_mm), program) for one in files]
+        axis_mm = np.column_stack(each)
     program, uneven = with_heads(program, axis_mm, read_valves(program, file.others, printer))
-    program = with_other_axes(program, axis_mm, printer)
+    if own_axes:
+        uneven += idle_outside(program, axis_mm, printer)
+        program = with_other_axes(program, axis_mm, printer)
     refused = dict(pair for one in files[::-1] for pair in one.refused) | dict(uneven)
     file = replace(file, refused=tuple(sorted(refused.items())))
     return ReadProgram(program, text, file, axis_mm)

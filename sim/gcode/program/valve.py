@@ -8,6 +8,7 @@ reported as that, and counts as open.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -104,6 +105,38 @@ def read_switch(program: Program, others: Lines, on: str, off: str) -> Valve:
     latest = np.searchsorted(row, np.arange(len(program)), side="left") - 1
     before = np.where(latest >= 0, np.append(state_of, UNKNOWN)[latest], UNKNOWN)
     return Valve(row, state_of, before)
+
+
+SETS_PRESSURE: Final = "SETS_PRESSURE"
+"""Name of a translated command that sets the pressure of HEAD to KPA."""
+
+
+def read_pressures(others: Lines, printer: Printer) -> tuple[tuple[int, int, float], ...]:
+    """Find the lines that set a head's pressure; line, head and kPa, infinite where unclear."""
+    pairs = {k: tuple(map(_command, pair)) for k, pair in printer.pressure_pairs.items()}
+    found = []
+    for number, line in others:
+        if line.code == SETS_PRESSURE:
+            found.append((number, int(line.parameters["HEAD"]), float(line.parameters["KPA"])))
+            continue
+        for head, (none, most) in pairs.items():
+            if line.code == none[0] and none[1] & most[1] <= _words(line):
+                greatest = printer.airs[head].max_pressure_kpa
+                found.append((number, head, greatest * _share(_words(line), none[1], most[1])))
+    return tuple(found)
+
+
+def _share(given: Words, none: Words, most: Words) -> float:
+    """Share of the greatest pressure that words set; infinite where they say anything else."""
+    low, high = dict(none - most), dict(most - none)
+    rest = dict(given - (none & most))
+    if rest.keys() != high.keys():
+        return math.inf
+    try:
+        ((key, top),) = high.items()
+        return (float(rest[key]) - float(low[key])) / (float(top) - float(low[key]))
+    except ValueError:
+        return math.inf
 
 
 def first_rows(program: Program) -> dict[int, int]:
@@ -220,6 +253,26 @@ def with_other_axes(program: Program, axis_mm: FloatArray, printer: Printer) -> 
     feed[moves] = np.where(alone, feed[moves], speed * own / way)
     value[moves] = np.where(alone, seconds, np.nan)
     return replace(program, feed=feed, value=value)
+
+
+def idle_outside(
+    program: Program, axis_mm: FloatArray, printer: Printer
+) -> tuple[tuple[int, LineError], ...]:
+    """Refuse the first row that takes a head not in use beyond its vertical axis' travel.
+
+    ``axis_mm`` as for `with_heads`.
+    """
+    span, refused = printer.z_mm, []
+    for head, height in enumerate(axis_mm.T):
+        beyond = (height < span.low - _LEVEL_MM) | (height > span.high + _LEVEL_MM)
+        rows = np.flatnonzero(beyond & (program.tool != head))
+        if len(rows):
+            reason = (
+                f"{printer.z_axes[head]}, the axis of head {head}, goes to {height[rows[0]]:g} mm, "
+                f"outside {span.low:g} to {span.high:g} mm ({printer.name}: z_mm)"
+            )
+            refused.append((int(program.line[rows[0]]), refusal("outside_z", b"", reason)))
+    return tuple(refused)
 
 
 def _uneven(head: int, before: int) -> LineError:

@@ -217,7 +217,7 @@ def plain_command(name: str, parameters: Mapping[str, str]) -> bytes:
 def is_known(printer: Printer, name: str) -> bool:
     """Whether the printer's firmware knows a command by its letter and number: ``M104``."""
     grammar = family_of(printer).grammar
-    if printer.heads and name in grammar.head_codes:
+    if printer.tool_count > 1 and name in grammar.head_codes:
         return True
     return name.startswith("T") or name in grammar.codes or name in printer.extra_commands
 

@@ -16,6 +16,7 @@ from sim.gcode.program.modal import MOVE
 
 RIG = load(Printer, "stanford_two_heads")
 AUTOMATION1 = load(Printer, "stanford_two_heads_automation1")
+DUET = load(Printer, "two_valves_duet3")
 START = (0.0, 0.0, 60.0)
 PLACE = np.array([-10.0, -5.0, 4.0])
 FLOW_UL_S = 0.2
@@ -32,14 +33,14 @@ def three_tubes() -> VesselNetwork:
     return VesselNetwork.from_segments(nodes, ends, np.full(3, 0.25), kind, np.arange(3))
 
 
-def job(printer: Printer) -> bytes:
+def job(printer: Printer, place: np.ndarray = PLACE) -> bytes:
     network = three_tubes()
     options = EmbeddedOptions(needle_inner_mm=0.2, needle_outer_mm=0.4)
     heads = EmbeddedHeads((options, options), (network.kind == VesselKind.VEIN).astype(np.int64))
     load_of = HeadLoad(load(Syringe, "hamilton_1ml"), flow_ul_s=FLOW_UL_S)
     given = GcodeOptions(start_mm=START, heads=(load_of, load_of))
     plan = plan_embedded(network, heads)
-    return write_gcode(plan.toolpath, printer, load_of.syringe, PLACE, given).data
+    return write_gcode(plan.toolpath, printer, load_of.syringe, place, given).data
 
 
 def strokes_of(text: str) -> list[tuple[str, np.ndarray]]:
@@ -185,12 +186,83 @@ def test_head_that_changes_between_two_heights_is_refused():
     assert any("never stood at one height" in one.message for one in run.findings)
 
 
-def test_several_valves_are_refused_on_a_printer_that_takes_lines():
-    data = load(Printer, "two_syringe_marlin").model_dump() | {"plunger_travel_mm": None}
-    air = load(Printer, "pneumatic_marlin").dispenser.model_dump()
-    data |= {"dispenser": air, "safe_state_off": [air["closes"]]}
-    data["heads"][1]["dispenser"] = air | {"opens": "M42 P5 S255", "closes": "M42 P5 S0"}
-    with pytest.raises(ValueError, match="driven by a controller that runs the file"):
+def of_pins() -> Printer:
+    """Return the Duet's heads on output pins that have names, with a scale in kPa."""
+    data = DUET.model_dump() | {"firmware": "klipper"}
+    for number, one in enumerate((data, data["heads"][1])):
+        one["dispenser"] |= {
+            "opens": f"SET_PIN PIN=valve{number} VALUE=1",
+            "closes": f"SET_PIN PIN=valve{number} VALUE=0",
+            "sets_pressure": (f"SET_PIN PIN=air{number} VALUE={{kpa}}",),
+        }
+    for number, head in enumerate(data["heads"]):
+        head["raises"] = f"SET_PIN PIN=lift{number} VALUE=1"
+        head["lowers"] = f"SET_PIN PIN=lift{number} VALUE=0"
+    return Printer.model_validate(data | {"idle_timeout_s": 600})
+
+
+def duet_job(printer: Printer = DUET) -> bytes:
+    """Return the same job for a printer that takes lines, whose two heads share one Z."""
+    return job(printer, np.array([60.0, 60.0, 4.0]))
+
+
+@pytest.mark.parametrize("printer", [DUET, of_pins()], ids=["by number", "by name"])
+def test_valves_and_pressures_on_a_printer_that_takes_lines(printer):
+    gcode = duet_job(printer)
+    run = dry_run(gcode, printer, START)
+    checks = [*gcode_checks(run, printer), *head_checks(run, printer)]
+    assert not run.unknown
+    assert not [one for one in checks if one.refuses]
+    assert [one.value for one in checks if "pressure at which" in one.check] == [60, 80]
+    assert np.count_nonzero(np.diff(run.program.tool)) in (1, 2)
+    lines = gcode.decode().splitlines()
+    assert not any(line.startswith(("T", "G10", "ACTIVATE")) for line in lines)
+    tips = run.of_head(1)
+    writes = tips.valve.is_open & (tips.program.kind == MOVE)
+    ends = tips.program.target[writes, 0]  # of the vein, by a tip that stands 40 mm aside
+    assert np.minimum(abs(ends - 62), abs(ends - 74)).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "refused"),
+    [
+        (b"P3 S0.16", b"P3 S0.14", "head 1: pressure at which its valve opens"),
+        (b"P2 S0.02", b"P2 S0.03", "head 0: not at its resting pressure while another head"),
+        (b"P3 S0.16", b"P3 S0.16 F100", "head 1: pressure at which its valve opens"),
+        (b"M42 P1 S1", b"M42 P3 S0.9\nM42 P1 S1", "head 1: highest pressure set"),
+        (b"M42 P1 S1", b"M42 P0 S1\nM42 P1 S1", "head 0 (left): valve open at the end"),
+    ],
+)
+def test_air_that_is_not_the_profile_s_is_refused_there_too(old, new, refused):
+    run = dry_run(duet_job().replace(old, new), DUET, START)
+    checks = [*gcode_checks(run, DUET), *head_checks(run, DUET)]
+    assert any(one.check.startswith(refused) for one in checks if one.refuses)
+
+
+@pytest.mark.parametrize(
+    ("firmware", "own", "message"),
+    [
+        ("reprapfirmware", {"sets_pressure": ("M42 P1 S{output}",)}, "switches a valve"),
+        ("reprapfirmware", {"sets_pressure": ("M42 P3 S{kpa}", "M42 P5 S1")}, "sends one line"),
+        ("reprapfirmware", {"sets_pressure": ("G1 Z{kpa}",)}, "only switches"),
+        ("reprapfirmware", {"sets_pressure": ("M42 P2 S{psi}",)}, "by the same lines"),
+        ("marlin", {}, "60 would be set as 60.78 kPa"),
+    ],
+)
+def test_pressure_that_no_host_can_set_is_refused(firmware, own, message):
+    data = DUET.model_dump() | {"firmware": firmware}
+    data["heads"][1]["dispenser"] |= own
+    with pytest.raises(ValueError, match=message):
+        Printer.model_validate(data)
+
+
+@pytest.mark.parametrize(
+    ("own", "message"), [({"z_axis": "U"}, "z_axis is for"), ({"select": "T1"}, "select is for")]
+)
+def test_head_with_a_valve_has_no_tool_and_shares_the_vertical_axis(own, message):
+    data = DUET.model_dump()
+    data["heads"][1].update(own)
+    with pytest.raises(ValueError, match=message):
         Printer.model_validate(data)
 
 
@@ -199,7 +271,7 @@ def test_several_valves_are_refused_on_a_printer_that_takes_lines():
     [
         ({"heads": [{"z_axis": "A"}, {}]}, "another letter"),
         ({"heads": [{}, {"z_axis": "A"}]}, "another letter"),
-        ({"heads": [{"select": "T0"}, {}]}, "select is for firmwares"),
+        ({"heads": [{"select": "T0"}, {}]}, "select is for plungers"),
         ({"heads": [{}, {"dispenser": None}]}, "two open the same valve"),
         ({"file_controller": {"begins": ["G1 X5"]}}, "no word that is known to move nothing"),
         ({"file_controller": {"begins": ["Enable Aa ; G1"]}}, "holds a comment"),

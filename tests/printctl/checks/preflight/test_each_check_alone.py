@@ -225,7 +225,7 @@ def test_an_air_job_that_is_wrong_in_one_thing_is_told_of_that_alone(
         ("drop at each path's end", DROPS, False),
         ("fastest writing", other("ink", write_speed_mm_s=Span(low=1, high=9)), False),
         ("slowest writing", other("ink", write_speed_mm_s=Span(low=11, high=19)), False),
-        ("profile", other("printer", safe_state_off=()), True),
+        ("profile", other("printer", safe_state_on=("pump",)), True),
     ],
 )  # fmt: skip
 def test_an_air_set_up_that_is_wrong_in_one_thing_is_told_of_that_alone(

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from firmware_profiles.families.marlin.sender import guard_command
+from printctl.checks.gate import LineOrigin, PrinterSituation, Refusal, judge
+from printctl.checks.preflight import gcode_checks
+from printctl.machine.control.halting import halting_of
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.care import Care, NewSyringe
-from printctl.machine.job.dispensing import head_at, is_open
+from printctl.machine.job.dispensing import head_at, is_open, shut
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import plan_head_reloads, plunger_travel
@@ -29,6 +32,10 @@ from tests.printctl.machine.link.two_heads import DATA as DATA_HEADS
 from tests.printctl.machine.link.two_heads import FORESEEN, QUICK, job_of, machine
 from tests.printctl.machine.link.two_heads import JOB as JOB_HEADS
 from tests.printctl.machine.link.two_heads import START as START_HEADS
+from tests.printctl.machine.link.two_valves import DATA as PAIR_DATA
+from tests.printctl.machine.link.two_valves import JOB as PAIR_JOB
+from tests.printctl.machine.link.two_valves import PAIR, Valves, alone
+from tests.printctl.machine.link.two_valves import START as START_PAIR
 from tests.slower import first_of
 
 DATA = airy(3, 12)
@@ -226,6 +233,116 @@ def test_rest_of_a_job_opens_the_valve_only_where_the_tip_is_back(begin):
     assert "pressure off" in plan.steps[0]
 
 
+# --- several valves: shut and at rest at every end, the pressure set again before one opens
+WRITTEN = alone(PAIR_JOB).laid
+
+
+def of_pair(tmp_path, script, care=None):
+    printer = Valves(script=script)
+    transport = FakeTransport(printer, VirtualClock())
+    status = played(PAIR_DATA, tmp_path, transport, script, care=care, printer=PAIR)
+    return status, printer
+
+
+def test_job_alone_opens_each_valve_at_its_pressure_and_ends_at_rest():
+    printer = alone(PAIR_JOB)
+    assert printer.is_safe
+    assert not printer.wrong
+    assert {head for head, _, _ in printer.laid} == {0, 1}
+    assert not any(line.startswith((b"T", b"M218")) for line in PAIR_JOB.lines)
+
+
+@pytest.mark.parametrize("line", range(3, len(PAIR_JOB) - 1, 9))
+def test_a_stop_at_any_line_leaves_every_valve_shut_and_all_air_at_rest(tmp_path, line):
+    script = Script(at_line={line: lambda streamer: streamer.stop()})
+    status, printer = of_pair(tmp_path, script)
+    assert status.state is LinkState.STOPPED
+    assert printer.is_safe
+    assert not printer.wrong
+    assert printer.laid == WRITTEN[: len(printer.laid)]
+
+
+@pytest.mark.parametrize("seed", first_of(range(20), 6))
+def test_heads_with_valves_paused_and_reloaded_lay_the_same(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    safe = []
+
+    def go_on(streamer: Streamer) -> None:
+        safe.append(printer.is_safe)
+        changing = streamer.status.waits_for.startswith("syringe")
+        streamer.resume(NewSyringe() if changing else None)
+
+    requests = [lambda streamer: streamer.pause(), lambda streamer: streamer.reload(1)]
+    moments = rng.choice(np.arange(7, len(PAIR_JOB) - 30), size=4, replace=False).tolist()
+    script = Script(on_paused=go_on)
+    script.at_line = {line: requests[k % 2] for k, line in enumerate(sorted(moments))}
+    printer = Valves(script=script)
+    transport = FakeTransport(printer, VirtualClock())
+    status = played(PAIR_DATA, tmp_path, transport, script, printer=PAIR)
+    assert (status.state, status.alarms) == (LinkState.DONE, 0), status
+    assert safe
+    assert all(safe)
+    assert printer.is_safe
+    assert not printer.wrong
+    assert printer.laid == WRITTEN
+
+
+@pytest.mark.parametrize("seed", first_of(range(16), 5))
+def test_a_dead_host_s_successor_shuts_both_valves_and_sets_the_pressure_before_one_opens(
+    tmp_path, seed
+):
+    rng = np.random.default_rng(seed)
+    clock, printer = VirtualClock(), MarlinPrinter(PAIR, START_PAIR)
+    transport = SimTransport(printer, clock)
+    transport.die_at(int(rng.integers(60, 130)), float(rng.random()))
+    with pytest.raises(HostDiedError):
+        played(PAIR_DATA, tmp_path, transport, Script(), printer=PAIR)
+    transport, seen = SimTransport(printer, clock), Valves()
+    write = transport.write
+
+    def writing(data: bytes) -> None:
+        for line in data.split(b"\n"):
+            if line.startswith(b"N"):
+                seen._do(line.split(b" ", 1)[1].split(b"*")[0].decode().replace("M0", "M"))
+        write(data)
+
+    transport.write = writing  # type: ignore[method-assign]
+    history = read_journal(tmp_path / "journal.log")
+    status = played(PAIR_DATA, tmp_path, transport, Script(), history=history, printer=PAIR)
+    assert status.state is LinkState.DONE, status
+    assert seen.is_safe
+    switched = [line for line in seen.executed if line.startswith("M106 P")]
+    assert switched[:4] == [line.decode() for line in shut(PAIR)]
+    assert not seen.wrong
+
+
+@pytest.mark.parametrize("begin", range(15, len(PAIR_JOB) - 2, 6))
+def test_rest_of_a_job_of_two_valves_lays_the_rest_with_the_same_heads(begin):
+    history, line = JournalledPrint(done=len(PAIR_JOB)), PAIR_JOB.file_lines[begin]
+    plan = plan_recovery(PAIR_JOB, PAIR_DATA, history, PAIR, Retreat(), line)
+    rest = Valves(output={0: 255, 1: 0, 2: 99, 3: 99, 4: 0, 5: 0})
+    for command in parse_job(plan.gcode, "rest", PAIR).lines:
+        rest._do(command.decode())
+    assert rest.is_safe
+    assert not rest.wrong
+    assert rest.laid == WRITTEN[len(WRITTEN) - len(rest.laid) :]
+    run = dry_run(plan.gcode, PAIR, START_PAIR)
+    assert not [one for one in gcode_checks(run, PAIR) if one.refuses]
+
+
+def test_a_halt_tells_the_valves_to_shut_before_the_firmware_dies():
+    for parser in (True, False):
+        halting = halting_of(PAIR, b"M112\n", emergency_parser=parser)
+        told = b"".join(data for data, _ in halting.first)
+        assert all(b"\n%b\n" % command in told for command in (b"M106 P0 S0", b"M106 P1 S0"))
+        assert sum(wait for _, wait in halting.first) == (2.8 if parser else 0.0)
+
+
+@pytest.mark.parametrize("text", ["M106 P2 S200", "M106 P1 S255", "M106 P3 S5"])
+def test_pressure_and_valves_are_not_for_the_console(text):
+    assert isinstance(judge(text, LineOrigin.CONSOLE, PrinterSituation.of_job(PAIR)), Refusal)
+
+
 # --- two-head prints: pause, stop, syringe change, and resumption after the host's death
 RETREAT = Retreat(relief_mm=0.005, others=(Retreat(relief_mm=0.002),))
 
@@ -314,7 +431,7 @@ def test_the_syringe_of_the_idle_head_is_changed_without_a_stroke_of_the_other(t
         index: head
         for index in reloads
         for head in (0, 1)
-        if head_at(JOB_HEADS.lines, index) == 1 - head
+        if head_at(JOB_HEADS.lines, index, QUICK) == 1 - head
     }
     care = Care(reload_at=tuple(plan), reload_heads=tuple(plan.values()))
     assert {0, 1} == set(plan.values())

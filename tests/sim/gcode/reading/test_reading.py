@@ -125,9 +125,9 @@ def test_families_refuse_what_they_read_otherwise_and_a_second_command(family, t
 @pytest.mark.parametrize("name", shipped(Printer))
 def test_commands_of_every_profile_are_canonical(name):
     printer = load(Printer, name)
-    head = printer.pneumatic
     commands = [*printer.safe_state_off, *(item.query for item in printer.watch)]
-    commands += [head.opens, head.closes] if head else []
+    commands += [one for air in printer.airs for one in (air.opens, air.closes)]
+    commands += [one for pair in printer.pressure_pairs.values() for one in pair]
     commands += [c for h in printer.heads for c in (h.select, h.raises, h.lowers) if c]
     for command in commands:
         assert read_line(command.encode(), printer).text == command.encode()
