@@ -48,7 +48,8 @@ class Heads:
     offset_mm : (heads, 3) float64, mm
         Of each tip from the first one's, both lowered.
     axis_mm : (n, heads) float64 or None, mm
-        Where each head's vertical axis stands after each row; None where a command chooses the head.
+        Where each head's vertical axis stands after each row; None where a command chooses
+        the head.
     """
 
     raised: NDArray[np.bool_]

@@ -138,6 +138,12 @@ def test_axis_that_moves_beside_the_head_in_use_takes_its_time():
     assert dry_run(beside + b" B160 F5" + gcode[end:], RIG, START).duration_s > whole + 10
 
 
+def test_head_not_in_use_stays_within_its_travel():
+    gcode = job(RIG).replace(b"\nWAIT", b"\nG1 B500 F2\nG1 B60\nWAIT", 1)
+    (found,) = (one for one in dry_run(gcode, RIG, START).findings if one.code == "outside_z")
+    assert "B, the axis of head 1, goes to 500 mm" in found.message
+
+
 def test_valve_is_open_from_where_its_axis_is_enabled():
     gcode = job(RIG)
     assert gcode.count(b"\nEnable Aa\nBRAKE Aa 0\n") == gcode.count(b"BRAKE Aa 0") == 2
