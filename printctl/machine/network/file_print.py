@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import queue
 import re
 import threading
@@ -65,7 +66,7 @@ SILENT_LIMIT_S: Final = 1800.0
 MAX_STARTS: Final = 3
 MAX_UPLOADS: Final = 4
 _AGAIN_S: Final = 2.0
-"""After so long a stop that the host hasn't carried out is sent again."""
+"""So long after a cancel that the host refused or didn't answer it is sent again."""
 _BUSY_WAIT_S: Final = 5.0
 _ASIDE_MM: Final = 0.05
 _READ_AHEAD: Final = 32
@@ -191,8 +192,10 @@ class FilePrint:
             raise Refused(f"{why} ({self.status.state.value}: {self.status.message})")
 
     def _cancel(self) -> None:
-        self._cancelled_at = time.monotonic()
-        self._commands.put(("cancel", lambda why: None))
+        """Send a cancel, unless one waits or was taken: a second runs the host's macro again."""
+        if self._cancelled_at < math.inf:
+            self._cancelled_at = math.inf
+            self._commands.put(("cancel", lambda why: None))
 
     def _halt(self) -> None:
         self._halted_at = time.monotonic()
@@ -216,7 +219,9 @@ class FilePrint:
             except LinkError as exc:
                 why = f"{do} isn't done: {exc}"
                 log.error("%s", why)
-                if self._begun and do != "cancel":
+                if do == "cancel":
+                    self._cancelled_at = time.monotonic()
+                elif self._begun:
                     self._write("alarm", text=why)
                     self._status = replace(self._status, alarms=self._status.alarms + 1)
             answer(why)
@@ -580,6 +585,7 @@ class FilePrint:
         return report
 
     def _asked(self) -> HostReport | None:
+        asked_at = time.monotonic()  # the answer may have been under way for as long
         try:
             report = self._host.state(self.hosted.name)
         except (HostSilent, HostRefused) as exc:
@@ -592,7 +598,7 @@ class FilePrint:
         if report.state is HostState.OFFLINE:
             self._silence = f"{self.address} says {_in_words(report)}"
         else:
-            self._report, self._known_at, self._silence = report, time.monotonic(), ""
+            self._report, self._known_at, self._silence = report, asked_at, ""
         return report
 
     def _take(self, report: HostReport) -> None:

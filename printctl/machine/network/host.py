@@ -18,7 +18,8 @@ KEY_FILE_VARIABLE: Final = "PRINTCTL_HOST_KEY_FILE"
 _DEFAULT_PORT: Final = {"moonraker": 7125, "octoprint": 5000, "duet": 80}
 _HTTPS_PORT: Final = 443
 _ADDRESS: Final = re.compile(
-    r"(?P<host>\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+)(?::(?P<port>\d{1,5}))?/?"
+    r"(?P<host>\[[0-9a-fA-F:.]+\]|[\w-]{1,63}(\.[\w-]{1,63})*\.?)(?::(?P<port>\d{1,5}))?/?",
+    re.ASCII,
 )
 _MAX_KEY_BYTES: Final = 4096
 
@@ -181,8 +182,13 @@ class HostAddress(NamedTuple):
     port: int
     encrypted: bool = False
 
+    @property
+    def authority(self) -> str:
+        """Host and port as in a URL, an IPv6 address in brackets."""
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
     def __str__(self) -> str:
-        return f"{self.kind}{ENCRYPTED * self.encrypted}://{self.host}:{self.port}"
+        return f"{self.kind}{ENCRYPTED * self.encrypted}://{self.authority}"
 
 
 def parse_address(port: str) -> HostAddress:

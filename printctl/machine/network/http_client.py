@@ -37,7 +37,10 @@ class HttpReply(NamedTuple):
         try:
             return json.loads(self.body)
         except (ValueError, RecursionError):
-            raise HostRefused(f"the host's answer is no JSON: {self.body[:80]!r}") from None
+            raise HostRefused(  # without its words: a redirection repeats a password
+                f"the host's answer (HTTP {self.status}, {len(self.body)} bytes) is no JSON; does "
+                "a proxy, a login page or another program listen at this port?"
+            ) from None
 
 
 class HttpClient:
@@ -171,7 +174,7 @@ class ReadyConnection:
 
         Where the ready connection is broken a new one is opened. HostSilent without an answer.
         """
-        head = {"Host": f"{self._address.host}:{self._address.port}", **request.headers}
+        head = {"Host": self._address.authority, **request.headers}
         head |= {"Content-Length": str(len(request.body)), "Connection": "close"}
         lines = [
             f"{request.method} {request.path} HTTP/1.1",

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from printctl.machine.errors import Refused
+from printctl.machine.network import file_print
 from printctl.machine.network.host import HostReport, HostState
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.states import LinkState
@@ -278,6 +279,35 @@ def test_stop_ends_it_in_the_hosts_way(server: BoardServer, tmp_path: Path):
     assert "stopped by the user" in status.message
     assert server.board.status == "idle"
     assert len(server.strokes()) < len(STROKES)
+
+
+def test_stop_is_sent_once_however_long_the_hosts_macro_takes(
+    server: BoardServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(file_print, "_AGAIN_S", 0.1)
+    cancels: list[str] = []
+    own = server.board.code
+
+    def slow(text: str) -> str:
+        if text == "M0":
+            cancels.append(text)
+            time.sleep(1.0)
+        return own(text)
+
+    monkeypatch.setattr(server.board, "code", slow)
+    one = printing(Print(tmp_path / "p", server).start())
+    one.film.stop()
+    assert one.end().state is LinkState.STOPPED
+    assert cancels == ["M0"]
+
+
+def test_a_late_answers_age_counts_from_its_question(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    before = one.film._known_at
+    server.faults.meanwhile = lambda path: time.sleep(0.1)
+    wait(lambda: one.film._known_at != before)
+    assert time.monotonic() - one.film._known_at >= 0.1
+    one.end()
 
 
 def test_stop_before_the_start_starts_nothing(server: BoardServer, tmp_path: Path):

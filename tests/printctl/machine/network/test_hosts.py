@@ -91,13 +91,16 @@ def test_addresses():
     assert parse_address("moonraker://lab") == ("moonraker", "lab", 7125, False)
     assert parse_address("octoprint+https://10.0.0.2/") == ("octoprint", "10.0.0.2", 443, True)
     assert parse_address("duet://[::1]:8080") == ("duet", "::1", 8080, False)
-    assert str(parse_address("octoprint+https://a")) == "octoprint+https://a:443"
+    for given in ("octoprint+https://a:443", "duet://[::1]:80"):
+        assert str(parse_address(given)) == given
     for wrong in (
         "duet://",
         "duet+https+https://a",
         "duet://a:99999",
         "moonraker://a/b",
         "http://a",
+        "duet://a..b",
+        f"duet://{'a' * 64}",
     ):
         with pytest.raises(PortError):
             parse_address(wrong)
@@ -144,6 +147,10 @@ def test_refusals_have_the_hosts_words_and_no_query(scripted: Scripted, opened: 
     scripted.answer = lambda method, path, body: (403, {"error": "no"})
     with pytest.raises(HostRefused, match="PRINTCTL_HOST_KEY"):
         opened(HttpClient(scripted.at("duet"))).get("/x")
+    scripted.answer = lambda method, path, body: (301, f"Moved to https:/{path}".encode())
+    with pytest.raises(HostRefused, match="no JSON") as refused:
+        opened(HttpClient(scripted.at("duet"))).get("/rr_connect?password=hush")
+    assert "hush" not in str(refused.value)
 
 
 def test_ready_connection_is_opened_anew_when_the_host_closes_it():
