@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import Field, TypeAdapter, ValidationError
 
@@ -19,6 +19,12 @@ from firmware_profiles.strict_model import (
     check_values,
     is_output,
 )
+
+_COMMAND: Final = re.compile(
+    r"(?<![\w$])(?:[GM]\d|(?:Drive)?Brake|Enable|Disable|Dwell|Linear|Rapid|Home|Move|Call)|\$.*=",
+    re.IGNORECASE,
+)
+"""What begins a second command in a line; the A3200 takes several."""
 
 
 class FileController(StrictModel):
@@ -192,6 +198,9 @@ def _check_words(key: str, lines: Sequence[str], given: FileController, firmware
                 f"({', '.join(sorted(known))}); leave it out, or name the lab's own function in "
                 "file_controller: own_words"
             )
+        more = _COMMAND.search(line, line.index(word[0]) + len(word[0]))
+        if more:
+            raise ValueError(f"{key}: {line!r} holds a second command, {more[0]!r}; take it out")
 
 
 def _outside_definitions(given: FileController) -> list[str]:
