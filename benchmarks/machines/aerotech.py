@@ -106,15 +106,16 @@ def _judged(
     of = np.repeat(np.arange(len(count)), count)
     share = (np.arange(len(of)) - (np.cumsum(count) - count)[of]) / (count[of] - 1).clip(min=1)
     path = moves.start[of] + share[:, None] * (moves.end - moves.start)[of]
-    written = 0
+    written = []
     for vessel in range(network.vessel_count):
         points, radius = network.polyline(vessel)
         ends = head == own[vessel]
         away, _ = KDTree(path[ends[of]]).query(points)
-        there = np.mean(away <= np.maximum(radius, NEAR_MM)) >= WRITTEN_SHARE
-        written += bool(there) or vessel in left_out
-    yield all_of(f"{name}: vessels written with their ink, or left out by name", written,
-                 network.vessel_count) | {"left_out": len(left_out)}  # fmt: skip
+        if np.mean(away <= np.maximum(radius, NEAR_MM)) >= WRITTEN_SHARE:
+            written.append(vessel)
+    yield all_of(f"{name}: vessels written with their ink", len(written), network.vessel_count)
+    silent = network.vessel_count - len(left_out.union(written))
+    yield limited(f"{name}: vessels neither written nor left out by name", silent, "", 0)
     yield limited(
         f"{name}: shaft through ink, away from the network's own overlaps",
         found["bad_moves_elsewhere"],
