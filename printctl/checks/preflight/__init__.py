@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         read_written,
         shaft_checks,
         shaft_clearance,
+        shaft_lines,
         written_arrays,
     )
     from printctl.checks.preflight.steps import step_checks
@@ -91,6 +92,7 @@ __all__ = [
     "refuse_failed",
     "shaft_checks",
     "shaft_clearance",
+    "shaft_lines",
     "step_checks",
     "syringe_checks",
     "temperature_checks",
