@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
 
@@ -140,6 +142,27 @@ def test_each_name_that_is_handed_on_can_be_had_and_is_no_modules(package):
         assert getattr(room, name) is getattr(import_module(home), name)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = room.nothing
+
+
+def test_each_name_that_is_asked_of_a_package_is_handed_on():
+    """`preflight.shaft_lines` was asked for, and not handed on: a traceback behind a dry run."""
+    root, wrong = Path(__file__).parents[2], []
+    for file in [
+        path for room in ("printctl", "design", "sim") for path in (root / room).rglob("*.py")
+    ]:
+        text = file.read_text(encoding="utf-8")
+        for package in ON_DEMAND:
+            above, _, name = package.rpartition(".")
+            if re.search(
+                rf"^from {re.escape(above)} import .*\b{name}\b(?! as)", text, re.MULTILINE
+            ):
+                asked = set(re.findall(rf"(?<![\w.]){name}\.(\w+)", text))
+                wrong += [f"{file}: {name}.{one}" for one in asked if not _has(package, one)]
+    assert wrong == []
+
+
+def _has(package: str, name: str) -> bool:
+    return hasattr(import_module(package), name) or find_spec(f"{package}.{name}") is not None
 
 
 def test_names_of_stages_are_those_of_the_stages():
