@@ -17,7 +17,7 @@ from firmware_profiles.strict_model import (
     StrictModel,
     SwitchCommand,
     check_values,
-    switch_words,
+    switched,
 )
 from firmware_profiles.tools import Needle
 
@@ -79,12 +79,14 @@ class Pneumatic(StrictModel):
     @property
     def valve(self) -> frozenset[str]:
         """What both commands have in common: a pin, an output, a brake."""
-        return frozenset(switch_words(self.opens)) & frozenset(switch_words(self.closes))
+        return switched(self.opens, self.closes)
 
     @property
     def port(self) -> frozenset[str]:
         """What sets its pressure, whatever the pressure; empty where a person does."""
-        return frozenset(re.sub(r"\{\w+\}", "", " ".join(self.sets_pressure)).split())
+        lines = " ".join(self.sets_pressure)
+        one, other = (re.sub(r"\{\w+\}", value, lines) for value in "12")
+        return switched(one, other) if lines else frozenset()
 
     @model_validator(mode="after")
     def _is_possible(self) -> Pneumatic:
@@ -106,12 +108,7 @@ class Pneumatic(StrictModel):
                 f"resting_kpa {self.resting_kpa:g} is above pressure_kpa {self.pressure_kpa:g}, at "
                 "which it writes; lower it"
             )
-        one, other = switch_words(self.opens), switch_words(self.closes)
-        if one == other or one[0].upper() != other[0].upper():
-            raise ValueError(
-                f"opens {self.opens!r} and closes {self.closes!r} must be one command with two "
-                "values (M42 P4 S255 and M42 P4 S0)"
-            )
+        switched(self.opens, self.closes)
         return self
 
 

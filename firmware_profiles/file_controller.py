@@ -16,6 +16,7 @@ from firmware_profiles.strict_model import (
     FileLine,
     StrictModel,
     SwitchCommand,
+    addresses,
     check_values,
     is_output,
 )
@@ -174,7 +175,7 @@ def _check_sent_pressure(head: Pneumatic, airs: Sequence[Pneumatic]) -> None:
             "sets_pressure: a host sends one line for a pressure, such as M42 P3 S{output}; "
             f"{len(head.sets_pressure)} are given"
         )
-    line = re.sub(r"\{\w+\}", "1", head.sets_pressure[0])
+    line = re.sub(r"(?<![-.\d])\{\w+\}", "1", head.sets_pressure[0])
     try:
         TypeAdapter(SwitchCommand).validate_python(line)
     except ValidationError as exc:
@@ -182,7 +183,7 @@ def _check_sent_pressure(head: Pneumatic, airs: Sequence[Pneumatic]) -> None:
             f"sets_pressure: {head.sets_pressure[0]!r} isn't a command that only switches, such as "
             "M42 P3 S{output}"
         ) from exc
-    if any(one.valve <= frozenset(line.split()) for one in airs):
+    if any(addresses(line, one.valve) for one in airs):
         raise ValueError(f"sets_pressure: {head.sets_pressure[0]!r} switches a valve (opens)")
 
 

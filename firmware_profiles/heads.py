@@ -7,13 +7,15 @@ writer takes the offset off (the host knows it), so the firmware must add none.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import combinations
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from firmware_profiles.dispensers import Dispenser, Pneumatic
 from firmware_profiles.families.registry import find_family
-from firmware_profiles.strict_model import StrictModel, SwitchCommand
+from firmware_profiles.strict_model import StrictModel, SwitchCommand, switched
 
 MOST_HEADS = 8
 Length = Annotated[float, Field(ge=-500, le=500, allow_inf_nan=False)]
@@ -84,12 +86,7 @@ class Head(StrictModel):
                     "raises and lowers too, or none of the three for a fixed head"
                 )
             return self
-        one, other = self.raises.split(), self.lowers.split()
-        if one == other or one[0].upper() != other[0].upper():
-            raise ValueError(
-                f"raises {self.raises!r} and lowers {self.lowers!r} must be one command with two "
-                "values (M280 P0 S90 and M280 P0 S10)"
-            )
+        switched(self.raises, self.lowers)
         if self.raised_mm == 0:
             raise ValueError(f"head {self.name!r} is raised by 0 mm; give raised_mm")
         return self
@@ -126,12 +123,7 @@ def check_heads(heads: tuple[Head, ...], firmware: str, dispenser: Dispenser) ->
     if len({one.kind for one in airs}) > 1:
         raise ValueError("heads: plungers and valves on one printer can't be driven; name one kind")
     valves = [one for one in airs if isinstance(one, Pneumatic)]
-    if len({one.valve for one in valves}) < len(valves):
-        text = ", ".join(one.opens for one in valves)
-        raise ValueError(f"heads: two open the same valve ({text}); give each its own dispenser")
-    ports = [one.port for one in valves if one.sets_pressure]
-    if len(set(ports)) < len(ports):
-        raise ValueError("heads: two set their pressure by the same lines; name each one's port")
+    _check_outputs(outputs_of(heads, valves))
     by_file = bool(find_family(firmware).file_controllers)
     if valves and any(head.select for head in heads):
         raise ValueError("heads: select is for plungers; a valve says itself which is in use")
@@ -152,6 +144,27 @@ def check_heads(heads: tuple[Head, ...], firmware: str, dispenser: Dispenser) ->
     names = [head.name for head in heads]
     if len(set(names)) < len(names):
         raise ValueError(f"heads: two have the same name ({', '.join(names)})")
+
+
+def outputs_of(
+    heads: Sequence[Head], airs: Sequence[Pneumatic]
+) -> list[tuple[str, frozenset[str]]]:
+    """Valve, pressure and lift of each head: a command of it, and what that sets."""
+    lifts = [(one.raises, one.lowers) for one in heads if one.raises and one.lowers]
+    return [
+        *((air.opens, air.valve) for air in airs),
+        *(("; ".join(air.sets_pressure), air.port) for air in airs if air.sets_pressure),
+        *((raises, switched(raises, lowers)) for raises, lowers in lifts),
+    ]
+
+
+def _check_outputs(outputs: Sequence[tuple[str, frozenset[str]]]) -> None:
+    for (one, first), (other, second) in combinations(outputs, 2):
+        if first <= second or second <= first:
+            raise ValueError(
+                f"heads: {one!r} and {other!r} set the same output; give each valve, pressure and "
+                "lift its own"
+            )
 
 
 def _check_axes(heads: tuple[Head, ...], *, pneumatic: bool) -> None:

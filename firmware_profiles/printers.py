@@ -15,8 +15,9 @@ from firmware_profiles.file_controller import (
     check_file_controller,
     refuse_family_sections,
 )
-from firmware_profiles.heads import Head, check_heads
+from firmware_profiles.heads import Head, check_heads, outputs_of
 from firmware_profiles.strict_model import (
+    STOPS,
     CommandName,
     Facts,
     NonNegative,
@@ -24,6 +25,7 @@ from firmware_profiles.strict_model import (
     Span,
     StrictModel,
     SwitchCommand,
+    addresses,
     fill_pressure,
     round_output,
 )
@@ -73,7 +75,7 @@ class WatchedGauge(StrictModel):
     @field_validator("query")
     @classmethod
     def _only_asks(cls, query: str) -> str:
-        if query.split()[0].upper() in _STOPS:
+        if query.split()[0].upper() in STOPS:
             raise ValueError(f"{query!r} stops or renumbers; a question changes nothing")
         return query
 
@@ -301,6 +303,14 @@ class Printer(Facts):
     @model_validator(mode="after")
     def _heads_agree(self) -> Printer:
         check_heads(self.heads, self.firmware, self.dispenser)
+        shut = {air.closes for air in self.airs}
+        for command in self.safe_state_off:
+            for one, output in outputs_of(self.heads, self.airs):
+                if command not in shut and addresses(command, output):
+                    raise ValueError(
+                        f"safe_state_off: {command!r} sets the output of {one!r}, which a stop "
+                        "leaves safe by itself; leave it out"
+                    )
         return self
 
     @property
@@ -342,8 +352,3 @@ class Printer(Facts):
                 "plunger_travel_mm must be said for a plunger, and can't be of a pneumatic head"
             )
         return self
-
-
-# Profile entry for a gauge polled in a print: query, reply pattern, limit that ends the print.
-
-_STOPS: Final = frozenset({"M0", "M1", "M108", "M110", "M112", "M410", "M999"})

@@ -105,6 +105,7 @@ class Span(StrictModel):
 
 # Pattern of profile commands that switch an output; refuse G codes and anything that may move.
 
+STOPS: Final = frozenset({"M0", "M1", "M108", "M110", "M112", "M410", "M999"})
 _MOVING: Final = ("MOVE", "HOME", "STEPPER", "RESTORE", "PROBE", "CALIBRATE")
 _OUTPUT: Final = (
     r"\$DO(?:\[\d+\]\.[A-Z]|\d+\.\d+) ?= ?[01]|DigitalOutputSet\([A-Z], ?\d+, ?[01]\)"
@@ -128,9 +129,40 @@ def switch_words(command: str) -> list[str]:
     return command.split()
 
 
+def switched(one: str, other: str) -> frozenset[str]:
+    """What two commands both set, a pin, a fan or a brake, in one writing: M042 p00 is M42 P0.
+
+    Raises
+    ------
+    ValueError
+        Where they aren't one command with two values of one word.
+    """
+    first, second = frozenset(_words(one)), frozenset(_words(other))
+    values = [re.sub(r"(?<==).*|[-.\d]+$", "", word) for word in first ^ second]
+    if len(first - second) != 1 or len(second - first) != 1 or len(set(values)) != 1:
+        raise ValueError(
+            f"{one!r} and {other!r} must be one command with two values (M42 P4 S255 and M42 P4 S0)"
+        )
+    return first & second
+
+
+def addresses(command: str, output: frozenset[str]) -> bool:
+    """Whether a command sets what `switched` gives."""
+    return output <= frozenset(_words(command))
+
+
+def _words(command: str) -> list[str]:
+    """A command's words in one writing; the fan that M106 leaves out is P0."""
+    words = [re.sub(r"^([A-Z])0+(?=\d)", r"\1", word.upper()) for word in switch_words(command)]
+    fan = words[0] in ("M106", "M107") and not any(word[0] == "P" for word in words)
+    return [*words, "P0"] if fan else words
+
+
 def _moves_nothing(command: str) -> str:
     if any(word in command.partition(" ")[0].upper() for word in _MOVING):
         raise ValueError(f"{command!r} may move something; a safe state only switches")
+    if _words(command)[0] in STOPS:
+        raise ValueError(f"{command!r} stops or renumbers; name a command that only switches")
     return command
 
 

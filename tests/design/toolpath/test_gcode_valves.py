@@ -251,7 +251,12 @@ def test_air_that_is_not_the_profile_s_is_refused_there_too(old, new, refused):
         ("reprapfirmware", {"sets_pressure": ("M42 P1 S{output}",)}, "switches a valve"),
         ("reprapfirmware", {"sets_pressure": ("M42 P3 S{kpa}", "M42 P5 S1")}, "sends one line"),
         ("reprapfirmware", {"sets_pressure": ("G1 Z{kpa}",)}, "only switches"),
-        ("reprapfirmware", {"sets_pressure": ("M42 P2 S{psi}",)}, "by the same lines"),
+        ("reprapfirmware", {"sets_pressure": ("M42 P2 S{psi}",)}, "same output"),
+        ("reprapfirmware", {"sets_pressure": ("M042 p02 S{psi}",)}, "same output"),
+        ("reprapfirmware", {"sets_pressure": ("M42 P3 S1{psi}",)}, "only switches"),
+        ("reprapfirmware", {"sets_pressure": ("M112 P{psi}",)}, "only switches"),
+        ("reprapfirmware", {"closes": "M42 P1"}, "two values"),
+        ("reprapfirmware", {"opens": "M42 P4 S1", "closes": "M42 P4 S0"}, "same output"),
         ("marlin", {}, "60 would be set as 60.78 kPa"),
     ],
 )
@@ -260,6 +265,13 @@ def test_pressure_that_no_host_can_set_is_refused(firmware, own, message):
     data["heads"][1]["dispenser"] |= own
     with pytest.raises(ValueError, match=message):
         Printer.model_validate(data)
+
+
+def test_stop_s_commands_leave_valves_and_pressures_alone():
+    for command in ("M42 P2 S1", "M42 P00 S1", "M42 P4 S0"):
+        with pytest.raises(ValueError, match="which a stop leaves safe by itself"):
+            Printer.model_validate(DUET.model_dump() | {"safe_state_off": (command,)})
+    assert Printer.model_validate(DUET.model_dump() | {"safe_state_off": ("M42 P0 S0",)})
 
 
 @pytest.mark.parametrize(
@@ -278,7 +290,7 @@ def test_head_with_a_valve_has_no_tool_and_shares_the_vertical_axis(own, message
         ({"heads": [{"z_axis": "A"}, {}]}, "another letter"),
         ({"heads": [{}, {"z_axis": "A"}]}, "another letter"),
         ({"heads": [{"select": "T0"}, {}]}, "select is for plungers"),
-        ({"heads": [{}, {"dispenser": None}]}, "two open the same valve"),
+        ({"heads": [{}, {"dispenser": None}]}, "same output"),
         ({"file_controller": {"begins": ["G1 X5"]}}, "no word that is known to move nothing"),
         ({"file_controller": {"begins": ["Enable Aa ; G1"]}}, "holds a comment"),
         ({"file_controller": {"begins": ["Enable X Aa"]}}, "may let the brake of Aa go"),
@@ -294,7 +306,7 @@ def test_head_with_a_valve_has_no_tool_and_shares_the_vertical_axis(own, message
         ({"heads": [{}, {"offset_mm": {"x": 103.0, "z": 2.0}}]}, "leave z out"),
         (
             {"dispenser": {"opens": "BRAKE Ab 1", "closes": "BRAKE Ab 0"}},
-            "two open the same valve",
+            "same output",
         ),
         ({"dispenser": {"resting_kpa": None}}, "belong together"),
         ({"dispenser": {"resting_kpa": 90.0}}, "above pressure_kpa"),
