@@ -10,8 +10,8 @@ same way.
 A start names its file. The file of a lost start is replaced by a copy and deleted before the copy
 is started: a start that was held back on the way finds no file, whenever it arrives.
 
-One thread polls and uploads; commands of people go by a second connection in a thread of their own;
-the emergency stop by a third that is open beforehand.
+One thread polls and uploads; pause and resume go by a second connection in a thread of their own,
+a stop by a third; the emergency stop by a fourth that is open beforehand.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from http import HTTPStatus
 from itertools import accumulate
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from firmware_profiles import Printer
 from printctl.machine.control.halting import UNCONFIRMED
@@ -46,6 +46,7 @@ from printctl.machine.network.host import (
     HostEnd,
     HostReport,
     HostState,
+    PrintHost,
 )
 from printctl.machine.network.hosts import make_host
 from printctl.machine.network.http_client import ReadyConnection
@@ -114,6 +115,13 @@ class HostedJob:
         return bisect_right(self._ends, position)
 
 
+class _Commands(NamedTuple):
+    """A thread's connection to the host, and the commands that it is to give."""
+
+    host: PrintHost
+    wanted: queue.Queue[tuple[str, Callable[[str], None]] | None]
+
+
 class FilePrint:
     """One print on a network host; `run` is its thread's, the rest may be called by any.
 
@@ -136,10 +144,11 @@ class FilePrint:
     ) -> None:
         self.address, self.hosted, self._journal = address, hosted, journal
         self.on_status, self._silent_limit_s = on_status, silent_limit_s or SILENT_LIMIT_S
-        self._host, self._commands_host = make_host(address, key), make_host(address, key)
+        self._host = make_host(address, key)
         self._ready = ReadyConnection(address)
-        self._commands: queue.Queue[tuple[str, Callable[[str], None]] | None] = queue.Queue()
-        self._commander = threading.Thread(target=self._obey, name="commands", daemon=True)
+        # A stop doesn't wait for a pause's answer.
+        self._commands = _Commands(make_host(address, key), queue.Queue())
+        self._stops = _Commands(make_host(address, key), queue.Queue())
         self.stopping = self.killing = False
         self._cancelled_at, self._halted_at, self._halt_taken = 0.0, 0.0, False
         self._report: HostReport | None = None  # the last one in which the host has its printer
@@ -172,13 +181,13 @@ class FilePrint:
     def pause(self) -> None:
         """Have the host pause."""
         self._refuse_unless(self._begun, "the print hasn't begun")
-        self._commands.put(("pause", lambda why: None))
+        self._commands.wanted.put(("pause", lambda why: None))
 
     def resume(self, answer: Callable[[str], None]) -> None:
         """Have the host go on; ``answer`` gets why not, empty where it does."""
         paused = self._begun and self._status.state is LinkState.PAUSED
         self._refuse_unless(paused, "the host doesn't report a paused print")
-        self._commands.put(("resume", answer))
+        self._commands.wanted.put(("resume", answer))
 
     def kill(self) -> None:
         """Halt the firmware at once, by the connection that is open for it."""
@@ -195,7 +204,7 @@ class FilePrint:
         """Send a cancel, unless one waits or was taken: a second runs the host's macro again."""
         if self._cancelled_at < math.inf:
             self._cancelled_at = math.inf
-            self._commands.put(("cancel", lambda why: None))
+            self._stops.wanted.put(("cancel", lambda why: None))
 
     def _halt(self) -> None:
         self._halted_at = time.monotonic()
@@ -206,18 +215,24 @@ class FilePrint:
         except LinkError as exc:
             log.error("%s", exc)
 
-    # --- the commands' thread ------------------------------------------------------------------
+    # --- the commands' threads -----------------------------------------------------------------
 
-    def _obey(self) -> None:
+    def _obey(self, commands: _Commands) -> None:
+        host = commands.host
         with suppress(LinkError):
-            self._commands_host.identify()  # its connection and session are there beforehand
-        while (wanted := self._commands.get()) is not None:
+            host.identify()  # its connection and session are there beforehand
+        while (wanted := commands.wanted.get()) is not None:
             (do, answer), why = wanted, ""
+            if self.stopping and do != "cancel":
+                answer(f"{do} isn't sent: a stop is requested")
+                continue
             try:
-                self._refuse_other_file(do)
-                getattr(self._commands_host, do)(self.hosted.name)
+                self._refuse_other_file(do, host)
+                getattr(host, do)(self.hosted.name)
             except LinkError as exc:
-                why = f"{do} isn't done: {exc}"
+                silent = isinstance(exc, HostSilent)
+                done = "may be done or not, see `printctl status`" if silent else "isn't done"
+                why = f"{do} {done}: {exc}"
                 log.error("%s", why)
                 if do == "cancel":
                     self._cancelled_at = time.monotonic()
@@ -225,16 +240,16 @@ class FilePrint:
                     self._write("alarm", text=why)
                     self._status = replace(self._status, alarms=self._status.alarms + 1)
             answer(why)
-        self._commands_host.close()
+        host.close()
 
-    def _refuse_other_file(self, do: str) -> None:
+    def _refuse_other_file(self, do: str, host: PrintHost) -> None:
         """Raise HostRefused where the host runs another file: no command is for that one.
 
         Klipper answers a question up to 0.25 s late: to pause or stop, a poll's answer does.
         """
         report = self._report
         if do == "resume" or report is None or time.monotonic() - self._known_at > 2 * POLL_S:
-            report = self._commands_host.state(self.hosted.name)
+            report = host.state(self.hosted.name)
         if report.state in ACTIVE and not self._has_file(report):
             raise HostRefused(f"{self.address} runs {report.file or 'another file'}")
 
@@ -256,7 +271,8 @@ class FilePrint:
         ``taken_over``: the journal has an earlier process's part of this print; ``started``: with
         the intention of a start.
         """
-        self._commander.start()
+        for each in (self._commands, self._stops):
+            threading.Thread(target=self._obey, args=(each,), name="commands", daemon=True).start()
         self._start_sent = started
         try:
             self._connect(patient=started)
@@ -273,7 +289,8 @@ class FilePrint:
             failed = PrintEnded(LinkState.FAILED, str(exc), not self._begun, type(exc).__name__)
             self._end(self._halt_end() if self.killing else failed)
         finally:
-            self._commands.put(None)
+            self._commands.wanted.put(None)
+            self._stops.wanted.put(None)
             self._ready.close()
             self._host.close()
         return self._status

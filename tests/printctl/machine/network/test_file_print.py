@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -299,6 +300,30 @@ def test_stop_is_sent_once_however_long_the_hosts_macro_takes(
     one.film.stop()
     assert one.end().state is LinkState.STOPPED
     assert cancels == ["M0"]
+
+
+def test_stop_does_not_wait_for_a_pauses_answer(
+    server: BoardServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    held, answer, own = threading.Event(), threading.Event(), server.board.code
+
+    def hold(text: str) -> str:
+        if text != "M25" or held.is_set():
+            return own(text)
+        held.set()
+        answer.wait(20)
+        return ""
+
+    monkeypatch.setattr(server.board, "code", hold)
+    one = printing(Print(tmp_path / "p", server).start())
+    one.film.pause()
+    wait(held.is_set)
+    one.film.stop()
+    try:
+        assert one.end(within_s=10).state is LinkState.STOPPED
+    finally:
+        answer.set()
+    assert len(server.strokes()) < len(STROKES)
 
 
 def test_a_late_answers_age_counts_from_its_question(server: BoardServer, tmp_path: Path):
