@@ -5,7 +5,14 @@ Goes in: a profile's name or a file. Comes out: a frozen model of it, checked. B
 """
 
 from firmware_profiles.cross_checks import profile_doubts
-from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic, SteadyFlow, steady_flow
+from firmware_profiles.dispensers import (
+    PRESSURE_SETTLES_S,
+    MeasuredFlow,
+    Plunger,
+    Pneumatic,
+    SteadyFlow,
+    steady_flow,
+)
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.file_controller import FileController
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
@@ -25,6 +32,7 @@ from firmware_profiles.tools import Needle, Syringe
 
 __all__ = [
     "MOST_HEADS",
+    "PRESSURE_SETTLES_S",
     "PROFILE_SORTS",
     "Axes",
     "Bath",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Final, Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -38,6 +38,10 @@ class MeasuredFlow(StrictModel):
     pressure_kpa: Kilopascal
     ink: str = Field(min_length=1, description="The ink profile's `name`.")
     needle: str = Field(min_length=1, description="The needle profile's `name`.")
+
+
+PRESSURE_SETTLES_S: Final = 1.0
+"""Waited for where a pressure is set: electronic regulators take some tenths of a second."""
 
 
 class Pneumatic(StrictModel):

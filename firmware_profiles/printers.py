@@ -120,6 +120,10 @@ class Printer(Facts):
     max_step_rate_hz: Positive | None = Field(
         default=None, description="Steps per second of one axis; an 8-bit board's if not said."
     )
+    min_speed_mm_s: Positive = Field(
+        default=0.5,
+        description="Slower moves are done at this by RepRapFirmware (M203 I, there in mm/min).",
+    )
     junction_deviation_mm: Positive = 0.013
     min_segment_time_s: NonNegative = Field(
         default=0.02, description="Below it the planner slows down when it runs empty."

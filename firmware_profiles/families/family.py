@@ -232,6 +232,10 @@ class Family:
         Sent before a start because the firmware doesn't tell what is set.
     m203_per_s : float
         What M203 is given per: 1 for mm/s, 60 for mm/min.
+    has_min_speed : bool
+        Whether moves slower than the profile's ``min_speed_mm_s`` are done at that speed.
+    least_steps_s : float, 1/s
+        Steps of the axis with most below which an 8-bit board's move is done faster; 0 for none.
     awaits_cooling : frozenset of str
         Codes that wait until it has cooled to S, too, not only until it is as warm.
     setting_questions : tuple of bytes
@@ -311,6 +315,8 @@ class Family:
     start_questions: tuple[str, ...] = ()
     start_resets: tuple[str, ...] = ()
     m203_per_s: float = 1.0
+    has_min_speed: bool = False
+    least_steps_s: float = 0.0
     awaits_cooling: frozenset[str] = frozenset()
     setting_questions: tuple[bytes, ...] = ()
     setting_phrases: Mapping[str, str] = field(default_factory=dict)

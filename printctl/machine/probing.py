@@ -49,6 +49,7 @@ ABSOLUTE: Final = 0.006
 _SETTING: Final = re.compile(r"\b(M\d+(?:\.\d+)?)((?: [A-Z]-?\d+(?:\.\d+)?)+)")
 _PAIR: Final = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
 _LISTED: Final = re.compile(r"\b([XYZE]): ?(-?\d+(?:\.\d+)?)")
+_SLOWEST: Final = re.compile(r", min\. speed (\d+(?:\.\d+)?)")
 _SPAN: Final = re.compile(r"\b([XYZ]) ?(-?\d+(?:\.\d+)?):(-?\d+(?:\.\d+)?)")
 _ENDS: Final = re.compile(r"Min: (.*?)Max: (.*)")
 _LISTS: Final = (
@@ -173,6 +174,9 @@ def _read_values(family: Family, text: str) -> Iterator[tuple[str, float | bool]
         if text.startswith(begin):
             for axis, value in _LISTED.findall(text.partition(", min.")[0]):
                 yield f"{key}.{axis.lower()}", float(value) * factor
+            slowest = _SLOWEST.search(text)
+            if slowest:
+                yield "min_speed_mm_s", float(slowest[1]) * factor
     if text.startswith("Axis limits"):
         for axis, low, high in _SPAN.findall(text.partition(")s ")[2] or text):
             yield f"{axis.lower()}_mm.low", float(low)

@@ -26,11 +26,9 @@ from printctl.pipeline.past_print import PrintEntry
 from printctl.pipeline.simulated_scan import (
     PrintedInk,
     deposit_voxel_mm,
-    is_layered,
     scan_deposit,
     scan_size_words,
     to_scan,
-    written_box,
 )
 from printctl.pipeline.stages.scan import describe, write_truth
 from printctl.recipe import Recipe
@@ -98,8 +96,8 @@ def scan_print(
     recipe = Recipe.model_validate(known.facts["recipe"]) if "recipe" in known.facts else None
     motion = read_record(_record(entry, stated.record))
     ink = _ink(known, recipe, motion, stated)
-    box = written_box(motion)
-    layered = is_layered(motion) if recipe is None else not isinstance(recipe.toolpath, Embedded)
+    box = ink.written_mm
+    layered = ink.is_layered if recipe is None else not isinstance(recipe.toolpath, Embedded)
     deep = not layered or float(np.ptp(box, axis=0)[2]) > LIGHT_REACHES_MM
     part = _part({**wanted, "simulated": wanted["simulated"] or ("microct" if deep else "oct"),
                   "format": path.suffix[1:].lower() or "tif"})  # fmt: skip
@@ -182,21 +180,24 @@ def _ink(
             "lies; have the run scan it: a scan section in its recipe (scan: {simulated: "
             "microct}) and `printctl run RECIPE` again, which prints nothing anew"
         )
-    flow, gcode = None, b""
-    if printer.pneumatic is not None:
-        if needles[0] is None:
+    flows, gcode = [], b""
+    if printer.airs:
+        if not all(needles):
             raise UsageError(
                 f"what flows while the valve of {printer.name} is open follows from ink and "
                 "needle; give --needle, and --ink unless it was collagen_fresh"
             )
-        flow = steady_flow(printer.pneumatic, load(Ink, inks[0]), load(Needle, needles[0])).ul_s
+        flows = [
+            steady_flow(air, load(Ink, ink), load(Needle, needle or "")).ul_s
+            for air, ink, needle in zip(printer.airs, inks, needles, strict=True)
+        ]
         gcode = _sent(known, printer)
     areas = [
         load(Syringe, syringe).area_mm2 * load(Ink, ink).flow_factor
         for syringe, ink in zip(syringes, inks, strict=True)
     ]
     wrong = NO_FAULTS if faults is None else FaultFile.load(faults).of_ink
-    return PrintedInk(motion, printer, areas, flow, gcode, wrong)
+    return PrintedInk(motion, printer, areas, flows, gcode, wrong)
 
 
 def _named(

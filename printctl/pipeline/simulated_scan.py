@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
@@ -20,11 +21,11 @@ from sim.devices.scanner.oct import OctOptions, simulate_oct
 from sim.devices.scanner.placing import Placing, ScannerOutput
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
 from sim.gcode.deposit.lay import (
+    EXACT_MM,
     Deposit,
-    deposit,
     deposit_of_heads,
-    pneumatic_deposit,
     unite_deposits,
+    valves_as_plungers,
 )
 from sim.gcode.motion.executed import ExecutedMotion
 
@@ -47,47 +48,62 @@ class PrintedInk:
     printer : Printer
     area_mm2 : sequence of float, mm²
         Of each head: ink that leaves it for a plunger travel of 1 mm, µL/mm.
-    flow_ul_s : float or None, µL/s
-        Of a pneumatic head while its valve is open; None for a plunger.
+    flows_ul_s : sequence of float, µL/s
+        Of each pneumatic head while its valve is open; none for plungers.
     gcode : bytes
-        As it was sent; of a pneumatic head it says when the valve stood open.
+        As it was sent; of pneumatic heads it says when their valves stood open.
     faults : InkFaults
     """
 
     motion: ExecutedMotion
     printer: Printer
     area_mm2: Sequence[float]
-    flow_ul_s: float | None = None
+    flows_ul_s: Sequence[float] = ()
     gcode: bytes = b""
     faults: InkFaults = NO_FAULTS
 
+    @cached_property
+    def of_tips(self) -> tuple[ExecutedMotion, ...]:
+        """What each head did, in its own tip's places; air as a plunger of 1 mm² bore."""
+        if self.flows_ul_s:
+            return valves_as_plungers(self.motion, self.gcode, self.printer, self.flows_ul_s)
+        heads = enumerate(self.printer.heads or ())
+        motions = (self.motion.of_head(k, head.offset_mm.mm) for k, head in heads)
+        return tuple(motions) or (self.motion,)
+
+    @property
+    def written_mm(self) -> FloatArray:
+        """Lowest and highest place (2, 3), mm, at which a tip wrote; of all where none did."""
+        chosen = self._written or self.of_tips
+        both = np.concatenate([place for one in chosen for place in (one.start, one.end)])
+        return np.array([both.min(axis=0), both.max(axis=0)])
+
+    @property
+    def is_layered(self) -> bool:
+        """Whether all that was written is level."""
+        return all(bool((one.start[:, 2] == one.end[:, 2]).all()) for one in self._written)
+
+    @property
+    def _written(self) -> list[ExecutedMotion]:
+        """Blocks of each head that move and push; none of one that never does."""
+        return [one.where(writes) for one in self.of_tips if (writes := _writing(one)).any()]
+
     def deposit(self, voxel_mm: float, more: float = 1.0) -> Deposit:
         """Lay the ink of all heads in voxels; `more` times what was dosed."""
-        if self.printer.heads:
-            return unite_deposits(self.of_heads(voxel_mm, more))
-        if self.flow_ul_s is not None:
-            flow = more * self.flow_ul_s
-            return pneumatic_deposit(
-                self.motion, self.gcode, self.printer, flow, voxel_mm, faults=self.faults
-            )
-        step = 1 / self.printer.steps_per_mm.e
-        area = more * self.area_mm2[0]
-        return deposit(self.motion, area, voxel_mm, plunger_step_mm=step, faults=self.faults)
+        return unite_deposits(self.of_heads(voxel_mm, more))
 
     def of_heads(self, voxel_mm: float, more: float = 1.0) -> tuple[Deposit, ...]:
         """Lay the ink of each head that wrote, on one grid."""
-        pairs = [
-            (k, self.motion.of_head(k, head.offset_mm.mm))
-            for k, head in enumerate(self.printer.heads)
-            if (self.motion.tool == k).any()
-        ]
-        pairs = [(k, one) for k, one in pairs if _writing(one).any()]
+        wrote = [k for k, motion in enumerate(self.of_tips) if _writing(motion).any()]
+        machines = [self.printer.of_head(k) for k in wrote]
+        air = bool(self.flows_ul_s)
         return deposit_of_heads(
-            [one for _, one in pairs],
-            [more * self.area_mm2[k] for k, _ in pairs],
+            [self.of_tips[k] for k in wrote],
+            [more * (1.0 if air else self.area_mm2[k]) for k in wrote],
             voxel_mm,
-            plunger_step_mm=[1 / self.printer.of_head(k).steps_per_mm.e for k, _ in pairs],
-            faults=[self.faults.of_head(k) for k, _ in pairs],
+            smoothing_mm=EXACT_MM if air else 1.0,
+            plunger_step_mm=[EXACT_MM if air else 1 / one.steps_per_mm.e for one in machines],
+            faults=[self.faults.of_head(k) for k in wrote],
         )
 
 
@@ -95,20 +111,6 @@ def _writing(motion: ExecutedMotion) -> np.ndarray:
     """Whether each block moves and pushes, (n,)."""
     moved = (motion.end != motion.start).any(axis=1)
     return np.asarray(moved & (motion.plunger_end > motion.plunger_start))
-
-
-def written_box(motion: ExecutedMotion) -> FloatArray:
-    """Lowest and highest place (2, 3), mm, of blocks that push; of all where none does."""
-    writes = _writing(motion)
-    chosen = writes if writes.any() else np.ones(len(motion), dtype=np.bool_)
-    both = np.concatenate([motion.start[chosen], motion.end[chosen]])
-    return np.array([both.min(axis=0), both.max(axis=0)])
-
-
-def is_layered(motion: ExecutedMotion) -> bool:
-    """Whether all that was written is level."""
-    writes = _writing(motion)
-    return bool((motion.start[writes, 2] == motion.end[writes, 2]).all())
 
 
 def deposit_voxel_mm(part: SimulatedScan) -> float:

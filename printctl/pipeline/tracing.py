@@ -6,7 +6,7 @@ folder's line map, and, for a defect, with the moves of the G-code itself that w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,9 +73,13 @@ def read_job(
         moves = plunger_strokes(program, 1.0, level=False)
     else:
         moves = valve_strokes(program, valve, 0.0, level=False)
+    # What is written are the carriage's places; a tip stands aside.
+    tips = np.array([head.offset_mm.mm for head in printer.heads or ()] or [(0.0, 0.0, 0.0)])
+    aside = tips[program.tool[np.searchsorted(program.line, moves.line)]] - place_mm
+    moves = replace(moves, start=moves.start + aside, end=moves.end + aside)
     first, last = _spans(of_line)
     return Job(
-        moves=moves.moved(-place_mm),
+        moves=moves,
         source=of_line[moves.line - 1],
         of_vessels=of_vessels,
         first_line=first,

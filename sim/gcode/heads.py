@@ -21,7 +21,7 @@ from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import Program, code
 from sim.gcode.program.modal import DWELL, MOVE, SET_POSITION, TOOL
 from sim.gcode.program.read_program import read_written
-from sim.gcode.program.valve import CLOSED, OPEN, Valve, first_rows, read_switch, read_valves
+from sim.gcode.program.valve import CLOSED, Valve, first_rows, read_lifts, read_valves
 from sim.gcode.reading.line import Finding, Lines
 
 # Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
@@ -75,14 +75,7 @@ def read_heads(
 ) -> Heads:
     """Follow the commands that raise and lower heads; parameters as for `read_switch`."""
     heads = printer.heads or ()
-    count = printer.head_count
-    raised = np.zeros((len(program), count), dtype=np.bool_)
-    commanded = np.ones((len(program), count), dtype=np.bool_)
-    for number, head in enumerate(heads):
-        if head.raises is not None and head.lowers is not None:
-            switch = read_switch(program, others, head.lowers, head.raises)
-            raised[:, number] = switch.before == CLOSED
-            commanded[:, number] = (switch.before == OPEN) | (switch.before == CLOSED)
+    raised, commanded = read_lifts(program, others, printer)
     offset = np.array([head.offset_mm.mm for head in heads] or [(0.0, 0.0, 0.0)])
     lift = np.array([head.raised_mm for head in heads] or [0.0])
     return Heads(raised, commanded, lift, offset, axis_mm)

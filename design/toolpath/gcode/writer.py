@@ -46,7 +46,7 @@ from design.toolpath.gcode.table import (
     tabulate,
 )
 from design.toolpath.toolpath import MoveKind, Toolpath
-from firmware_profiles import Head, Printer, Syringe
+from firmware_profiles import PRESSURE_SETTLES_S, Head, Printer, Syringe
 from firmware_profiles.families.dialect import Dialect
 from kernels.arrays import FloatArray, IntArray
 
@@ -91,11 +91,14 @@ class HeadState:
         return [] if self.head is None or self.head.select is None else [self.head.select]
 
     def pressure(self, *, writes: bool) -> list[str]:
-        """Lines that set its writing or its resting pressure."""
+        """Lines that set its writing pressure and wait for it, or set its resting pressure."""
         air = self.printer.pneumatic
         if air is None or air.resting_kpa is None:
             return []
-        return self.printer.pressure_lines(0, air.pressure_kpa if writes else air.resting_kpa)
+        if not writes:
+            return self.printer.pressure_lines(0, air.resting_kpa)
+        settles = self.dialect.dwell(PRESSURE_SETTLES_S)
+        return [*self.printer.pressure_lines(0, air.pressure_kpa), settles]
 
     def moved(self, *, to_raise: bool) -> list[str]:
         """Raise or lower it with the motors standing, and wait; nothing where it is fixed."""

@@ -103,6 +103,7 @@ FAMILY: Final = Family(
     verified=True,
     keepalive=True,
     tells_steps=True,
+    least_steps_s=32.0,
     remembers=True,
     pairs=True,
     cuts_long_lines=True,

@@ -36,6 +36,7 @@ FAMILY: Final = Family(
     make_protocol=make_protocol,
     keepalive=True,
     tells_steps=True,
+    least_steps_s=32.0,
     remembers=True,
     pairs=True,
     cuts_long_lines=True,

@@ -159,6 +159,7 @@ FAMILY: Final = Family(
     job_rules={"G10": AllowOffsetReset("P")},
     start_questions=("M220", "M221", "M564", "M290"),
     m203_per_s=60.0,
+    has_min_speed=True,  # DDA::InitStandardMove; DefaultMinFeedrate of Configuration.h
     setting_questions=(b"M115", b"M92", b"M201", b"M203", b"M208", b"M302"),
     cold_remedy="send M302 P1 before",
     head_select=SELECT_BY_T,

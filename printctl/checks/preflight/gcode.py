@@ -382,21 +382,18 @@ def _speed(run: DryRun, findings: dict[str, Finding]) -> list[Check]:
 def _plunger(run: DryRun, printer: Printer, findings: dict[str, Finding]) -> list[Check]:
     """Each head's; none for a pneumatic one."""
     if printer.heads:
-        return check_each_head(run, printer, lambda _, view, one: [_travelled(view, one, findings)])
-    return [] if printer.plunger_travel_mm is None else [_travelled(run, printer, findings)]
+        return check_each_head(run, printer, lambda _, view, one: _travelled(view, one, findings))
+    return _travelled(run, printer, findings)
 
 
-def _travelled(run: DryRun, printer: Printer, findings: dict[str, Finding]) -> Check:
-    limit = printer.plunger_travel_mm or np.inf
-    return Check(
-        "plunger travel",
-        run.plunger_max_mm,
-        limit,
-        "mm",
-        run.plunger_max_mm <= limit + _TINY_MM,
-        _line(findings.get("plunger_travel")),
-        "use a wider syringe or a smaller part",
-    )
+def _travelled(run: DryRun, printer: Printer, findings: dict[str, Finding]) -> list[Check]:
+    limit = printer.plunger_travel_mm
+    if limit is None:
+        return []
+    fits = run.plunger_max_mm <= limit + _TINY_MM
+    place = _line(findings.get("plunger_travel"))
+    remedy = "use a wider syringe or a smaller part"
+    return [Check("plunger travel", run.plunger_max_mm, limit, "mm", fits, place, remedy)]
 
 
 def _pulled_back(run: DryRun) -> list[Check]:

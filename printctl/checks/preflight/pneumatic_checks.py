@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import (
+    PRESSURE_SETTLES_S,
     Ink,
     Needle,
     Pneumatic,
@@ -106,6 +107,7 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
             for last in [[kpa for at, kpa in sets if at < line]]
             if last and abs(last[-1] - rests) > _SAME_PRESSURE * last[-1]
         ]
+        hasty = [line for line in opens if _settles_s(run, sets, line) < PRESSURE_SETTLES_S - 1e-6]
         highest = max((kpa for _, kpa in sets), default=0.0)
         name = f"head {number}: " if printer.heads else ""
         checks += [
@@ -136,8 +138,31 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
                 "",
                 "above what the profile writes at (dispenser: pressure_kpa); lower it",
             ),
+            Check(
+                f"{name}opened before its pressure has settled",
+                len(hasty),
+                0,
+                "",
+                not hasty,
+                f"line {hasty[0]}" if hasty else "",
+                f"wait {PRESSURE_SETTLES_S:g} s after the pressure is set, else lines begin thin",
+                "warns",
+            ),
         ]
     return checks
+
+
+def _settles_s(run: DryRun, sets: list[tuple[int, float]], opens: int) -> float:
+    """Seconds of moves and dwells from the last change of pressure to the line that opens."""
+    earlier = [(line, kpa) for line, kpa in sets if line < opens]
+    changes = [line for k, (line, kpa) in enumerate(earlier) if not k or kpa != earlier[k - 1][1]]
+    if not changes:
+        return math.inf
+    program, motion = run.program, run.executed
+    rows = (program.line > changes[-1]) & (program.line < opens)
+    within = np.isin(motion.line, program.command[rows])
+    moved = float((motion.time_end - motion.time_start)[within].sum())
+    return moved + float(program.value[rows & (program.kind == DWELL)].sum())
 
 
 def none_check(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) -> Check:

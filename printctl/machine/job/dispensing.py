@@ -11,15 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Final
 
-from firmware_profiles import Pneumatic, Printer
+from firmware_profiles import PRESSURE_SETTLES_S, Pneumatic, Printer
 from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
 from sim.gcode.reading import read_sent
-
-PRESSURE_SETTLES_S: Final = 1.0
-"""Waited for where a pressure is set again: electronic regulators take some tenths of a second."""
 
 
 def head_chosen(line: bytes) -> int | None:

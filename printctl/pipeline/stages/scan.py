@@ -22,7 +22,6 @@ from printctl.pipeline.simulated_scan import (
     scan_deposit,
     scan_size_words,
     to_scan,
-    written_box,
 )
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
@@ -189,7 +188,8 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     """
     seed = part.seed if part.seed is not None else context.recipe.seed
     motion = ExecutedMotion.load(context.folder / EXECUTED)
-    box = written_box(motion)
+    printed = printed_ink(context, motion)
+    box = printed.written_mm
     if context.recipe.toolpath.prime is not None:
         field = context.written_bounds + context.place_mm + FIELD_MM * FIELD_SIDES
         box = np.clip(box, *field)
@@ -199,7 +199,7 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     if compensates(context):
         ink = predicted_ink(context, motion, fine, more)
     else:
-        ink = printed_ink(context, motion).deposit(fine, more)
+        ink = printed.deposit(fine, more)
     if context.recipe.toolpath.prime is not None:
         ink = ink.within(field)
     if part.defects:
@@ -218,8 +218,8 @@ def printed_ink(context: RunContext, motion: ExecutedMotion) -> PrintedInk:
         context.printer,
         # The writer pushes more where less comes out.
         [one.syringe.area_mm2 * one.ink.flow_factor for one in held],
-        context.flow_ul_s,
-        b"" if context.flow_ul_s is None else b"".join(printed_text(context).lines),
+        context.flows_ul_s,
+        b"" if not context.flows_ul_s else b"".join(printed_text(context).lines),
         ink_faults(context),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from binascii import crc_hqx
+from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
 from sim.devices.board.controller import Controller, Firmware, Handlers
@@ -78,7 +79,8 @@ def _m203(board: Controller, command: Command) -> None:
     """In mm/min, where Marlin's is in mm/s."""
     if not command.values:
         speeds = _listed(board.machine.motion.state["max_speed"], 60.0)
-        board.machine.say(f"Max speeds (mm/min): {speeds}, min. speed 30.00")
+        slowest = board.machine.printer.min_speed_mm_s * 60.0
+        board.machine.say(f"Max speeds (mm/min): {speeds}, min. speed {slowest:.2f}")
 
 
 def _m208(board: Controller, command: Command) -> None:
@@ -86,6 +88,11 @@ def _m208(board: Controller, command: Command) -> None:
     spans = zip("XYZ", modal["low"][0], modal["high"][0], strict=True)
     words = ", ".join(f"{axis}{float(low):.1f}:{float(high):.1f}" for axis, low, high in spans)
     board.machine.say(f"Axis limits (mm)s {words}")
+
+
+def _answers(text: str) -> Callable[[Controller, Command], None]:
+    """Answer a question whose setting it leaves as it is."""
+    return lambda board, command: board.machine.say(text)
 
 
 def _g92(board: Controller, command: Command) -> None:
@@ -135,6 +142,10 @@ class RepRapFirmware(HomedFirmware):
         "M201": _m201,
         "M203": _m203,
         "M208": _m208,
+        "M290": _answers("Baby stepping offsets (mm): X:0.000 Y:0.000 Z:0.000"),
+        "M564": _answers(
+            "Movement outside the bed is not permitted, movement before homing is not permitted"
+        ),
         "M114": _m114,
         "M669": _m669,
         "M115": _m115,

@@ -47,8 +47,10 @@ from sim.gcode.deposit.written import (
     written,
     written_levels,
 )
-from sim.gcode.heads import as_plunger, flowing, read_with_valve, with_commands
+from sim.gcode.heads import as_plunger, flowing, refuse_unread, with_commands
 from sim.gcode.motion.executed import ExecutedMotion
+from sim.gcode.program.read_program import read_written
+from sim.gcode.program.valve import read_valves
 
 MOST_VOXELS = 2_000_000_000
 _ENDS = ("start", "end")
@@ -173,6 +175,7 @@ def deposit_of_heads(
     plunger_area_mm2: Sequence[float],
     voxel_mm: float,
     *,
+    smoothing_mm: float = 1.0,
     plunger_step_mm: Sequence[float] | None = None,
     faults: Sequence[InkFaults] | None = None,
 ) -> tuple[Deposit, ...]:
@@ -187,6 +190,8 @@ def deposit_of_heads(
         Of each.
     voxel_mm : float, mm
         Edge of a voxel; the style of all follows from the whole.
+    smoothing_mm : float, mm
+        As of `laid`.
 
     Raises
     ------
@@ -194,9 +199,11 @@ def deposit_of_heads(
         As of `deposit`.
     """
     check_positive(voxel_mm=voxel_mm)
+    if not executed:
+        raise DepositError("no head wrote anything, so nothing was deposited")
     steps: Sequence[float | None] = plunger_step_mm or [None] * len(executed)
     each = [
-        written(motion, area, plunger_step_mm=step)
+        written(motion, area, smoothing_mm, step)
         for motion, area, step in zip(executed, plunger_area_mm2, steps, strict=True)
     ]
     chosen = _style_of([one.lines for one in each])
@@ -423,70 +430,60 @@ def writing_style(
     return "layered" if flat and known else "embedded"
 
 
-# Lay a pneumatic head's ink into voxels, by the valve's open time along the path.
+# Ink of pneumatic heads, by their valves' open times along the path.
 #
 # The flow is steady while the valve stands open, so a block gets flow times its time: a corner at
 # which the head slows down gets more. Within one block ink is spread evenly, though the head slows
 # down at its ends. What flows while the head stands (a valve that opens early or closes late) would
 # make a drop; the deposit model lays none, and tells its volume as `standing_ul`.
 
-_EXACT_MM: Final = 1e-6
+EXACT_MM: Final = 1e-6
+"""Smoothing and plunger step of such a motion: what flows is known at every moment."""
 _KNOWN: Final = 0.9
 
 
-def pneumatic_deposit(
-    executed: ExecutedMotion,
-    gcode: bytes,
-    printer: Printer,
-    flow_ul_s: float,
-    voxel_mm: float,
-    style: Style | None = None,
-    faults: InkFaults = NO_FAULTS,
-) -> Deposit:
-    """Lay the ink of a pneumatic head's executed motion into voxels.
+def valves_as_plungers(
+    executed: ExecutedMotion, gcode: bytes, printer: Printer, flow_ul_s: Sequence[float]
+) -> tuple[ExecutedMotion, ...]:
+    """What each pneumatic head did, in its own tip's places, as a plunger of 1 mm² bore would.
 
     Parameters
     ----------
     executed : ExecutedMotion
         What the printer did, from the first move on.
     gcode : bytes
-        The file, for when the valve stood open.
-    flow_ul_s : float, µL/s
-        While it does.
-    faults : InkFaults
-        As for `deposit`.
+        The file, for when the valves stood open.
+    flow_ul_s : sequence of float, µL/s
+        Of each head while its valve does.
 
     Raises
     ------
     DepositError
-        When the head is no pneumatic one, the motion isn't the file's, nothing is written or the
-        grid would be too large.
+        When the printer has no pneumatic head, or the motion isn't the file's.
     """
-    head = printer.pneumatic
-    if head is None:
+    heads = printer.airs
+    if not heads:
         raise DepositError(f"{printer.name} has no pneumatic head (dispenser); use deposit")
-    if not (math.isfinite(flow_ul_s) and flow_ul_s > 0):
-        raise DepositError(f"flow_ul_s is {flow_ul_s:g}; it must be a number above 0")
+    if not all(math.isfinite(flow) and flow > 0 for flow in flow_ul_s):
+        raise DepositError(f"flow_ul_s is {list(flow_ul_s)}; each must be a number above 0")
     if not len(executed):
         raise DepositError("nothing moved, so nothing was deposited")
     x, y, z = executed.start[0].tolist()
-    program, valve = read_with_valve(gcode, printer, (x, y, z))
-    commanded = with_commands(executed, program)
+    read = read_written(gcode, printer, (x, y, z))
+    refuse_unread(read.file.refused)
+    commanded = with_commands(executed, read.program)
     known = float((commanded.line >= 0).mean())  # a host puts in a pause's lift, say
     if known < _KNOWN:
         raise DepositError(
             f"only {known:.0%} of the motion is in the G-code, below {_KNOWN:.0%}; they aren't of "
             "the same print: give the file that was printed"
         )
-    spans = np.zeros((0, 2)) if valve is None else flowing(commanded, program, valve, head)
-    motion = as_plunger(executed, spans, flow_ul_s)
-    # What flows is known at every moment: there are no plunger steps to smooth or to bridge.
-    return deposit(
-        motion,
-        1.0,
-        voxel_mm,
-        smoothing_mm=_EXACT_MM,
-        style=style,
-        plunger_step_mm=_EXACT_MM,
-        faults=faults,
-    )
+    valves = read_valves(read.program, read.file.others, printer)
+    offsets = [head.offset_mm.mm for head in printer.heads or ()] or [(0.0, 0.0, 0.0)]
+    motions = []
+    for number, (head, valve, flow) in enumerate(zip(heads, valves, flow_ul_s, strict=True)):
+        spans = flowing(commanded, read.program, valve, head)
+        motion = as_plunger(executed, spans, flow)
+        motion = replace(motion, tool=np.full(len(motion), number))
+        motions.append(motion.of_head(number, offsets[number]))
+    return tuple(motions)

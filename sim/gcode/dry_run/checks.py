@@ -13,7 +13,6 @@ from firmware_profiles.families.grammar import Meaning
 from kernels.arrays import FloatArray
 from sim.errors import LineError
 from sim.gcode.heads import first_finding, head_findings
-from sim.gcode.motion.planner import TIMER
 from sim.gcode.program.gcode import NO_COMMAND, Program, code_name
 from sim.gcode.program.modal import BAD, HOME, MOVE
 from sim.gcode.reading.file import GcodeFile, kinds_of, named_lines
@@ -181,17 +180,25 @@ def _too_slow(program: Program, printer: Printer) -> list[Finding]:
     delta, length, moving = _deltas(program)
     events = (delta * _steps(program, printer)).max(axis=1, initial=0.0)
     moving &= events >= printer.min_steps_per_segment
-    rate = np.full(len(program), np.inf)
-    np.divide(events * program.feed, length, out=rate, where=moving)
-    where = rate < TIMER.least_rate * (1 - 1e-6)
-    worst, least = float(rate.min(initial=np.inf)), TIMER.least_rate
+    family = family_of(printer)
+    if family.has_min_speed:
+        rate, unit = np.where(moving, program.feed, np.inf), "mm/s"
+        least = printer.min_speed_mm_s
+        whose, remedy = "slowest move of its firmware", "lower min_speed_mm_s there and here"
+    else:
+        rate, unit = np.full(len(program), np.inf), "steps/s"
+        np.divide(events * program.feed, length, out=rate, where=moving)
+        least = family.least_steps_s if printer.max_step_rate_hz is None else 0.0
+        whose, remedy = "slowest that the timer of an 8-bit board can do", "take more steps per mm"
+    where, worst = rate < least * (1 - 1e-6), float(rate.min(initial=np.inf))
+    faster = "more pressure or a wider needle" if printer.pneumatic else "raise the feed"
     return first_finding(
         program,
         where,
         "too_slow",
-        f": {worst:.1f} steps/s asked for, below {least}, the slowest that the timer of an "
-        f"8-bit board can do, in {where.sum()} moves; they run up to {least / worst:.1f} "
-        "times faster than written: raise the feed or the steps per mm",
+        f": {worst:.3g} {unit} asked for, below {least:g}, the {whose}, in {where.sum()} moves; "
+        f"they run up to {least / max(worst, 1e-9):.1f} times faster than written: {faster}, or "
+        f"{remedy}",
         worst,
         least,
     )

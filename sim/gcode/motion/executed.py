@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Final
 
@@ -60,11 +60,12 @@ class ExecutedMotion:
         offset_mm : tuple, mm
             Of its tip from the first head's, both lowered (`firmware_profiles.Head.offset_mm`).
         """
-        rows = self.tool == number
-        kept = {item.name: getattr(self, item.name)[rows] for item in fields(self)}
-        kept["start"] = kept["start"] + np.asarray(offset_mm)
-        kept["end"] = kept["end"] + np.asarray(offset_mm)
-        return ExecutedMotion(**kept)
+        own, offset = self.where(self.tool == number), np.asarray(offset_mm)
+        return replace(own, start=own.start + offset, end=own.end + offset)
+
+    def where(self, chosen: NDArray[np.bool_]) -> ExecutedMotion:
+        """Some of the blocks, (n,)."""
+        return ExecutedMotion(**{one.name: getattr(self, one.name)[chosen] for one in fields(self)})
 
     def __len__(self) -> int:
         return len(self.line)

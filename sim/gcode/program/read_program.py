@@ -15,7 +15,13 @@ from firmware_profiles.families import family_of
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, read_gcode
-from sim.gcode.program.valve import idle_outside, read_valves, with_heads, with_other_axes
+from sim.gcode.program.valve import (
+    idle_outside,
+    read_lifts,
+    read_valves,
+    with_heads,
+    with_other_axes,
+)
 from sim.gcode.reading import read_line
 from sim.gcode.reading.file import GcodeFile, read_file
 from sim.gcode.reading.line import LIMITS
@@ -82,7 +88,10 @@ def read_written(
         ]
         each = [_heights(read_gcode(one.in_g_code, start_mm), program) for one in files]
         axis_mm = np.column_stack(each)
-    program, uneven = with_heads(program, axis_mm, read_valves(program, file.others, printer))
+    lifts = [head.raised_mm for head in printer.heads or ()]
+    lifted_mm = read_lifts(program, file.others, printer)[0] * np.array(lifts)
+    valves = read_valves(program, file.others, printer)
+    program, uneven = with_heads(program, axis_mm, lifted_mm, valves)
     if own_axes:
         uneven += idle_outside(program, axis_mm, printer)
         program = with_other_axes(program, axis_mm, printer)

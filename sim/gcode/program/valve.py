@@ -176,6 +176,23 @@ def _state(command: tuple[str, Words], opens: tuple[str, Words], closes: tuple[s
     return BETWEEN if same else UNKNOWN
 
 
+def read_lifts(
+    program: Program, others: Lines, printer: Printer
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Find where each head is surely raised, and where a command has said so or not, (n, heads).
+
+    A fixed one is never raised, and needs no command.
+    """
+    raised = np.zeros((len(program), printer.head_count), dtype=np.bool_)
+    commanded = np.ones_like(raised)
+    for number, head in enumerate(printer.heads or ()):
+        if head.raises is not None and head.lowers is not None:
+            switch = read_switch(program, others, head.lowers, head.raises)
+            raised[:, number] = switch.before == CLOSED
+            commanded[:, number] = (switch.before == OPEN) | (switch.before == CLOSED)
+    return raised, commanded
+
+
 # Heads of a file that names none: the head whose valve opens is in use.
 
 
@@ -183,31 +200,34 @@ _LEVEL_MM: Final = 1e-6
 
 
 def with_heads(
-    program: Program, axis_mm: FloatArray, valves: Sequence[Valve]
+    program: Program, axis_mm: FloatArray, lifted_mm: FloatArray, valves: Sequence[Valve]
 ) -> tuple[Program, tuple[tuple[int, LineError], ...]]:
     """Say which head is in use row by row, and give the program that head's height.
 
-    Between two openings of different valves the head changes where the two vertical axes first
-    stand at one height.
+    Between two openings of different valves the head changes where both stand at one height:
+    where first at the greatest such.
 
     Parameters
     ----------
     program : Program
     axis_mm : (n, heads) float64, mm
         Each head's axis after each row.
+    lifted_mm : (n, heads) float64, mm
+        How much a lift raises each during each row.
     valves : sequence of Valve
 
     Returns
     -------
     program : Program
     refused : tuple of (int, LineError)
-        Openings before which the axes never stand at one height.
+        Openings before which they never stand at one height.
     """
     switches = sorted(
         (row, state, head)
         for head, valve in enumerate(valves)
         for row, state in zip(valve.row.tolist(), valve.state.tolist(), strict=True)
     )
+    stands = axis_mm + lifted_mm
     tool, closed, refused = np.zeros(len(program), dtype=np.int64), 0, []
     active: int | None = None
     for row, state, head in switches:
@@ -217,10 +237,11 @@ def with_heads(
         if active is None:
             tool[:] = head
         elif head != active:
-            apart = np.abs(axis_mm[closed:row, head] - axis_mm[closed:row, active])
-            level = np.flatnonzero(apart <= _LEVEL_MM)
-            tool[closed + int(level[0]) + 1 if len(level) else row :] = head
-            if not len(level):
+            new, old = stands[closed:row, head], stands[closed:row, active]
+            height = np.where(np.abs(new - old) <= _LEVEL_MM, new, -np.inf)
+            level = bool(np.isfinite(height).any())
+            tool[closed + int(height.argmax()) + 1 if level else row :] = head
+            if not level:
                 refused.append((int(program.line[row]), _uneven(head, active)))
         active = head
     target = program.target.copy()

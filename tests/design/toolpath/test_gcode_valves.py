@@ -7,12 +7,15 @@ import pytest
 
 from design.network import VesselKind, VesselNetwork
 from design.toolpath.embedded import EmbeddedHeads, EmbeddedOptions, plan_embedded
+from design.toolpath.fresh import Filling, FreshOptions, Region, plan_fresh
 from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from printctl.checks.preflight import gcode_checks, head_checks
+from sim.gcode.deposit.lay import valves_as_plungers
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.heads import flowing_s
 from sim.gcode.program.modal import MOVE
+from tests.design.toolpath.shapes import as_solid, block
 
 RIG = load(Printer, "stanford_two_heads")
 AUTOMATION1 = load(Printer, "stanford_two_heads_automation1")
@@ -220,6 +223,7 @@ def test_valves_and_pressures_on_a_printer_that_takes_lines(printer):
     assert not run.unknown
     assert not [one for one in checks if one.refuses]
     assert [one.value for one in checks if "pressure at which" in one.check] == [60, 80]
+    assert all(np.isfinite([one.value, one.limit]).all() for one in checks)  # a report is JSON
     assert np.count_nonzero(np.diff(run.program.tool)) in (1, 2)
     lines = gcode.decode().splitlines()
     assert not any(line.startswith(("T", "G10", "ACTIVATE")) for line in lines)
@@ -227,6 +231,67 @@ def test_valves_and_pressures_on_a_printer_that_takes_lines(printer):
     writes = tips.valve.is_open & (tips.program.kind == MOVE)
     ends = tips.program.target[writes, 0]  # of the vein, by a tip that stands 40 mm aside
     assert np.minimum(abs(ends - 62), abs(ends - 74)).max() < 0.01
+
+
+def layered_job(printer: Printer) -> bytes:
+    """Return layers of a block of which the right head writes one half."""
+    sides = [Region(as_solid(block(6, 6, 3).translate([4, -1, -1])), Filling(), 1)]
+    options = FreshOptions(layer_height_mm=0.3, line_width_mm=0.4)
+    path = plan_fresh(as_solid(block(8, 4, 0.9)), options, sides, [options]).toolpath
+    held = HeadLoad(load(Syringe, "hamilton_1ml"), flow_ul_s=1.0)
+    given = GcodeOptions(start_mm=START, heads=(held, held))
+    return write_gcode(path, printer, held.syringe, np.array([60.0, 60.0, 4.0]), given).data
+
+
+def fixed() -> Printer:
+    """Return the Duet's heads without their lifts."""
+    data = DUET.model_dump()
+    data["heads"] = [
+        {key: value for key, value in head.items() if key in ("name", "offset_mm", "dispenser")}
+        for head in data["heads"]
+    ]
+    return Printer.model_validate(data)
+
+
+@pytest.mark.parametrize("printer", [DUET, fixed()], ids=["lifted", "fixed"])
+def test_way_across_is_of_the_head_that_makes_it(printer):
+    gcode = layered_job(printer)
+    run = dry_run(gcode, printer, START)
+    refused = [one for one in [*gcode_checks(run, printer), *head_checks(run, printer)]
+               if one.refuses]  # fmt: skip
+    beside = [one for one in refused if "above all that is written" in one.check]
+    assert beside == refused  # a fixed tip stands beside what the other one writes
+    assert bool(beside) is (printer.heads[0].raises is None)
+    assert np.count_nonzero(np.diff(run.program.tool)) == 3  # three layers: 01 10 01
+    for number in (0, 1):
+        head = run.of_head(number)
+        low, high = 60.0 + 4.0 * number, 64.0 + 4.0 * number
+        at = head.program.target[(head.program.kind == MOVE), 0][2:]  # the first ones come in
+        assert low - 0.5 < at.min() < at.max() < high + 0.5
+
+
+def test_ink_of_each_valve_lies_below_its_own_tip():
+    gcode = layered_job(DUET)
+    motions = valves_as_plungers(dry_run(gcode, DUET, START).executed, gcode, DUET, [1.0, 1.0])
+    whole = 8 * 4 * 0.9
+    for number, motion in enumerate(motions):
+        writes = (motion.plunger_end > motion.plunger_start) & (motion.end != motion.start).any(1)
+        at = motion.end[writes, 0]
+        assert 60.0 + 4.0 * number < at.min() < at.max() < 64.0 + 4.0 * number
+        dose = (motion.plunger_end - motion.plunger_start)[writes].sum()
+        assert dose == pytest.approx(whole / 2, rel=0.15)
+
+
+def test_valve_waits_for_its_pressure():
+    def hasty(gcode: bytes) -> list[str]:
+        checks = gcode_checks(dry_run(gcode, DUET, START), DUET)
+        return [one.check for one in checks if "settled" in one.check and not one.passed]
+
+    gcode = duet_job()
+    assert not hasty(gcode)
+    late = gcode.replace(b"M42 P1 S1", b"M42 P3 S0.14\nM42 P3 S0.16\nM42 P1 S1")
+    assert hasty(late) == ["head 1: opened before its pressure has settled"]
+    assert not hasty(gcode.replace(b"M42 P1 S1", b"M42 P3 S0.16\nM42 P1 S1"))
 
 
 @pytest.mark.parametrize(

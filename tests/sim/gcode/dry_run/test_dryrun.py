@@ -68,6 +68,25 @@ def test_a_limit_that_is_broken_is_found(text, code, line, value, limit):
     assert f"{limit:g}" in finding.message
 
 
+def test_slowest_move_is_its_firmware_s():
+    slow = b"G1 X20 F600\nG1 X21 F24\nG1 X22 F3\n"
+
+    def too_slow(name, **changes):
+        printer = load(Printer, name).model_copy(update=changes)
+        found = dry_run(slow, printer, (10.0, 10.0, 10.0)).findings
+        return [(one.line, one.limit, one.message) for one in found if one.code == "too_slow"]
+
+    assert [(line, limit) for line, limit, _ in too_slow("marlin_avr")] == [(3, 32)]
+    assert not too_slow("marlin_avr", max_step_rate_hz=1e5)
+    assert not too_slow("klipper_bioprinter")
+    ((line, limit, message),) = too_slow("jubilee_duet3_syringe")
+    assert (line, limit) == (2, 0.5)
+    assert "min_speed_mm_s" in message
+    ((line, limit, message),) = too_slow("two_valves_duet3", min_speed_mm_s=0.1)
+    assert (line, limit) == (3, 0.1)
+    assert "wider needle" in message
+
+
 @pytest.mark.parametrize(
     ("text", "code"),
     [
