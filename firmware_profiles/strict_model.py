@@ -111,6 +111,8 @@ _OUTPUT: Final = (
     r"\$DO(?:\[\d+\]\.[A-Z]|\d+\.\d+) ?= ?[01]|DigitalOutputSet\([A-Z], ?\d+, ?[01]\)"
     r"|BRAKE [A-Za-z]\w* [01]|DriveBrakeO(?:n|ff)\([A-Za-z]\w*\)"
 )
+_VALUE_OF: Final = re.compile(r"(?<==).*|[-.\d]+$")
+_ADDRESSES: Final = ("PIN=", "SERVO=", "FAN=", "STEPPER=", "EXTRUDER=", "NAME=")
 _BRAKE_CALL: Final = re.compile(r"DriveBrakeO(n|ff)\((\w+)\)")
 
 
@@ -137,25 +139,35 @@ def switched(one: str, other: str) -> frozenset[str]:
     ValueError
         Where they aren't one command with two values of one word.
     """
-    first, second = frozenset(_words(one)), frozenset(_words(other))
-    values = [re.sub(r"(?<==).*|[-.\d]+$", "", word) for word in first ^ second]
-    if len(first - second) != 1 or len(second - first) != 1 or len(set(values)) != 1:
+    first, second = _words(one), _words(other)
+    keys = [[_VALUE_OF.sub("", word) for word in words[1:]] for words in (first, second)]
+    differs = [key for key, a, b in zip(keys[0], first[1:], second[1:], strict=False) if a != b]
+    same = first[0] == second[0] and keys[0] == keys[1] and len(differs) == 1
+    if not same or len(set(keys[0])) < len(keys[0]):
         raise ValueError(
             f"{one!r} and {other!r} must be one command with two values (M42 P4 S255 and M42 P4 S0)"
         )
-    return first & second
+    if differs[0] != "S" if re.match(r"M\d", first[0]) else differs[0] in _ADDRESSES:
+        raise ValueError(
+            f"{one!r} and {other!r} differ in {differs[0]}, which says what is set; only its value "
+            "may differ (S of an M command)"
+        )
+    return frozenset(first) & frozenset(second)
 
 
 def addresses(command: str, output: frozenset[str]) -> bool:
-    """Whether a command sets what `switched` gives."""
-    return output <= frozenset(_words(command))
+    """Whether a command sets what `switched` gives; M107 does as M106 does."""
+    return output <= frozenset(_words(re.sub(r"^[Mm]0*107\b", "M106", command)))
 
 
 def _words(command: str) -> list[str]:
-    """A command's words in one writing; the fan that M106 leaves out is P0."""
-    words = [re.sub(r"^([A-Z])0+(?=\d)", r"\1", word.upper()) for word in switch_words(command)]
-    fan = words[0] in ("M106", "M107") and not any(word[0] == "P" for word in words)
-    return [*words, "P0"] if fan else words
+    """A command's words in one writing and order; the fan that M106 leaves out is P0."""
+    name, *rest = [
+        re.sub(r"^([A-Z])0+(?=\d)", r"\1", word.upper()) for word in switch_words(command)
+    ]
+    if name in ("M106", "M107") and not any(word[0] == "P" for word in rest):
+        rest.append("P0")
+    return [name, *sorted(rest)]
 
 
 def _moves_nothing(command: str) -> str:

@@ -164,7 +164,12 @@ class Klipper(HomedFirmware):
             machine.say("// pressure_advance: 0.000000")
         elif name == "TURN_OFF_HEATERS":
             machine.heat.off(machine.now)
-        elif name not in ("SET_FAN_SPEED", "SET_PIN"):  # outputs, which nothing here hangs on
+        elif name not in (
+            "SET_FAN_SPEED",
+            "SET_PIN",
+            *map(str.upper, machine.printer.extra_commands),
+        ):
+            # Nothing here hangs on outputs.
             machine.say(f'// Unknown command:"{name}"')
         return None
 

@@ -321,6 +321,9 @@ def test_air_that_is_not_the_profile_s_is_refused_there_too(old, new, refused):
         ("reprapfirmware", {"sets_pressure": ("M42 P3 S1{psi}",)}, "only switches"),
         ("reprapfirmware", {"sets_pressure": ("M112 P{psi}",)}, "only switches"),
         ("reprapfirmware", {"closes": "M42 P1"}, "two values"),
+        ("reprapfirmware", {"opens": "M106 P1 S255", "closes": "M106 P0 S255"}, "differ in P"),
+        ("reprapfirmware", {"opens": "M106 S255", "closes": "M107"}, "two values"),
+        ("reprapfirmware", {"opens": "M42 P1 P3 S1", "closes": "M42 P1 P3 S0"}, "two values"),
         ("reprapfirmware", {"opens": "M42 P4 S1", "closes": "M42 P4 S0"}, "same output"),
         ("marlin", {}, "60 would be set as 60.78 kPa"),
     ],
@@ -337,6 +340,10 @@ def test_stop_s_commands_leave_valves_and_pressures_alone():
         with pytest.raises(ValueError, match="which a stop leaves safe by itself"):
             Printer.model_validate(DUET.model_dump() | {"safe_state_off": (command,)})
     assert Printer.model_validate(DUET.model_dump() | {"safe_state_off": ("M42 P0 S0",)})
+    fan = DUET.model_dump() | {"safe_state_off": ("M107 P2",)}
+    fan["dispenser"] |= {"opens": "M106 P2 S255", "closes": "M106 P2 S0"}
+    with pytest.raises(ValueError, match="which a stop leaves safe by itself"):
+        Printer.model_validate(fan)
 
 
 @pytest.mark.parametrize(

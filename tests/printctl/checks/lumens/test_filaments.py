@@ -17,7 +17,6 @@ from printctl.checks.lumens import (
 )
 from printctl.checks.lumens.filament_check import segment_distances
 from printctl.errors import UsageError
-from sim.gcode.deposit.lay import pneumatic_deposit
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
@@ -30,6 +29,7 @@ from tests.printctl.checks.lumens.small_gcode import (
     valve_gcode,
 )
 from tests.printctl.networks import vessels
+from tests.sim.gcode.air_ink import pneumatic_deposit
 
 PRINTER = load(Printer, "generic_marlin")
 WRITING = Writing(PRINTER, UL_PER_E)

@@ -316,7 +316,7 @@ def test_a_dead_host_s_successor_shuts_both_valves_and_sets_the_pressure_before_
     assert not seen.wrong
 
 
-@pytest.mark.parametrize("begin", range(15, len(PAIR_JOB) - 2, 6))
+@pytest.mark.parametrize("begin", range(16, len(PAIR_JOB) - 2, 6))
 def test_rest_of_a_job_of_two_valves_lays_the_rest_with_the_same_heads(begin):
     history, line = JournalledPrint(done=len(PAIR_JOB)), PAIR_JOB.file_lines[begin]
     plan = plan_recovery(PAIR_JOB, PAIR_DATA, history, PAIR, Retreat(), line)

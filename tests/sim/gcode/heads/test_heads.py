@@ -17,7 +17,7 @@ from sim.devices.families.klipper_printer import KlipperPrinter
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.families.reprapfirmware_printer import DuetPrinter
 from sim.errors import DepositError
-from sim.gcode.deposit.lay import EXACT_MM, Deposit, deposit, valves_as_plungers
+from sim.gcode.deposit.lay import Deposit, deposit
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.heads import (
     as_plunger,
@@ -31,6 +31,7 @@ from sim.gcode.program.valve import BETWEEN, CLOSED, OPEN
 from sim.gcode.reading.file import read_file
 from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
+from tests.sim.gcode.air_ink import pneumatic_deposit
 
 TWO = load(Printer, "two_syringe_marlin")
 HEADER = b"G21\nG90\nM82\nM302 P1\nM218 T1 X0 Y0 Z0\n"
@@ -259,14 +260,6 @@ def motion(times: list[tuple[float, float]]) -> ExecutedMotion:
     start, end = np.array(times).T
     none = np.zeros(count)
     return ExecutedMotion(places[:-1], places[1:], none, none, start, end, np.arange(count))
-
-
-def pneumatic_deposit(
-    executed: ExecutedMotion, gcode: bytes, printer: Printer, flow_ul_s: float, voxel_mm: float
-) -> Deposit:
-    """Lay the ink of a printer's only valve."""
-    (motion,) = valves_as_plungers(executed, gcode, printer, [flow_ul_s])
-    return deposit(motion, 1.0, voxel_mm, smoothing_mm=EXACT_MM, plunger_step_mm=EXACT_MM)
 
 
 def test_each_block_gets_what_flowed_in_its_time_and_the_rest_is_laid_standing() -> None:
