@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -28,6 +29,8 @@ from sim.gcode.program.modal import DWELL, MOVE, SYNC
 from sim.gcode.program.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, read_pressures
 
 _FEED_ROUNDING: Final = 1e-4
+MOST_STANDING_S: Final = 1.0
+"""Beyond a valve's delay, with the valve open on a path: a lab's own files wait 0.7 s."""
 _SAME_PRESSURE: Final = 1e-4
 """Part of a pressure by which its text may round it."""
 _DROP_BORES: Final = 2.0
@@ -35,44 +38,75 @@ _DROP_BORES: Final = 2.0
 
 
 def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
-    """Check a file's use of the valve; none for a plunger."""
-    head, valve = printer.pneumatic, run.valve
-    if head is None or valve is None:
+    """Check a file's use of each valve from its begin to its end; none for a plunger."""
+    if not printer.airs:
         return []
+    checks = [
+        none_check(
+            run,
+            "plunger moves, where there is none",
+            run.program.pushed != 0,
+            "the head is pneumatic (dispenser); write the job for it, without E",
+        ),
+        *([_asked_to_watch(printer.airs[0])] if printer.streamed else []),
+    ]
+    for number, (head, valve) in enumerate(zip(printer.airs, run.valves, strict=True)):
+        name = f"head {number} ({printer.heads[number].name}): " if printer.heads else ""
+        found = [
+            *_states(run, valve, head),
+            _left_closed(run, valve, head),
+            *_order(run, printer, valve, head),
+            *_timing(run, printer, valve, head),
+        ]
+        checks += [replace(check, check=name + check.check) for check in found]
+    return checks
+
+
+def _states(run: DryRun, valve: Valve, head: Pneumatic) -> list[Check]:
     program = run.program
     moves = program.kind == MOVE
-    unsaid = moves & (valve.before == UNKNOWN)
-    travels = moves & (program.code == code("G0")) & valve.is_open
-    plunger = program.pushed != 0
-    between = np.zeros(len(program), dtype=np.bool_)
-    between[valve.row[valve.state == BETWEEN]] = True
     rows = (
         (
             "moves before the valve is closed",
-            unsaid,
+            moves & (valve.before == UNKNOWN),
             f"nobody knows how it stands; begin the job with {head.closes!r}",
         ),
         (
             "travels with the valve open",
-            travels,
+            moves & (program.code == code("G0")) & valve.is_open,
             f"they would lay ink; close it before ({head.closes!r})",
         ),
         (
-            "plunger moves, where there is none",
-            plunger,
-            "the head is pneumatic (dispenser); write the job for it, without E",
-        ),
-        (
             "commands that set the valve between open and closed",
-            between,
+            _marked(run, valve.row[valve.state == BETWEEN].tolist()),
             f"give {head.opens!r} or {head.closes!r}",
         ),
     )
+    return [none_check(run, *row) for row in rows]
+
+
+def _order(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list[Check]:
+    """Switches that change nothing: the one between two of them is missing."""
+    moved = np.cumsum(run.program.kind == MOVE)
+    same = np.append(False, valve.state[1:] == valve.state[:-1])
+    during = (moved[valve.row] > 0) & (moved[valve.row] < moved[-1:])
+    wait = family_of(printer).dialect(printer).waits
+    opening = " and ".join(repr(line) for line in (head.enables, head.opens) if line)
     return [
-        *(none_check(run, name, where, remedy) for name, where, remedy in rows),
-        _left_closed(run, valve, head),
-        *([_asked_to_watch(head)] if printer.streamed else []),
-        *_timing(run, valve, head, family_of(printer).dialect(printer).waits),
+        none_check(
+            run,
+            "valve opened that is open already",
+            _marked(run, valve.row[same & (valve.state == OPEN)].tolist()),
+            f"its closing is missing: put {wait} and {head.closes!r} where the path before ends, "
+            "or take this opening out",
+        ),
+        none_check(
+            run,
+            "valve closed that is closed already, between the first move and the last",
+            _marked(run, valve.row[same & during & (valve.state == CLOSED)].tolist()),
+            f"its opening is missing, and what follows wasn't written: put {wait} and {opening} "
+            "where the path begins, or take this closing out if there is none",
+        ),
     ]
 
 
@@ -140,6 +174,11 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
     return checks
 
 
+def _marked(run: DryRun, rows: list[int]) -> NDArray[np.bool_]:
+    """Mark some of the program's rows, (n,)."""
+    return np.isin(np.arange(len(run.program)), rows)
+
+
 def none_check(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) -> Check:
     """Check that no row of the program (n,) is marked; names the first line that is."""
     place = f"line {int(run.program.line[int(where.argmax())])}" if where.any() else ""
@@ -165,34 +204,65 @@ def _asked_to_watch(head: Pneumatic) -> Check:
     return Check("asked of you", 0, 0, "", False, "kill and dead host", remedy, "warns")
 
 
-def _timing(run: DryRun, valve: Valve, head: Pneumatic, waits: str) -> list[Check]:
-    """Switches while the motors may run, and delays that aren't waited for."""
-    program = run.program
-    still = np.isin(program.kind, (DWELL, SYNC))
-    first_move = int(np.argmax(program.kind == MOVE)) if (program.kind == MOVE).any() else 0
-    moving = [row for row in valve.row.tolist() if row > first_move and not still[row - 1]]
+def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list[Check]:
+    """Switches while the motors may run, delays that aren't waited for, and standing while open."""
+    program, dialect = run.program, family_of(printer).dialect(printer)
+    moves = program.kind == MOVE
+    moving = ~waited(run, printer)
     short = [
         row
         for row, state in zip(valve.row.tolist(), valve.state.tolist(), strict=True)
-        if row > first_move and waits_s(run, row) < _delay(head, state) - 1e-9
+        if moves[:row].any() and waits_s(run, row) < _delay(head, state) - 1e-9
     ]
+    stand, limit = np.cumsum(moves), head.opening_delay_s + MOST_STANDING_S
+    dwells = (program.kind == DWELL) & valve.is_open
+    open_s = np.bincount(stand, np.where(dwells, program.value, 0.0), minlength=1)
+    # A weighing doses standing, and writes nothing.
+    long = dwells & (open_s[stand] > limit + 1e-9) & (moves & run.doses).any()
+    waits = dialect.dwell(head.opening_delay_s), dialect.dwell(head.closing_delay_s)
     return [
-        _warned(
-            run, "valve switched while the head may still move", moving, f"put {waits} before it"
+        replace(
+            none_check(
+                run,
+                "valve switched while the head may still move",
+                moving & _marked(run, valve.row.tolist()),
+                f"put {dialect.waits} before it",
+            ),
+            # Such a controller looks ahead, and switches before the path's end.
+            weight="warns" if printer.streamed else "refuses",
         ),
-        _warned(
-            run,
-            "valve switched without its delay waited for",
-            short,
-            f"put G4 behind it: {head.opening_delay_s:g} s for opening, {head.closing_delay_s:g} s "
-            "for closing (dispenser), else lines begin late and run on",
+        replace(
+            none_check(
+                run,
+                "valve switched without its delay waited for",
+                _marked(run, short),
+                f"put {waits[0]} behind an opening, {waits[1]} behind a closing (dispenser), else "
+                "lines begin late and run on",
+            ),
+            weight="warns",
+        ),
+        replace(
+            none_check(
+                run,
+                "dwells with the valve open, longer than its delay and 1 s",
+                long,
+                f"ink would flow on one spot; wait no longer than {waits[0]} there",
+            ),
+            value=float(open_s[stand][long].max(initial=0.0)),
+            limit=limit,
+            unit="s",
         ),
     ]
 
 
-def _warned(run: DryRun, name: str, rows: list[int], remedy: str) -> Check:
-    place = f"line {int(run.program.line[rows[0]])}" if rows else ""
-    return Check(name, len(rows), 0, "", not rows, place, remedy, "warns")
+def waited(run: DryRun, printer: Printer) -> NDArray[np.bool_]:
+    """Whether the motors were waited for between the last move and each row, (n,)."""
+    kind, at = run.program.kind, np.arange(len(run.program))
+    still = np.isin(kind, (DWELL, SYNC) if printer.streamed else (SYNC,))
+    last_still, last_move = (
+        np.maximum.accumulate(np.where(rows, at, -1)) for rows in (still, kind == MOVE)
+    )
+    return np.asarray(last_still >= last_move)
 
 
 def _delay(head: Pneumatic, state: int) -> float:
