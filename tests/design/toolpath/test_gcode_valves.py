@@ -377,6 +377,9 @@ def test_head_with_a_valve_has_no_tool_and_shares_the_vertical_axis(own, message
         Printer.model_validate(data)
 
 
+CALL = "Call setPress P$COM Q$AP"
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -398,11 +401,28 @@ def test_head_with_a_valve_has_no_tool_and_shares_the_vertical_axis(own, message
         ({"file_controller": {"ends": ["BRAKE Ab 0"]}}, "to move nothing"),
         ({"heads": [{}, {"offset_mm": {"x": 103.0, "z": 2.0}}]}, "leave z out"),
         (
-            {"dispenser": {"opens": "BRAKE Ab 1", "closes": "BRAKE Ab 0"}},
+            {"dispenser": {"opens": "BRAKE Ab 1", "closes": "BRAKE Ab 0", "enables": None}},
             "same output",
         ),
         ({"dispenser": {"resting_kpa": None}}, "belong together"),
         ({"dispenser": {"resting_kpa": 90.0}}, "above pressure_kpa"),
+        ({"heads": [{}, {"offset_mm": {}}]}, "would stand on each other"),
+        ({"dispenser": {"sets_pressure": ["$AP={psi}", CALL]}}, r"takes \$COM, which no line"),
+        ({"dispenser": {"sets_pressure": ["$COM=2", CALL, "$AP={psi}"]}}, r"takes \$AP, which no"),
+        ({"dispenser": {"sets_pressure": ["$AP={psi}", "M2"]}}, "ends the program"),
+        ({"dispenser": {"enables": "Enable Ab"}}, "more or else than the axis"),
+        ({"dispenser": {"enables": "Enable Aa Ab"}}, "more or else than the axis"),
+        ({"dispenser": {"opens": "$DO[0].X=1", "closes": "$DO[0].X=0"}}, "a valve on an output"),
+        ({"file_controller": {"begins": ["Call setPress P2 Q40"]}}, "that nobody checks"),
+        ({"file_controller": {"ends": ["setPress(2, 40)"]}}, "that nobody checks"),
+        ({"file_controller": {"begins": ["M2"]}}, "ends the program; write it in ends alone"),
+        ({"file_controller": {"ends": ["DFS setPress", "ENDDFS"]}}, "program would run into"),
+        ({"file_controller": {"ends": ["M2", "DFS setPress"]}}, "program would run into"),
+        ({"file_controller": {"ends": ["M2", "DFS other", "ENDDFS"]}}, "program would run into"),
+        *(
+            ({"file_controller": {"own_words": ["setPress", word]}}, f"own_words: '{word}' is or")
+            for word in ("BRAKE", "HOME", "G91", "M2", "Wait", "MoveLinear")
+        ),
     ],
 )
 def test_profile_of_heads_that_contradict_each_other_is_refused(change, message):
