@@ -123,7 +123,9 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
     )
     short = np.zeros(len(program), dtype=np.bool_)
     least = max((head.moving_s for head in printer.heads if head.moves), default=0.0)
-    short[[row for row in np.flatnonzero(switched) if waits_s(run, row) < least - 1e-9]] = True
+    short[
+        [row for row in np.flatnonzero(switched).tolist() if waits_s(run, row) < least - 1e-9]
+    ] = True
     checks.append(
         replace(
             none_check(
@@ -200,6 +202,7 @@ def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> C
     value = worst if np.isfinite(worst) else limit
     axis = printer.heads[whose].z_axis
     remedy = f"raise {axis} before that" if axis else "raise it further (raised_mm, offset_mm)"
+    remedy += "" if limit == top else ", or fill less"
     return Check(
         f"lowest tip that doesn't write, above {what}",
         value,
@@ -208,7 +211,7 @@ def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> C
         value >= limit - _TINY_MM,
         f"line {int(run.program.line[row])}" if row >= 0 else "",
         f"the needle of head {whose} ({printer.heads[whose].name}) would stand in the bath and "
-        f"drag through gel while it doesn't write; {remedy}, or fill less",
+        f"drag through gel while it doesn't write; {remedy}",
     )
 
 

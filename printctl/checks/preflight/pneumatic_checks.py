@@ -113,32 +113,28 @@ def _order(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list
 def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
     """Check that a head writes at the profile's pressure, where the file sets it."""
     checks, every = [], read_pressures(run.others, printer)
-    for number, (head, valve) in enumerate(zip(printer.airs, run.valves, strict=True)):
+    for number, head in enumerate(printer.airs):
         if not head.sets_pressure:
             continue
         sets = [(line, kpa) for line, of, kpa in every if of == number]
         wanted, rests = (
             printer.written_kpa(number, kpa) for kpa in (head.pressure_kpa, head.resting_kpa or 0.0)
         )
-        opens = run.program.line[valve.row[valve.state != CLOSED]].tolist()
-        wrong = [
-            (line, last[-1] if last else 0.0)
-            for line in opens
-            for last in [[kpa for at, kpa in sets if at < line]]
-            if not last or abs(last[-1] / wanted - 1.0) > _SAME_PRESSURE
-        ]
-        others = [
-            int(line)
-            for other, valve_of in enumerate(run.valves)
-            if other != number
-            for line in run.program.line[valve_of.row[valve_of.state != CLOSED]].tolist()
+        opens = [
+            (other == number, int(line), _set_before(int(line), sets))
+            for other, valve in enumerate(run.valves)
+            for line in run.program.line[valve.row[valve.state != CLOSED]]
         ]
         ends = int(run.program.line[-1]) + 1 if len(run.program) else 1
+        wrong = [
+            (line, kpa or 0.0)
+            for own, line, kpa in opens
+            if own and abs((kpa or 0.0) / wanted - 1.0) > _SAME_PRESSURE
+        ]
         pressed = [
             line
-            for line in [*others, ends]
-            for last in [[kpa for at, kpa in sets if at < line]]
-            if last and abs(last[-1] - rests) > _SAME_PRESSURE * last[-1]
+            for own, line, kpa in (*opens, (False, ends, _set_before(ends, sets)))
+            if not own and kpa is not None and abs(kpa - rests) > _SAME_PRESSURE * kpa
         ]
         highest = max((kpa for _, kpa in sets), default=0.0)
         name = f"head {number}: " if printer.heads else ""
@@ -174,6 +170,11 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
     return checks
 
 
+def _set_before(line: int, sets: list[tuple[int, float]]) -> float | None:
+    """Return the pressure that was set last before a line, kPa."""
+    return next((kpa for at, kpa in reversed(sets) if at < line), None)
+
+
 def _marked(run: DryRun, rows: list[int]) -> NDArray[np.bool_]:
     """Mark some of the program's rows, (n,)."""
     return np.isin(np.arange(len(run.program)), rows)
@@ -186,10 +187,10 @@ def none_check(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) ->
 
 
 def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:
-    last = int(valve.state[-1]) if len(valve.state) else UNKNOWN
-    place = f"line {int(run.program.line[valve.row[-1]])}" if len(valve.row) else "never switched"
+    """Whether the last switch closes it; one that is never switched is refused as unknown."""
+    shut = not len(valve.row) or bool(valve.state[-1] == CLOSED)
+    place = "" if shut else f"line {int(run.program.line[valve.row[-1]])}"
     remedy = f"the ink would go on flowing after the job; end it with {head.closes!r}"
-    shut = last == CLOSED
     return Check("valve open at the end", int(not shut), 0, "", shut, place, remedy)
 
 

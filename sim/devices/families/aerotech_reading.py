@@ -78,8 +78,9 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
     letter = (controller.plunger_axis or "").encode()
     axes = "".join(printer.z_axes).encode()
     enables = {air.enables.encode(): air.opens for air in printer.airs if air.enables}
-    lines = (*controller.begins, *controller.ends, SETS_PRESSURE)
-    own = {*enables, *(line.encode() for line in lines)}
+    begins, ends = ({one.encode() for one in of} for of in (controller.begins, controller.ends))
+    own = {*enables, *begins, *ends, SETS_PRESSURE.encode()}
+    last_move = max(gcode.rfind(b"\nG0 "), gcode.rfind(b"\nG1 "))
     dialect = family_of(printer).dialect(printer)
     bases: list[tuple[int, bool]] = []
     refused: list[tuple[int, LineError]] = []
@@ -94,9 +95,9 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
         nonlocal seen, line
         line += gcode.count(b"\n", seen, match.start())
         seen = match.start()
-        begins = comment.search(match[0])
-        text = match[0][: begins.start()] if begins else match[0]
-        remark = b";" + match[0][begins.end() :] if begins else b""
+        found = comment.search(match[0])
+        text = match[0][: found.start()] if found else match[0]
+        remark = b";" + match[0][found.end() :] if found else b""
         text = text.strip()
         if text in enables and b"\n" in gcode:  # it may let the axis' brake, the valve, go
             after = gcode[match.end() : match.end() + _SWITCH_BYTES].lstrip().partition(b"\n")[0]
@@ -107,6 +108,9 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
                     "write that there, or take this line out"
                 )
                 refused.append((line + 1, refusal("ambiguous", text, reason)))
+        if text in ends - begins and match.start() < last_move:
+            reason = "stands behind the last move alone (file_controller: ends); take it out here"
+            refused.append((line + 1, refusal("ambiguous", text, reason)))
         waits = _WAITS.fullmatch(text)
         if waits and not movable <= set(re.findall(rb"\w+", (waits[1] or waits[2]).upper())):
             reason = f"waits while another axis may still move; name them all: {dialect.waits}"

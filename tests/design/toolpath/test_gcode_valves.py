@@ -188,7 +188,7 @@ def test_file_without_one_of_its_openings_or_closings_is_refused(printer, opens)
     words = r"M42 P[01] S1|" + OPENS if opens else r"M42 P[01] S0|" + CLOSES
     places = lines_with(gcode, words)
     assert len(places) == (3 if opens else 5)
-    for at in places:
+    for at in places:  # the header's closings too
         one = without(gcode, at)
         if opens and b"Enable" in gcode:
             one = without(one, at - 1)
@@ -260,6 +260,17 @@ def test_pressure_s_function_is_asked_for_unless_the_file_defines_it():
     data["file_controller"]["ends"] = [*body, "G1 X5"]
     with pytest.raises(ValueError, match="no word that is known to move nothing"):
         Printer.model_validate(data)
+
+
+def test_line_that_ends_the_program_is_refused_before_the_last_move():
+    data = RIG.model_dump()
+    data["file_controller"] |= {"begins": ["ROUNDING ON"], "ends": ["ROUNDING ON", "M2"]}
+    printer = Printer.model_validate(data)
+    gcode = job(printer)
+    assert not refused(gcode, printer)
+    assert not refused(gcode.replace(b"\n//RELOAD", b"\nROUNDING ON", 1), printer)
+    (found,) = refused(gcode.replace(b"\n//RELOAD", b"\nM2", 1), printer)
+    assert "'M2': stands behind the last move alone" in found.remedy
 
 
 def test_head_that_writes_nothing_stays_up():
