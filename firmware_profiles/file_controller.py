@@ -28,7 +28,7 @@ _COMMAND: Final = re.compile(
 )
 """What begins a second command in a line (the A3200 takes several), and no function of a lab's."""
 
-_ENDS: Final = "M2"
+_PROGRAM_END: Final = "M2"
 """Ends a program of an A3200; functions stand behind it."""
 
 
@@ -213,7 +213,7 @@ def _check_words(
                 f"({', '.join(sorted(known))}); leave it out, or name the lab's own function in "
                 "file_controller: own_words"
             )
-        if first[0].upper() == _ENDS and key != "file_controller.ends":
+        if first[0].upper() == _PROGRAM_END and key != "file_controller.ends":
             raise ValueError(f"{key}: {line!r} ends the program; write it in ends alone")
         more = _COMMAND.search(line, line.index(first[0]) + len(first[0]))
         if more:
@@ -223,14 +223,14 @@ def _check_words(
 def _outside_definitions(given: FileController, setup: frozenset[str]) -> list[str]:
     """Return the lines of `ends` that run: all but an own word's body, behind the program's end."""
     lines = [*given.ends]
-    until = lines.index(_ENDS) + 1 if _ENDS in lines else len(lines)
+    until = lines.index(_PROGRAM_END) + 1 if _PROGRAM_END in lines else len(lines)
     body = rf"^DFS ({'|'.join(given.own_words)})$.*?^ENDDFS(?:\n|\Z)"
     behind = re.sub(body, "", "\n".join(lines[until:]), flags=re.M | re.S).splitlines()
     for line in (*lines[:until], *behind):
-        if line.upper().startswith("DFS") and _ENDS in setup:
+        if line.upper().startswith("DFS") and _PROGRAM_END in setup:
             raise ValueError(
-                f"file_controller.ends: the program would run into {line!r}; write {_ENDS} before "
-                "it and ENDDFS behind it, and name it in own_words"
+                f"file_controller.ends: the program would run into {line!r}; write "
+                f"{_PROGRAM_END} before it and ENDDFS behind it, and name it in own_words"
             )
     return [*lines[:until], *behind]
 

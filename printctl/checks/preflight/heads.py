@@ -18,7 +18,7 @@ from firmware_profiles import Needle, Printer
 from firmware_profiles.families import family_of
 from kernels.arrays import FloatArray
 from printctl.checks.preflight.dish import wall_gap
-from printctl.checks.preflight.pneumatic_checks import none_check, waited, waits_s
+from printctl.checks.preflight.pneumatic_checks import marked, none_check, waited, waits_s
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.modal import MOVE
@@ -88,7 +88,7 @@ def head_checks(
 
 def _states(run: DryRun, printer: Printer) -> list[Check]:
     program, heads = run.program, run.heads
-    moves = program.kind == MOVE
+    moves, dialect = program.kind == MOVE, family_of(printer).dialect(printer)
     active = np.arange(len(program)), program.tool
     rows = (
         (
@@ -105,13 +105,13 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
             (
                 f"moves with the valve of head {number} open, another in use",
                 moves & valve.is_open & (program.tool != number),
-                f"its ink would flow out; close it before ({printer.airs[number].closes})",
+                f"its ink would flow out; put {dialect.waits} and {printer.airs[number].closes!r} "
+                "where its path ends",
             )
             for number, valve in enumerate(run.valves)
         ),
     )
     checks = [none_check(run, *row) for row in rows]
-    dialect = family_of(printer).dialect(printer)
     switched = (np.diff(heads.raised, axis=0, append=heads.raised[-1:])).any(axis=1)
     checks.append(
         none_check(
@@ -121,17 +121,15 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
             f"put {dialect.waits} before it",
         )
     )
-    short = np.zeros(len(program), dtype=np.bool_)
     least = max((head.moving_s for head in printer.heads if head.moves), default=0.0)
-    short[
-        [row for row in np.flatnonzero(switched).tolist() if waits_s(run, row) < least - 1e-9]
-    ] = True
+    rows_switched = np.flatnonzero(switched).tolist()
+    short = [row for row in rows_switched if waits_s(run, row) < least - 1e-9]
     checks.append(
         replace(
             none_check(
                 run,
                 "heads raised or lowered without their time waited for",
-                short,
+                marked(run, short),
                 f"put {dialect.dwell(least)} behind it (heads: moving_s)",
             ),
             weight="warns",

@@ -30,7 +30,7 @@ from sim.gcode.program.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, read_
 
 _FEED_ROUNDING: Final = 1e-4
 MOST_STANDING_S: Final = 1.0
-"""Beyond a valve's delay, with the valve open on a path: a lab's own files wait 0.7 s."""
+"""Beyond a valve's delay, with the valve open on a path: a lab's own files wait 0.67 s."""
 _SAME_PRESSURE: Final = 1e-4
 """Part of a pressure by which its text may round it."""
 _DROP_BORES: Final = 2.0
@@ -78,7 +78,7 @@ def _states(run: DryRun, valve: Valve, head: Pneumatic) -> list[Check]:
         ),
         (
             "commands that set the valve between open and closed",
-            _marked(run, valve.row[valve.state == BETWEEN].tolist()),
+            marked(run, valve.row[valve.state == BETWEEN].tolist()),
             f"give {head.opens!r} or {head.closes!r}",
         ),
     )
@@ -96,14 +96,14 @@ def _order(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list
         none_check(
             run,
             "valve opened that is open already",
-            _marked(run, valve.row[same & (valve.state == OPEN)].tolist()),
+            marked(run, valve.row[same & (valve.state == OPEN)].tolist()),
             f"its closing is missing: put {wait} and {head.closes!r} where the path before ends, "
-            "or take this opening out",
+            f"or take {opening} out here",
         ),
         none_check(
             run,
             "valve closed that is closed already, between the first move and the last",
-            _marked(run, valve.row[same & during & (valve.state == CLOSED)].tolist()),
+            marked(run, valve.row[same & during & (valve.state == CLOSED)].tolist()),
             f"its opening is missing, and what follows wasn't written: put {wait} and {opening} "
             "where the path begins, or take this closing out if there is none",
         ),
@@ -175,7 +175,7 @@ def _set_before(line: int, sets: list[tuple[int, float]]) -> float | None:
     return next((kpa for at, kpa in reversed(sets) if at < line), None)
 
 
-def _marked(run: DryRun, rows: list[int]) -> NDArray[np.bool_]:
+def marked(run: DryRun, rows: list[int]) -> NDArray[np.bool_]:
     """Mark some of the program's rows, (n,)."""
     return np.isin(np.arange(len(run.program)), rows)
 
@@ -209,11 +209,11 @@ def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> lis
     """Switches while the motors may run, delays that aren't waited for, and standing while open."""
     program, dialect = run.program, family_of(printer).dialect(printer)
     moves = program.kind == MOVE
-    moving = ~waited(run, printer)
+    delays = np.where(valve.state == OPEN, head.opening_delay_s, head.closing_delay_s) - 1e-9
     short = [
         row
-        for row, state in zip(valve.row.tolist(), valve.state.tolist(), strict=True)
-        if moves[:row].any() and waits_s(run, row) < _delay(head, state) - 1e-9
+        for row, delay_s in zip(valve.row.tolist(), delays.tolist(), strict=True)
+        if moves[:row].any() and waits_s(run, row) < delay_s
     ]
     stand, limit = np.cumsum(moves), head.opening_delay_s + MOST_STANDING_S
     dwells = (program.kind == DWELL) & valve.is_open
@@ -221,13 +221,14 @@ def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> lis
     # A weighing doses standing, and writes nothing.
     long = dwells & (open_s[stand] > limit + 1e-9) & (moves & run.doses).any()
     waits = dialect.dwell(head.opening_delay_s), dialect.dwell(head.closing_delay_s)
+    enables = f", an opening's before {head.enables!r}" if head.enables else ""
     return [
         replace(
             none_check(
                 run,
                 "valve switched while the head may still move",
-                moving & _marked(run, valve.row.tolist()),
-                f"put {dialect.waits} before it",
+                ~waited(run, printer) & marked(run, valve.row.tolist()),
+                f"put {dialect.waits} before it{enables}",
             ),
             # Such a controller looks ahead, and switches before the path's end.
             weight="warns" if printer.streamed else "refuses",
@@ -236,7 +237,7 @@ def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> lis
             none_check(
                 run,
                 "valve switched without its delay waited for",
-                _marked(run, short),
+                marked(run, short),
                 f"put {waits[0]} behind an opening, {waits[1]} behind a closing (dispenser), else "
                 "lines begin late and run on",
             ),
@@ -264,10 +265,6 @@ def waited(run: DryRun, printer: Printer) -> NDArray[np.bool_]:
         np.maximum.accumulate(np.where(rows, at, -1)) for rows in (still, kind == MOVE)
     )
     return np.asarray(last_still >= last_move)
-
-
-def _delay(head: Pneumatic, state: int) -> float:
-    return head.opening_delay_s if state == OPEN else head.closing_delay_s
 
 
 def waits_s(run: DryRun, row: int) -> float:
