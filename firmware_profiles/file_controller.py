@@ -22,10 +22,14 @@ from firmware_profiles.strict_model import (
 )
 
 _COMMAND: Final = re.compile(
-    r"(?<![\w$])(?:[GM]\d|(?:Drive)?Brake|Enable|Disable|Dwell|Linear|Rapid|Home|Move|Call)|\$.*=",
+    r"(?<![\w$])(?:[GM]\d|(?:Drive)?Brake|Enable|Disable|Dwell|Linear|Rapid|Home|Move|Call|Freerun"
+    r"|CC?W\b|Abort|Program|Digital|Analog)|\$.*=",
     re.IGNORECASE,
 )
-"""What begins a second command in a line; the A3200 takes several."""
+"""What begins a second command in a line (the A3200 takes several), and no function of a lab's."""
+
+_PROGRAM_END: Final = "M2"
+"""Ends a program of an A3200; functions stand behind it."""
 
 
 class FileController(StrictModel):
@@ -136,15 +140,18 @@ def check_file_controller(
             f"file_controller: z_axis and plunger_axis are both {given.z_axis}; name two axes"
         )
     _check_head(given, known[given.controller], valve)
-    executed = _outside_definitions(given)
+    setup = find_family(firmware).setup_words[given.controller]
+    executed = _outside_definitions(given, setup)
     for key, lines in (("begins", given.begins), ("ends", executed)):
         check_values(f"file_controller.{key}", lines, ())
-        _check_words(f"file_controller.{key}", lines, given, firmware)
+        _check_words(f"file_controller.{key}", lines, given, setup)
     for head in airs:
         lines = head.sets_pressure + ((head.enables,) if head.enables else ())
-        _check_words("sets_pressure, enables", lines, given, firmware)
+        _check_words("sets_pressure, enables", lines, given, setup)
         _check_enabled(head, (*given.begins, *executed))
         check_values("sets_pressure", head.sets_pressure, tuple(PRESSURE_UNITS))
+        _check_variables(head.sets_pressure)
+        _check_pressure_words(head.sets_pressure, given, (*given.begins, *executed))
     for key, commands in sent.items():
         if commands:
             raise ValueError(
@@ -187,37 +194,90 @@ def _check_sent_pressure(head: Pneumatic, airs: Sequence[Pneumatic]) -> None:
         raise ValueError(f"sets_pressure: {head.sets_pressure[0]!r} switches a valve (opens)")
 
 
-def _check_words(key: str, lines: Sequence[str], given: FileController, firmware: str) -> None:
+def _check_words(
+    key: str, lines: Sequence[str], given: FileController, setup: frozenset[str]
+) -> None:
     """Refuse lines that begin with a word that isn't known to set up and never to move."""
-    known = find_family(firmware).setup_words[given.controller]
-    known |= {word.upper() for word in given.own_words}
+    for word in given.own_words:
+        if word.upper() in setup or _COMMAND.match(word):
+            raise ValueError(
+                f"file_controller.own_words: {word!r} is or begins as a word of the controller's, "
+                "and may move; take it out, or give the lab's own function another name"
+            )
+    known = setup | {word.upper() for word in given.own_words}
     for line in lines:
-        word = re.match(r"\$(?=\w+ ?=)|\w+", re.sub("^call +", "", line, flags=re.I))
-        if word is None or word[0].upper() not in known:
+        first = re.match(r"\$(?=\w+ ?=)|\w+", re.sub("^call +", "", line, flags=re.I))
+        if first is None or first[0].upper() not in known:
             raise ValueError(
                 f"{key}: {line!r} begins with no word that is known to move nothing "
                 f"({', '.join(sorted(known))}); leave it out, or name the lab's own function in "
                 "file_controller: own_words"
             )
-        more = _COMMAND.search(line, line.index(word[0]) + len(word[0]))
+        if first[0].upper() == _PROGRAM_END and key != "file_controller.ends":
+            raise ValueError(f"{key}: {line!r} ends the program; write it in ends alone")
+        more = _COMMAND.search(line, line.index(first[0]) + len(first[0]))
         if more:
             raise ValueError(f"{key}: {line!r} holds a second command, {more[0]!r}; take it out")
 
 
-def _outside_definitions(given: FileController) -> list[str]:
-    """Return the lines of `ends` that run: all but an own word's body."""
+def _outside_definitions(given: FileController, setup: frozenset[str]) -> list[str]:
+    """Return the lines of `ends` that run: all but an own word's body, behind the program's end."""
+    lines = [*given.ends]
+    until = lines.index(_PROGRAM_END) + 1 if _PROGRAM_END in lines else len(lines)
     body = rf"^DFS ({'|'.join(given.own_words)})$.*?^ENDDFS(?:\n|\Z)"
-    return re.sub(body, "", "\n".join(given.ends), flags=re.M | re.S).splitlines()
+    behind = re.sub(body, "", "\n".join(lines[until:]), flags=re.M | re.S).splitlines()
+    for line in (*lines[:until], *behind):
+        if line.upper().startswith("DFS") and _PROGRAM_END in setup:
+            raise ValueError(
+                f"file_controller.ends: the program would run into {line!r}; write "
+                f"{_PROGRAM_END} before it and ENDDFS behind it, and name it in own_words"
+            )
+    return [*lines[:until], *behind]
 
 
 def _check_enabled(head: Pneumatic, lines: Sequence[str]) -> None:
-    """Refuse lines that enable the axis whose brake is a valve."""
+    """Refuse lines that enable the axis whose brake is a valve, and `enables` of another axis."""
     brake = re.match(r"(?:Drive)?Brake\w*[ (]+(\w+)", head.opens, re.IGNORECASE)
+    if head.enables and not (
+        brake and re.fullmatch(rf"Enable[ (]+{brake[1]}\)?", head.enables, re.IGNORECASE)
+    ):
+        raise ValueError(
+            f"enables: {head.enables!r} enables more or else than the axis whose brake is the "
+            f"valve ({head.opens}); name that alone, or leave it out for a valve on an output"
+        )
     for line in lines:
         if brake and re.match(rf"Enable\b.*\b{brake[1]}\b", line, re.IGNORECASE):
             raise ValueError(
                 f"file_controller: {line!r} may let the brake of {brake[1]} go, which is a valve; "
                 "take it out, and say it as dispenser: enables, right before the valve opens"
+            )
+
+
+def _check_variables(lines: Sequence[str]) -> None:
+    """Refuse a variable that is used before a line sets it: it may be another head's still."""
+    given: set[str] = set()
+    for line in lines:
+        sets = re.match(r"(?:D?VAR +)?(\$\w+)[^=]*=(.*)", line, re.IGNORECASE)
+        for name in re.findall(r"\$\w+", sets[2] if sets else line):
+            if name not in given:
+                raise ValueError(
+                    f"sets_pressure: {line!r} takes {name}, which no line before it sets, so that "
+                    f"another head's may count; put {name}=... before it"
+                )
+        given |= {sets[1]} if sets else set()
+
+
+def _check_pressure_words(
+    pressure: Sequence[str], given: FileController, lines: Sequence[str]
+) -> None:
+    """Refuse an own word of `sets_pressure` in other lines, which would set a pressure too."""
+    for word in given.own_words:
+        called = re.compile(rf"\b{word}\b", re.IGNORECASE)
+        other = next(filter(called.search, lines), None)
+        if other is not None and any(map(called.search, pressure)):
+            raise ValueError(
+                f"file_controller: {other!r} would set a pressure that nobody checks; take it out "
+                "and leave that to dispenser: sets_pressure"
             )
 
 

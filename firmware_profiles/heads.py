@@ -110,8 +110,8 @@ def check_heads(heads: tuple[Head, ...], firmware: str, dispenser: Dispenser) ->
     Raises
     ------
     ValueError
-        For one head alone, a first one with an offset, two that are chosen alike or share a valve
-        or an axis, a firmware whose change of heads isn't known, or plungers beside valves.
+        For one head alone, a first one with an offset, two that are chosen alike or share a valve,
+        an axis or a place, a firmware whose change of heads isn't known, or plungers beside valves.
     """
     if not heads:
         return
@@ -141,6 +141,13 @@ def check_heads(heads: tuple[Head, ...], firmware: str, dispenser: Dispenser) ->
             "heads: the first one's offset_mm isn't 0; places are its tip's, so give the others' "
             "from it"
         )
+    for one, other in combinations(heads, 2):
+        if one.offset_mm.mm[:2] == other.offset_mm.mm[:2]:
+            raise ValueError(
+                f"heads: the tips of {one.name!r} and {other.name!r} would stand on each other "
+                f"(offset_mm: x {one.offset_mm.x:g}, y {one.offset_mm.y:g}); measure the offset "
+                "(`printctl calibrate offset`)"
+            )
     names = [head.name for head in heads]
     if len(set(names)) < len(names):
         raise ValueError(f"heads: two have the same name ({', '.join(names)})")

@@ -309,7 +309,7 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         *wait_checks(run, printer),
         *place_checks(run, printer),
         *firmware_checks(run, printer),
-        *_valves(run, printer),
+        *valve_checks(run, printer),
         *pressure_checks(run, printer),
         *profile_checks(printer),
     ]
@@ -320,13 +320,6 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         if code not in listed and not code.startswith(("outside_", "speed_"))
     ]
     return checks + [_other(finding) for finding in others]
-
-
-def _valves(run: DryRun, printer: Printer) -> list[Check]:
-    """Each head's valve; none for plungers."""
-    if printer.heads and printer.airs:
-        return check_each_head(run, printer, lambda _, view, one: valve_checks(view, one))
-    return valve_checks(run, printer)
 
 
 def _counted_for(printer: Printer) -> dict[str, str]:

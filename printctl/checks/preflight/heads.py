@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Needle, Printer
+from firmware_profiles.families import family_of
 from kernels.arrays import FloatArray
 from printctl.checks.preflight.dish import wall_gap
-from printctl.checks.preflight.pneumatic_checks import none_check, waits_s
+from printctl.checks.preflight.pneumatic_checks import marked, none_check, waited, waits_s
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.gcode.dry_run.run import DryRun
-from sim.gcode.program.modal import DWELL, MOVE, SYNC
+from sim.gcode.program.modal import MOVE
 
 ABOUT_HEADS: Final = {
     "no_such_head": "heads chosen that aren't there",
@@ -31,6 +32,8 @@ ABOUT_HEADS: Final = {
 }
 """Findings of the dry run of which none is allowed, and their names."""
 _TINY_MM: Final = 1e-6
+_ABOUT_MM: Final = 1.0
+"""How far from what it writes a way in may begin, low as that is: a lead or a hop is shorter."""
 
 
 def check_each_head(
@@ -87,7 +90,7 @@ def head_checks(
 
 def _states(run: DryRun, printer: Printer) -> list[Check]:
     program, heads = run.program, run.heads
-    moves = program.kind == MOVE
+    moves, dialect = program.kind == MOVE, family_of(printer).dialect(printer)
     active = np.arange(len(program)), program.tool
     rows = (
         (
@@ -104,49 +107,37 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
             (
                 f"moves with the valve of head {number} open, another in use",
                 moves & valve.is_open & (program.tool != number),
-                f"its ink would flow out; close it before ({printer.airs[number].closes})",
+                f"its ink would flow out; put {dialect.waits} and {printer.airs[number].closes!r} "
+                "where its path ends",
             )
             for number, valve in enumerate(run.valves)
         ),
     )
     checks = [none_check(run, *row) for row in rows]
-    switched = np.flatnonzero((np.diff(heads.raised, axis=0, append=heads.raised[-1:])).any(axis=1))
-    begun = np.flatnonzero(moves)
-    first = int(begun[0]) if len(begun) else len(program)
-    still = np.isin(program.kind, (DWELL, SYNC))
-    late = np.zeros(len(program), dtype=np.bool_)
-    late[[row for row in switched.tolist() if row > first and not _stands(still, moves, row)]] = (
-        True
-    )
+    switched = (np.diff(heads.raised, axis=0, append=heads.raised[-1:])).any(axis=1)
     checks.append(
         none_check(
             run,
             "heads raised or lowered while the carriage may still move",
-            late,
-            "put M400 before it",
+            switched & ~waited(run, printer),
+            f"put {dialect.waits} before it",
         )
     )
-    short = np.zeros(len(program), dtype=np.bool_)
     least = max((head.moving_s for head in printer.heads if head.moves), default=0.0)
-    short[[row for row in switched.tolist() if waits_s(run, row) < least - 1e-9]] = True
+    rows_switched = np.flatnonzero(switched).tolist()
+    short = [row for row in rows_switched if waits_s(run, row) < least - 1e-9]
     checks.append(
         replace(
             none_check(
                 run,
                 "heads raised or lowered without their time waited for",
-                short,
-                f"put G4 P{least * 1e3:.0f} behind it (heads: moving_s)",
+                marked(run, short),
+                f"put {dialect.dwell(least)} behind it (heads: moving_s)",
             ),
             weight="warns",
         )
     )
     return checks
-
-
-def _stands(still: NDArray[np.bool_], moves: NDArray[np.bool_], row: int) -> bool:
-    """Whether the motors were waited for since the last move before a row."""
-    last_move = int(np.flatnonzero(moves[:row])[-1]) if moves[:row].any() else -1
-    return last_move < 0 or bool(still[last_move + 1 : row].any())
 
 
 def _written_top(run: DryRun) -> tuple[float, int]:
@@ -185,9 +176,13 @@ def _lowered_into(run: DryRun, printer: Printer) -> Check:
 
 
 def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> Check:
-    """The needle that doesn't write, against what it would drag through: bath, or ink."""
+    """The needle that doesn't write, against what it would drag through: bath, or ink.
+
+    Between what one head writes and what the next does, neither may go across lower, but about the
+    places that it writes.
+    """
     top, _ = _written_top(run)
-    what, key = "all that is written", "heads: raised_mm, offset_mm"
+    what = "all that is written"
     limit = top
     if standing is not None and standing.bath_mm is not None:
         surface = standing.floor_mm + standing.bath_mm
@@ -196,14 +191,19 @@ def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> C
     worst, row, whose = np.inf, -1, 0
     for number in range(printer.head_count):
         tips = run.heads.tips(run.program, number)
-        idle = (run.program.kind == MOVE) & (run.program.tool != number)
+        idle = run.program.tool != number
         if run.heads.axis_mm is not None:
             idle &= _nears(tips)
+        idle |= _changes(run) & _comes(tips, run.doses & (run.program.tool == number))
+        idle &= run.program.kind == MOVE
         height = np.where(idle, tips[:, :, 2].min(axis=1), np.inf)
         if len(height) and float(height.min()) < worst:
             worst, row, whose = float(height.min()), int(height.argmin()), number
     limit = limit if np.isfinite(limit) else worst if np.isfinite(worst) else 0.0
     value = worst if np.isfinite(worst) else limit
+    axis = printer.heads[whose].z_axis
+    remedy = f"raise {axis} before that" if axis else "raise it further (raised_mm, offset_mm)"
+    remedy += "" if limit == top else ", or fill less"
     return Check(
         f"lowest tip that doesn't write, above {what}",
         value,
@@ -212,9 +212,27 @@ def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> C
         value >= limit - _TINY_MM,
         f"line {int(run.program.line[row])}" if row >= 0 else "",
         f"the needle of head {whose} ({printer.heads[whose].name}) would stand in the bath and "
-        f"drag through gel while another writes ({printer.name}: {key}); raise it further, or fill "
-        "less",
+        f"drag through gel while it doesn't write; {remedy}",
     )
+
+
+def _changes(run: DryRun) -> NDArray[np.bool_]:
+    """Rows before the first head writes, between two heads, and after the last, (n,)."""
+    at = np.flatnonzero(run.doses)
+    of = np.concatenate([[-1], run.program.tool[at], [-1]])
+    gap = np.searchsorted(at, np.arange(len(run.program)))
+    return np.asarray(~run.doses & (of[gap] != of[gap + 1]))
+
+
+def _comes(tips: FloatArray, writes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether a tip goes across from or to a place away from all that it writes, (n,)."""
+    ends = tips[:, :, :2]
+    across = (ends[:, 0] != ends[:, 1]).any(axis=1)
+    if not writes.any():
+        return np.asarray(across)
+    written = ends[writes].reshape(-1, 2)
+    low, high = written.min(axis=0) - _ABOUT_MM, written.max(axis=0) + _ABOUT_MM
+    return np.asarray(across & ((ends < low) | (ends > high)).any(axis=(1, 2)))
 
 
 def _nears(tips: FloatArray) -> NDArray[np.bool_]:

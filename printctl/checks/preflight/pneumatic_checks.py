@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -29,6 +31,8 @@ from sim.gcode.program.modal import DWELL, MOVE, SYNC
 from sim.gcode.program.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, read_pressures
 
 _FEED_ROUNDING: Final = 1e-4
+MOST_STANDING_S: Final = 1.0
+"""Beyond a valve's delay, with the valve open on a path: a lab's own files wait 0.67 s."""
 _SAME_PRESSURE: Final = 1e-4
 """Part of a pressure by which its text may round it."""
 _DROP_BORES: Final = 2.0
@@ -36,78 +40,105 @@ _DROP_BORES: Final = 2.0
 
 
 def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
-    """Check a file's use of the valve; none for a plunger."""
-    head, valve = printer.pneumatic, run.valve
-    if head is None or valve is None:
+    """Check a file's use of each valve from its begin to its end; none for a plunger."""
+    if not printer.airs:
         return []
+    checks = [
+        none_check(
+            run,
+            "plunger moves, where there is none",
+            run.program.pushed != 0,
+            "the head is pneumatic (dispenser); write the job for it, without E",
+        ),
+        *([_asked_to_watch(printer.airs[0])] if printer.streamed else []),
+    ]
+    for number, (head, valve) in enumerate(zip(printer.airs, run.valves, strict=True)):
+        name = f"head {number} ({printer.heads[number].name}): " if printer.heads else ""
+        found = [
+            *_states(run, valve, head),
+            _left_closed(run, valve, head),
+            *_order(run, printer, valve, head),
+            *_timing(run, printer, valve, head),
+        ]
+        checks += [replace(check, check=name + check.check) for check in found]
+    return checks
+
+
+def _states(run: DryRun, valve: Valve, head: Pneumatic) -> list[Check]:
     program = run.program
     moves = program.kind == MOVE
-    unsaid = moves & (valve.before == UNKNOWN)
-    travels = moves & (program.code == code("G0")) & valve.is_open
-    plunger = program.pushed != 0
-    between = np.zeros(len(program), dtype=np.bool_)
-    between[valve.row[valve.state == BETWEEN]] = True
     rows = (
         (
             "moves before the valve is closed",
-            unsaid,
+            moves & (valve.before == UNKNOWN),
             f"nobody knows how it stands; begin the job with {head.closes!r}",
         ),
         (
             "travels with the valve open",
-            travels,
+            moves & (program.code == code("G0")) & valve.is_open,
             f"they would lay ink; close it before ({head.closes!r})",
         ),
         (
-            "plunger moves, where there is none",
-            plunger,
-            "the head is pneumatic (dispenser); write the job for it, without E",
-        ),
-        (
             "commands that set the valve between open and closed",
-            between,
+            marked(run, valve.row[valve.state == BETWEEN].tolist()),
             f"give {head.opens!r} or {head.closes!r}",
         ),
     )
+    return [none_check(run, *row) for row in rows]
+
+
+def _order(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list[Check]:
+    """Switches that change nothing: the one between two of them is missing."""
+    moved = np.cumsum(run.program.kind == MOVE)
+    same = np.append(False, valve.state[1:] == valve.state[:-1])
+    during = (moved[valve.row] > 0) & (moved[valve.row] < moved[-1:])
+    wait = family_of(printer).dialect(printer).waits
+    opening = " and ".join(repr(line) for line in (head.enables, head.opens) if line)
     return [
-        *(none_check(run, name, where, remedy) for name, where, remedy in rows),
-        _left_closed(run, valve, head),
-        *([_asked_to_watch(head)] if printer.streamed else []),
-        *_timing(run, valve, head, family_of(printer).dialect(printer).waits),
+        none_check(
+            run,
+            "valve opened that is open already",
+            marked(run, valve.row[same & (valve.state == OPEN)].tolist()),
+            f"its closing is missing: put {wait} and {head.closes!r} where the path before ends, "
+            f"or take {opening} out here",
+        ),
+        none_check(
+            run,
+            "valve closed that is closed already, between the first move and the last",
+            marked(run, valve.row[same & during & (valve.state == CLOSED)].tolist()),
+            f"its opening is missing, and what follows wasn't written: put {wait} and {opening} "
+            "where the path begins, or take this closing out if there is none",
+        ),
     ]
 
 
 def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
     """Check that a head writes at the profile's pressure, where the file sets it."""
     checks, every = [], read_pressures(run.others, printer)
-    for number, (head, valve) in enumerate(zip(printer.airs, run.valves, strict=True)):
+    for number, head in enumerate(printer.airs):
         if not head.sets_pressure:
             continue
         sets = [(line, kpa) for line, of, kpa in every if of == number]
         wanted, rests = (
             printer.written_kpa(number, kpa) for kpa in (head.pressure_kpa, head.resting_kpa or 0.0)
         )
-        opens = run.program.line[valve.row[valve.state != CLOSED]].tolist()
-        wrong = [
-            (line, last[-1] if last else 0.0)
-            for line in opens
-            for last in [[kpa for at, kpa in sets if at < line]]
-            if not last or abs(last[-1] / wanted - 1.0) > _SAME_PRESSURE
-        ]
-        others = [
-            int(line)
-            for other, valve_of in enumerate(run.valves)
-            if other != number
-            for line in run.program.line[valve_of.row[valve_of.state != CLOSED]].tolist()
+        opens = [
+            (other == number, int(line), _set_before(int(line), sets))
+            for other, valve in enumerate(run.valves)
+            for line in run.program.line[valve.row[valve.state != CLOSED]]
         ]
         ends = int(run.program.line[-1]) + 1 if len(run.program) else 1
+        wrong = [
+            (line, kpa or 0.0)
+            for own, line, kpa in opens
+            if own and abs((kpa or 0.0) / wanted - 1.0) > _SAME_PRESSURE
+        ]
         pressed = [
             line
-            for line in [*others, ends]
-            for last in [[kpa for at, kpa in sets if at < line]]
-            if last and abs(last[-1] - rests) > _SAME_PRESSURE * last[-1]
+            for own, line, kpa in (*opens, (False, ends, _set_before(ends, sets)))
+            if not own and kpa is not None and abs(kpa - rests) > _SAME_PRESSURE * kpa
         ]
-        hasty = [line for line in opens if _settles_s(run, sets, line) < PRESSURE_SETTLES_S - 1e-6]
+        hasty = _hasty(run, sets, [line for own, line, _ in opens if own])
         highest = max((kpa for _, kpa in sets), default=0.0)
         name = f"head {number}: " if printer.heads else ""
         checks += [
@@ -152,17 +183,30 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
     return checks
 
 
-def _settles_s(run: DryRun, sets: list[tuple[int, float]], opens: int) -> float:
-    """Seconds of moves and dwells from the last change of pressure to the line that opens."""
-    earlier = [(line, kpa) for line, kpa in sets if line < opens]
-    changes = [line for k, (line, kpa) in enumerate(earlier) if not k or kpa != earlier[k - 1][1]]
-    if not changes:
-        return math.inf
-    program, motion = run.program, run.executed
-    rows = (program.line > changes[-1]) & (program.line < opens)
-    within = np.isin(motion.line, program.command[rows])
-    moved = float((motion.time_end - motion.time_start)[within].sum())
-    return moved + float(program.value[rows & (program.kind == DWELL)].sum())
+def _hasty(run: DryRun, sets: list[tuple[int, float]], opens: list[int]) -> list[int]:
+    """Lines that open a valve too soon after its pressure was changed; of each change the first."""
+    program, motion, found = run.program, run.executed, []
+    before = [None, *(kpa for _, kpa in sets)]
+    changes = [line for (line, kpa), last in zip(sets, before, strict=False) if kpa != last]
+    for changed, until in pairwise([*changes, math.inf]):
+        opened = next((line for line in opens if changed < line < until), changed)
+        rows = (program.line > changed) & (program.line < opened)
+        within = np.isin(motion.line, program.command[rows])
+        moved = float((motion.time_end - motion.time_start)[within].sum())
+        stood = float(program.value[rows & (program.kind == DWELL)].sum())
+        if opened > changed and moved + stood < PRESSURE_SETTLES_S - 1e-6:
+            found.append(opened)
+    return found
+
+
+def _set_before(line: int, sets: list[tuple[int, float]]) -> float | None:
+    """Return the pressure that was set last before a line, kPa."""
+    return next((kpa for at, kpa in reversed(sets) if at < line), None)
+
+
+def marked(run: DryRun, rows: list[int]) -> NDArray[np.bool_]:
+    """Mark some of the program's rows, (n,)."""
+    return np.isin(np.arange(len(run.program)), rows)
 
 
 def none_check(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) -> Check:
@@ -172,10 +216,10 @@ def none_check(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) ->
 
 
 def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:
-    last = int(valve.state[-1]) if len(valve.state) else UNKNOWN
-    place = f"line {int(run.program.line[valve.row[-1]])}" if len(valve.row) else "never switched"
+    """Whether the last switch closes it; one that is never switched is refused as unknown."""
+    shut = not len(valve.row) or bool(valve.state[-1] == CLOSED)
+    place = "" if shut else f"line {int(run.program.line[valve.row[-1]])}"
     remedy = f"the ink would go on flowing after the job; end it with {head.closes!r}"
-    shut = last == CLOSED
     return Check("valve open at the end", int(not shut), 0, "", shut, place, remedy)
 
 
@@ -190,38 +234,66 @@ def _asked_to_watch(head: Pneumatic) -> Check:
     return Check("asked of you", 0, 0, "", False, "kill and dead host", remedy, "warns")
 
 
-def _timing(run: DryRun, valve: Valve, head: Pneumatic, waits: str) -> list[Check]:
-    """Switches while the motors may run, and delays that aren't waited for."""
-    program = run.program
-    still = np.isin(program.kind, (DWELL, SYNC))
-    first_move = int(np.argmax(program.kind == MOVE)) if (program.kind == MOVE).any() else 0
-    moving = [row for row in valve.row.tolist() if row > first_move and not still[row - 1]]
+def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list[Check]:
+    """Switches while the motors may run, delays that aren't waited for, and standing while open."""
+    program, dialect = run.program, family_of(printer).dialect(printer)
+    moves = program.kind == MOVE
+    delays = np.where(valve.state == OPEN, head.opening_delay_s, head.closing_delay_s) - 1e-9
     short = [
         row
-        for row, state in zip(valve.row.tolist(), valve.state.tolist(), strict=True)
-        if row > first_move and waits_s(run, row) < _delay(head, state) - 1e-9
+        for row, delay_s in zip(valve.row.tolist(), delays.tolist(), strict=True)
+        if moves[:row].any() and waits_s(run, row) < delay_s
     ]
+    stand, limit = np.cumsum(moves), head.opening_delay_s + MOST_STANDING_S
+    dwells = (program.kind == DWELL) & valve.is_open
+    open_s = np.bincount(stand, np.where(dwells, program.value, 0.0), minlength=1)
+    # A weighing doses standing, and writes nothing.
+    long = dwells & (open_s[stand] > limit + 1e-9) & (moves & run.doses).any()
+    waits = dialect.dwell(head.opening_delay_s), dialect.dwell(head.closing_delay_s)
+    enables = f", an opening's before {head.enables!r}" if head.enables else ""
     return [
-        _warned(
-            run, "valve switched while the head may still move", moving, f"put {waits} before it"
+        replace(
+            none_check(
+                run,
+                "valve switched while the head may still move",
+                ~waited(run, printer) & marked(run, valve.row.tolist()),
+                f"put {dialect.waits} before it{enables}",
+            ),
+            # Such a controller looks ahead, and switches before the path's end.
+            weight="warns" if printer.streamed else "refuses",
         ),
-        _warned(
-            run,
-            "valve switched without its delay waited for",
-            short,
-            f"put G4 behind it: {head.opening_delay_s:g} s for opening, {head.closing_delay_s:g} s "
-            "for closing (dispenser), else lines begin late and run on",
+        replace(
+            none_check(
+                run,
+                "valve switched without its delay waited for",
+                marked(run, short),
+                f"put {waits[0]} behind an opening, {waits[1]} behind a closing (dispenser), else "
+                "lines begin late and run on",
+            ),
+            weight="warns",
+        ),
+        replace(
+            none_check(
+                run,
+                "dwells with the valve open, longer than its delay and 1 s",
+                long,
+                f"ink would flow on one spot; wait no longer than {waits[0]} there",
+            ),
+            value=float(open_s[stand][long].max(initial=0.0)),
+            limit=limit,
+            unit="s",
         ),
     ]
 
 
-def _warned(run: DryRun, name: str, rows: list[int], remedy: str) -> Check:
-    place = f"line {int(run.program.line[rows[0]])}" if rows else ""
-    return Check(name, len(rows), 0, "", not rows, place, remedy, "warns")
-
-
-def _delay(head: Pneumatic, state: int) -> float:
-    return head.opening_delay_s if state == OPEN else head.closing_delay_s
+def waited(run: DryRun, printer: Printer) -> NDArray[np.bool_]:
+    """Whether the motors were waited for between the last move and each row, (n,)."""
+    kind, at = run.program.kind, np.arange(len(run.program))
+    still = np.isin(kind, (DWELL, SYNC) if printer.streamed else (SYNC,))
+    last_still, last_move = (
+        np.maximum.accumulate(np.where(rows, at, -1)) for rows in (still, kind == MOVE)
+    )
+    return np.asarray(last_still >= last_move)
 
 
 def waits_s(run: DryRun, row: int) -> float:

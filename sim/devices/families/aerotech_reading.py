@@ -17,6 +17,7 @@ line                                             read as
 ``BRAKE Aa 0``, ``DriveBrakeOff(Aa)``            the same
 the profile's ``sets_pressure``, whole           the same, with head and pressure
 the profile's ``begins`` and ``ends``            nothing
+its ``enables``, right before the valve opens    nothing; refused elsewhere
 ``// ...``, ``' ...``, for an A3200 ``; ...``    a comment, which begins at a semicolon here
 ================================================ ==============================================
 
@@ -47,6 +48,8 @@ _WAITS: Final = re.compile(
     rb"WAIT\s+MOVEDONE((?:\s+[A-Z])+)|WAITFORMOTIONDONE\(([][, \w]+)\)", re.IGNORECASE
 )
 _BASE: Final = re.compile(rb"G7([56])", re.IGNORECASE)
+_SWITCH_BYTES: Final = 200
+"""Behind a line, looked through for a valve's command: more than any has."""
 _PLACED: Final = re.compile(rb"G92(?: +[A-Z]" + _NUMBER + rb")+")
 _SAME: Final = {
     b"G70": b"G20",
@@ -74,8 +77,10 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
     gcode, named = _without_pressures(gcode, printer)
     letter = (controller.plunger_axis or "").encode()
     axes = "".join(printer.z_axes).encode()
-    own = {line.encode() for line in (*controller.begins, *controller.ends, SETS_PRESSURE)}
-    enables = {air.enables: air.opens for air in printer.airs if air.enables}
+    enables = {air.enables.encode(): air.opens for air in printer.airs if air.enables}
+    begins, ends = ({one.encode() for one in of} for of in (controller.begins, controller.ends))
+    own = {*enables, *begins, *ends, SETS_PRESSURE.encode()}
+    last_move = max(gcode.rfind(b"\nG0 "), gcode.rfind(b"\nG1 "))
     dialect = family_of(printer).dialect(printer)
     bases: list[tuple[int, bool]] = []
     refused: list[tuple[int, LineError]] = []
@@ -90,12 +95,22 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
         nonlocal seen, line
         line += gcode.count(b"\n", seen, match.start())
         seen = match.start()
-        begins = comment.search(match[0])
-        text = match[0][: begins.start()] if begins else match[0]
-        remark = b";" + match[0][begins.end() :] if begins else b""
+        found = comment.search(match[0])
+        text = match[0][: found.start()] if found else match[0]
+        remark = b";" + match[0][found.end() :] if found else b""
         text = text.strip()
-        # What enables a valve's axis may let its brake go: the valve counts as open from there on.
-        text = enables.get(text.decode("ascii", "replace"), "").encode() or text
+        if text in enables and b"\n" in gcode:  # it may let the axis' brake, the valve, go
+            after = gcode[match.end() : match.end() + _SWITCH_BYTES].lstrip().partition(b"\n")[0]
+            after = comment.split(after, maxsplit=1)[0]
+            if output_of(after.decode("ascii", "replace")) != output_of(enables[text]):
+                reason = (
+                    f"may open the valve by itself, and {enables[text]!r} isn't the next line; "
+                    "write that there, or take this line out"
+                )
+                refused.append((line + 1, refusal("ambiguous", text, reason)))
+        if text in ends - begins and match.start() < last_move:
+            reason = "stands behind the last move alone (file_controller: ends); take it out here"
+            refused.append((line + 1, refusal("ambiguous", text, reason)))
         waits = _WAITS.fullmatch(text)
         if waits and not movable <= set(re.findall(rb"\w+", (waits[1] or waits[2]).upper())):
             reason = f"waits while another axis may still move; name them all: {dialect.waits}"

@@ -97,8 +97,7 @@ def read_switch(program: Program, others: Lines, on: str, off: str) -> Valve:
         state = UNKNOWN
         if line.code == opens[0]:
             state = _state((line.code, _words(line)), opens, closes)
-        # An axis that is enabled before its brake is let go opens a valve twice.
-        if state not in (UNKNOWN, *states[-1:]) and number in row_of:
+        if state != UNKNOWN and number in row_of:
             rows.append(row_of[number])
             states.append(state)
     row, state_of = np.array(rows, np.int64), np.array(states, np.int64)

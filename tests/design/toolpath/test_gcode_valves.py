@@ -1,6 +1,7 @@
 """Several pneumatic heads, each with a valve, a pressure and a vertical axis of its own."""
 
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from design.toolpath.embedded import EmbeddedHeads, EmbeddedOptions, plan_embedd
 from design.toolpath.fresh import Filling, FreshOptions, Region, plan_fresh
 from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from firmware_profiles import Printer, Syringe, load
-from printctl.checks.preflight import gcode_checks, head_checks
+from printctl.checks.preflight import Check, gcode_checks, head_checks
 from sim.gcode.deposit.lay import valves_as_plungers
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.heads import flowing_s
@@ -147,13 +148,107 @@ def test_head_not_in_use_stays_within_its_travel():
     assert "B, the axis of head 1, goes to 500 mm" in found.message
 
 
-def test_valve_is_open_from_where_its_axis_is_enabled():
+@pytest.mark.parametrize("moved_to", [b"\nG92 B60", b"\nDISABLED", b"\nG1 X"])
+def test_axis_of_a_valve_is_enabled_right_before_its_opening_alone(moved_to):
     gcode = job(RIG)
     assert gcode.count(b"\nEnable Aa\nBRAKE Aa 0\n") == gcode.count(b"BRAKE Aa 0") == 2
-    run = dry_run(gcode.replace(b"\nG92 B60", b"\nEnable Aa\nG92 B60"), RIG, START)
-    first = int(np.argmax(run.program.kind == MOVE))
-    assert run.valves[0].is_open[first]
-    assert not run.unknown
+    assert not refused(gcode, RIG)
+    if moved_to == b"\nDISABLED":  # its opening alone is missing
+        gcode = gcode.replace(b"\nBRAKE Aa 0", b"", 1)
+    else:
+        gcode = gcode.replace(moved_to, b"\nEnable Aa" + moved_to, 1)
+    (found,) = (one for one in refused(gcode, RIG) if one.check == AMBIGUOUS)
+    assert "'BRAKE Aa 0' isn't the next line" in found.remedy
+
+
+AMBIGUOUS = "words that firmwares read differently"
+
+
+def refused(gcode: bytes, printer: Printer) -> list[Check]:
+    run = dry_run(gcode, printer, START)
+    return [one for one in [*gcode_checks(run, printer), *head_checks(run, printer)] if one.refuses]
+
+
+def lines_with(gcode: bytes, words: str) -> list[int]:
+    """Return which lines begin with any of some words, apart by a stroke."""
+    lines = gcode.decode().splitlines()
+    return [at for at, line in enumerate(lines) if re.match(words, line)]
+
+
+def without(gcode: bytes, at: int) -> bytes:
+    lines = gcode.splitlines(keepends=True)
+    return b"".join(lines[:at] + lines[at + 1 :])
+
+
+OPENS, CLOSES = r"BRAKE \w+ 0|DriveBrakeOff", r"BRAKE \w+ 1|DriveBrakeOn"
+
+
+@pytest.mark.parametrize("printer", [RIG, AUTOMATION1, DUET], ids=["a3200", "automation1", "duet"])
+@pytest.mark.parametrize("opens", [True, False], ids=["opening", "closing"])
+def test_file_without_one_of_its_openings_or_closings_is_refused(printer, opens):
+    place = PLACE if printer is not DUET else np.array([60.0, 60.0, 4.0])
+    gcode = job(printer, place)
+    words = r"M42 P[01] S1|" + OPENS if opens else r"M42 P[01] S0|" + CLOSES
+    places = lines_with(gcode, words)
+    assert len(places) == (3 if opens else 5)
+    for at in places:  # the header's closings too
+        one = without(gcode, at)
+        if opens and b"Enable" in gcode:
+            one = without(one, at - 1)
+        assert refused(one, printer), f"without line {at + 1}"
+
+
+@pytest.mark.parametrize("printer", [RIG, AUTOMATION1], ids=["a3200", "automation1"])
+def test_valve_switched_without_a_wait_is_refused_and_the_remedy_passes(printer):
+    gcode = job(printer)
+    text = gcode.decode().splitlines()
+    waits = "WAIT MOVEDONE X Y A B" if printer is RIG else "WaitForMotionDone([X, Y, A, B])"
+    switches = lines_with(gcode, f"{OPENS}|{CLOSES}")[2:]
+    for switch in switches:
+        at = switch - 1 - text[switch - 1].startswith("Enable")
+        assert text[at] == waits
+        lone = without(gcode, at)
+        (found,) = refused(lone, printer)
+        assert found.check.endswith("valve switched while the head may still move")
+        enables = ", an opening's before 'Enable " if printer is RIG else ""
+        assert found.remedy.startswith(f"put {waits} before it{enables}")
+        line = int(found.place.split()[1]) - 1
+        lines = lone.decode().splitlines(keepends=True)
+        enabled = lines[line - 1].startswith("Enable")
+        mended = [*lines[: line - enabled], waits + "\n", *lines[line - enabled :]]
+        assert not refused("".join(mended).encode(), printer)
+        dwelt = "".join([*lines[: line - enabled], "G4 P1\n", *lines[line - enabled :]])
+        assert refused(dwelt.encode(), printer)  # the controller looks ahead past it
+
+
+def test_closing_again_before_the_first_and_after_the_last_move_is_no_fault():
+    gcode = job(RIG)
+    again = b"BRAKE Aa 1\nBRAKE Ab 1\n"
+    assert not refused(gcode.replace(b"G71\n", again + b"G71\n", 1) + again, RIG)
+    (found,) = refused(gcode.replace(b"BRAKE Ab 1\nG4 P0.08\n", again + b"G4 P0.08\n"), RIG)
+    assert "put WAIT MOVEDONE X Y A B and 'Enable Aa' and 'BRAKE Aa 0'" in found.remedy
+
+
+@pytest.mark.parametrize("printer", [RIG, AUTOMATION1], ids=["a3200", "automation1"])
+def test_head_lowered_before_its_way_across_is_refused(printer):
+    away = PLACE + [0.0, 10.0, 0.0]  # of the start, so that the way in leads through gel
+    lines = job(printer, away).decode().splitlines(keepends=True)
+    count = 0
+    for at, (across, down) in enumerate(pairwise(lines)):
+        if re.match(r"G1 X.*", across) and re.match(r"G1 [AB]", down):
+            swapped = [*lines[:at], down, across, *lines[at + 2 :]]
+            names = [one.check for one in refused("".join(swapped).encode(), printer)]
+            assert any("lowest tip that doesn't write" in name for name in names)
+            count += 1
+    assert count >= 2
+
+
+@pytest.mark.parametrize(("seconds", "passes"), [(1.0, True), (1.09, False), (40, False)])
+def test_long_dwell_with_a_valve_open_is_refused(seconds, passes):
+    gcode = job(RIG).replace(b"BRAKE Ab 0\n", b"BRAKE Ab 0\nG4 P%g\n" % seconds, 1)
+    names = [one.check for one in refused(gcode, RIG)]
+    wanted = "head 1 (venous): dwells with the valve open, longer than its delay and 1 s"
+    assert names == ([] if passes else [wanted])
 
 
 def test_pressure_s_function_is_asked_for_unless_the_file_defines_it():
@@ -170,6 +265,17 @@ def test_pressure_s_function_is_asked_for_unless_the_file_defines_it():
     data["file_controller"]["ends"] = [*body, "G1 X5"]
     with pytest.raises(ValueError, match="no word that is known to move nothing"):
         Printer.model_validate(data)
+
+
+def test_line_that_ends_the_program_is_refused_before_the_last_move():
+    data = RIG.model_dump()
+    data["file_controller"] |= {"begins": ["ROUNDING ON"], "ends": ["ROUNDING ON", "M2"]}
+    printer = Printer.model_validate(data)
+    gcode = job(printer)
+    assert not refused(gcode, printer)
+    assert not refused(gcode.replace(b"\n//RELOAD", b"\nROUNDING ON", 1), printer)
+    (found,) = refused(gcode.replace(b"\n//RELOAD", b"\nM2", 1), printer)
+    assert "'M2': stands behind the last move alone" in found.remedy
 
 
 def test_head_that_writes_nothing_stays_up():
@@ -356,6 +462,9 @@ def test_head_with_a_valve_has_no_tool_and_shares_the_vertical_axis(own, message
         Printer.model_validate(data)
 
 
+CALL = "Call setPress P$COM Q$AP"
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -377,11 +486,28 @@ def test_head_with_a_valve_has_no_tool_and_shares_the_vertical_axis(own, message
         ({"file_controller": {"ends": ["BRAKE Ab 0"]}}, "to move nothing"),
         ({"heads": [{}, {"offset_mm": {"x": 103.0, "z": 2.0}}]}, "leave z out"),
         (
-            {"dispenser": {"opens": "BRAKE Ab 1", "closes": "BRAKE Ab 0"}},
+            {"dispenser": {"opens": "BRAKE Ab 1", "closes": "BRAKE Ab 0", "enables": None}},
             "same output",
         ),
         ({"dispenser": {"resting_kpa": None}}, "belong together"),
         ({"dispenser": {"resting_kpa": 90.0}}, "above pressure_kpa"),
+        ({"heads": [{}, {"offset_mm": {}}]}, "would stand on each other"),
+        ({"dispenser": {"sets_pressure": ["$AP={psi}", CALL]}}, r"takes \$COM, which no line"),
+        ({"dispenser": {"sets_pressure": ["$COM=2", CALL, "$AP={psi}"]}}, r"takes \$AP, which no"),
+        ({"dispenser": {"sets_pressure": ["$AP={psi}", "M2"]}}, "ends the program"),
+        ({"dispenser": {"enables": "Enable Ab"}}, "more or else than the axis"),
+        ({"dispenser": {"enables": "Enable Aa Ab"}}, "more or else than the axis"),
+        ({"dispenser": {"opens": "$DO[0].X=1", "closes": "$DO[0].X=0"}}, "a valve on an output"),
+        ({"file_controller": {"begins": ["Call setPress P2 Q40"]}}, "that nobody checks"),
+        ({"file_controller": {"ends": ["setPress(2, 40)"]}}, "that nobody checks"),
+        ({"file_controller": {"begins": ["M2"]}}, "ends the program; write it in ends alone"),
+        ({"file_controller": {"ends": ["DFS setPress", "ENDDFS"]}}, "program would run into"),
+        ({"file_controller": {"ends": ["M2", "DFS setPress"]}}, "program would run into"),
+        ({"file_controller": {"ends": ["M2", "DFS other", "ENDDFS"]}}, "program would run into"),
+        *(
+            ({"file_controller": {"own_words": ["setPress", word]}}, f"own_words: '{word}' is or")
+            for word in ("BRAKE", "HOME", "G91", "M2", "Wait", "MoveLinear")
+        ),
     ],
 )
 def test_profile_of_heads_that_contradict_each_other_is_refused(change, message):
