@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Final
 from urllib.parse import quote, urlencode
 
-from printctl.machine.errors import HostRefused
+from printctl.machine.errors import HostRefused, HostSilent
 from printctl.machine.network.host import (
     HostAddress,
     HostEnd,
@@ -51,7 +52,7 @@ class Duet(HttpHost):
 
     def __init__(self, address: HostAddress, key: str = "") -> None:
         super().__init__(address)
-        self._key = self.http.secret = key
+        self.secret = key
         self._sbc: bool | None = None
 
     def identify(self) -> str:
@@ -98,10 +99,10 @@ class Duet(HttpHost):
         """Delete the file."""
         if self._is_sbc():
             path = f"/machine/file/{quote(_FOLDER + name, safe='')}"
-            self._send(HostRequest("DELETE", path))
+            self._send(HostRequest("DELETE", path), ANSWER_S)
             return
         query = urlencode({"name": _FOLDER + name})
-        if self._send(HostRequest("GET", f"/rr_delete?{query}")).json().get("err"):
+        if self._send(HostRequest("GET", f"/rr_delete?{query}"), ANSWER_S).json().get("err"):
             raise HostRefused(f"the board doesn't delete {name}")
 
     def pause(self, name: str) -> None:
@@ -114,7 +115,8 @@ class Duet(HttpHost):
 
     def cancel(self, name: str) -> None:
         """Pause, then end, by the board's cancel.g."""
-        self._code("M25")
+        with suppress(HostSilent):  # if it was lost as well, the board refuses M0
+            self._code("M25")
         self._code("M0")
 
     def halt_request(self) -> HostRequest:
@@ -142,7 +144,7 @@ class Duet(HttpHost):
 
     def _log_in(self) -> None:
         """Open a session; the SBC's request is unknown to a standalone board."""
-        query = urlencode({"password": self._key})
+        query = urlencode({"password": self.secret})
         try:
             found = self.http.get(f"/machine/connect?{query}")
             self._sbc = True
@@ -191,7 +193,7 @@ class Duet(HttpHost):
 def read_model(state: Any, job: Any, move: Any, name: str) -> HostReport:
     """Read the object model's ``state``, ``job`` and ``move``, seen from the print of ``name``."""
     state, job = state or {}, job or {}
-    status, file = str(state.get("status", "")), job.get("file") or {}
+    status, file = str(state["status"]), job.get("file") or {}
     current = _base(file.get("fileName"))
     reported = _STATES.get(status, HostState.IDLE)
     if reported is HostState.IDLE:  # idle, busy, changingTool

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable
@@ -86,14 +87,22 @@ class HostReport:
     place: tuple[float, float, float] | None = None
     begun_s: float | None = None
 
+    def __post_init__(self) -> None:
+        """Raise TypeError where a host gave something else for a number."""
+        given = (self.position, self.size, self.progress, self.begun_s, *(self.place or ()))
+        for number in given:
+            if number is not None:
+                math.isfinite(number)
+
     def without_nonsense(self, size: int) -> HostReport:
-        """Return the report without a progress or a position that a file of ``size`` can't have."""
+        """Return the report without what neither a tip nor a file of ``size`` bytes can have."""
         sound = self.progress is not None and 0.0 <= self.progress <= 1.0
         inside = self.position is not None and 0 <= self.position <= size
         return replace(
             self,
             progress=self.progress if sound else None,
             position=self.position if inside else None,
+            place=self.place if all(map(math.isfinite, self.place or (math.nan,))) else None,
         )
 
 

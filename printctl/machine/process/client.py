@@ -24,6 +24,7 @@ from printctl.machine.control.station_status import NO_PRINTER, StationState, St
 from printctl.machine.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.marks import MarkKind
+from printctl.machine.ports.detection import runs_files
 from printctl.machine.process.contact import (
     STATION_LOCK,
     STATION_LOG,
@@ -249,9 +250,12 @@ class PrintClient(Client):
 
         Where nobody speaks to the printer any more and it may still move, as after the process has
         died, the print's port is opened and the halt written to it: LinkError when that can't be
-        done, or isn't confirmed. A print that has ended otherwise is left as it is.
+        done, or isn't confirmed. A print that has ended otherwise is left as it is; a network
+        host's is halted where the host runs its file again, else Refused.
         """
-        if not self.send("kill") and may_still_move(self.status):
+        if self.send("kill"):
+            return
+        if may_still_move(self.status) or runs_files(self.record.port):
             # The link itself: slow to import.
             from printctl.machine.process.kill_unlinked import kill_unlinked
 

@@ -87,7 +87,8 @@ def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint)
     if runs_files(record.port):
         return (
             f"{record.port} goes on with the file by itself, if it was started; `printctl resume` "
-            "follows it again and starts nothing twice, `printctl kill` halts it"
+            "follows it again and starts nothing twice, then `printctl stop` ends it in the host's "
+            "way; `printctl kill` halts it"
         )
     if history.stopping:
         return _was_stopping(record, history)
