@@ -383,13 +383,11 @@ class FilePrint:
             self.on_status(self.status)
 
     def _refuse_unready(self, taken_over: bool) -> None:
-        limit = time.monotonic() + _BUSY_WAIT_S
-        while (report := self._poll()) is None or report.state in ACTIVE | {HostState.OFFLINE}:
-            self._look_for_end()
-            if time.monotonic() > limit:
-                why = self._silence if report is None else _in_words(report)
-                raise Refused(f"{self.address} can't print now: {why}; nothing was started")
-            time.sleep(POLL_S)
+        busy = ACTIVE | {HostState.OFFLINE}
+        report = self._await(_BUSY_WAIT_S, lambda one: one.state not in busy)
+        if report is None or report.state in busy:
+            why = self._silence if report is None else _in_words(report)
+            raise Refused(f"{self.address} can't print now: {why}; nothing was started")
         if report.state is HostState.HALTED:
             raise Refused(
                 f"{self.address}: the firmware has halted ({report.message}); see to the machine "
@@ -448,18 +446,12 @@ class FilePrint:
 
     def _see_selected(self) -> None:
         """End the print where the host has another file selected: a start would begin that."""
-        limit = time.monotonic() + SETTLE_S
-        while True:
-            report = self._poll()
-            if self._is_ready(report):
-                return
-            self._look_for_end()
-            if time.monotonic() > limit:
-                said = self._silence if report is None else _in_words(report)
-                file = "" if report is None else f", file {report.file or 'none'}"
-                words = f"not started: {self.address} doesn't report the file as selected ({said}"
-                raise PrintEnded(LinkState.FAILED, f"{words}{file}); is another client at work?")
-            time.sleep(POLL_S / 4)
+        report = self._await(SETTLE_S, self._is_ready)
+        if not self._is_ready(report):
+            said = self._silence if report is None else _in_words(report)
+            file = "" if report is None else f", file {report.file or 'none'}"
+            words = f"not started: {self.address} doesn't report the file as selected ({said}"
+            raise PrintEnded(LinkState.FAILED, f"{words}{file}); is another client at work?")
 
     def _was_begun(self, answered: bool) -> bool:
         """Return whether the host has begun the file, by its own record alone.
@@ -645,23 +637,31 @@ class FilePrint:
 
     def _poll(self) -> HostReport | None:
         """Ask the host for its state; None without an answer."""
-        report = self._asked()
-        self._ready.hold(report is not None)
-        return report
-
-    def _asked(self) -> HostReport | None:
         asked_at = time.monotonic()  # the answer may have been under way for as long
         try:
-            report = self._host.state(self.hosted.name)
+            report = self._host.state(self.hosted.name).without_nonsense(len(self.hosted.data))
         except (HostSilent, HostRefused) as exc:
             self._silence = str(exc)
+            self._ready.hold(False)
             return None
-        report = report.without_nonsense(len(self.hosted.data))
+        self._ready.hold(True)
         if report.state is HostState.OFFLINE:
             self._silence = f"{self.address} says {_in_words(report)}"
         else:
             self._report, self._known_at, self._silence = report, asked_at, ""
         return report
+
+    def _await(self, limit_s: float, right: Callable[[HostReport], bool]) -> HostReport | None:
+        """Poll until a report is right, for so long; return the last one."""
+        limit = time.monotonic() + limit_s
+        while True:
+            report = self._poll()
+            if report is not None and right(report):
+                return report
+            self._look_for_end()
+            if time.monotonic() > limit:
+                return report
+            time.sleep(POLL_S / 4)
 
     def _take(self, report: HostReport) -> None:
         hosted, status = self.hosted, self._status

@@ -27,6 +27,8 @@ READY_ANSWER_S: Final = 0.5
 _CHUNK_BYTES: Final = 16_384
 _MAX_ANSWER_BYTES: Final = 8 * 2**20
 _WORDS: Final = 300
+_ODD: Final = (AttributeError, ArithmeticError, LookupError, RecursionError, TypeError, ValueError)
+"""What reading JSON of another shape raises."""
 
 
 class HttpReply(NamedTuple):
@@ -36,14 +38,8 @@ class HttpReply(NamedTuple):
     body: bytes
 
     def json(self) -> Any:
-        """Return the body's JSON value; HostRefused where it is none."""
-        try:
-            return json.loads(self.body)
-        except (ValueError, RecursionError):
-            raise HostRefused(  # without its words: a redirection repeats a password
-                f"the host's answer (HTTP {self.status}, {len(self.body)} bytes) is no JSON; does "
-                "a proxy, a login page or another program listen at this port?"
-            ) from None
+        """Return the body's JSON value; ValueError where it is none."""
+        return json.loads(self.body)
 
 
 class HttpClient:
@@ -169,13 +165,10 @@ def _checked_answer(method: Callable[..., Any]) -> Callable[..., Any]:
         except (HostRefused, HostSilent) as exc:
             exc.args = (host.without_key(str(exc)),)
             raise
-        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as exc:
-            raise HostRefused(
-                host.without_key(
-                    f"{host.http.address}: an answer that can't be read ({exc!r}); is it another "
-                    "program, or another version of it, than the port names?"
-                )
-            ) from None
+        except _ODD as exc:
+            words = f"{host.http.address}: an answer that can't be read ({exc!r}); does a proxy, "
+            words += "a login page or another program listen at this port?"
+            raise HostRefused(host.without_key(words)) from None
         if isinstance(answer, str):
             return host.without_key(answer)
         if isinstance(answer, HostReport):

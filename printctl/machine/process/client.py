@@ -18,7 +18,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.control.station_status import NO_PRINTER, StationState, StationStatus
 from printctl.machine.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
@@ -34,7 +33,7 @@ from printctl.machine.process.contact import (
     stays_alive,
 )
 from printctl.machine.process.launch import START_LIMIT_S
-from printctl.machine.process.outcome import read_outcome
+from printctl.machine.process.outcome import may_still_move, read_outcome
 from printctl.machine.process.socket_server import open_address
 from printctl.machine.records.record import LOG, ContactRecord, load_record
 from printctl.machine.records.states import EARLY, LinkState, Status
@@ -466,12 +465,6 @@ class PrintClient(Client):
         if status.ended:
             self.detach()
         return status
-
-
-def may_still_move(status: Status) -> bool:
-    """Whether a print has ended so that its printer may go on with what it has taken."""
-    halted = status.state is LinkState.KILLED and UNCONFIRMED not in status.message
-    return status.ended and not status.position_known and not halted
 
 
 def attach(folder: Path) -> PrintClient:

@@ -29,9 +29,8 @@ from printctl.machine.network.host import (
 )
 from printctl.machine.network.hosts import make_host, refuse_unsupported
 from printctl.machine.network.http_client import ReadyConnection
-from printctl.machine.process.client import may_still_move
 from printctl.machine.process.orders import Order
-from printctl.machine.process.outcome import followable
+from printctl.machine.process.outcome import followable, may_still_move
 from printctl.machine.process.socket_server import Guest, Server, forget, listen
 from printctl.machine.process.vocabulary import WORDS, read_values
 from printctl.machine.records.folders import archive_journal, remember_folder

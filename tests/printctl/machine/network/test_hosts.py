@@ -150,8 +150,8 @@ def test_refusals_have_the_hosts_words_and_no_query(scripted: Scripted, opened: 
     with pytest.raises(HostRefused, match="PRINTCTL_HOST_KEY"):
         opened(HttpClient(scripted.at("duet"))).get("/x")
     scripted.answer = lambda method, path, body: (301, f"Moved to https:/{path}".encode())
-    with pytest.raises(HostRefused, match="no JSON") as refused:
-        opened(HttpClient(scripted.at("duet"))).get("/rr_connect?password=hush")
+    with pytest.raises(HostRefused, match="can't be read") as refused:
+        opened(Duet(scripted.at("duet"), "hush")).identify()
     assert "hush" not in str(refused.value)
 
 
