@@ -66,8 +66,7 @@ class Duet(HttpHost):
     def upload(self, name: str, data: bytes, check: Callable[[float], None]) -> None:
         """Store a file; a standalone board compares its CRC-32."""
         if self._is_sbc():
-            path = f"/machine/file/{quote(_FOLDER + name, safe='')}"
-            self._send(HostRequest("PUT", path, data), _UPLOAD_S, check)
+            self._send(HostRequest("PUT", _file("file", name), data), _UPLOAD_S, check)
             return
         crc = f"{zlib.crc32(data):08x}"
         query = urlencode({"name": _FOLDER + name, "crc32": crc})
@@ -80,10 +79,7 @@ class Duet(HttpHost):
 
     def stored(self, name: str, data: bytes) -> StoredFile:
         """Return the size as the board reports it."""
-        if self._is_sbc():
-            path = f"/machine/fileinfo/{quote(_FOLDER + name, safe='')}"
-        else:
-            path = f"/rr_fileinfo?{urlencode({'name': _FOLDER + name})}"
+        path = _file("fileinfo", name) if self._is_sbc() else _rr_file("fileinfo", name)
         found = self._send(HostRequest("GET", path)).json()
         return StoredFile(int(found.get("size", -1)))
 
@@ -98,11 +94,10 @@ class Duet(HttpHost):
     def delete(self, name: str) -> None:
         """Delete the file."""
         if self._is_sbc():
-            path = f"/machine/file/{quote(_FOLDER + name, safe='')}"
-            self._send(HostRequest("DELETE", path), ANSWER_S)
+            self._send(HostRequest("DELETE", _file("file", name)), ANSWER_S)
             return
-        query = urlencode({"name": _FOLDER + name})
-        if self._send(HostRequest("GET", f"/rr_delete?{query}"), ANSWER_S).json().get("err"):
+        request = HostRequest("GET", _rr_file("delete", name))
+        if self._send(request, ANSWER_S).json().get("err"):
             raise HostRefused(f"the board doesn't delete {name}")
 
     def pause(self, name: str) -> None:
@@ -210,7 +205,6 @@ def read_model(state: Any, job: Any, move: Any, name: str) -> HostReport:
         reported,
         current,
         position=position,
-        size=size,
         progress=min(position / size, 1.0) if position is not None and size else None,
         place=(float(place[0]), float(place[1]), float(place[2])) if known else None,
     )
@@ -222,6 +216,14 @@ def _last_end(job: Any, name: str) -> HostState | None:
     if job.get("lastFileCancelled"):
         return HostState.CANCELLED
     return HostState.FAILED if job.get("lastFileAborted") else HostState.COMPLETE
+
+
+def _file(do: str, name: str) -> str:
+    return f"/machine/{do}/{quote(_FOLDER + name, safe='')}"
+
+
+def _rr_file(do: str, name: str) -> str:
+    return f"/rr_{do}?{urlencode({'name': _FOLDER + name})}"
 
 
 def _base(path: Any) -> str:

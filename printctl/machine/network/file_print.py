@@ -158,8 +158,8 @@ class FilePrint:
         self._stops = _Commands(make_host(address, key), queue.Queue())
         self.stopping = self.killing = False
         self._cancelled_at, self._halted_at, self._halt_taken = 0.0, 0.0, False
-        self._cancel_lost = False
-        self._read_at_loss: int | None = None  # lines, when a cancel's answer was missed
+        # Lines read when a cancel's answer was missed; inf: not counted yet, -inf: none was.
+        self._lost_at = -math.inf
         self._report: HostReport | None = None  # the last one in which the host has its printer
         self._known_at = time.monotonic()
         self._silence = self._words = ""
@@ -215,6 +215,14 @@ class FilePrint:
             self._cancelled_at = math.inf
             self._stops.wanted.put(("cancel", lambda why: None))
 
+    def _cancel_again(self) -> None:
+        """Repeat a cancel; a lost one only where the file is read on: else its macro may run."""
+        done = self._status.lines_done
+        if self._lost_at == math.inf:
+            self._lost_at = done
+        elif done > self._lost_at + 1:  # the line that was being made is read to its end
+            self._cancel()
+
     def _halt(self) -> None:
         self._halted_at = time.monotonic()
         try:
@@ -247,8 +255,8 @@ class FilePrint:
                 why = f"{do} {done}: {exc}"
                 log.error("%s", why)
                 if do == "cancel":
-                    self._read_at_loss = None
-                    self._cancel_lost = isinstance(exc, HostSilent) and exc.sent
+                    lost = isinstance(exc, HostSilent) and exc.sent
+                    self._lost_at = math.inf if lost else -math.inf
                     self._cancelled_at = time.monotonic()
                 elif self._begun:
                     self._write("alarm", text=why)
@@ -257,21 +265,14 @@ class FilePrint:
         host.close()
 
     def _has_begun(self, host: PrintHost) -> bool:
-        """Wait until the host runs the file, also one whose start has no answer yet.
-
-        False where the print ends before.
-        """
-        while not self._begun:
-            if self._status.ended or self.killing:
-                return False
-            if self._start_sent:
-                name = self._unanswered or self.hosted.name
-                with suppress(LinkError):
-                    report = host.state(name)
-                    if report.file == name and report.state in ACTIVE:
-                        return True
+        """Wait until the host runs the file, also one whose start has no answer yet, or the end."""
+        while not (self._begun or self._status.ended or self.killing):
+            name = self._unanswered or self.hosted.name
+            with suppress(LinkError):
+                if self._start_sent and host.state(name).active_file == name:
+                    return True
             time.sleep(_BEGIN_POLL_S)
-        return True
+        return self._begun
 
     def _refuse_other_file(self, do: str, host: PrintHost) -> None:
         """Raise HostRefused where the host runs another file: no command is for that one.
@@ -281,8 +282,8 @@ class FilePrint:
         report = self._report
         if do == "resume" or report is None or time.monotonic() - self._known_at > 2 * POLL_S:
             report = host.state(self.hosted.name)
-        if report.state in ACTIVE and not self._has_file(report):
-            raise HostRefused(f"{self.address} runs {report.file or 'another file'}")
+        if report.active_file not in ("", self.hosted.name):
+            raise HostRefused(f"{self.address} runs {report.active_file}")
 
     def _write(self, sort: str, **values: Any) -> None:
         """Add to the journal; a full disk doesn't keep a print from being followed."""
@@ -445,7 +446,7 @@ class FilePrint:
         raise PrintEnded(LinkState.FAILED, words)
 
     def _see_selected(self) -> None:
-        """End the print where the host has another file selected: a start would begin that."""
+        """End the print where the host doesn't report the file as selected, a start's proof."""
         report = self._await(SETTLE_S, self._is_ready)
         if not self._is_ready(report):
             said = self._silence if report is None else _in_words(report)
@@ -486,9 +487,8 @@ class FilePrint:
             else:
                 ready_since, lost_since = 0.0, lost_since or now
                 if now - lost_since > DECIDE_S:
-                    why = "it, or its printer, was restarted"
-                    if report.state in ACTIVE:
-                        why = f"it runs {report.file or 'another file'}"
+                    runs, restarted = report.active_file, "it, or its printer, was restarted"
+                    why = f"it runs {runs}" if runs else restarted
                     raise _lost(
                         f"a start was sent to {self.address}, which has no record of the file now "
                         f"({_in_words(report)}; {why}). Whether ink was written isn't known, and "
@@ -538,12 +538,11 @@ class FilePrint:
                     self._finish_by_history(ended, report)
             elif report.state is HostState.HALTED:
                 raise _halted(report)
-            elif self._has_file(report) and report.state in ACTIVE:
+            elif report.active_file == self.hosted.name:
                 missing = 0
                 self._take(report)
-                again = self.stopping and now - self._cancelled_at > _AGAIN_S
-                if again and self._may_cancel_again(report):
-                    self._cancel()
+                if self.stopping and now - self._cancelled_at > _AGAIN_S:
+                    self._cancel_again()
             elif self._has_file(report) and report.state in OVER:
                 self._finish(report.state, report)
             else:
@@ -555,19 +554,6 @@ class FilePrint:
                         "record of its end; it, or its printer, was restarted"
                     )
             time.sleep(POLL_S)
-
-    def _may_cancel_again(self, report: HostReport) -> bool:
-        """Whether no cancel is at work: after a lost answer the host's macro may be.
-
-        It isn't where the host reads on, by more than the line that it was making; else whoever
-        stands there gives the stop again.
-        """
-        if not self._cancel_lost:
-            return True
-        read = self.hosted.lines_read(report.position or 0)
-        if self._read_at_loss is None:
-            self._read_at_loss = read
-        return report.state is HostState.PRINTING and read > self._read_at_loss + 1
 
     def _history(self) -> HostEnd | None:
         """Return what the host's job history has of the file; None where it has nothing."""
@@ -695,7 +681,7 @@ class FilePrint:
         """Return the state's message: what the host said last, and how long ago."""
         report, age_s = self._report, time.monotonic() - self._known_at
         asked = "; a stop is requested" if self.stopping else ""
-        if self._cancel_lost and self._cancelled_at < math.inf:
+        if self._lost_at > -math.inf and self._cancelled_at < math.inf:
             asked += ", and its answer was lost: if the print doesn't end, stop it again"
         if status.state is LinkState.UNKNOWN:
             since = f"unknown since {_clock(age_s)} ({self._silence or 'no answer yet'})"
@@ -715,16 +701,17 @@ class FilePrint:
         late = void_start(lambda: self._host, self._unanswered)
         if self._unanswered and not late:
             self._write("host", do="deleted", file=self._unanswered)
-        facts: dict[str, Any] = {
-            "state": ended.state,
-            "message": ended.message + late,
-            "error": ended.error,
-        }
-        status = replace(self._status, **facts, position_known=ended.known)
+        status = replace(
+            self._status,
+            state=ended.state,
+            message=ended.message + late,
+            error=ended.error,
+            position_known=ended.known,
+        )
         if ended.state is LinkState.DONE:
             status = replace(status, lines_executed=status.lines_done)
         self._status = status
-        self._write("end", **facts, done=status.lines_done, position_known=ended.known)
+        self._write("end", **status.end_record())
         self.on_status(status)
 
 
@@ -733,8 +720,7 @@ def _delete_unbegun(host: PrintHost, name: str) -> None:
 
     A file that has begun is left: with it a host may drop the record of its print.
     """
-    report = host.state(name)
-    if (report.file == name and report.state in ACTIVE) or host.ended(name) is not None:
+    if host.state(name).active_file == name or host.ended(name) is not None:
         raise HostRefused("it has begun after all; `printctl kill` halts it")
     with suppress(HostRefused):  # it may be gone already
         host.delete(name)

@@ -66,8 +66,8 @@ class HostReport:
     state : HostState
     file : str
         Name of the file that the state is about; empty for none.
-    position, size : int or None, bytes
-        How far the file was read, and its size. What was read isn't made yet.
+    position : int or None, bytes
+        How far the file was read. What was read isn't made yet.
     progress : float or None
         As the host counts it, 0 to 1.
     message : str
@@ -81,7 +81,6 @@ class HostReport:
     state: HostState
     file: str = ""
     position: int | None = None
-    size: int | None = None
     progress: float | None = None
     message: str = ""
     place: tuple[float, float, float] | None = None
@@ -89,10 +88,14 @@ class HostReport:
 
     def __post_init__(self) -> None:
         """Raise TypeError where a host gave something else for a number."""
-        given = (self.position, self.size, self.progress, self.begun_s, *(self.place or ()))
-        for number in given:
+        for number in (self.position, self.progress, self.begun_s, *(self.place or ())):
             if number is not None:
                 math.isfinite(number)
+
+    @property
+    def active_file(self) -> str:
+        """Name of the file whose lines are run, or will be; empty for none."""
+        return (self.file or "another file") if self.state in ACTIVE else ""
 
     def without_nonsense(self, size: int) -> HostReport:
         """Return the report without what neither a tip nor a file of ``size`` bytes can have."""

@@ -165,7 +165,6 @@ def read_state(found: dict[str, Any]) -> HostReport:
         reported,
         name,
         position=int(card["file_position"]) if counted and "file_position" in card else None,
-        size=int(card["file_size"]) if counted and card.get("file_size") else None,
         progress=float(card["progress"]) if counted and "progress" in card else None,
         message=str(stats.get("message") or ""),
         place=(float(live[0]), float(live[1]), float(live[2])) if live else None,

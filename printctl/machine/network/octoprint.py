@@ -124,7 +124,6 @@ def read_job(found: dict[str, Any]) -> HostReport:
         state,
         str(file.get("path") or ""),
         position=progress.get("filepos"),
-        size=file.get("size"),
         progress=None if share is None else float(share) / 100.0,
         message=str(found.get("error") or (text if state is HostState.OFFLINE else "")),
     )

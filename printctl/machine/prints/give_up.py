@@ -46,9 +46,9 @@ def give_up(folder: Path, who: str) -> Status:
         record, history = load_record(folder), read_journal_if_any(folder / JOURNAL)
         if history.unanswered:
             # Network hosts: slow to import, and few prints need it.
-            from printctl.machine.process.host_print import void_late_start
+            from printctl.machine.process.host_print import host_of, void_start
 
-            left += void_late_start(record, history)
+            left += void_start(lambda: host_of(record), history.unanswered)
         status = replace(
             status,
             state=LinkState.GIVEN_UP,
@@ -56,14 +56,7 @@ def give_up(folder: Path, who: str) -> Status:
             position_known=False,
         )
         journal = Journal(folder / JOURNAL)
-        journal.add(
-            "end",
-            state=status.state,
-            message=status.message,
-            done=status.lines_done,
-            error=status.error,
-            position_known=False,
-        )
+        journal.add("end", **status.end_record())
         journal.close()
         closed = replace(record, address="", token="", refused={}, status=status.to_dict())
         closed.save(folder)

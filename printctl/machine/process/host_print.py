@@ -20,7 +20,6 @@ from printctl.machine.network.file_print import (
     void_start,
 )
 from printctl.machine.network.host import (
-    ACTIVE,
     HostReport,
     HostState,
     PrintHost,
@@ -168,36 +167,31 @@ def halt_on_host(record: ContactRecord, before: Status, history: JournalledPrint
     LinkError
         Where the host can't be reached, or doesn't confirm.
     """
-    address, key = parse_address(record.port), read_key(record.key_file)
-    host = make_host(address, key)
+    host = host_of(record)
     if (found := _report_within(ASK_S, host)) is None:
-        host = make_host(address, key)  # the other one may be waiting for its answer still
+        host = host_of(record)  # the other one may be waiting for its answer still
     _refuse_other_print(record, before, found)
-    words, reported = "", None
-    with closing(ReadyConnection(address)) as urgent:
-        for _ in range(HALT_TRIES):
+    words, halted, tries = "", False, HALT_TRIES
+    with closing(ReadyConnection(parse_address(record.port))) as urgent:
+        while tries and not halted:
+            tries -= 1
             try:
                 taken = urgent.send(host.halt_request()) < 300
                 reported = host.state("").state
             except LinkError as exc:
                 words = str(exc)
-                continue
-            if reported is HostState.HALTED or (taken and reported is HostState.OFFLINE):
-                break
-        else:
-            said = f"it says {reported.value}" if reported else words
-            raise LinkError(f"{address}: {UNCONFIRMED} ({said}){void_late_start(record, history)}")
-    late = void_late_start(record, history)
-    return f"killed by the user; {address} says {reported.value}{late}"
+            else:
+                words = f"{record.port} says {reported.value}"
+                halted = reported is HostState.HALTED or (taken and reported is HostState.OFFLINE)
+    late = void_start(lambda: host, history.unanswered)
+    if not halted:
+        raise LinkError(f"{record.port}: {UNCONFIRMED} ({words}){late}")
+    return f"killed by the user; {words}{late}"
 
 
-def void_late_start(record: ContactRecord, history: JournalledPrint) -> str:
-    """Delete the file of a print's unanswered start; return what is left to do, or nothing."""
-
-    def host() -> PrintHost:
-        return make_host(parse_address(record.port), read_key(record.key_file))
-
-    return void_start(host, history.unanswered)
+def host_of(record: ContactRecord) -> PrintHost:
+    """Return the network host of a print's record; PortError without its key."""
+    return make_host(parse_address(record.port), read_key(record.key_file))
 
 
 def _report_within(limit_s: float, host: PrintHost) -> HostReport | None:
@@ -218,13 +212,11 @@ def _report_within(limit_s: float, host: PrintHost) -> HostReport | None:
 
 def _refuse_other_print(record: ContactRecord, before: Status, found: HostReport | None) -> None:
     """Raise Refused where a halt would end another print than the record's."""
-    over = before.state in _OVER or not may_still_move(before)
-    runs = found is not None and found.state in ACTIVE
-    file = found.file if found is not None else ""
-    if runs and file.startswith(file_stem(record.print_id)):
+    runs = found.active_file if found else ""
+    if runs.startswith(file_stem(record.print_id)):
         return
-    if runs or over:
-        now = f"runs {file or 'another file'}" if runs else "doesn't report that it runs its file"
+    if runs or before.state in _OVER or not may_still_move(before):
+        now = f"runs {runs}" if runs else "doesn't report that it runs its file"
         raise Refused(
             f"not halted: the print is {before.state.value}, and {record.port} {now}; if the "
             "printer must stop all the same, use the host's own emergency stop or cut the power"

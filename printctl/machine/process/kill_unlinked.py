@@ -58,14 +58,7 @@ def kill_unlinked(folder: Path) -> Status:
             before, state=LinkState.KILLED, message=message, position_known=False, error=""
         )
         with suppress(JournalError):  # of a full disk: the printer is halted all the same
-            journal.add(
-                "end",
-                state=status.state,
-                message=message,
-                done=status.lines_done,
-                error="",
-                position_known=False,
-            )
+            journal.add("end", **status.end_record())
         with suppress(OSError):
             replace(record, address="", token="", status=status.to_dict()).save(folder)
     return status
