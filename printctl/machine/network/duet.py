@@ -80,7 +80,7 @@ class Duet(HttpHost):
     def stored(self, name: str, data: bytes) -> StoredFile:
         """Return the size as the board reports it."""
         path = _file("fileinfo", name) if self._is_sbc() else _rr_file("fileinfo", name)
-        found = self._send(HostRequest("GET", path)).json()
+        found = self._send(HostRequest("GET", path), _COMMAND_S if data else ANSWER_S).json()
         return StoredFile(int(found.get("size", -1)))
 
     def select(self, name: str) -> None:

@@ -153,7 +153,7 @@ class PrintHost(Protocol):
         """Store a file; ``check`` is called with the share sent and may raise to end it."""
 
     def stored(self, name: str, data: bytes) -> StoredFile:
-        """Return what the host has stored under a name."""
+        """Return what the host has stored under a name; ``data`` is what should be, or nothing."""
 
     def select(self, name: str) -> None:
         """Select a file without starting it; nothing moves."""
