@@ -46,7 +46,8 @@ def give_up(folder: Path, who: str) -> Status:
         record, history = load_record(folder), read_journal_if_any(folder / JOURNAL)
         if history.unanswered:
             # Network hosts: slow to import, and few prints need it.
-            from printctl.machine.process.host_print import host_of, void_start
+            from printctl.machine.network.file_print import void_start
+            from printctl.machine.process.host_print import host_of
 
             left += void_start(lambda: host_of(record), history.unanswered)
         status = replace(

@@ -252,9 +252,8 @@ class PrintClient(Client):
         done, or isn't confirmed. A print that has ended otherwise is left as it is; a network
         host's is halted where the host runs its file again, else Refused.
         """
-        if self.send("kill"):
-            return
-        if may_still_move(self.status) or runs_files(self.record.port):
+        sent = self.send("kill")
+        if not sent and (may_still_move(self.status) or runs_files(self.record.port)):
             # The link itself: slow to import.
             from printctl.machine.process.kill_unlinked import kill_unlinked
 

@@ -156,16 +156,10 @@ def _print_of(
 
 
 def halt_on_host(record: ContactRecord, before: Status, history: JournalledPrint) -> str:
-    """Halt the firmware behind the network host of a print whose process is gone; say what came.
+    """Halt the firmware behind the network host of a print without a process; return the outcome.
 
-    ``before`` is how the print ended, or broke off.
-
-    Raises
-    ------
-    Refused
-        Where the host runs another file, or the print is over and its file isn't run.
-    LinkError
-        Where the host can't be reached, or doesn't confirm.
+    ``before`` is how the print ended. Refused where the host runs another file, or an ended print's
+    isn't run; LinkError where it can't be reached, or doesn't confirm.
     """
     host = host_of(record)
     if (found := _report_within(ASK_S, host)) is None:
@@ -199,8 +193,6 @@ def _report_within(limit_s: float, host: PrintHost) -> HostReport | None:
     reports: list[HostReport] = []
 
     def ask() -> None:
-        with suppress(LinkError):
-            host.identify()
         with suppress(LinkError):
             reports.append(host.state(""))
 
