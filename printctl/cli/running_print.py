@@ -27,8 +27,9 @@ from printctl.machine.prints.state import (
     running_print,
 )
 from printctl.machine.prints.words import alarm_words
-from printctl.machine.process.client import attach, may_still_move
+from printctl.machine.process.client import attach
 from printctl.machine.process.contact import alive
+from printctl.machine.process.outcome import may_still_move
 from printctl.machine.records.journal import this_user
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal_if_any
@@ -141,7 +142,8 @@ def kill(run: RunArg) -> None:
 
     A Marlin with emergency parser gets M410 first and M112 after 2.8 s, or 3.8 s where the profile
     has two lines in flight; others M112 at once.
-    Where the print's own process is gone, the print's port is opened and the halt written to it.
+    Where the print's own process is gone, the print's port is opened and the halt written to it; a
+    network host that runs another file isn't halted, nor one that doesn't run an ended print's.
     Look at the machine afterwards and reset it; `printctl recover RUN` plans the rest.
     """
     with attach(print_folder(run)) as client:
@@ -291,10 +293,11 @@ def recover(
 
 
 def give_up(run: RunArg) -> None:
-    """Write the end of a print that was broken off into its journal; nothing is sent.
+    """Write the end of a print that was broken off into its journal; its printer gets nothing.
 
     Afterwards it can't be gone on with, and its printer may be connected anew. `printctl recover`
-    can still plan the rest as a job of its own.
+    can still plan the rest as a job of its own. Where a start of it may still reach a network host,
+    its file is deleted there.
     """
     status = give_up_print(print_folder(run), this_user()["who"] or "the user")
     print_lines(f"{status.state.value}: {status.message}")

@@ -161,11 +161,7 @@ class Logbook:
                 self._record_times(alarm)
         self.record(
             "end",
-            state=status.state,
-            message=status.message,
-            done=status.lines_done,
-            error=ended.error,
-            position_known=ended.known,
+            **status.end_record(),
             **lost,
             **({} if refused is None else {"refused": refused, "made": status.lines_executed}),
         )

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Final
 from urllib.parse import quote, urlencode
 
-from printctl.machine.errors import HostRefused
+from printctl.machine.errors import HostRefused, HostSilent
 from printctl.machine.network.host import (
     HostAddress,
     HostEnd,
@@ -51,7 +52,7 @@ class Duet(HttpHost):
 
     def __init__(self, address: HostAddress, key: str = "") -> None:
         super().__init__(address)
-        self._key = self.http.secret = key
+        self.secret = key
         self._sbc: bool | None = None
 
     def identify(self) -> str:
@@ -65,8 +66,7 @@ class Duet(HttpHost):
     def upload(self, name: str, data: bytes, check: Callable[[float], None]) -> None:
         """Store a file; a standalone board compares its CRC-32."""
         if self._is_sbc():
-            path = f"/machine/file/{quote(_FOLDER + name, safe='')}"
-            self._send(HostRequest("PUT", path, data), _UPLOAD_S, check)
+            self._send(HostRequest("PUT", _file("file", name), data), _UPLOAD_S, check)
             return
         crc = f"{zlib.crc32(data):08x}"
         query = urlencode({"name": _FOLDER + name, "crc32": crc})
@@ -79,11 +79,8 @@ class Duet(HttpHost):
 
     def stored(self, name: str, data: bytes) -> StoredFile:
         """Return the size as the board reports it."""
-        if self._is_sbc():
-            path = f"/machine/fileinfo/{quote(_FOLDER + name, safe='')}"
-        else:
-            path = f"/rr_fileinfo?{urlencode({'name': _FOLDER + name})}"
-        found = self._send(HostRequest("GET", path)).json()
+        path = _file("fileinfo", name) if self._is_sbc() else _rr_file("fileinfo", name)
+        found = self._send(HostRequest("GET", path), _COMMAND_S if data else ANSWER_S).json()
         return StoredFile(int(found.get("size", -1)))
 
     def select(self, name: str) -> None:
@@ -97,11 +94,10 @@ class Duet(HttpHost):
     def delete(self, name: str) -> None:
         """Delete the file."""
         if self._is_sbc():
-            path = f"/machine/file/{quote(_FOLDER + name, safe='')}"
-            self._send(HostRequest("DELETE", path))
+            self._send(HostRequest("DELETE", _file("file", name)), ANSWER_S)
             return
-        query = urlencode({"name": _FOLDER + name})
-        if self._send(HostRequest("GET", f"/rr_delete?{query}")).json().get("err"):
+        request = HostRequest("GET", _rr_file("delete", name))
+        if self._send(request, ANSWER_S).json().get("err"):
             raise HostRefused(f"the board doesn't delete {name}")
 
     def pause(self, name: str) -> None:
@@ -114,7 +110,8 @@ class Duet(HttpHost):
 
     def cancel(self, name: str) -> None:
         """Pause, then end, by the board's cancel.g."""
-        self._code("M25")
+        with suppress(HostSilent):  # if it was lost as well, the board refuses M0
+            self._code("M25")
         self._code("M0")
 
     def halt_request(self) -> HostRequest:
@@ -142,7 +139,7 @@ class Duet(HttpHost):
 
     def _log_in(self) -> None:
         """Open a session; the SBC's request is unknown to a standalone board."""
-        query = urlencode({"password": self._key})
+        query = urlencode({"password": self.secret})
         try:
             found = self.http.get(f"/machine/connect?{query}")
             self._sbc = True
@@ -191,7 +188,7 @@ class Duet(HttpHost):
 def read_model(state: Any, job: Any, move: Any, name: str) -> HostReport:
     """Read the object model's ``state``, ``job`` and ``move``, seen from the print of ``name``."""
     state, job = state or {}, job or {}
-    status, file = str(state.get("status", "")), job.get("file") or {}
+    status, file = str(state["status"]), job.get("file") or {}
     current = _base(file.get("fileName"))
     reported = _STATES.get(status, HostState.IDLE)
     if reported is HostState.IDLE:  # idle, busy, changingTool
@@ -208,7 +205,6 @@ def read_model(state: Any, job: Any, move: Any, name: str) -> HostReport:
         reported,
         current,
         position=position,
-        size=size,
         progress=min(position / size, 1.0) if position is not None and size else None,
         place=(float(place[0]), float(place[1]), float(place[2])) if known else None,
     )
@@ -220,6 +216,14 @@ def _last_end(job: Any, name: str) -> HostState | None:
     if job.get("lastFileCancelled"):
         return HostState.CANCELLED
     return HostState.FAILED if job.get("lastFileAborted") else HostState.COMPLETE
+
+
+def _file(do: str, name: str) -> str:
+    return f"/machine/{do}/{quote(_FOLDER + name, safe='')}"
+
+
+def _rr_file(do: str, name: str) -> str:
+    return f"/rr_{do}?{urlencode({'name': _FOLDER + name})}"
 
 
 def _base(path: Any) -> str:

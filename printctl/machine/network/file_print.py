@@ -8,7 +8,8 @@ print as ``position_unknown``, and nothing more is sent. A process that takes a 
 same way.
 
 A start names its file. The file of a lost start is replaced by a copy and deleted before the copy
-is started: a start that was held back on the way finds no file, whenever it arrives.
+is started: a start that was held back on the way finds no file, whenever it arrives. A print that
+ends before the host has begun its file deletes it for the same reason, or says that it couldn't.
 
 One thread polls and uploads; pause and resume go by a second connection in a thread of their own,
 a stop by a third; the emergency stop by a fourth that is open beforehand.
@@ -67,7 +68,8 @@ SILENT_LIMIT_S: Final = 1800.0
 MAX_STARTS: Final = 3
 MAX_UPLOADS: Final = 4
 _AGAIN_S: Final = 2.0
-"""So long after a cancel that the host refused or didn't answer it is sent again."""
+"""So long after a cancel that the host refused or didn't answer it may be sent again."""
+_BEGIN_POLL_S: Final = 0.05
 _BUSY_WAIT_S: Final = 5.0
 _ASIDE_MM: Final = 0.05
 _READ_AHEAD: Final = 32
@@ -91,7 +93,12 @@ log = logging.getLogger(__name__)
 def name_on_host(print_id: str, job_name: str) -> str:
     """Return a file name that no other print has, in characters that every host takes."""
     stem = _NAME.sub("-", job_name.rpartition(".")[0].lower() or job_name.lower())[:40]
-    return f"printctl-{print_id}-{stem.strip('-') or 'job'}{_ENDING}"
+    return f"{file_stem(print_id)}{stem.strip('-') or 'job'}{_ENDING}"
+
+
+def file_stem(print_id: str) -> str:
+    """Return how the name of each of a print's files begins on a host."""
+    return f"printctl-{print_id}-"
 
 
 @dataclass(frozen=True)
@@ -151,10 +158,13 @@ class FilePrint:
         self._stops = _Commands(make_host(address, key), queue.Queue())
         self.stopping = self.killing = False
         self._cancelled_at, self._halted_at, self._halt_taken = 0.0, 0.0, False
+        # Lines read when a cancel's answer was missed; inf: not counted yet, -inf: none was.
+        self._lost_at = -math.inf
         self._report: HostReport | None = None  # the last one in which the host has its printer
         self._known_at = time.monotonic()
         self._silence = self._words = ""
         self._start_sent = self._begun = False
+        self._unanswered = ""  # file of a start that the host may not have received yet
         self._begun_s: float | None = None
         self._status = Status(LinkState.CONNECTING, lines_total=len(hosted.job))
 
@@ -175,8 +185,7 @@ class FilePrint:
         if not self.stopping:
             log.info("stop requested by %s", by)
         self.stopping = True
-        if self._begun:  # else `_look_for_end` or `_follow` sees it
-            self._cancel()
+        self._cancel()
 
     def pause(self) -> None:
         """Have the host pause."""
@@ -206,6 +215,14 @@ class FilePrint:
             self._cancelled_at = math.inf
             self._stops.wanted.put(("cancel", lambda why: None))
 
+    def _cancel_again(self) -> None:
+        """Repeat a cancel; a lost one only where the file is read on: else its macro may run."""
+        done = self._status.lines_done
+        if self._lost_at == math.inf:
+            self._lost_at = done
+        elif done > self._lost_at + 1:  # the line that was being made is read to its end
+            self._cancel()
+
     def _halt(self) -> None:
         self._halted_at = time.monotonic()
         try:
@@ -227,7 +244,10 @@ class FilePrint:
                 answer(f"{do} isn't sent: a stop is requested")
                 continue
             try:
-                self._refuse_other_file(do, host)
+                if do == "cancel" and not self._has_begun(host):
+                    continue
+                if self._begun:  # else `_has_begun` has seen its file
+                    self._refuse_other_file(do, host)
                 getattr(host, do)(self.hosted.name)
             except LinkError as exc:
                 silent = isinstance(exc, HostSilent)
@@ -235,12 +255,24 @@ class FilePrint:
                 why = f"{do} {done}: {exc}"
                 log.error("%s", why)
                 if do == "cancel":
+                    lost = isinstance(exc, HostSilent) and exc.sent
+                    self._lost_at = math.inf if lost else -math.inf
                     self._cancelled_at = time.monotonic()
                 elif self._begun:
                     self._write("alarm", text=why)
                     self._status = replace(self._status, alarms=self._status.alarms + 1)
             answer(why)
         host.close()
+
+    def _has_begun(self, host: PrintHost) -> bool:
+        """Wait until the host runs the file, also one whose start has no answer yet, or the end."""
+        while not (self._begun or self._status.ended or self.killing):
+            name = self._unanswered or self.hosted.name
+            with suppress(LinkError):
+                if self._start_sent and host.state(name).active_file == name:
+                    return True
+            time.sleep(_BEGIN_POLL_S)
+        return self._begun
 
     def _refuse_other_file(self, do: str, host: PrintHost) -> None:
         """Raise HostRefused where the host runs another file: no command is for that one.
@@ -250,8 +282,8 @@ class FilePrint:
         report = self._report
         if do == "resume" or report is None or time.monotonic() - self._known_at > 2 * POLL_S:
             report = host.state(self.hosted.name)
-        if report.state in ACTIVE and not self._has_file(report):
-            raise HostRefused(f"{self.address} runs {report.file or 'another file'}")
+        if report.active_file not in ("", self.hosted.name):
+            raise HostRefused(f"{self.address} runs {report.active_file}")
 
     def _write(self, sort: str, **values: Any) -> None:
         """Add to the journal; a full disk doesn't keep a print from being followed."""
@@ -265,12 +297,14 @@ class FilePrint:
 
     # --- the print's thread --------------------------------------------------------------------
 
-    def run(self, taken_over: bool = False, started: bool = False) -> Status:
+    def run(self, taken_over: bool = False, step: str = "") -> Status:
         """Print to the end; return the last status.
 
-        ``taken_over``: the journal has an earlier process's part of this print; ``started``: with
-        the intention of a start.
+        ``taken_over``: the journal has an earlier process's part of this print; ``step``: the last
+        one there (`JournalledPrint.hosted`).
         """
+        started = step not in ("", "selected")
+        self._unanswered = self.hosted.name if step == "start" else ""
         for each in (self._commands, self._stops):
             threading.Thread(target=self._obey, args=(each,), name="commands", daemon=True).start()
         self._start_sent = started
@@ -337,16 +371,10 @@ class FilePrint:
         self._journal.add("host", do="selected", file=hosted.name, bytes=len(hosted.data))
 
     def _delete(self, lost: str) -> None:
-        if self._host.ended(lost) is not None:
-            raise HostRefused(f"{self.address}: {lost} has begun after all")
-        with suppress(HostRefused):  # it may be gone already
-            self._host.delete(lost)
-        try:
-            size = self._host.stored(lost, b"").size
-        except HostRefused as exc:
-            size = -1 if exc.status == HTTPStatus.NOT_FOUND else 0
-        if size >= 0 or not self._is_ready(self._poll()):
-            raise HostSilent(f"{self.address} doesn't confirm that {lost} is deleted")
+        _delete_unbegun(self._host, lost)
+        if not self._is_ready(self._poll()):
+            raise HostSilent(f"{self.address} doesn't report {self.hosted.name} as selected")
+        self._unanswered = ""
 
     def _uploading(self, share: float) -> None:
         self._look_for_end()
@@ -356,13 +384,11 @@ class FilePrint:
             self.on_status(self.status)
 
     def _refuse_unready(self, taken_over: bool) -> None:
-        limit = time.monotonic() + _BUSY_WAIT_S
-        while (report := self._poll()) is None or report.state in ACTIVE | {HostState.OFFLINE}:
-            self._look_for_end()
-            if time.monotonic() > limit:
-                why = self._silence if report is None else _in_words(report)
-                raise Refused(f"{self.address} can't print now: {why}; nothing was started")
-            time.sleep(POLL_S)
+        busy = ACTIVE | {HostState.OFFLINE}
+        report = self._await(_BUSY_WAIT_S, lambda one: one.state not in busy)
+        if report is None or report.state in busy:
+            why = self._silence if report is None else _in_words(report)
+            raise Refused(f"{self.address} can't print now: {why}; nothing was started")
         if report.state is HostState.HALTED:
             raise Refused(
                 f"{self.address}: the firmware has halted ({report.message}); see to the machine "
@@ -401,35 +427,32 @@ class FilePrint:
             self._look_for_end()
             self._start_sent = True
             self._journal.add("host", do="start", attempt=attempt, file=self.hosted.name)
-            answered = False
+            answered, self._unanswered = False, self.hosted.name
             try:
                 self._host.start(self.hosted.name)
-                answered = True
+                answered, self._unanswered = True, ""
             except HostSilent as exc:
                 self._silence = str(exc)
             except HostRefused as exc:
                 self._silence = str(exc)
-                if 400 <= exc.status < 500 and self._is_ready(self._poll()):
-                    raise PrintEnded(LinkState.FAILED, f"not started: {exc}") from exc
+                if 400 <= exc.status < 500:
+                    self._unanswered = ""
+                    if not self._is_begun(self._poll()):
+                        words = f"not started, nothing moved: {exc}"
+                        raise PrintEnded(LinkState.FAILED, words) from exc
             if self._was_begun(answered):
                 return
         words = f"not started: {self.address} reports the file as selected, not begun"
         raise PrintEnded(LinkState.FAILED, words)
 
     def _see_selected(self) -> None:
-        """End the print where the host has another file selected: a start would begin that."""
-        limit = time.monotonic() + SETTLE_S
-        while True:
-            report = self._poll()
-            if self._is_ready(report):
-                return
-            self._look_for_end()
-            if time.monotonic() > limit:
-                said = self._silence if report is None else _in_words(report)
-                file = "" if report is None else f", file {report.file or 'none'}"
-                words = f"not started: {self.address} doesn't report the file as selected ({said}"
-                raise PrintEnded(LinkState.FAILED, f"{words}{file}); is another client at work?")
-            time.sleep(POLL_S / 4)
+        """End the print where the host doesn't report the file as selected, a start's proof."""
+        report = self._await(SETTLE_S, self._is_ready)
+        if not self._is_ready(report):
+            said = self._silence if report is None else _in_words(report)
+            file = "" if report is None else f", file {report.file or 'none'}"
+            words = f"not started: {self.address} doesn't report the file as selected ({said}"
+            raise PrintEnded(LinkState.FAILED, f"{words}{file}); is another client at work?")
 
     def _was_begun(self, answered: bool) -> bool:
         """Return whether the host has begun the file, by its own record alone.
@@ -445,6 +468,8 @@ class FilePrint:
             if report is None or report.state is HostState.OFFLINE:
                 ready_since = lost_since = 0.0
                 self._unknown("whether the print has begun isn't known")
+            elif report.state is HostState.HALTED:
+                raise _halted(report)
             elif self._has_file(report) and report.state is HostState.READY:
                 ready_since, lost_since = ready_since or now, 0.0
                 if not answered and now - ready_since > SETTLE_S:
@@ -457,22 +482,21 @@ class FilePrint:
                         f"{self.address} was sent a start and doesn't report that the file has "
                         "begun; it isn't started again"
                     )
-            elif (self._has_file(report) and report.state is not HostState.IDLE) or self._history():
+            elif self._is_begun(report) or self._history():
                 break
             else:
                 ready_since, lost_since = 0.0, lost_since or now
                 if now - lost_since > DECIDE_S:
-                    why = "it, or its printer, was restarted"
-                    if report.state in ACTIVE and not self._has_file(report):
-                        why = f"it runs {report.file}, which this start may have begun: stop it"
+                    runs, restarted = report.active_file, "it, or its printer, was restarted"
+                    why = f"it runs {runs}" if runs else restarted
                     raise _lost(
                         f"a start was sent to {self.address}, which has no record of the file now "
                         f"({_in_words(report)}; {why}). Whether ink was written isn't known, and "
                         "it isn't started again"
                     )
             time.sleep(POLL_S / 2)
-        self._begun = True
-        self._write("host", do="begun", by=_in_words(report))
+        self._begun, self._unanswered = True, ""
+        self._write("host", do="begun", file=self.hosted.name, by=_in_words(report))
         return True
 
     def _replaced(self) -> bool:
@@ -494,6 +518,9 @@ class FilePrint:
     def _is_ready(self, report: HostReport | None) -> bool:
         return report is not None and report.state is HostState.READY and self._has_file(report)
 
+    def _is_begun(self, report: HostReport | None) -> bool:
+        return report is not None and self._has_file(report) and report.state in ACTIVE | OVER
+
     def _follow(self) -> None:
         """Follow what the host reports until its end."""
         missing, offline_since = 0, 0.0
@@ -510,13 +537,12 @@ class FilePrint:
                 if report is not None and now - offline_since > 2 * DECIDE_S:
                     self._finish_by_history(ended, report)
             elif report.state is HostState.HALTED:
-                words = f"the firmware has halted: {report.message}"
-                raise PrintEnded(LinkState.KILLED, words, known=False)
-            elif self._has_file(report) and report.state in ACTIVE:
+                raise _halted(report)
+            elif report.active_file == self.hosted.name:
                 missing = 0
                 self._take(report)
                 if self.stopping and now - self._cancelled_at > _AGAIN_S:
-                    self._cancel()
+                    self._cancel_again()
             elif self._has_file(report) and report.state in OVER:
                 self._finish(report.state, report)
             else:
@@ -533,7 +559,7 @@ class FilePrint:
         """Return what the host's job history has of the file; None where it has nothing."""
         try:
             return self._host.ended(self.hosted.name)
-        except (LinkError, KeyError, TypeError, ValueError):
+        except LinkError:
             return None
 
     def _see_one_print(self, ends: int, report: HostReport) -> None:
@@ -597,26 +623,31 @@ class FilePrint:
 
     def _poll(self) -> HostReport | None:
         """Ask the host for its state; None without an answer."""
-        report = self._asked()
-        self._ready.hold(report is not None)
-        return report
-
-    def _asked(self) -> HostReport | None:
         asked_at = time.monotonic()  # the answer may have been under way for as long
         try:
-            report = self._host.state(self.hosted.name)
+            report = self._host.state(self.hosted.name).without_nonsense(len(self.hosted.data))
         except (HostSilent, HostRefused) as exc:
             self._silence = str(exc)
+            self._ready.hold(False)
             return None
-        except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as exc:
-            self._silence = f"{self.address}: an answer that can't be read ({exc!r})"
-            return None
-        report = report.without_nonsense(len(self.hosted.data))
+        self._ready.hold(True)
         if report.state is HostState.OFFLINE:
             self._silence = f"{self.address} says {_in_words(report)}"
         else:
             self._report, self._known_at, self._silence = report, asked_at, ""
         return report
+
+    def _await(self, limit_s: float, right: Callable[[HostReport], bool]) -> HostReport | None:
+        """Poll until a report is right, for so long; return the last one."""
+        limit = time.monotonic() + limit_s
+        while True:
+            report = self._poll()
+            if report is not None and right(report):
+                return report
+            self._look_for_end()
+            if time.monotonic() > limit:
+                return report
+            time.sleep(POLL_S / 4)
 
     def _take(self, report: HostReport) -> None:
         hosted, status = self.hosted, self._status
@@ -650,6 +681,8 @@ class FilePrint:
         """Return the state's message: what the host said last, and how long ago."""
         report, age_s = self._report, time.monotonic() - self._known_at
         asked = "; a stop is requested" if self.stopping else ""
+        if self._lost_at > -math.inf and self._cancelled_at < math.inf:
+            asked += ", and its answer was lost: if the print doesn't end, stop it again"
         if status.state is LinkState.UNKNOWN:
             since = f"unknown since {_clock(age_s)} ({self._silence or 'no answer yet'})"
             said = "; ".join(filter(None, (since, status.message)))
@@ -665,17 +698,56 @@ class FilePrint:
         self.on_status(self.status)
 
     def _end(self, ended: PrintEnded) -> None:
-        facts: dict[str, Any] = {
-            "state": ended.state,
-            "message": ended.message,
-            "error": ended.error,
-        }
-        status = replace(self._status, **facts, position_known=ended.known)
+        late = void_start(lambda: self._host, self._unanswered)
+        if self._unanswered and not late:
+            self._write("host", do="deleted", file=self._unanswered)
+        status = replace(
+            self._status,
+            state=ended.state,
+            message=ended.message + late,
+            error=ended.error,
+            position_known=ended.known,
+        )
         if ended.state is LinkState.DONE:
             status = replace(status, lines_executed=status.lines_done)
         self._status = status
-        self._write("end", **facts, done=status.lines_done, position_known=ended.known)
+        self._write("end", **status.end_record())
         self.on_status(status)
+
+
+def _delete_unbegun(host: PrintHost, name: str) -> None:
+    """Delete the file of a start that may be under way; LinkError where that isn't certain.
+
+    A file that has begun is left: with it a host may drop the record of its print.
+    """
+    if host.state(name).active_file == name or host.ended(name) is not None:
+        raise HostRefused("it has begun after all; `printctl kill` halts it")
+    with suppress(HostRefused):  # it may be gone already
+        host.delete(name)
+    try:
+        gone = host.stored(name, b"").size < 0
+    except HostRefused as exc:
+        gone = exc.status == HTTPStatus.NOT_FOUND
+    if not gone:
+        raise HostSilent("the host doesn't confirm that it is deleted")
+
+
+def void_start(host: Callable[[], PrintHost], name: str) -> str:
+    """Delete the file of an unanswered start; return what is left to do, for a message.
+
+    ``host`` makes the host. Empty where nothing is: also for no file.
+    """
+    try:
+        if name:
+            _delete_unbegun(host(), name)
+    except LinkError as exc:
+        return f"; a start of {name} may still come; delete it on the host ({exc})"
+    return ""
+
+
+def _halted(report: HostReport) -> PrintEnded:
+    words = f"the firmware has halted: {report.message}"
+    return PrintEnded(LinkState.KILLED, words, known=False)
 
 
 def _lost(words: str) -> PrintEnded:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable
@@ -65,8 +66,8 @@ class HostReport:
     state : HostState
     file : str
         Name of the file that the state is about; empty for none.
-    position, size : int or None, bytes
-        How far the file was read, and its size. What was read isn't made yet.
+    position : int or None, bytes
+        How far the file was read. What was read isn't made yet.
     progress : float or None
         As the host counts it, 0 to 1.
     message : str
@@ -80,20 +81,31 @@ class HostReport:
     state: HostState
     file: str = ""
     position: int | None = None
-    size: int | None = None
     progress: float | None = None
     message: str = ""
     place: tuple[float, float, float] | None = None
     begun_s: float | None = None
 
+    def __post_init__(self) -> None:
+        """Raise TypeError where a host gave something else for a number."""
+        for number in (self.position, self.progress, self.begun_s, *(self.place or ())):
+            if number is not None:
+                math.isfinite(number)
+
+    @property
+    def active_file(self) -> str:
+        """Name of the file whose lines are run, or will be; empty for none."""
+        return (self.file or "another file") if self.state in ACTIVE else ""
+
     def without_nonsense(self, size: int) -> HostReport:
-        """Return the report without a progress or a position that a file of ``size`` can't have."""
+        """Return the report without what neither a tip nor a file of ``size`` bytes can have."""
         sound = self.progress is not None and 0.0 <= self.progress <= 1.0
         inside = self.position is not None and 0 <= self.position <= size
         return replace(
             self,
             progress=self.progress if sound else None,
             position=self.position if inside else None,
+            place=self.place if all(map(math.isfinite, self.place or (math.nan,))) else None,
         )
 
 
@@ -141,7 +153,7 @@ class PrintHost(Protocol):
         """Store a file; ``check`` is called with the share sent and may raise to end it."""
 
     def stored(self, name: str, data: bytes) -> StoredFile:
-        """Return what the host has stored under a name."""
+        """Return what the host has stored under a name; ``data`` is what should be, or nothing."""
 
     def select(self, name: str) -> None:
         """Select a file without starting it; nothing moves."""

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 import http.client
+import inspect
 import json
 import socket
 import ssl
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 from urllib.parse import quote, quote_plus
 
 from printctl.machine.errors import HostRefused, HostSilent
-from printctl.machine.network.host import KEY_VARIABLE, HostAddress, HostRequest
+from printctl.machine.network.host import KEY_VARIABLE, HostAddress, HostReport, HostRequest
 
 CONNECT_S: Final = 3.0
 ANSWER_S: Final = 4.0
@@ -24,6 +27,8 @@ READY_ANSWER_S: Final = 0.5
 _CHUNK_BYTES: Final = 16_384
 _MAX_ANSWER_BYTES: Final = 8 * 2**20
 _WORDS: Final = 300
+_ODD: Final = (AttributeError, ArithmeticError, LookupError, RecursionError, TypeError, ValueError)
+"""What reading JSON of another shape raises."""
 
 
 class HttpReply(NamedTuple):
@@ -33,14 +38,8 @@ class HttpReply(NamedTuple):
     body: bytes
 
     def json(self) -> Any:
-        """Return the body's JSON value; HostRefused where it is none."""
-        try:
-            return json.loads(self.body)
-        except (ValueError, RecursionError):
-            raise HostRefused(  # without its words: a redirection repeats a password
-                f"the host's answer (HTTP {self.status}, {len(self.body)} bytes) is no JSON; does "
-                "a proxy, a login page or another program listen at this port?"
-            ) from None
+        """Return the body's JSON value; ValueError where it is none."""
+        return json.loads(self.body)
 
 
 class HttpClient:
@@ -49,10 +48,8 @@ class HttpClient:
     A request is never sent twice: the caller knows whether that would do harm.
     """
 
-    def __init__(
-        self, address: HostAddress, headers: dict[str, str] | None = None, secret: str = ""
-    ) -> None:
-        self.address, self.headers, self.secret = address, dict(headers or {}), secret
+    def __init__(self, address: HostAddress, headers: dict[str, str] | None = None) -> None:
+        self.address, self.headers = address, dict(headers or {})
         self._connection: http.client.HTTPConnection | None = None
 
     def get(self, path: str) -> Any:
@@ -103,13 +100,8 @@ class HttpClient:
         if answer.will_close or len(reply.body) == max_bytes:
             self.close()
         if reply.status >= 400:
-            raise HostRefused(f"{where}: {self._without_secret(_refusal(reply))}", reply.status)
+            raise HostRefused(f"{where}: {_refusal(reply)}", reply.status)
         return reply
-
-    def _without_secret(self, words: str) -> str:
-        for secret in filter(None, {self.secret, quote(self.secret), quote_plus(self.secret)}):
-            words = words.replace(secret, "***")
-        return words
 
     def close(self) -> None:
         """Let go of the connection; the next request opens another."""
@@ -129,19 +121,61 @@ class HttpClient:
                     "the file of a lab's own CA by the environment (SSL_CERT_FILE)"
                 ) from None
             except OSError as exc:
-                raise HostSilent(f"{where}: no connection ({_reason(exc)})", sent=False) from None
+                why = f"{where}: no connection ({_reason(exc)})"
+                if isinstance(exc, ssl.SSLError):
+                    kind = self.address.kind
+                    why += f"; if this port isn't one of HTTPS, name it {kind}://, without +https"
+                raise HostSilent(why, sent=False) from None
         return self._connection
 
 
 class HttpHost:
-    """Part of every host: its connection, with the key as a header where one is given."""
+    """Part of every host: its connection, with the key as a header where one is given.
+
+    Each public method of a host raises HostRefused for an answer that it can't read, and repeats
+    the key in no message, whatever the answer has of it.
+    """
+
+    def __init_subclass__(cls) -> None:
+        for name, method in vars(cls).items():
+            if inspect.isfunction(method) and not name.startswith("_"):
+                setattr(cls, name, _checked_answer(method))
 
     def __init__(self, address: HostAddress, key: str = "") -> None:
-        self.http = HttpClient(address, {"X-Api-Key": key} if key else {}, key)
+        self.http, self.secret = HttpClient(address, {"X-Api-Key": key} if key else {}), key
+
+    def without_key(self, words: str) -> str:
+        """Return a message without the host's key."""
+        for secret in filter(None, {self.secret, quote(self.secret), quote_plus(self.secret)}):
+            words = words.replace(secret, "***")
+        return words
 
     def close(self) -> None:
         """Let go of the connection."""
         self.http.close()
+
+
+def _checked_answer(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a host's method with the two promises of `HttpHost`."""
+
+    @functools.wraps(method)
+    def checked(host: HttpHost, *given: Any) -> Any:
+        try:
+            answer = method(host, *given)
+        except (HostRefused, HostSilent) as exc:
+            exc.args = (host.without_key(str(exc)),)
+            raise
+        except _ODD as exc:
+            words = f"{host.http.address}: an answer that can't be read ({exc!r}); does a proxy, "
+            words += "a login page or another program listen at this port?"
+            raise HostRefused(host.without_key(words)) from None
+        if isinstance(answer, str):
+            return host.without_key(answer)
+        if isinstance(answer, HostReport):
+            return replace(answer, message=host.without_key(answer.message))
+        return answer
+
+    return checked
 
 
 class ReadyConnection:
@@ -293,7 +327,9 @@ def _checked(body: bytes, check: Callable[[float], None]) -> Iterator[bytes]:
 
 
 def _reason(exc: Exception) -> str:
-    return getattr(exc, "strerror", None) or str(exc) or type(exc).__name__
+    """Say what broke a connection, without words of the host: they may repeat a key."""
+    words = str(exc) if isinstance(exc, OSError) else ""
+    return getattr(exc, "strerror", None) or words or type(exc).__name__
 
 
 def _refusal(reply: HttpReply) -> str:

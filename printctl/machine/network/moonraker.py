@@ -24,7 +24,7 @@ from printctl.machine.network.host import (
     HostState,
     StoredFile,
 )
-from printctl.machine.network.http_client import HttpHost, multipart
+from printctl.machine.network.http_client import ANSWER_S, HttpHost, multipart
 
 _QUERY: Final = (
     "/printer/objects/query?webhooks&print_stats=filename,state,message,total_duration"
@@ -85,7 +85,8 @@ class Moonraker(HttpHost):
     def stored(self, name: str, data: bytes) -> StoredFile:
         """Return size and hash of the file as it is read back from the host."""
         request = HostRequest("GET", f"/server/files/gcodes/{quote(name)}")
-        back = self.http.send(request, _COMMAND_S, max_bytes=len(data) + 1)
+        limit_s = _COMMAND_S if data else ANSWER_S
+        back = self.http.send(request, limit_s, max_bytes=len(data) + 1)
         return StoredFile(len(back.body), sha256=hashlib.sha256(back.body).hexdigest())
 
     def select(self, name: str) -> None:
@@ -165,7 +166,6 @@ def read_state(found: dict[str, Any]) -> HostReport:
         reported,
         name,
         position=int(card["file_position"]) if counted and "file_position" in card else None,
-        size=int(card["file_size"]) if counted and card.get("file_size") else None,
         progress=float(card["progress"]) if counted and "progress" in card else None,
         message=str(stats.get("message") or ""),
         place=(float(live[0]), float(live[1]), float(live[2])) if live else None,

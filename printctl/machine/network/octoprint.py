@@ -97,7 +97,7 @@ class OctoPrint(HttpHost):
         prints = (self._file(name) or {}).get("prints") or {}
         if not prints.get("last"):
             return None
-        ends = prints.get("success", 0) + prints.get("failure", 0)
+        ends = int(prints.get("success", 0)) + int(prints.get("failure", 0))
         if prints["last"].get("success"):
             return HostEnd(HostState.COMPLETE, "its record says: successful", ends)
         words = "its record says: not successful (cancelled, or failed)"
@@ -124,7 +124,6 @@ def read_job(found: dict[str, Any]) -> HostReport:
         state,
         str(file.get("path") or ""),
         position=progress.get("filepos"),
-        size=file.get("size"),
         progress=None if share is None else float(share) / 100.0,
         message=str(found.get("error") or (text if state is HostState.OFFLINE else "")),
     )

@@ -14,7 +14,7 @@ from printctl.machine.process.contact import hold_folder
 from printctl.machine.records.folders import remember_folder
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, load_record
-from printctl.machine.records.replay import load_printed_job, read_journal
+from printctl.machine.records.replay import load_printed_job, read_journal, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 
 _LIST_LIMIT_S = 5.0
@@ -24,6 +24,8 @@ _UNDER_WAY = 32
 
 def give_up(folder: Path, who: str) -> Status:
     """End the record of an interrupted print, as ``who`` says; nothing is sent to the printer.
+
+    Of a network host's print the file is deleted there, where a start of it may still come.
 
     Raises
     ------
@@ -40,24 +42,25 @@ def give_up(folder: Path, who: str) -> Status:
     if not can.possible:
         raise Refused(f"the print in {folder} isn't given up: {can.reason}")
     with hold_folder(folder):
+        left = _settings_left(folder, status)
+        record, history = load_record(folder), read_journal_if_any(folder / JOURNAL)
+        if history.unanswered:
+            # Network hosts: slow to import, and few prints need it.
+            from printctl.machine.network.file_print import void_start
+            from printctl.machine.process.host_print import host_of
+
+            left += void_start(lambda: host_of(record), history.unanswered)
         status = replace(
             status,
             state=LinkState.GIVEN_UP,
-            message=f"given up by {who}; before: {status.message}{_settings_left(folder, status)}",
+            message=f"given up by {who}; before: {status.message}{left}",
             position_known=False,
         )
         journal = Journal(folder / JOURNAL)
-        journal.add(
-            "end",
-            state=status.state,
-            message=status.message,
-            done=status.lines_done,
-            error=status.error,
-            position_known=False,
-        )
+        journal.add("end", **status.end_record())
         journal.close()
-        record = replace(load_record(folder), address="", token="", refused={})
-        replace(record, status=status.to_dict()).save(folder)
+        closed = replace(record, address="", token="", refused={}, status=status.to_dict())
+        closed.save(folder)
     remember_folder(folder).join(_LIST_LIMIT_S)
     return status
 

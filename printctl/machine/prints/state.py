@@ -63,6 +63,8 @@ def running_print(run: Path) -> PrintClient:
     if status.ended:
         still = status.position_known or status.state is LinkState.KILLED
         halts = "" if still else "; if anything moves, `printctl kill` halts it"
+        if not _why_no_going_on(client.folder):
+            halts = f"; `printctl resume {run}` takes it up again, then give this command{halts}"
         raise PrintctlError(
             f"the print in {client.folder} has ended ({status.state.value}: {status.message})"
             f"{halts}"

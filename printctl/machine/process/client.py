@@ -18,12 +18,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.control.station_status import NO_PRINTER, StationState, StationStatus
 from printctl.machine.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.marks import MarkKind
+from printctl.machine.ports.detection import runs_files
 from printctl.machine.process.contact import (
     STATION_LOCK,
     STATION_LOG,
@@ -33,7 +33,7 @@ from printctl.machine.process.contact import (
     stays_alive,
 )
 from printctl.machine.process.launch import START_LIMIT_S
-from printctl.machine.process.outcome import read_outcome
+from printctl.machine.process.outcome import may_still_move, read_outcome
 from printctl.machine.process.socket_server import open_address
 from printctl.machine.records.record import LOG, ContactRecord, load_record
 from printctl.machine.records.states import EARLY, LinkState, Status
@@ -249,9 +249,11 @@ class PrintClient(Client):
 
         Where nobody speaks to the printer any more and it may still move, as after the process has
         died, the print's port is opened and the halt written to it: LinkError when that can't be
-        done, or isn't confirmed. A print that has ended otherwise is left as it is.
+        done, or isn't confirmed. A print that has ended otherwise is left as it is; a network
+        host's is halted where the host runs its file again, else Refused.
         """
-        if not self.send("kill") and may_still_move(self.status):
+        sent = self.send("kill")
+        if not sent and (may_still_move(self.status) or runs_files(self.record.port)):
             # The link itself: slow to import.
             from printctl.machine.process.kill_unlinked import kill_unlinked
 
@@ -462,12 +464,6 @@ class PrintClient(Client):
         if status.ended:
             self.detach()
         return status
-
-
-def may_still_move(status: Status) -> bool:
-    """Whether a print has ended so that its printer may go on with what it has taken."""
-    halted = status.state is LinkState.KILLED and UNCONFIRMED not in status.message
-    return status.ended and not status.position_known and not halted
 
 
 def attach(folder: Path) -> PrintClient:

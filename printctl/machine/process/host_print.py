@@ -1,35 +1,49 @@
-"""Run a print on a network host in this process: its folder, journal, clients; or end one."""
+"""Run a print on a network host in this process: its folder, journal, clients; or halt one."""
 
 from __future__ import annotations
 
 import signal
+import threading
 from contextlib import ExitStack, closing, suppress
-from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import Printer, load
 from printctl.machine.control.halting import UNCONFIRMED
-from printctl.machine.errors import JournalError, LinkError, Refused
+from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.job import Job, load_job
-from printctl.machine.network.file_print import FilePrint, HostedJob, name_on_host
-from printctl.machine.network.host import HostState, parse_address, read_key
+from printctl.machine.network.file_print import (
+    FilePrint,
+    HostedJob,
+    file_stem,
+    name_on_host,
+    void_start,
+)
+from printctl.machine.network.host import (
+    HostReport,
+    HostState,
+    PrintHost,
+    parse_address,
+    read_key,
+)
 from printctl.machine.network.hosts import make_host, refuse_unsupported
 from printctl.machine.network.http_client import ReadyConnection
-from printctl.machine.process.contact import hold_folder
 from printctl.machine.process.orders import Order
-from printctl.machine.process.outcome import followable, read_outcome
+from printctl.machine.process.outcome import followable, may_still_move
 from printctl.machine.process.socket_server import Guest, Server, forget, listen
 from printctl.machine.process.vocabulary import WORDS, read_values
 from printctl.machine.records.folders import archive_journal, remember_folder
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, Status
 from printctl.processes import ignore_signals
 from sim.user_files import read_gcode_path
 
 HALT_TRIES: Final = 3
+ASK_S: Final = 2.0
+"""Longest wait for what a host runs, before a halt that its print may need goes out."""
+_OVER: Final = (LinkState.DONE, LinkState.STOPPED, LinkState.GIVEN_UP)
 
 
 def refuse_on_host(order: Order) -> None:
@@ -128,7 +142,7 @@ def run_host_print(order: Order, contact: Any, begin_journal: Any) -> Status:
         begin_journal(journal, order, job, printer, id=identity, lines=len(job), **heard)
         remember_folder(order.folder)
         contact.begin(identity, address, token)
-        return printing.run(history is not None, step == "start")
+        return printing.run(history is not None, step)
 
 
 def _print_of(
@@ -141,41 +155,61 @@ def _print_of(
     return FilePrint(parse_address(order.port), key, hosted, journal, silent_limit_s=limit_s)
 
 
-def kill_on_host(folder: Path) -> Status:
-    """Halt the firmware behind the network host of a print whose process is gone; write that down.
+def halt_on_host(record: ContactRecord, before: Status, history: JournalledPrint) -> str:
+    """Halt the firmware behind the network host of a print without a process; return the outcome.
 
-    LinkError where the host can't be reached, or doesn't confirm.
+    ``before`` is how the print ended. Refused where the host runs another file, or an ended print's
+    isn't run; LinkError where it can't be reached, or doesn't confirm.
     """
-    record = load_record(folder)
-    address, key = parse_address(record.port), read_key(record.key_file)
-    with hold_folder(folder), closing(ReadyConnection(address)) as urgent:
-        host = make_host(address, key)
-        with suppress(LinkError):
-            host.identify()
-        words, reported = "", None
-        for _ in range(HALT_TRIES):
+    host = host_of(record)
+    if (found := _report_within(ASK_S, host)) is None:
+        host = host_of(record)  # the other one may be waiting for its answer still
+    _refuse_other_print(record, before, found)
+    words, halted, tries = "", False, HALT_TRIES
+    with closing(ReadyConnection(parse_address(record.port))) as urgent:
+        while tries and not halted:
+            tries -= 1
             try:
                 taken = urgent.send(host.halt_request()) < 300
                 reported = host.state("").state
             except LinkError as exc:
                 words = str(exc)
-                continue
-            if reported is HostState.HALTED or (taken and reported is HostState.OFFLINE):
-                break
-        else:
-            said = f"it says {reported.value}" if reported else words
-            raise LinkError(f"{address}: {UNCONFIRMED} ({said})")
-        before = read_outcome(folder)
-        message = f"killed by the user; {address} says {reported.value}; before, the print was "
-        message += before.state.value
-        status = replace(
-            before, state=LinkState.KILLED, message=message, position_known=False, error=""
+            else:
+                words = f"{record.port} says {reported.value}"
+                halted = reported is HostState.HALTED or (taken and reported is HostState.OFFLINE)
+    late = void_start(lambda: host, history.unanswered)
+    if not halted:
+        raise LinkError(f"{record.port}: {UNCONFIRMED} ({words}){late}")
+    return f"killed by the user; {words}{late}"
+
+
+def host_of(record: ContactRecord) -> PrintHost:
+    """Return the network host of a print's record; PortError without its key."""
+    return make_host(parse_address(record.port), read_key(record.key_file))
+
+
+def _report_within(limit_s: float, host: PrintHost) -> HostReport | None:
+    """Return what a host reports; None where it doesn't answer in time: a halt can't wait."""
+    reports: list[HostReport] = []
+
+    def ask() -> None:
+        with suppress(LinkError):
+            reports.append(host.state(""))
+
+    asking = threading.Thread(target=ask, daemon=True)
+    asking.start()
+    asking.join(limit_s)
+    return reports[0] if reports else None
+
+
+def _refuse_other_print(record: ContactRecord, before: Status, found: HostReport | None) -> None:
+    """Raise Refused where a halt would end another print than the record's."""
+    runs = found.active_file if found else ""
+    if runs.startswith(file_stem(record.print_id)):
+        return
+    if runs or before.state in _OVER or not may_still_move(before):
+        now = f"runs {runs}" if runs else "doesn't report that it runs its file"
+        raise Refused(
+            f"not halted: the print is {before.state.value}, and {record.port} {now}; if the "
+            "printer must stop all the same, use the host's own emergency stop or cut the power"
         )
-        with suppress(JournalError), closing(Journal(folder / JOURNAL)) as journal:
-            journal.add(
-                "end", state=status.state, message=message, done=status.lines_done, error="",
-                position_known=False,
-            )  # fmt: skip
-        with suppress(OSError):
-            replace(record, address="", token="", status=status.to_dict()).save(folder)
-    return status

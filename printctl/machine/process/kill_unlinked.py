@@ -29,7 +29,7 @@ from printctl.machine.process.contact import (
     save_station,
     without_place,
 )
-from printctl.machine.process.host_print import kill_on_host
+from printctl.machine.process.host_print import halt_on_host
 from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
@@ -43,27 +43,22 @@ def kill_unlinked(folder: Path) -> Status:
     Raises
     ------
     LinkError
-        When the port can't be used, or the printer doesn't confirm.
+        When the port can't be used, or the printer doesn't confirm; `Refused` where a network host
+        runs another print.
     """
     record = load_record(folder)
-    if runs_files(record.port):
-        return kill_on_host(folder)
     with hold_folder(folder), closing(_journal(folder / JOURNAL)) as journal:
-        before = read_outcome(folder)
-        message = _halt_at(record, read_journal_if_any(folder / JOURNAL).capabilities, journal)
+        before, history = read_outcome(folder), read_journal_if_any(folder / JOURNAL)
+        if runs_files(record.port):
+            message = halt_on_host(record, before, history)
+        else:
+            message = _halt_at(record, history.capabilities, journal)
         message += f"; before, the print was {before.state.value}"
         status = replace(
             before, state=LinkState.KILLED, message=message, position_known=False, error=""
         )
         with suppress(JournalError):  # of a full disk: the printer is halted all the same
-            journal.add(
-                "end",
-                state=status.state,
-                message=message,
-                done=status.lines_done,
-                error="",
-                position_known=False,
-            )
+            journal.add("end", **status.end_record())
         with suppress(OSError):
             replace(record, address="", token="", status=status.to_dict()).save(folder)
     return status

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
+from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.errors import JournalError, LinkError, Refused
 from printctl.machine.families import link_facts
 from printctl.machine.job.job import Job
@@ -87,7 +88,8 @@ def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint)
     if runs_files(record.port):
         return (
             f"{record.port} goes on with the file by itself, if it was started; `printctl resume` "
-            "follows it again and starts nothing twice, `printctl kill` halts it"
+            "follows it again and starts nothing twice, then `printctl stop` ends it in the host's "
+            "way; `printctl kill` halts it"
         )
     if history.stopping:
         return _was_stopping(record, history)
@@ -151,6 +153,12 @@ def _made(job: Job, history: JournalledPrint, printer: Printer) -> int:
         return int(history.stood["line"]) if history.stood["certain"] else sure
     dropped = history.state is not LinkState.DONE and bool(link_facts(printer).quickstop)
     return sure if dropped else history.done
+
+
+def may_still_move(status: Status) -> bool:
+    """Whether a print has ended so that its printer may go on with what it has taken."""
+    halted = status.state is LinkState.KILLED and UNCONFIRMED not in status.message
+    return status.ended and not status.position_known and not halted
 
 
 def resumable(folder: Path, sha256: str | None = None) -> JournalledPrint:

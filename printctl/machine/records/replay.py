@@ -80,7 +80,8 @@ class JournalledPrint:
     stopping : bool
         Whether it had begun to end the print: needle up, heaters perhaps off.
     hosted : (str, str)
-        Last step of a print on a network host (``selected`` or ``start``) and its file there.
+        Last step of a print on a network host (``selected``, ``start``, ``begun``, ``deleted``)
+        and its file there.
     capabilities : dict of str to bool
         Of the firmware, as it has reported them; empty where it hasn't.
     """
@@ -152,6 +153,12 @@ class JournalledPrint:
     def sha256(self) -> str:
         """Hash of the file that is printed; empty where unknown."""
         return str(self.first_job.get("sha256", ""))
+
+    @property
+    def unanswered(self) -> str:
+        """File of a start that a network host may receive late; empty where none is open."""
+        step, file = self.hosted
+        return file if step == "start" else ""
 
     @property
     def total(self) -> int:

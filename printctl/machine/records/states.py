@@ -109,6 +109,11 @@ class Status:
         """As a JSON object."""
         return asdict(self)
 
+    def end_record(self) -> dict[str, Any]:
+        """Return the values of the journal's end record."""
+        keys = ("state", "message", "error", "position_known")
+        return {"done": self.lines_done, **{key: getattr(self, key) for key in keys}}
+
     @staticmethod
     def from_dict(data: dict[str, Any]) -> Status:
         """Read `to_dict`; keys of later versions are ignored."""

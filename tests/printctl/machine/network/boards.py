@@ -137,12 +137,12 @@ class Print:
         )
         self.status: Status | None = None
         self.thread = threading.Thread(target=self._run, daemon=True)
-        self.how: dict[str, bool] = {}
+        self.how: dict[str, Any] = {}
 
     def _run(self) -> None:
         self.status = self.film.run(**self.how)
 
-    def start(self, **how: bool) -> Print:
+    def start(self, **how: Any) -> Print:
         self.how = how
         self.thread.start()
         return self

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from printctl.machine.errors import Refused
+from printctl.machine.errors import HostRefused, HostSilent, Refused
 from printctl.machine.network import file_print
 from printctl.machine.network.host import HostReport, HostState
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.states import LinkState
+from tests.printctl.machine.network import boards
 from tests.printctl.machine.network.boards import JOB, BoardServer, Print
 
 STROKES = [line for line in JOB.splitlines() if " E" in line and line.startswith("G1")]
@@ -139,6 +140,82 @@ def test_a_start_that_comes_late_after_a_stop_is_void(server: BoardServer, tmp_p
     assert starts(server) == 0
 
 
+def test_an_end_as_unknown_voids_a_start_that_may_come(server: BoardServer, tmp_path: Path):
+    held = held_start(server)
+    one = Print(tmp_path / "p", server).start()
+    wait(lambda: bool(held))
+    server.reset()
+    ended = one.end()
+    assert ended.state is LinkState.POSITION_UNKNOWN
+    assert "may still come" not in ended.message
+    assert server.board.code(held[0]).startswith("Error")
+    assert starts(server) == 0
+    assert one.steps() == ["selected", "start", "deleted"]
+
+
+@pytest.mark.parametrize("end", ["kill", "silence", "halt"])
+def test_an_end_that_cannot_void_a_start_says_so(server: BoardServer, tmp_path: Path, end: str):
+    held = held_start(server)
+    one = Print(tmp_path / "p", server, silent_limit_s=0.5).start()
+    wait(lambda: bool(held))
+    if end == "kill":
+        one.film.kill()
+    elif end == "halt":
+        server.board.code("M112")
+    else:
+        server.down()
+    ended = one.end()
+    late = "a start of printctl-1-aa-job.gcode may still come; delete it on the host"
+    assert late in ended.message
+    if end == "silence":
+        server.up()
+    else:  # the board has the file selected, and deletes no such one
+        assert ended.state is LinkState.KILLED
+
+
+def test_a_refused_start_has_moved_nothing(server: BoardServer, tmp_path: Path):
+    (server.folder / "other.gcode").write_text("G1 X1 F1\n")
+    one = Print(tmp_path / "p", server)
+
+    def refuse(name: str) -> None:
+        server.board.selected = "other.gcode"
+        server.board.code("M24")
+        raise HostRefused("409: busy", 409)
+
+    one.film._host.start = refuse  # type: ignore[method-assign]
+    ended = one.start().end()
+    assert (ended.state, ended.position_known) == (LinkState.FAILED, True)
+    assert ended.message == "not started, nothing moved: 409: busy"
+
+
+def test_a_refused_start_whose_file_runs_is_followed(server: BoardServer, tmp_path: Path):
+    one = Print(tmp_path / "p", server)
+    own = one.film._host.start
+
+    def refuse(name: str) -> None:
+        own(name)
+        raise HostRefused("400: a macro failed", 400)
+
+    one.film._host.start = refuse  # type: ignore[method-assign]
+    assert one.start().end().state is LinkState.DONE
+    assert starts(server) == 1
+
+
+def test_another_file_is_not_said_to_be_begun_by_the_start(server: BoardServer, tmp_path: Path):
+    (server.folder / "other.gcode").write_text("G1 X1 F1\n")
+    one = Print(tmp_path / "p", server)
+
+    def lose(name: str) -> None:
+        server.board.selected = "other.gcode"
+        server.board.code("M24")
+        raise HostSilent("no answer")
+
+    one.film._host.start = lose  # type: ignore[method-assign]
+    ended = one.start().end()
+    assert ended.state is LinkState.POSITION_UNKNOWN
+    assert "it runs other.gcode)" in ended.message
+
+
 def test_a_start_that_comes_while_its_file_is_replaced_is_followed(
     server: BoardServer, tmp_path: Path
 ):
@@ -207,7 +284,7 @@ def test_another_clients_file_is_not_started(server: BoardServer, tmp_path: Path
 
 def test_process_that_takes_over_follows_and_starts_nothing(server: BoardServer, tmp_path: Path):
     first = printing(Print(tmp_path / "p", server).start())
-    again = Print(tmp_path / "p", server).start(taken_over=True, started=True)
+    again = Print(tmp_path / "p", server).start(taken_over=True, step="begun")
     assert again.end().state is LinkState.DONE
     first.end()
     assert (starts(server), server.strokes()) == (1, STROKES)
@@ -215,7 +292,7 @@ def test_process_that_takes_over_follows_and_starts_nothing(server: BoardServer,
 
 def test_takes_over_after_the_end(server: BoardServer, tmp_path: Path):
     Print(tmp_path / "p", server).start().end()
-    again = Print(tmp_path / "p", server).start(taken_over=True, started=True)
+    again = Print(tmp_path / "p", server).start(taken_over=True, step="begun")
     assert again.end().state is LinkState.DONE
     assert starts(server) == 1
 
@@ -227,7 +304,7 @@ def test_restarted_host_without_a_record_ends_as_unknown(server: BoardServer, tm
     assert status.state is LinkState.POSITION_UNKNOWN
     assert status.message.startswith("unknown, look at the machine")
     assert starts(server) == 1
-    again = Print(tmp_path / "p", server).start(taken_over=True, started=True)
+    again = Print(tmp_path / "p", server).start(taken_over=True, step="begun")
     assert again.end().state is LinkState.POSITION_UNKNOWN
     assert starts(server) == 1
 
@@ -324,6 +401,56 @@ def test_stop_does_not_wait_for_a_pauses_answer(
     finally:
         answer.set()
     assert len(server.strokes()) < len(STROKES)
+
+
+def test_stop_does_not_wait_for_a_starts_answer(
+    server: BoardServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    begun, cancelled, own = threading.Event(), threading.Event(), server.board.code
+
+    def hold(text: str) -> str:
+        answer = own(text)
+        if text.startswith("M32"):
+            begun.set()
+            cancelled.wait(3.0)
+        elif text == "M0":
+            cancelled.set()
+        return answer
+
+    monkeypatch.setattr(server.board, "code", hold)
+    one = Print(tmp_path / "p", server).start()
+    assert begun.wait(10)
+    one.film.stop()
+    assert cancelled.wait(2.0)
+    assert one.end().state is LinkState.STOPPED
+    assert len(server.strokes()) < len(STROKES)
+
+
+def test_stop_whose_answer_is_lost_is_sent_again_only_where_the_file_is_read_on(
+    server: BoardServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(file_print, "_AGAIN_S", 0.1)
+    monkeypatch.setattr(boards, "JOB", JOB.replace("F1200", "F240"))
+    one = printing(Print(tmp_path / "p", server).start())
+    cancels: list[str] = []
+    host = one.film._stops.host
+    own = host.cancel
+
+    def lose(name: str) -> None:
+        cancels.append(name)
+        if len(cancels) == 2:
+            server.board.code("M25")  # taken: its macro begins
+        raise HostSilent("no answer")
+
+    host.cancel = lose  # type: ignore[method-assign]
+    one.film.stop()
+    wait(lambda: server.board.status == "paused")
+    time.sleep(0.5)
+    assert len(cancels) == 2
+    assert "stop it again" in one.film.status.message
+    host.cancel = own  # type: ignore[method-assign]
+    one.film.stop()
+    assert one.end().state is LinkState.STOPPED
 
 
 def test_a_late_answers_age_counts_from_its_question(server: BoardServer, tmp_path: Path):

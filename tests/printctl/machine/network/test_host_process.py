@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +17,12 @@ from firmware_profiles import Printer, load
 from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care
+from printctl.machine.network import http_client
 from printctl.machine.network.hosts import refuse_unsupported
+from printctl.machine.prints.give_up import give_up
 from printctl.machine.prints.recovery_file import planned
-from printctl.machine.prints.state import PrintAction, read_print
+from printctl.machine.prints.state import PrintAction, read_print, running_print
+from printctl.machine.process import host_print
 from printctl.machine.process.client import attach
 from printctl.machine.process.orders import Order
 from printctl.machine.process.starting import connect, find_or_start
@@ -93,6 +98,97 @@ def test_kill_reaches_the_host_when_the_process_is_gone(order: Order, server: Bo
     assert status.state is LinkState.KILLED
     with pytest.raises(PrintctlError, match="ran the file by itself"):
         planned(order.folder)
+
+
+def interrupted(order: Order, server: BoardServer, ready: Callable[[], bool]) -> None:
+    """Kill a print's process once something has happened; the host prints no more."""
+    with find_or_start(order, lambda: order.port) as client:
+        wait(ready)
+        os.kill(load_record(order.folder).pid, signal.SIGKILL)
+        assert client.wait(20.0).state is LinkState.INTERRUPTED
+
+
+def other_print(server: BoardServer) -> None:
+    """Have another client's file printed, once ours is over."""
+    server.reset()
+    (server.folder / "other.gcode").write_text("G1 X99 F6\n")
+    server.board.code('M32 "other.gcode"')
+
+
+def test_kill_of_an_old_run_leaves_another_print_alone(order: Order, server: BoardServer):
+    interrupted(order, server, lambda: bool(server.strokes()))
+    other_print(server)
+    with attach(order.folder) as client, pytest.raises(Refused, match=r"runs other\.gcode"):
+        client.kill()
+    assert server.board.status == "processing"
+    server.board.status = "idle"
+    with attach(order.folder) as client:
+        client.kill()
+    assert server.board.status == "halted"
+
+
+def test_kill_of_a_run_whose_host_says_nothing_goes_out(
+    order: Order, server: BoardServer, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(host_print, "ASK_S", 0.1)
+    monkeypatch.setattr(http_client, "ANSWER_S", 0.2)
+    interrupted(order, server, lambda: bool(server.strokes()))
+    server.faults.hang = "rr_model"
+    with attach(order.folder) as client:
+        threading.Timer(1.0, lambda: setattr(server.faults, "hang", "")).start()
+        with suppress(LinkError):
+            client.kill()
+    assert server.board.status == "halted"
+
+
+def test_kill_of_an_ended_run_halts_its_own_file_alone(order: Order, server: BoardServer):
+    with find_or_start(order, lambda: order.port) as client:
+        assert client.wait(30.0).state is LinkState.DONE
+    wait(lambda: bool(load_record(order.folder).status))
+    with attach(order.folder) as client, pytest.raises(Refused, match="the print is done"):
+        client.kill()
+    assert server.board.status == "idle"
+    (stored,) = server.folder.glob("printctl-*")
+    server.board.code(f'M32 "{stored.name}"')
+    with attach(order.folder) as client:
+        client.kill()
+    assert server.board.status == "halted"
+
+
+def test_stop_of_an_interrupted_run_names_the_way(order: Order, server: BoardServer):
+    interrupted(order, server, lambda: bool(server.strokes()))
+    with pytest.raises(PrintctlError, match=r"`printctl resume .*job\.print` takes it up again"):
+        running_print(order.folder)
+
+
+@pytest.mark.parametrize("end", ["kill", "give_up"])
+@pytest.mark.parametrize("selected", [True, False])
+def test_an_end_from_outside_voids_a_start_that_may_come(
+    order: Order, server: BoardServer, end: str, selected: bool
+):
+    server.faults.drop = "M32"
+
+    def begin() -> None:
+        with suppress(LinkError):
+            find_or_start(order, lambda: order.port)
+
+    beginning = threading.Thread(target=begin)
+    beginning.start()
+    wait(lambda: server.count("M32") > 0)
+    os.kill(load_record(order.folder).pid, signal.SIGKILL)
+    beginning.join()
+    (stored,) = server.folder.glob("printctl-*")
+    if not selected:
+        server.reset()
+    if end == "kill":
+        with attach(order.folder) as client:
+            client.kill()
+            status = client.status
+    else:
+        status = give_up(order.folder, "me")
+    words = f"a start of {stored.name} may still come; delete it on the host"
+    assert (words in status.message) is selected  # the board deletes no selected file
+    assert stored.exists() is selected
 
 
 def test_what_a_host_cant_do_is_refused_before_anything_is_sent(order: Order, server: BoardServer):

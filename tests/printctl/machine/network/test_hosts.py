@@ -11,7 +11,8 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
+from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from printctl.machine.errors import HostRefused, HostSilent, PortError
 from printctl.machine.network.duet import Duet
 from printctl.machine.network.host import (
     HostAddress,
+    HostReport,
     HostRequest,
     HostState,
     parse_address,
@@ -148,9 +150,69 @@ def test_refusals_have_the_hosts_words_and_no_query(scripted: Scripted, opened: 
     with pytest.raises(HostRefused, match="PRINTCTL_HOST_KEY"):
         opened(HttpClient(scripted.at("duet"))).get("/x")
     scripted.answer = lambda method, path, body: (301, f"Moved to https:/{path}".encode())
-    with pytest.raises(HostRefused, match="no JSON") as refused:
-        opened(HttpClient(scripted.at("duet"))).get("/rr_connect?password=hush")
+    with pytest.raises(HostRefused, match="can't be read") as refused:
+        opened(Duet(scripted.at("duet"), "hush")).identify()
     assert "hush" not in str(refused.value)
+
+
+ODD = ({}, [], None, "x", 7, {"result": None}, {"result": {"status": {"webhooks": []}}})
+KINDS = {"moonraker": Moonraker, "octoprint": OctoPrint, "duet": Duet}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("odd", ODD, ids=repr)
+def test_an_odd_answer_is_a_refusal(scripted: Scripted, opened: Opened, kind: str, odd: Any):
+    login = {"sessionKey": "s"}
+    scripted.answer = lambda method, path, body: (200, login if "connect" in path else odd)
+    host = opened(KINDS[kind](scripted.at(kind)))
+    found = []
+    for ask in (host.identify, lambda: host.state("a"), lambda: host.ended("a")):
+        with suppress(HostRefused):
+            found.append(ask())
+    states = [one.state for one in found if isinstance(one, HostReport)]
+    assert all(state is HostState.OFFLINE for state in states)
+
+
+def test_an_odd_number_is_a_refusal(scripted: Scripted, opened: Opened):
+    progress: dict[str, Any] = {}
+    job = {"state": "Printing", "job": {"file": {"path": "a"}}, "progress": progress}
+    scripted.answer = lambda method, path, body: (200, job)
+    host = opened(OctoPrint(scripted.at("octoprint")))
+    for key, wrong in (("filepos", "many"), ("filepos", ""), ("filepos", [1]), ("completion", {})):
+        progress.clear()
+        progress[key] = wrong
+        with pytest.raises(HostRefused, match="can't be read"):
+            host.state("a")
+    nowhere = HostReport(HostState.PRINTING, place=(0.0, float("nan"), 0.0), progress=7.0)
+    assert nowhere.without_nonsense(5) == HostReport(HostState.PRINTING)
+
+
+@pytest.mark.parametrize("status", [200, 409])
+def test_a_key_that_the_host_repeats_is_in_no_message(
+    scripted: Scripted, opened: Opened, status: int
+):
+    words: list[str] = []
+    answers: list[Any] = [
+        {"text": "OctoPrint hush"},
+        {"state": "Error: hush", "error": "no hush"},
+        {"prints": {"last": {"success": False}, "success": "hush"}},
+        ["hush"],
+    ]
+    for answer in answers:
+        scripted.answer = lambda method, path, body, answer=answer: (status, answer)
+        host = opened(OctoPrint(scripted.at("octoprint"), "hush"))
+        for ask in (host.identify, partial(host.state, "a"), partial(host.ended, "a")):
+            try:
+                words.append(repr(ask()))
+            except HostRefused as exc:
+                words.append(str(exc))
+    assert any("***" in one for one in words)
+    assert not [one for one in words if "hush" in one]
+
+
+def test_https_to_a_port_without_it_says_what_to_do(scripted: Scripted):
+    with pytest.raises(HostSilent, match=r"name it moonraker://, without \+https"):
+        HttpClient(scripted.at("moonraker+https")).get("/a")
 
 
 def test_ready_connection_is_opened_anew_when_the_host_closes_it():
