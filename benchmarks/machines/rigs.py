@@ -167,6 +167,7 @@ class KlipperRig(Rig):
         source = Path(__file__).with_name("gpio_log.c")
         shim = ["-O2", "-shared", "-fPIC", "-o", str(folder / "gpio_log.so"), str(source), "-ldl"]
         subprocess.run([shutil.which("cc") or "cc", *shim], check=True)
+        (folder / "gpio.bin").touch()  # the shim makes it at the first pin that moves
         self._begin = 0
 
     def commands(self) -> dict[str, list[str]]:
@@ -252,6 +253,7 @@ class OctoPrintRig(Rig):
             "gcodeAnalysis: {runAt: never}\n"
             "serial: {autoconnect: true, port: VIRTUAL, baudrate: 115200}\n"
         )
+        (folder / "gpio.bin").touch()  # the shim makes it at the first pin that moves
         self._begin = 0
 
     def commands(self) -> dict[str, list[str]]:
