@@ -188,7 +188,7 @@ def _hasty(run: DryRun, sets: list[tuple[int, float]], opens: list[int]) -> list
     program, motion, found = run.program, run.executed, []
     before = [None, *(kpa for _, kpa in sets)]
     changes = [line for (line, kpa), last in zip(sets, before, strict=False) if kpa != last]
-    for changed, until in pairwise([*changes, math.inf]):
+    for changed, until in pairwise([*changes, int(program.line.max(initial=0)) + 1]):
         opened = next((line for line in opens if changed < line < until), changed)
         rows = (program.line > changed) & (program.line < opened)
         within = np.isin(motion.line, program.command[rows])
