@@ -94,8 +94,13 @@ def barred(
     for place in places:
         for k in range(3):
             low, high = near(squares, place, k)
-            for j in squares.member[low:high]:
-                if since <= when[j] < NEVER and meets(j, extension, elements, meetings, needle):
+            for m in range(low, high):
+                x, y, _, reach = squares.around[m]
+                j, room = squares.member[m], needle.shaft_mm + extension.radius + reach
+                far = flat_gap(x, y, extension.start, extension.tip, 0.0, 1.0) >= room
+                if far or not since <= when[j] < NEVER:
+                    continue
+                if meets(j, extension, elements, meetings, needle):
                     met.append(j)
     return np.unique(np.array(met, np.int64))
 

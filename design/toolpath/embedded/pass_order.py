@@ -287,11 +287,38 @@ def shorten_travels(
     if len(passes) < 3:
         return passes
     graph = pass_rules(passes, elements, rules)
-    ends = elements.point[np.array([pass_ends(one, elements) for one in passes])]
-    tool = np.array([head[elements.vessel[one.legs[0].element]] for one in passes])
     order, back = np.arange(len(passes)), np.zeros(len(passes), dtype=np.bool_)
-    _improve(order, back, ends, tool, graph)
+    _improve(order, back, *_ends_and_tools(passes, elements, head), graph)
     return [reverse_pass(passes[k]) if back[k] else passes[k] for k in order.tolist()]
+
+
+def placed(
+    passes: list[Pass], one: Pass, elements: Elements, rules: Rules, head: IntArray
+) -> list[Pass] | None:
+    """Passes with one more where the rules let it stand and ways are shortest; None for nowhere."""
+    ways = [each for each in (one, reverse_pass(one)) if not len(broken_rules(rules, [each])[0])]
+    if not ways:
+        return None
+    last, every = len(passes), [*passes, ways[0]]
+    graph = pass_rules(every, elements, rules)
+    order, back = np.arange(last + 1), np.zeros(last + 1, dtype=np.bool_)
+    place = order.copy()
+    first, at = _window(last, last + 1, order, place, graph)
+    if first > at:
+        return None
+    _move(last, 1, at, False, order, back, place)
+    costs = *_ends_and_tools(every, elements, head), graph
+    to, turn = _best_place(at, 1, order, back, place, *costs)
+    if to >= 0:
+        _move(at, 1, to, turn, order, back, place)
+    return [reverse_pass(every[k]) if back[k] else every[k] for k in order.tolist()]
+
+
+def _ends_and_tools(
+    passes: list[Pass], elements: Elements, head: IntArray
+) -> tuple[FloatArray, IntArray]:
+    ends = elements.point[np.array([pass_ends(one, elements) for one in passes])]
+    return ends, np.array([head[elements.vessel[one.legs[0].element]] for one in passes])
 
 
 @jit
@@ -436,13 +463,14 @@ class PassRules(NamedTuple):
 
 
 def pass_rules(passes: list[Pass], elements: Elements, rules: Rules) -> PassRules:
-    """Rules of elements as those of the passes that write them."""
-    number = np.empty(len(elements.end), dtype=np.int64)
+    """Rules of elements as those of the passes that write them; none of those that none writes."""
+    number = np.full(len(elements.end), -1)
     for k, one in enumerate(passes):
         for leg in one.legs:
             low, high = sorted((leg.element, leg.last))
             number[low : high + 1] = k
-    first, after = number[owners(rules)], number[rules.after]
+    pairs = np.stack([number[owners(rules)], number[rules.after]])
+    first, after = pairs[:, (pairs >= 0).all(axis=0)]
     return _of_pairs(first, after, np.ones(len(passes), dtype=np.bool_))
 
 
@@ -582,7 +610,7 @@ def _judged(passes: list[Pass], rules: Rules, joiner: Joiner) -> _Order:
 
 def broken_rules(rules: Rules, passes: list[Pass]) -> tuple[IntArray, IntArray]:
     """Elements while which others, written before, stand in the shaft's way."""
-    when = np.empty(len(rules.begin) - 1, dtype=np.int64)
+    when = np.full(len(rules.begin) - 1, np.nan)
     order = np.concatenate([one.elements() for one in passes])
     when[order] = np.arange(len(order))
     first = np.repeat(np.arange(len(when)), np.diff(rules.begin))

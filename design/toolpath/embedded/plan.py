@@ -166,11 +166,12 @@ def plan_embedded(
     )
     while True:
         done = scene.written(passes, joined, heads)
-        crossed = out.crossed((*done.crossings, *done.grazes))
+        too_open = len(joined.open) > min(one.open_joints for one in heads.options)
+        crossed = out.crossed((*done.crossings, *done.grazes), too_open)
         if not heads.leave_out or not crossed:
             break
         out.omit(crossed)
-        passes = out.trimmed(passes)
+        passes = out.put_back(out.trimmed(passes), rules, heads.vessel_head)
         joined = joiner.join(passes)
     if joined.open:
         joined = joiner.join(passes, explain=True)

@@ -553,7 +553,7 @@ def _overlapping(
                 high = cells.begin[row + min(cells.shape[2], at[2] + 2)]
                 for m in range(low, high):
                     j = cells.member[m]
-                    if j <= i:
+                    if j <= i or _gap2(i, j, spots) > (spots.radius[i] + spots.radius[j]) ** 2:
                         continue
                     reach = _reaches(i, j, spots, ends, length, needle)
                     if reach > 0.0:
@@ -567,14 +567,20 @@ def _overlapping(
 
 
 @jit
+def _gap2(i: int, j: int, spots: _Spots) -> float:
+    gap = 0.0
+    for axis in range(3):
+        gap += (spots.place[i, axis] - spots.place[j, axis]) ** 2
+    return gap
+
+
+@jit
 def _reaches(
     i: int, j: int, spots: _Spots, ends: IntArray, length: FloatArray, needle: Needle
 ) -> float:
     """How far two spots reach into each other, mm; 0 where it is none, or a joint's."""
     thin, thick = min(spots.radius[i], spots.radius[j]), max(spots.radius[i], spots.radius[j])
-    far, gap = thin + thick - TOUCHING.deep * thin, 0.0
-    for axis in range(3):
-        gap += (spots.place[i, axis] - spots.place[j, axis]) ** 2
+    far, gap = thin + thick - TOUCHING.deep * thin, _gap2(i, j, spots)
     if gap > far * far:
         return 0.0
     gap = np.sqrt(gap)
