@@ -95,12 +95,13 @@ def barred(
         for k in range(3):
             low, high = near(squares, place, k)
             for m in range(low, high):
-                x, y, _, reach = squares.around[m]
-                j, room = squares.member[m], needle.shaft_mm + extension.radius + reach
-                far = flat_gap(x, y, extension.start, extension.tip, 0.0, 1.0) >= room
-                if far or not since <= when[j] < NEVER:
-                    continue
-                if meets(j, extension, elements, meetings, needle):
+                j, (x, y, _, reach) = squares.member[m], squares.around[m]
+                room = needle.shaft_mm + extension.radius + reach
+                if (
+                    since <= when[j] < NEVER
+                    and flat_gap(x, y, extension.start, extension.tip, 0.0, 1.0) < room
+                    and meets(j, extension, elements, meetings, needle)
+                ):
                     met.append(j)
     return np.unique(np.array(met, np.int64))
 

@@ -12,9 +12,10 @@ import numpy as np
 from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.needle import Needle
+from design.toolpath.embedded.joints import Joiner
+from design.toolpath.embedded.needle import EmbeddedHeads, Needle
 from design.toolpath.embedded.pass_order import placed
-from design.toolpath.embedded.report import Crossing, OmittedVessel
+from design.toolpath.embedded.report import Crossing, JoinedPasses, OmittedVessel
 from design.toolpath.embedded.rules import (
     Meetings,
     Rules,
@@ -133,8 +134,7 @@ class Omissions:
         self._design, self._cut, self._owner = design, elements, owner
         self._meetings, self._needle = meetings, needle
         self._why: dict[int, Conflict] = {}
-        self._back: dict[int, Conflict] = {}  # why those that were put back weren't written before
-        self._contacts: list[Conflict] = []  # of paths: the first vessel had better go first
+        self._tried: set[int] = set()
 
     def conflicts(self, rules: Rules) -> list[Conflict]:
         """Pairs of vessels with elements that the bare needle enters in either order."""
@@ -151,36 +151,23 @@ class Omissions:
                 worst[min(pair), max(pair)] = conflict
         return list(worst.values())
 
-    def crossed(self, crossings: Iterable[Crossing], too_open: bool) -> list[Conflict]:
-        """Those of a path whose needle still enters ink, or may once the path is rounded.
-
-        Of one with too many open joints also what was put back.
-        """
-        back = [why for vessel, why in self._back.items() if vessel not in self._why]
-        return (back if too_open else []) + [
+    def crossed(self, crossings: Iterable[Crossing]) -> list[Conflict]:
+        """Those of a path whose needle still enters ink, or may once the path is rounded."""
+        return [
             Conflict(one.vessel, one.through, -1, -1, one.place_mm, one.depth_mm)
             for one in crossings
             if one.depth_mm > CERTAIN_MM
         ]
 
     def omit(self, conflicts: Iterable[Conflict]) -> None:
-        """Leave out one vessel of each conflict, rather one that was put back."""
-        new = []
-        for one in conflicts:
-            again = self._back.keys() & {one.vessel, one.other}
-            self._why |= {vessel: self._back[vessel] for vessel in again}
-            new += [] if again else [one]
-            self._contacts += [one] if one.strand < 0 else []
-        self._why |= choose_omitted(new, self._design, set(self._why))
-        self._mark()
+        """Leave out one vessel of each conflict."""
+        self._why |= choose_omitted(conflicts, self._design, set(self._why))
+        self.elements = np.isin(self._owner[self._cut.vessel], list(self._why))
         if self.elements.all():
             raise ToolpathError(
                 "no vessel can be written without the needle passing through ink; use a thinner "
                 "needle, or move the vessels apart"
             )
-
-    def _mark(self) -> None:
-        self.elements = np.isin(self._owner[self._cut.vessel], list(self._why))
 
     def without(self, rules: Rules) -> Rules:
         """The rules among elements that are written."""
@@ -196,48 +183,43 @@ class Omissions:
                     kept_passes.append(Pass(tuple(leg for _, leg in legs)))
         return kept_passes
 
-    def put_back(self, passes: list[Pass], rules: Rules, head: IntArray) -> list[Pass]:
-        """Passes with each vessel, once, for which their order has a place after all."""
-        length, tried = self._design.lengths(), self._why.keys() - self._back.keys()
-        tried -= {v for v in tried if self._bars(v, self._why[v])}
-        known = self._needed(rules, tried)
-        for vessel in sorted(tried, key=lambda v: (-length[v], v)):
-            more: list[Pass] | None = passes
-            for strand in np.flatnonzero(self._owner == vessel).tolist():
-                low, high = self._cut.first[strand : strand + 2].tolist()
-                whole = Pass((Leg(low, 1, high - low),))
-                more = more and placed(more, whole, self._cut, known, head)
-            if more:
-                passes = more
-                self._back[vessel] = self._why.pop(vessel)
-        self._mark()
-        return passes
+    def put_back(
+        self,
+        passes: list[Pass],
+        crossed: list[Conflict],
+        rules: Rules,
+        joiner: Joiner,
+        heads: EmbeddedHeads,
+    ) -> tuple[list[Pass], JoinedPasses]:
+        """Passes with the vessels for which their order has a place after all, and how they join.
 
-    def _bars(self, vessel: int, why: Conflict) -> bool:
-        """Whether what a vessel was left out for bars it in any order."""
-        other = why.other if why.vessel == vessel else why.vessel
-        return why.strand >= 0 and (other == vessel or other not in self._why)
-
-    def _needed(self, rules: Rules, vessels: set[int]) -> Rules:
-        """Rules that name vessels, as the bare needle needs them, and by contacts."""
+        Each is tried once. Of those that ``crossed`` the first goes before the other.
+        """
+        tried, cut, left = self._why.keys() - self._tried, self._cut, dict(self._why)
+        self._tried |= tried
         first, after = owners(rules), rules.after
-        named = np.isin(self._owner[self._cut.vessel], list(vessels))
-        rows = np.flatnonzero(named[first] | named[after])
-        parts = self._cut, self._meetings, self._needle.bare()
-        kept = np.zeros(len(first), dtype=np.bool_)
-        kept[rows] = entries_mm(first[rows], after[rows], *parts) > CERTAIN_MM
-        known = select_rules(rules, kept)
-        for one in self._contacts:
-            near = [self._about(vessel, one.place_mm) for vessel in (one.vessel, one.other)]
-            known = with_more(known, *(each.ravel() for each in np.meshgrid(*near)))
-        return known
-
-    def _about(self, vessel: int, place_mm: tuple[float, float, float]) -> IntArray:
-        """Elements of a vessel in which the needle may stand at a place, or write about it."""
-        cut = self._cut
-        away = cut.point[cut.end].mean(axis=1)[:, :2] - place_mm[:2]
-        near = np.hypot(*away.T) < self._needle.shaft_mm + cut.radius.max(axis=1) + cut.length
-        return np.flatnonzero(near & (self._owner[cut.vessel] == vessel))
+        named = np.isin(self._owner[cut.vessel], list(tried))
+        rows = named[first] | named[after]
+        parts = cut, self._meetings, self._needle.bare()
+        rows[rows] = entries_mm(first[rows], after[rows], *parts) > CERTAIN_MM
+        known, more = select_rules(rules, rows), passes
+        for one in crossed:
+            known = with_more(known, *_near_pairs(one.vessel, one.other, cut, self._needle))
+        length = self._design.lengths()
+        for vessel in sorted(tried, key=lambda v: (-length[v], v)):
+            whole: list[Pass] | None = more
+            for strand in np.flatnonzero(self._owner == vessel).tolist():
+                low, high = cut.first[strand : strand + 2].tolist()
+                new = Pass((Leg(low, 1, high - low),))
+                whole = whole and placed(whole, new, cut, known, heads.vessel_head)
+            if whole:
+                more = whole
+                del left[vessel]
+        joined = joiner.join(more)
+        if len(joined.open) > min(one.open_joints for one in heads.options):
+            return passes, joiner.join(passes)
+        self._why, self.elements = left, np.isin(self._owner[cut.vessel], list(left))
+        return more, joined
 
     def omitted_vessels(self) -> tuple[OmittedVessel, ...]:
         """All that isn't written, with what would have to change."""

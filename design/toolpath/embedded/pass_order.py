@@ -287,38 +287,29 @@ def shorten_travels(
     if len(passes) < 3:
         return passes
     graph = pass_rules(passes, elements, rules)
+    ends = elements.point[np.array([pass_ends(one, elements) for one in passes])]
+    tool = np.array([head[elements.vessel[one.legs[0].element]] for one in passes])
     order, back = np.arange(len(passes)), np.zeros(len(passes), dtype=np.bool_)
-    _improve(order, back, *_ends_and_tools(passes, elements, head), graph)
+    _improve(order, back, ends, tool, graph)
     return [reverse_pass(passes[k]) if back[k] else passes[k] for k in order.tolist()]
 
 
 def placed(
     passes: list[Pass], one: Pass, elements: Elements, rules: Rules, head: IntArray
 ) -> list[Pass] | None:
-    """Passes with one more where the rules let it stand and ways are shortest; None for nowhere."""
-    ways = [each for each in (one, reverse_pass(one)) if not len(broken_rules(rules, [each])[0])]
-    if not ways:
+    """Passes with one more behind the nearest of those it may follow; None where it has no place."""
+    if len(broken_rules(rules, [one])[0]):
+        one = reverse_pass(one)
+    last, every = len(passes), [*passes, one]
+    order = np.arange(last + 1)
+    first, end = _window(last, last + 1, order, order, pass_rules(every, elements, rules))
+    if first > end or len(broken_rules(rules, [one])[0]):
         return None
-    last, every = len(passes), [*passes, ways[0]]
-    graph = pass_rules(every, elements, rules)
-    order, back = np.arange(last + 1), np.zeros(last + 1, dtype=np.bool_)
-    place = order.copy()
-    first, at = _window(last, last + 1, order, place, graph)
-    if first > at:
-        return None
-    _move(last, 1, at, False, order, back, place)
-    costs = *_ends_and_tools(every, elements, head), graph
-    to, turn = _best_place(at, 1, order, back, place, *costs)
-    if to >= 0:
-        _move(at, 1, to, turn, order, back, place)
-    return [reverse_pass(every[k]) if back[k] else every[k] for k in order.tolist()]
-
-
-def _ends_and_tools(
-    passes: list[Pass], elements: Elements, head: IntArray
-) -> tuple[FloatArray, IntArray]:
-    ends = elements.point[np.array([pass_ends(one, elements) for one in passes])]
-    return ends, np.array([head[elements.vessel[one.legs[0].element]] for one in passes])
+    ends = elements.point[np.array([pass_ends(each, elements) for each in every])]
+    tool = np.array([head[elements.vessel[each.legs[0].element]] for each in every])
+    gaps = range(max(first, 1), min(end, last) + 1)
+    at = min(gaps, key=lambda k: _way(k - 1, False, last, False, ends, tool), default=0)
+    return [*passes[:at], one, *passes[at:]]
 
 
 @jit

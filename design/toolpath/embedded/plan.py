@@ -166,13 +166,11 @@ def plan_embedded(
     )
     while True:
         done = scene.written(passes, joined, heads)
-        too_open = len(joined.open) > min(one.open_joints for one in heads.options)
-        crossed = out.crossed((*done.crossings, *done.grazes), too_open)
+        crossed = out.crossed((*done.crossings, *done.grazes))
         if not heads.leave_out or not crossed:
             break
         out.omit(crossed)
-        passes = out.put_back(out.trimmed(passes), rules, heads.vessel_head)
-        joined = joiner.join(passes)
+        passes, joined = out.put_back(out.trimmed(passes), crossed, rules, joiner, heads)
     if joined.open:
         joined = joiner.join(passes, explain=True)
     done = replace(done, joined=scene.lumens.closed(joined))

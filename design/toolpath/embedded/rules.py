@@ -568,10 +568,8 @@ def _overlapping(
 
 @jit
 def _gap2(i: int, j: int, spots: _Spots) -> float:
-    gap = 0.0
-    for axis in range(3):
-        gap += (spots.place[i, axis] - spots.place[j, axis]) ** 2
-    return gap
+    a, b = spots.place[i], spots.place[j]
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
 
 
 @jit
