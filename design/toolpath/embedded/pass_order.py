@@ -297,9 +297,8 @@ def shorten_travels(
 def placed(
     passes: list[Pass], one: Pass, elements: Elements, rules: Rules, head: IntArray
 ) -> list[Pass] | None:
-    """Passes with one more behind the nearest of those it may follow; None where it has no place."""
-    if len(broken_rules(rules, [one])[0]):
-        one = reverse_pass(one)
+    """Passes with one more behind the nearest that it may follow; None where it has no place."""
+    one = min(one, reverse_pass(one), key=lambda each: len(broken_rules(rules, [each])[0]))
     last, every = len(passes), [*passes, one]
     order = np.arange(last + 1)
     first, end = _window(last, last + 1, order, order, pass_rules(every, elements, rules))

@@ -83,6 +83,14 @@ def barring_each_other(rules: Rules) -> NDArray[np.bool_]:
     return _places(_keys(rules.after, first, count), _keys(first, rules.after, count)) >= 0
 
 
+def either_way(rules: Rules) -> tuple[IntArray, IntArray]:
+    """Elements of which either must go before the other, each pair once."""
+    rows = np.flatnonzero(barring_each_other(rules))
+    first, after = owners(rules)[rows], rules.after[rows]
+    once = first < after
+    return first[once], after[once]
+
+
 def select_rules(rules: Rules, rows: NDArray[np.bool_]) -> Rules:
     """Only some of the rules, by a mask (m,)."""
     first = owners(rules)[rows]
