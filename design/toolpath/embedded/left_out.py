@@ -168,7 +168,10 @@ class Omissions:
 
         Each is tried once. Of those that ``crossed`` the first goes before the other.
         """
-        tried, cut, left = self._why.keys() - self._tried, self._cut, dict(self._why)
+        cut, left = self._cut, dict(self._why)
+        # Of two that bar each other in any order both must be out.
+        free = (v for v, c in left.items() if c.strand < 0 or {c.vessel, c.other} <= left.keys())
+        tried = set(free) - self._tried
         self._tried |= tried
         first, after = owners(rules), rules.after
         named = np.isin(self._owner[cut.vessel], list(tried))
