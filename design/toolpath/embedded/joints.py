@@ -122,13 +122,13 @@ def meets(
     reach = joint_reach(needle, max(thick, extension.radius))
     vessel, radius = elements.vessel[i], extension.radius
     top = max(extension.start[2], extension.tip[2]) + radius
-    places, ways = _places(extension, 0.25 * needle.tip_mm)
     for k in range(TIPS):
         tip, at = tip_along(i, k, elements)
         wide = radius_at(needle, max(top - tip[2], 0.0)) + radius
         gap = flat_gap(tip[0], tip[1], extension.start, extension.tip, 0.0, 1.0)
         if top <= tip[2] or gap >= wide:
             continue
+        places, ways = _places(extension, 0.25 * needle.tip_mm)
         for n in range(len(ways)):
             ink = places[n]
             height = ink[2] + radius - tip[2]

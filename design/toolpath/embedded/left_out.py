@@ -12,10 +12,12 @@ import numpy as np
 from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.needle import Needle
-from design.toolpath.embedded.report import Crossing, OmittedVessel
-from design.toolpath.embedded.rules import Meetings, Rules, barring_each_other, owners, select_rules
-from design.toolpath.embedded.schedule import Pass
+from design.toolpath.embedded.joints import Joiner
+from design.toolpath.embedded.needle import EmbeddedHeads, Needle
+from design.toolpath.embedded.pass_order import placed
+from design.toolpath.embedded.report import Crossing, JoinedPasses, OmittedVessel
+from design.toolpath.embedded.rules import Rules, either_way, owners, select_rules, with_more
+from design.toolpath.embedded.schedule import Leg, Pass
 from design.toolpath.embedded.shaft_contacts import CERTAIN_MM, entries_mm
 from kernels.arrays import FloatArray, IntArray
 
@@ -101,9 +103,7 @@ class Omissions:
     Parameters
     ----------
     design : VesselNetwork
-    elements : Elements
-    meetings : Meetings
-    needle : Needle
+    joiner : Joiner
     owner : (s,) int64
         The design's vessel of each that is written.
 
@@ -113,22 +113,16 @@ class Omissions:
         Elements that aren't written.
     """
 
-    def __init__(
-        self,
-        design: VesselNetwork,
-        elements: Elements,
-        meetings: Meetings,
-        needle: Needle,
-        owner: IntArray,
-    ) -> None:
-        self.elements = np.zeros(len(elements.end), dtype=np.bool_)
-        self._design, self._cut, self._owner = design, elements, owner
-        self._meetings, self._needle = meetings, needle
+    def __init__(self, design: VesselNetwork, joiner: Joiner, owner: IntArray) -> None:
+        self.elements = np.zeros(len(joiner.elements.end), dtype=np.bool_)
+        self._design, self._joiner, self._owner = design, joiner, owner
+        self._cut, self._meetings, self._needle = joiner.elements, joiner.meetings, joiner.needle
         self._why: dict[int, Conflict] = {}
+        self._tried: set[int] = set()
 
     def conflicts(self, rules: Rules) -> list[Conflict]:
         """Pairs of vessels with elements that the bare needle enters in either order."""
-        first, after = _either_way(rules)
+        first, after = either_way(rules)
         deep = self._depth_mm(first, after, self._needle.bare())
         worst: dict[tuple[int, int], Conflict] = {}
         order = np.argsort(-deep, kind="stable")
@@ -137,8 +131,7 @@ class Omissions:
             pair = int(self._owner[one]), int(self._owner[other])
             if (min(pair), max(pair)) not in worst:
                 x, y, z = self._cut.point[self._cut.end[first[k]]].mean(axis=0).tolist()
-                conflict = Conflict(*pair, one, other, (x, y, z), float(deep[k]))
-                worst[min(pair), max(pair)] = conflict
+                worst[min(pair), max(pair)] = Conflict(*pair, one, other, (x, y, z), float(deep[k]))
         return list(worst.values())
 
     def crossed(self, crossings: Iterable[Crossing]) -> list[Conflict]:
@@ -165,13 +158,44 @@ class Omissions:
 
     def trimmed(self, passes: list[Pass]) -> list[Pass]:
         """Passes without what isn't written, in their order."""
-        kept_passes: list[Pass] = []
-        for one in passes:
-            gone = [bool(self.elements[leg.element]) for leg in one.legs]
-            for out, legs in groupby(zip(gone, one.legs, strict=True), key=lambda pair: pair[0]):
-                if not out:
-                    kept_passes.append(Pass(tuple(leg for _, leg in legs)))
-        return kept_passes
+        parts = (groupby(one.legs, lambda leg: bool(self.elements[leg.element])) for one in passes)
+        return [Pass(tuple(legs)) for own in parts for gone, legs in own if not gone]
+
+    def put_back(
+        self, passes: list[Pass], crossed: list[Conflict], rules: Rules, heads: EmbeddedHeads
+    ) -> tuple[list[Pass], JoinedPasses]:
+        """Passes with the vessels for which their order has a place after all, and how they join.
+
+        Each is tried once. Of those that ``crossed`` the first goes before the other.
+        """
+        cut, left = self._cut, dict(self._why)
+        # Of two that bar each other in any order both must be out.
+        free = (v for v, c in left.items() if c.strand < 0 or {c.vessel, c.other} <= left.keys())
+        tried = set(free) - self._tried
+        self._tried |= tried
+        first, after = owners(rules), rules.after
+        named = np.isin(self._owner[cut.vessel], list(tried))
+        rows = named[first] | named[after]
+        parts = cut, self._meetings, self._needle.bare()
+        rows[rows] = entries_mm(first[rows], after[rows], *parts) > CERTAIN_MM
+        known, more = select_rules(rules, rows), passes
+        for one in crossed:
+            known = with_more(known, *_near_pairs(one.vessel, one.other, cut, self._needle))
+        length = self._design.lengths()
+        for vessel in sorted(tried, key=lambda v: (-length[v], v)):
+            whole: list[Pass] | None = more
+            for strand in np.flatnonzero(self._owner == vessel).tolist():
+                low, high = cut.first[strand : strand + 2].tolist()
+                new = Pass((Leg(low, 1, high - low),))
+                whole = whole and placed(whole, new, cut, known, heads.vessel_head)
+            if whole:
+                more = whole
+                del left[vessel]
+        joined = self._joiner.join(more)
+        if len(joined.open) > min(one.open_joints for one in heads.options):
+            return passes, self._joiner.join(passes)
+        self._why, self.elements = left, np.isin(self._owner[cut.vessel], list(left))
+        return more, joined
 
     def omitted_vessels(self) -> tuple[OmittedVessel, ...]:
         """All that isn't written, with what would have to change."""
@@ -214,11 +238,3 @@ def _near_pairs(v: int, w: int, elements: Elements, needle: Needle) -> tuple[Int
     i, j = np.nonzero(away < room)
     once = one[i] < other[j] if v == w else np.ones(len(i), dtype=np.bool_)
     return one[i[once]], other[j[once]]
-
-
-def _either_way(rules: Rules) -> tuple[IntArray, IntArray]:
-    """Elements of which either must go before the other, each pair once."""
-    rows = np.flatnonzero(barring_each_other(rules))
-    first, after = owners(rules)[rows], rules.after[rows]
-    once = first < after
-    return first[once], after[once]

@@ -294,6 +294,23 @@ def shorten_travels(
     return [reverse_pass(passes[k]) if back[k] else passes[k] for k in order.tolist()]
 
 
+def placed(
+    passes: list[Pass], one: Pass, elements: Elements, rules: Rules, head: IntArray
+) -> list[Pass] | None:
+    """Passes with one more behind the nearest that it may follow; None where it has no place."""
+    one = min(one, reverse_pass(one), key=lambda each: len(broken_rules(rules, [each])[0]))
+    last, every = len(passes), [*passes, one]
+    order = np.arange(last + 1)
+    first, end = _window(last, last + 1, order, order, pass_rules(every, elements, rules))
+    if first > end or len(broken_rules(rules, [one])[0]):
+        return None
+    ends = elements.point[np.array([pass_ends(each, elements) for each in every])]
+    tool = np.array([head[elements.vessel[each.legs[0].element]] for each in every])
+    gaps = range(max(first, 1), min(end, last) + 1)
+    at = min(gaps, key=lambda k: _way(k - 1, False, last, False, ends, tool), default=0)
+    return [*passes[:at], one, *passes[at:]]
+
+
 @jit
 def _way(one: int, back: bool, other: int, turned: bool, ends: FloatArray, tool: IntArray) -> float:
     """From the end of a pass, or its start if it runs backward, to where another begins, mm."""
@@ -436,13 +453,14 @@ class PassRules(NamedTuple):
 
 
 def pass_rules(passes: list[Pass], elements: Elements, rules: Rules) -> PassRules:
-    """Rules of elements as those of the passes that write them."""
-    number = np.empty(len(elements.end), dtype=np.int64)
+    """Rules of elements as those of the passes that write them; none of those that none writes."""
+    number = np.full(len(elements.end), -1)
     for k, one in enumerate(passes):
         for leg in one.legs:
             low, high = sorted((leg.element, leg.last))
             number[low : high + 1] = k
-    first, after = number[owners(rules)], number[rules.after]
+    pairs = np.stack([number[owners(rules)], number[rules.after]])
+    first, after = pairs[:, (pairs >= 0).all(axis=0)]
     return _of_pairs(first, after, np.ones(len(passes), dtype=np.bool_))
 
 
@@ -582,7 +600,7 @@ def _judged(passes: list[Pass], rules: Rules, joiner: Joiner) -> _Order:
 
 def broken_rules(rules: Rules, passes: list[Pass]) -> tuple[IntArray, IntArray]:
     """Elements while which others, written before, stand in the shaft's way."""
-    when = np.empty(len(rules.begin) - 1, dtype=np.int64)
+    when = np.full(len(rules.begin) - 1, np.nan)
     order = np.concatenate([one.elements() for one in passes])
     when[order] = np.arange(len(order))
     first = np.repeat(np.arange(len(when)), np.diff(rules.begin))

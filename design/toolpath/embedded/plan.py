@@ -155,12 +155,10 @@ def plan_embedded(
     scene = Scene.of(bundles, heads)
     all_rules = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
     rules = scene.lumens.without(all_rules)
-    out = Omissions(scene.design, scene.elements, scene.meetings, scene.needle, bundles.owner)
+    joiner = Joiner(scene.elements, scene.squares, scene.meetings, scene.needle, heads.leave_out)
+    out = Omissions(scene.design, joiner, bundles.owner)
     if heads.leave_out:
         out.omit(out.conflicts(rules))
-    joiner = Joiner(
-        scene.elements, scene.squares, scene.meetings, scene.needle, strict=heads.leave_out
-    )
     passes, joined = order_passes(
         scene.elements, out.without(rules), heads.vessel_head, joiner, out.elements
     )
@@ -170,8 +168,7 @@ def plan_embedded(
         if not heads.leave_out or not crossed:
             break
         out.omit(crossed)
-        passes = out.trimmed(passes)
-        joined = joiner.join(passes)
+        passes, joined = out.put_back(out.trimmed(passes), crossed, rules, heads)
     if joined.open:
         joined = joiner.join(passes, explain=True)
     done = replace(done, joined=scene.lumens.closed(joined))

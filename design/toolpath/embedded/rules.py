@@ -83,6 +83,14 @@ def barring_each_other(rules: Rules) -> NDArray[np.bool_]:
     return _places(_keys(rules.after, first, count), _keys(first, rules.after, count)) >= 0
 
 
+def either_way(rules: Rules) -> tuple[IntArray, IntArray]:
+    """Elements of which either must go before the other, each pair once."""
+    rows = np.flatnonzero(barring_each_other(rules))
+    first, after = owners(rules)[rows], rules.after[rows]
+    once = first < after
+    return first[once], after[once]
+
+
 def select_rules(rules: Rules, rows: NDArray[np.bool_]) -> Rules:
     """Only some of the rules, by a mask (m,)."""
     first = owners(rules)[rows]
@@ -553,7 +561,7 @@ def _overlapping(
                 high = cells.begin[row + min(cells.shape[2], at[2] + 2)]
                 for m in range(low, high):
                     j = cells.member[m]
-                    if j <= i:
+                    if j <= i or _gap2(i, j, spots) > (spots.radius[i] + spots.radius[j]) ** 2:
                         continue
                     reach = _reaches(i, j, spots, ends, length, needle)
                     if reach > 0.0:
@@ -567,14 +575,18 @@ def _overlapping(
 
 
 @jit
+def _gap2(i: int, j: int, spots: _Spots) -> float:
+    a, b = spots.place[i], spots.place[j]
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+
+
+@jit
 def _reaches(
     i: int, j: int, spots: _Spots, ends: IntArray, length: FloatArray, needle: Needle
 ) -> float:
     """How far two spots reach into each other, mm; 0 where it is none, or a joint's."""
     thin, thick = min(spots.radius[i], spots.radius[j]), max(spots.radius[i], spots.radius[j])
-    far, gap = thin + thick - TOUCHING.deep * thin, 0.0
-    for axis in range(3):
-        gap += (spots.place[i, axis] - spots.place[j, axis]) ** 2
+    far, gap = thin + thick - TOUCHING.deep * thin, _gap2(i, j, spots)
     if gap > far * far:
         return 0.0
     gap = np.sqrt(gap)

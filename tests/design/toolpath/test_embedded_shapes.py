@@ -374,6 +374,27 @@ def test_what_is_written_of_a_crowded_tree_crosses_nothing(seed):
     assert crossings(plan.toolpath, net, options.needle_outer_mm / 2) == set()
 
 
+@pytest.mark.parametrize("tree", first_of([(16, 23), (12, 5), (30, 16)]))
+def test_a_vessel_that_the_first_order_bars_is_written_at_another_place(tree):
+    """Two of the first tree and one of the others were left out (2026-11-30)."""
+    net = random_tree(tree[0], 5, tree[1], 0.12)
+    options = replace(LEAVES, open_joints=99)
+    plan = plan_embedded(net, options)
+    assert plan.report.left_out == ()
+    assert written(plan) == set(range(net.vessel_count))
+    assert plan.report.crossings == ()
+    assert crossings(plan.toolpath, net, options.needle_outer_mm / 2) == set()
+
+
+def test_a_vessel_is_rather_left_out_than_that_a_joint_too_many_stays_open():
+    net = random_tree(16, 5, 22, 0.12)
+    free, strict = (
+        plan_embedded(net, replace(LEAVES, open_joints=count)).report for count in (2, 1)
+    )
+    assert (len(free.left_out), len(free.open)) == (3, 2)
+    assert (len(strict.left_out), len(strict.open)) == (4, 1)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", first_of(range(6), 2))
 def test_no_network_is_crossed_once_vessels_may_be_left_out(seed):
