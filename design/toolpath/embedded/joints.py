@@ -94,8 +94,14 @@ def barred(
     for place in places:
         for k in range(3):
             low, high = near(squares, place, k)
-            for j in squares.member[low:high]:
-                if since <= when[j] < NEVER and meets(j, extension, elements, meetings, needle):
+            for m in range(low, high):
+                j, (x, y, _, reach) = squares.member[m], squares.around[m]
+                room = needle.shaft_mm + extension.radius + reach
+                if (
+                    since <= when[j] < NEVER
+                    and flat_gap(x, y, extension.start, extension.tip, 0.0, 1.0) < room
+                    and meets(j, extension, elements, meetings, needle)
+                ):
                     met.append(j)
     return np.unique(np.array(met, np.int64))
 
