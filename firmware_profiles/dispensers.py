@@ -88,9 +88,11 @@ class Pneumatic(StrictModel):
     @property
     def port(self) -> frozenset[str]:
         """What sets its pressure, whatever the pressure; empty where a person does."""
-        lines = " ".join(self.sets_pressure)
+        lines = "\n".join(self.sets_pressure)
+        if not re.match(r"M\d|[A-Za-z]+_", lines):  # a controller's own that runs the file
+            return frozenset(re.findall(r"[^\s(),=]+", re.sub(r"\{\w+\}", "", lines.upper())))
         one, other = (re.sub(r"\{\w+\}", value, lines) for value in "12")
-        return switched(one, other) if lines else frozenset()
+        return switched(one, other)
 
     @model_validator(mode="after")
     def _is_possible(self) -> Pneumatic:

@@ -22,12 +22,14 @@ from firmware_profiles.strict_model import (
 )
 
 _COMMAND: Final = re.compile(
-    r"(?<![\w$])(?:[GM]\d|(?:Drive)?Brake|Enable|Disable|Dwell|Linear|Rapid|Home|Move|Call|Freerun"
+    r"(?<![\w$])(?:[GM]\d|(?:Drive)?Brake|Enable|Disable|Dwell|Linear|Rapid|Home|Move(?!done)|Call|Freerun"
     r"|CC?W\b|Abort|Program|Digital|Analog)|\$.*=",
     re.IGNORECASE,
 )
 """What begins a second command in a line (the A3200 takes several), and no function of a lab's."""
 
+_ANALOG: Final = frozenset({"$AO", "ANALOGOUTPUTSET"})
+"""Set an analogue output, as for a regulator."""
 _PROGRAM_END: Final = "M2"
 """Ends a program of an A3200; functions stand behind it."""
 
@@ -98,6 +100,7 @@ def check_file_controller(
     given: FileController | None,
     airs: Sequence[Pneumatic],
     sent: Mapping[str, tuple[str, ...]],
+    axes: Sequence[str],
 ) -> None:
     """Refuse what doesn't fit together.
 
@@ -109,6 +112,8 @@ def check_file_controller(
         Every pneumatic head; none for a plunger.
     sent : mapping
         Commands that the host would send while it prints, by the profile's key.
+    axes : sequence of str
+        Vertical axes.
 
     Raises
     ------
@@ -145,10 +150,11 @@ def check_file_controller(
     for key, lines in (("begins", given.begins), ("ends", executed)):
         check_values(f"file_controller.{key}", lines, ())
         _check_words(f"file_controller.{key}", lines, given, setup)
+    every = [line for head in airs for line in head.sets_pressure]
     for head in airs:
         lines = head.sets_pressure + ((head.enables,) if head.enables else ())
-        _check_words("sets_pressure, enables", lines, given, setup)
-        _check_enabled(head, (*given.begins, *executed))
+        _check_words("sets_pressure, enables", lines, given, setup | _ANALOG)
+        _check_enabled(head, (*given.begins, *executed, *every), (*"XY", *axes))
         check_values("sets_pressure", head.sets_pressure, tuple(PRESSURE_UNITS))
         _check_variables(head.sets_pressure)
         _check_pressure_words(head.sets_pressure, given, (*given.begins, *executed))
@@ -206,7 +212,8 @@ def _check_words(
             )
     known = setup | {word.upper() for word in given.own_words}
     for line in lines:
-        first = re.match(r"\$(?=\w+ ?=)|\w+", re.sub("^call +", "", line, flags=re.I))
+        called = re.sub("^call +", "", line, flags=re.I)
+        first = re.match(r"\$(?=\w+ ?=)|\$AO(?=\[\d+\]\.\w ?=)|\w+", called)
         if first is None or first[0].upper() not in known:
             raise ValueError(
                 f"{key}: {line!r} begins with no word that is known to move nothing "
@@ -235,9 +242,13 @@ def _outside_definitions(given: FileController, setup: frozenset[str]) -> list[s
     return [*lines[:until], *behind]
 
 
-def _check_enabled(head: Pneumatic, lines: Sequence[str]) -> None:
-    """Refuse lines that enable the axis whose brake is a valve, and `enables` of another axis."""
+def _check_enabled(head: Pneumatic, lines: Sequence[str], axes: Sequence[str]) -> None:
+    """Refuse lines that may enable the axis whose brake is a valve, and `enables` of another."""
     brake = re.match(r"(?:Drive)?Brake\w*[ (]+(\w+)", head.opens, re.IGNORECASE)
+    if brake and brake[1].upper() in axes:
+        raise ValueError(
+            f"opens: {head.opens!r} lets go the brake of an axis that moves; name the valve's own"
+        )
     if head.enables and not (
         brake and re.fullmatch(rf"Enable[ (]+{brake[1]}\)?", head.enables, re.IGNORECASE)
     ):
@@ -246,10 +257,12 @@ def _check_enabled(head: Pneumatic, lines: Sequence[str]) -> None:
             f"valve ({head.opens}); name that alone, or leave it out for a valve on an output"
         )
     for line in lines:
-        if brake and re.match(rf"Enable\b.*\b{brake[1]}\b", line, re.IGNORECASE):
+        enabled = re.match(r"Enable\b(.*)", line, re.IGNORECASE) if brake else None
+        names = [] if enabled is None else re.findall(r"[^][(), ]+", enabled[1].upper())
+        if not {*names} <= {*axes}:
             raise ValueError(
-                f"file_controller: {line!r} may let the brake of {brake[1]} go, which is a valve; "
-                "take it out, and say it as dispenser: enables, right before the valve opens"
+                f"{line!r} may let the brake go that is a valve ({head.opens}); name moving axes "
+                f"alone ({', '.join(axes)}), and the valve's as dispenser: enables"
             )
 
 

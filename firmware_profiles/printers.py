@@ -293,7 +293,7 @@ class Printer(Facts):
     def _controller_agrees(self) -> Printer:
         asked = tuple(watched.query for watched in self.watch)
         sent = {"safe_state_off": self.safe_state_off, "watch": asked}
-        check_file_controller(self.firmware, self.file_controller, self.airs, sent)
+        check_file_controller(self.firmware, self.file_controller, self.airs, sent, self.z_axes)
         for number, air in enumerate(self.airs):
             written = self.written_kpa(number, air.pressure_kpa)
             if abs(written / air.pressure_kpa - 1.0) > _PRESSURE_ROUNDING:

@@ -194,6 +194,7 @@ SwitchCommand = Annotated[
 PRESSURE_UNITS: Final = {"kpa": 1.0, "psi": 6.894757, "bar": 100.0}
 """Name of a value in a line to kPa in one of its unit."""
 _VALUE: Final = re.compile(r"\{(\w*)\}")
+_GLUED: Final = re.compile(r"[^A-Za-z=(, ]\{|\}[^), ]")
 
 
 def _plain_line(line: str) -> str:
@@ -224,6 +225,11 @@ def check_values(key: str, lines: Sequence[str], values: Sequence[str]) -> None:
         if unknown or "{" in rest or "}" in rest:
             known = ", ".join(f"{{{one}}}" for one in values) or "none"
             raise ValueError(f"{key}: {line!r} holds another value than it may have ({known})")
+        if values and (_GLUED.search(line) or re.search(r"[-+*/^%]", line)):
+            raise ValueError(
+                f"{key}: {line!r} makes another number of its value; write the value alone, "
+                "without digits beside it or arithmetic"
+            )
 
 
 def round_output(value: float, full: float) -> float:

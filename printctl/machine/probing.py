@@ -22,6 +22,7 @@ from typing import Any, Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import Family, family_of
+from printctl.checks.gate.firmware import listed_axes
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.connecting import connect, protocol_for
 from printctl.machine.control.events import PrintEvents
@@ -48,16 +49,8 @@ ABSOLUTE: Final = 0.006
 """Firmwares print two decimals, some one in mm/min."""
 _SETTING: Final = re.compile(r"\b(M\d+(?:\.\d+)?)((?: [A-Z]-?\d+(?:\.\d+)?)+)")
 _PAIR: Final = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
-_LISTED: Final = re.compile(r"\b([XYZE]): ?(-?\d+(?:\.\d+)?)")
-_SLOWEST: Final = re.compile(r", min\. speed (\d+(?:\.\d+)?)")
 _SPAN: Final = re.compile(r"\b([XYZ]) ?(-?\d+(?:\.\d+)?):(-?\d+(?:\.\d+)?)")
 _ENDS: Final = re.compile(r"Min: (.*?)Max: (.*)")
-_LISTS: Final = (
-    ("Steps/mm:", "steps_per_mm", 1.0),
-    ("Accelerations (mm/sec^2):", "max_acceleration_mm_s2", 1.0),
-    ("Max speeds (mm/min):", "max_speed_mm_s", 1 / 60),
-    ("Max speeds (mm/sec):", "max_speed_mm_s", 1.0),
-)
 _AXIS_CODES: Final = {
     "M92": "steps_per_mm",
     "M201": "max_acceleration_mm_s2",
@@ -170,13 +163,10 @@ def _read_values(family: Family, text: str) -> Iterator[tuple[str, float | bool]
             yield key, float(match[1])
     if family.setting_phrases:
         return
-    for begin, key, factor in _LISTS:
-        if text.startswith(begin):
-            for axis, value in _LISTED.findall(text.partition(", min.")[0]):
-                yield f"{key}.{axis.lower()}", float(value) * factor
-            slowest = _SLOWEST.search(text)
-            if slowest:
-                yield "min_speed_mm_s", float(slowest[1]) * factor
+    for code, values in listed_axes(text).items():
+        for axis, value in values.items():
+            of_all = axis == "I"
+            yield "min_speed_mm_s" if of_all else f"{_AXIS_CODES[code]}.{axis.lower()}", value
     if text.startswith("Axis limits"):
         for axis, low, high in _SPAN.findall(text.partition(")s ")[2] or text):
             yield f"{axis.lower()}_mm.low", float(low)

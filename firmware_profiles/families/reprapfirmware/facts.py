@@ -157,7 +157,7 @@ FAMILY: Final = Family(
         "M409": AllowQuery("KF"),
     },
     job_rules={"G10": AllowOffsetReset("P")},
-    start_questions=("M220", "M221", "M564", "M290"),
+    start_questions=("M201", "M203", "M220", "M221", "M564", "M290"),
     m203_per_s=60.0,
     has_min_speed=True,  # DDA::InitStandardMove; DefaultMinFeedrate of Configuration.h
     setting_questions=(b"M115", b"M92", b"M201", b"M203", b"M208", b"M302"),

@@ -41,6 +41,10 @@ def speeds_apart(settings: Settings, printer: Printer) -> Iterator[tuple[str, bo
             way = "slower" if slower else "faster"
             text = f"{name} is {reported:g} {unit}, {way} than the profile's {wanted:g} ({key})"
             yield text, slower
+    least = float(settings.get("M203", {}).get("I", printer.min_speed_mm_s))
+    if least > printer.min_speed_mm_s * (1 + _SAME):
+        text = f"the slowest move (M203 I) is {least:g} mm/s, faster than the profile's"
+        yield f"{text} {printer.min_speed_mm_s:g} (min_speed_mm_s)", True
     yield from _advanced_apart(settings.get("M205", {}), printer)
 
 
@@ -92,6 +96,13 @@ _PERCENT: Final = re.compile(r"(\d+(?:\.\d+)?) ?%")
 _FLAGS: Final = re.compile(r"DEBUG:(.*)", re.I)
 _SETTING: Final = re.compile(r"^(?:echo:)?\s*(M\d+)((?: [A-Z]-?\d*(?:\.\d+)?)+)")
 _WORD: Final = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
+_LISTS: Final = (
+    ("Steps/mm:", "M92", 1.0),
+    ("Accelerations (mm/sec^2):", "M201", 1.0),
+    ("Max speeds (mm/min):", "M203", 1 / 60),
+    ("Max speeds (mm/sec):", "M203", 1.0),
+)
+_LISTED: Final = re.compile(r"(\b[XYZE]|min\. speed):? ?(\d+(?:\.\d+)?)")
 _OFFSETS: Final = re.compile(r"[XYZ]:? ?(-?\d+\.\d+)")
 _COLD: Final = re.compile(r"Cold extrudes are (en|dis)abled(?: \(min temp (\d+))?")
 _PLACE: Final = re.compile(r"(gcode|gcode base): X:(\S+) Y:(\S+) Z:(\S+)")
@@ -142,7 +153,8 @@ def differences(answers: Answers, printer: Printer) -> list[Difference]:
     printer : Printer
     """
     all_differences = [*_factors(answers), *_limits(answers), *_flags(answers), *_shifts(answers)]
-    settings = _settings(answers.get(LISTED, ()))
+    told = (text for code in (LISTED, "M201", "M203") for text in answers.get(code, ()))
+    settings = _settings([*told])
     for code, check in _CHECKS.items():
         all_differences += check(settings.get(code), printer)
     return [*all_differences, *_speeds(settings, printer)]
@@ -189,7 +201,19 @@ def _settings(lines: Sequence[str]) -> dict[str, dict[str, str]]:
         if match:
             words = dict(_WORD.findall(match[2])) or dict.fromkeys(match[2].split(), "")
             settings.setdefault(match[1], words)
+        for code, values in listed_axes(text).items():
+            settings.setdefault(code, {axis: f"{value}" for axis, value in values.items()})
     return settings
+
+
+def listed_axes(text: str) -> dict[str, dict[str, float]]:
+    """Code and values by axis, mm/s for speeds, of a list in words; I is the slowest move."""
+    return {
+        code: {axis[:1].upper().replace("M", "I"): float(n) * factor
+               for axis, n in _LISTED.findall(text)}
+        for begin, code, factor in _LISTS
+        if text.startswith(begin)
+    }  # fmt: skip
 
 
 def _factors(answers: Answers) -> list[Difference]:

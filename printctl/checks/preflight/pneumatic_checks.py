@@ -136,8 +136,11 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
         pressed = [
             line
             for own, line, kpa in (*opens, (False, ends, _set_before(ends, sets)))
-            if not own and kpa is not None and abs(kpa - rests) > _SAME_PRESSURE * kpa
+            if not own and (kpa is None or abs(kpa - rests) > _SAME_PRESSURE * kpa)
         ]
+        switch = run.program.line[run.valves[number].row]
+        state = np.append(CLOSED, run.valves[number].state)
+        during = [line for line, _ in sets if state[np.searchsorted(switch, line)] != CLOSED]
         hasty = _hasty(run, sets, [line for own, line, _ in opens if own])
         highest = max((kpa for _, kpa in sets), default=0.0)
         name = f"head {number}: " if printer.heads else ""
@@ -168,6 +171,15 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
                 highest <= wanted * (1 + _SAME_PRESSURE),
                 "",
                 "above what the profile writes at (dispenser: pressure_kpa); lower it",
+            ),
+            Check(
+                f"{name}pressure set while its valve is open",
+                len(during),
+                0,
+                "",
+                not during,
+                f"line {during[0]}" if during else "",
+                "its flow would change on the way: set it before the valve opens",
             ),
             Check(
                 f"{name}opened before its pressure has settled",

@@ -344,10 +344,12 @@ def manual_steps(printer: Printer, frame: JobFrame) -> tuple[str, ...]:
         )
     else:
         x, y, z = frame.start
+        whose = f" of the first head ({printer.heads[0].name}), lowered," if printer.heads else ""
         place = (
-            "Don't home. Once it is clear of the dish, bring the tip back to the very place where "
-            f"it was touched off before the print, which the new file calls X{x:g} Y{y:g} Z{z:g}: "
-            "the rest is written as far beside the part as the tip is beside that place now."
+            f"Don't home. Once it is clear of the dish, bring the tip{whose} back to the very "
+            "place where it was touched off before the print, which the new file calls "
+            f"X{x:g} Y{y:g} Z{z:g}: the rest is written as far beside the part as the tip is "
+            "beside that place now."
         )
         if frame.renamed:
             place += (

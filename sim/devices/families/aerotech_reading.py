@@ -82,6 +82,7 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
     own = {*enables, *begins, *ends, SETS_PRESSURE.encode()}
     last_move = max(gcode.rfind(b"\nG0 "), gcode.rfind(b"\nG1 "))
     dialect = family_of(printer).dialect(printer)
+    blending, blends = dialect.modes[-1], list[int]()
     bases: list[tuple[int, bool]] = []
     refused: list[tuple[int, LineError]] = []
     movable = {b"%c" % axis for axis in b"XY" + axes + letter}
@@ -115,6 +116,8 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
         if waits and not movable <= set(re.findall(rb"\w+", (waits[1] or waits[2]).upper())):
             reason = f"waits while another axis may still move; name them all: {dialect.waits}"
             refused.append((line + 1, refusal("ambiguous", text, reason)))
+        if b" ".join(text.upper().split()) == blending.encode():
+            blends.append(line + 1)
         base = _BASE.fullmatch(text)
         if base:
             bases.append((line + 1, base[1] == b"6"))
@@ -126,7 +129,8 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
 
     result = other.sub(plain, gcode)
     if b"\n" in gcode:  # a single line is read by itself
-        refused += _undeclared(result, movable, bases)
+        first = {"G76 or G75": [at for at, _ in bases], blending: blends}
+        refused += _undeclared(result, movable, first)
     letters = dict.fromkeys(axes, b"") | {ord(printer.z_axes[head]): b"Z"}
     letters |= dict.fromkeys(letter, b"E")
     if letters != {ord("Z"): b"Z"}:
@@ -135,11 +139,12 @@ def translate(gcode: bytes, printer: Printer, head: int = 0) -> TranslatedProgra
 
 
 def _undeclared(
-    gcode: bytes, axes: Collection[bytes], bases: Sequence[tuple[int, bool]]
+    gcode: bytes, axes: Collection[bytes], lines: Mapping[str, Sequence[int]]
 ) -> list[tuple[int, LineError]]:
     """Refuse the first move before which a mode, a unit or an axis' place isn't declared.
 
-    ``gcode`` is in the reader's words with the axes' own letters.
+    ``gcode`` is in the reader's words with the axes' own letters; ``lines`` says where it has what
+    those words haven't.
     """
     first = re.search(rb"^G[01] ", gcode, re.M)
     if first is None:
@@ -148,7 +153,7 @@ def _undeclared(
     said = {
         "G90 or G91": re.search(rb"^G9[01]\b", before, re.M),
         "G71 or G70": re.search(rb"^G2[01]\b", before, re.M),
-        "G76 or G75": bases and bases[0][0] <= before.count(b"\n"),
+        **{what: at and at[0] <= before.count(b"\n") for what, at in lines.items()},
     }
     missing = [words for words, found in said.items() if not found]
     at = first.start() if missing else len(gcode)

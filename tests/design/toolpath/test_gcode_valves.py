@@ -121,6 +121,15 @@ def test_pressure_that_the_profile_does_not_write_at_is_refused():
     assert failed == {
         "head 0: not at its resting pressure while another head writes, or at the end"
     }
+    lower = b"$COM=2\n$AP=5\nCall setPress P$COM Q$AP\n"
+    during = job(RIG).replace(b"BRAKE Aa 0\n", b"BRAKE Aa 0\n" + lower)
+    failed = {one.check for one in refused(during, RIG)}
+    assert "head 0: pressure set while its valve is open" in failed
+    rest = b"$COM=1\n$AP=5\nCall setPress P$COM Q$AP\n"
+    failed = {one.check for one in refused(job(RIG).replace(rest, b"", 1), RIG)}
+    assert failed == {
+        "head 1: not at its resting pressure while another head writes, or at the end"
+    }
     stray = job(RIG).replace(b"$COM=1\n$AP=5", b"$AP=5", 1)
     assert any(name == "$AP=5" for _, name in dry_run(stray, RIG, START).unknown)
 
@@ -424,7 +433,7 @@ def test_air_that_is_not_the_profile_s_is_refused_there_too(old, new, refused):
         ("reprapfirmware", {"sets_pressure": ("G1 Z{kpa}",)}, "only switches"),
         ("reprapfirmware", {"sets_pressure": ("M42 P2 S{psi}",)}, "same output"),
         ("reprapfirmware", {"sets_pressure": ("M042 p02 S{psi}",)}, "same output"),
-        ("reprapfirmware", {"sets_pressure": ("M42 P3 S1{psi}",)}, "only switches"),
+        ("reprapfirmware", {"sets_pressure": ("M42 P3 S1{psi}",)}, "write the value alone"),
         ("reprapfirmware", {"sets_pressure": ("M112 P{psi}",)}, "only switches"),
         ("reprapfirmware", {"closes": "M42 P1"}, "two values"),
         ("reprapfirmware", {"opens": "M106 P1 S255", "closes": "M106 P0 S255"}, "differ in P"),
@@ -439,6 +448,24 @@ def test_pressure_that_no_host_can_set_is_refused(firmware, own, message):
     data["heads"][1]["dispenser"] |= own
     with pytest.raises(ValueError, match=message):
         Printer.model_validate(data)
+
+
+def test_pressure_is_set_by_a_lab_s_call_or_an_analogue_output():
+    data = AUTOMATION1.model_dump()
+    data["file_controller"] |= {"own_words": ["setPress"], "begins": ["WaitForMotionDone([X, Y])"]}
+    for number, head in enumerate((data, data["heads"][1]), start=1):
+        own = {"sets_pressure": (f"setPress({number}, {{psi}})",), "resting_kpa": 5}
+        head["dispenser"] |= own
+    assert Printer.model_validate(data).airs[0].port != Printer.model_validate(data).airs[1].port
+    data["heads"][1]["dispenser"]["sets_pressure"] = ("setPress(1, {psi})",)
+    with pytest.raises(ValueError, match="set the same output"):
+        Printer.model_validate(data)
+    data["heads"][1]["dispenser"]["sets_pressure"] = ("AnalogOutputSet(X, 0, {bar})",)
+    assert Printer.model_validate(data)
+    data = RIG.model_dump()
+    data["dispenser"]["sets_pressure"] = ("$AO[0].X={bar}",)
+    data["file_controller"]["begins"] = ["WAIT MOVEDONE X Y"]
+    assert Printer.model_validate(data)
 
 
 def test_stop_s_commands_leave_valves_and_pressures_alone():
@@ -474,13 +501,13 @@ CALL = "Call setPress P$COM Q$AP"
         ({"heads": [{}, {"dispenser": None}]}, "same output"),
         ({"file_controller": {"begins": ["G1 X5"]}}, "no word that is known to move nothing"),
         ({"file_controller": {"begins": ["Enable Aa ; G1"]}}, "holds a comment"),
-        ({"file_controller": {"begins": ["Enable X Aa"]}}, "may let the brake of Aa go"),
+        ({"file_controller": {"begins": ["Enable X Aa"]}}, "may let the brake go"),
         ({"dispenser": {"enables": "G1 X5"}}, "no word that is known to move nothing"),
         ({"file_controller": {"begins": ["ROUNDING ON G1 X5"]}}, "a second command, 'G1'"),
         ({"file_controller": {"ends": ["$X=1 BRAKE Ab 0"]}}, "a second command, 'BRAKE'"),
         ({"dispenser": {"enables": "Enable Aa BRAKE Ab 0"}}, "a second command, 'BRAKE'"),
         ({"dispenser": {"sets_pressure": ["$AP={mmhg}"]}}, "another value than it may have"),
-        ({"dispenser": {"sets_pressure": ["$AP={psi}{psi}"]}}, "one value"),
+        ({"dispenser": {"sets_pressure": ["$AP={psi}{psi}"]}}, "the value alone"),
         ({"dispenser": {"sets_pressure": ["$AP={psi}", "BRAKE Ab 0"]}}, "to move nothing"),
         ({"file_controller": {"begins": ["Call moveEverything"]}}, "to move nothing"),
         ({"file_controller": {"ends": ["BRAKE Ab 0"]}}, "to move nothing"),
@@ -500,6 +527,12 @@ CALL = "Call setPress P$COM Q$AP"
         ({"dispenser": {"opens": "$DO[0].X=1", "closes": "$DO[0].X=0"}}, "a valve on an output"),
         ({"file_controller": {"begins": ["Call setPress P2 Q40"]}}, "that nobody checks"),
         ({"file_controller": {"ends": ["setPress(2, 40)"]}}, "that nobody checks"),
+        ({"dispenser": {"sets_pressure": ["Enable Aa", "$AP={psi}"]}}, "may let the brake go"),
+        ({"file_controller": {"begins": ["ENABLE ALL"]}}, "may let the brake go"),
+        ({"file_controller": {"begins": ["ENABLE @$AX"]}}, "may let the brake go"),
+        ({"dispenser": {"opens": "BRAKE B 0", "closes": "BRAKE B 1"}}, "an axis that moves"),
+        ({"dispenser": {"sets_pressure": ["$AP=1{psi}"]}}, "the value alone"),
+        ({"dispenser": {"sets_pressure": ["$AP={psi} * 10"]}}, "the value alone"),
         ({"file_controller": {"begins": ["M2"]}}, "ends the program; write it in ends alone"),
         ({"file_controller": {"ends": ["DFS setPress", "ENDDFS"]}}, "program would run into"),
         ({"file_controller": {"ends": ["M2", "DFS setPress"]}}, "program would run into"),

@@ -9,6 +9,7 @@ from design.toolpath import MoveKind
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import FileController, Plunger, Printer, Syringe, load
+from firmware_profiles.families import family_of
 from firmware_profiles.families.ack_protocol import Sort
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.control.wiring import Wiring
@@ -227,6 +228,7 @@ def test_what_isnt_known_is_refused_by_name() -> None:
         (b"G90\n", b"", 6, "G90 or G91"),
         (b"G71\n", b"", 6, "G71 or G70"),
         (b"G76\n", b"", 6, "G76 or G75"),
+        (b"VELOCITY ON\n", b"", 6, "VELOCITY ON"),
         (b"G92 X60 Y70 Z30", b"G92 X60 Y70", 16, "G92 Z"),
         (b"G92 X60 Y70 Z30", b"VELOCITY ON // G92 X60 Y70 Z30", 7, "G92 X.*G92 Y.*G92 Z"),
         (b"G92 X60 Y70 Z30\nG1 X61 Y72 F20", b"G1 X61 Y72 F20\nG92 X61 Y72 Z30", 6, "G92 X.*G92 Y"),
@@ -246,9 +248,10 @@ def test_move_from_what_the_controller_was_left_at_is_refused(said, instead, lin
     ],
 )
 def test_wait_that_leaves_an_axis_out_is_refused(printer, waits, words):
-    header = b"G71\nG76\nG90\nG92 X60 Y70 Z30\nG1 Z31 F5\n"
+    modes = "\n".join(family_of(printer).dialect(printer).modes).encode()
+    header = modes + b"\nG92 X60 Y70 Z30\nG1 Z31 F5\n"
     (found,) = dry_run(header + waits + b"\n", printer, FILE_START).findings
-    assert (found.code, found.line) == ("ambiguous", 6)
+    assert (found.code, found.line) == ("ambiguous", 7)
     assert re.search(words, found.message)
 
 
