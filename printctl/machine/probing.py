@@ -256,7 +256,7 @@ def corrected_profile(profile: Printer, rows: list[Row], port: str, day: str) ->
     data["starting_values"] = _still_starting(profile, {row.key for row in rows})
     if not data["starting_values"]:
         del data["starting_values"]
-    changed = ", ".join(row.key for row in rows if not row.same) or "nothing"
+    changed = ", ".join(row.key for row in rows if not row.same) or "no value differed"
     data["source"] = f"{profile.source} Read from the printer on {port}, {day}: {changed}."
     Printer.model_validate(data)
     return data
