@@ -164,9 +164,9 @@ def _read_values(family: Family, text: str) -> Iterator[tuple[str, float | bool]
     if family.setting_phrases:
         return
     for code, values in listed_axes(text).items():
-        for axis, value in values.items():
+        for axis, number in values.items():
             of_all = axis == "I"
-            yield "min_speed_mm_s" if of_all else f"{_AXIS_CODES[code]}.{axis.lower()}", value
+            yield "min_speed_mm_s" if of_all else f"{_AXIS_CODES[code]}.{axis.lower()}", number
     if text.startswith("Axis limits"):
         for axis, low, high in _SPAN.findall(text.partition(")s ")[2] or text):
             yield f"{axis.lower()}_mm.low", float(low)
