@@ -307,7 +307,7 @@ class FilePrint:
         self._unanswered = self.hosted.name if step == "start" else ""
         for each in (self._commands, self._stops):
             threading.Thread(target=self._obey, args=(each,), name="commands", daemon=True).start()
-        self._start_sent = started
+        self._start_sent, self._host.begun = started, step == "begun"
         try:
             self._connect(patient=started)
             if not started:
@@ -352,12 +352,12 @@ class FilePrint:
         """
         hosted = self.hosted
         self._enter(LinkState.CHECKING, f"{self._words}: checks the printer")
-        self._refuse_unready(taken_over)
+        self._refuse_unready(taken_over, lost)
         for attempt in range(1, MAX_UPLOADS + 1):
             try:
                 self._host.upload(hosted.name, hosted.data, self._uploading)
                 self._compare_stored()
-                self._refuse_unready(taken_over)  # an upload takes its time
+                self._refuse_unready(taken_over, lost)  # an upload takes its time
                 self._look_for_end()
                 self._host.select(hosted.name)
                 if lost:
@@ -383,7 +383,13 @@ class FilePrint:
             self._status = replace(self._status, message=words)
             self.on_status(self.status)
 
-    def _refuse_unready(self, taken_over: bool) -> None:
+    def _refuse_unready(self, taken_over: bool, lost: str) -> None:
+        if lost:  # it may come now, and be over before a wait is
+            report = self._host.state(lost)
+            ready = report.state is HostState.READY and report.file == lost
+            if not ready and not self._is_ready(self._poll()):  # the copy may be selected already
+                raise HostRefused(f"{self.address} doesn't report {lost} as selected, not begun")
+            return
         busy = ACTIVE | {HostState.OFFLINE}
         report = self._await(_BUSY_WAIT_S, lambda one: one.state not in busy)
         if report is None or report.state in busy:
@@ -487,7 +493,7 @@ class FilePrint:
             else:
                 ready_since, lost_since = 0.0, lost_since or now
                 if now - lost_since > DECIDE_S:
-                    runs, restarted = report.active_file, "it, or its printer, was restarted"
+                    runs, restarted = report.active_file, "it, or its printer, may have restarted"
                     why = f"it runs {runs}" if runs else restarted
                     raise _lost(
                         f"a start was sent to {self.address}, which has no record of the file now "
@@ -495,7 +501,8 @@ class FilePrint:
                         "it isn't started again"
                     )
             time.sleep(POLL_S / 2)
-        self._begun, self._unanswered = True, ""
+        self._begun = self._host.begun = True
+        self._unanswered = ""
         self._write("host", do="begun", file=self.hosted.name, by=_in_words(report))
         return True
 
@@ -551,7 +558,7 @@ class FilePrint:
                 if missing > DECIDE_S / POLL_S:
                     raise _lost(
                         f"{self.address} runs the file no longer ({_in_words(report)}) and has no "
-                        "record of its end; it, or its printer, was restarted"
+                        "record of its end; it, or its printer, may have restarted"
                     )
             time.sleep(POLL_S)
 

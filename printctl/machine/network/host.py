@@ -144,7 +144,14 @@ class PrintHost(Protocol):
 
     One thread uses an object. Every call ends within its time limit: `HostSilent` without an
     answer, `HostRefused` where the host says no.
+
+    Attributes
+    ----------
+    begun : bool
+        Set by the user where the file is known to have begun: not every host says so afterwards.
     """
+
+    begun: bool
 
     def identify(self) -> str:
         """Return the host's program and version; log in where the host wants that."""

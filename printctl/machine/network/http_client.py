@@ -136,6 +136,8 @@ class HttpHost:
     the key in no message, whatever the answer has of it.
     """
 
+    begun = False
+
     def __init_subclass__(cls) -> None:
         for name, method in vars(cls).items():
             if inspect.isfunction(method) and not name.startswith("_"):

@@ -235,10 +235,12 @@ def test_a_start_that_comes_while_its_file_is_replaced_is_followed(
 
 
 def test_a_print_begun_anew_between_two_questions_is_not_taken_for_ours(
-    server: BoardServer, tmp_path: Path
+    server: BoardServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
+    monkeypatch.setattr(boards, "JOB", JOB.replace("F1200", "F120"))
     one = printing(Print(tmp_path / "p", server).start())
     board, name = server.board, server.board.selected
+    time.sleep(1.7)  # a standalone board counts whole seconds
     board.code("M25")
     board.code("M0")
     wait(lambda: board.status == "idle")
@@ -250,8 +252,9 @@ def test_a_print_begun_anew_between_two_questions_is_not_taken_for_ours(
 
 def test_another_begin_of_the_file_is_told_by_the_hosts_clock(server: BoardServer, tmp_path: Path):
     one = printing(Print(tmp_path / "p", server).start())
-    for begun_s in (70.0, 70.01, 75.0):
-        said = HostReport(HostState.PRINTING, one.film.hosted.name, begun_s=begun_s)
+    first_s = one.film._begun_s or 70.0
+    for begun_s in (0.0, 0.01, 5.0):
+        said = HostReport(HostState.PRINTING, one.film.hosted.name, begun_s=first_s + begun_s)
         assert one.film.status.state is LinkState.PRINTING
         one.film._host.state = lambda name, said=said: said  # type: ignore[method-assign,misc]
         time.sleep(0.2)
@@ -272,7 +275,7 @@ def test_another_clients_file_is_not_started(server: BoardServer, tmp_path: Path
 
     def select(path: str) -> None:
         if server.board.selected:
-            server.board.selected = "other.gcode"
+            server.board.code('M23 "0:/gcodes/other.gcode"')
 
     server.faults.meanwhile = select
     one = Print(tmp_path / "p", server).start()
@@ -288,6 +291,27 @@ def test_process_that_takes_over_follows_and_starts_nothing(server: BoardServer,
     assert again.end().state is LinkState.DONE
     first.end()
     assert (starts(server), server.strokes()) == (1, STROKES)
+
+
+def test_a_cancel_at_the_panel_is_not_done(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    server.board.code("M25")
+    server.board.code("M0")
+    ended = one.end()
+    assert ended.state is (LinkState.STOPPED if server.sbc else LinkState.FAILED)
+    assert "cancelled" in ended.message
+    assert starts(server) == 1
+
+
+def test_a_selected_file_is_not_done_because_the_last_one_was(server: BoardServer, tmp_path: Path):
+    server.board.last = {"lastDuration": 300}  # of an earlier print
+    (server.folder / "printctl-1-aa-job.gcode").write_text(JOB)
+    server.board.code("M23 printctl-1-aa-job.gcode")
+    one = Print(tmp_path / "p", server).start(taken_over=True, step="start")
+    ended = one.end()
+    assert starts(server) == (1 if server.sbc else 0)
+    assert ended.state is (LinkState.DONE if server.sbc else LinkState.POSITION_UNKNOWN)
+    assert server.sbc or "begun and ended or never begun" in ended.message
 
 
 def test_takes_over_after_the_end(server: BoardServer, tmp_path: Path):
