@@ -1,12 +1,12 @@
 """Twin of a Duet board's network interface: ``rr_`` requests, or ``/machine/`` with an SBC.
 
-Modelled, standalone after RepRapFirmware's source (3.5.3: PrintMonitor, GCodes), with an SBC after
-the description of Duet Software Framework (REST API, object model): sessions by address (standalone) or key (SBC), upload with CRC-32,
-deletion, M23, M32, M24, M25, M0, M112, the object model's ``state``, ``job``, ``move`` and
-``boards``, the standalone board's ``seqs.job``, a file run line by line in the time that its moves
-take. Standalone, ``job.file.fileName`` is there while the file is printed alone, ``lastFileName``
-while none is (M23 sets it), and a print's end is told by ``lastDuration`` alone: 0 s but for a
-complete one. A new process is a board after a reset.
+Modelled, standalone after RepRapFirmware's source (3.5.3: PrintMonitor, GCodes), with an SBC
+after the description of Duet Software Framework (REST API, object model): sessions by address
+(standalone) or key (SBC), upload with CRC-32, deletion, M23, M32, M24, M25, M0, M112, the object
+model's ``state``, ``job``, ``move``, ``boards`` and (standalone) ``seqs.job``, a file run line by
+line in the time that its moves take. Standalone, ``job.file.fileName`` is there only while the
+file is printed, ``lastFileName`` only while none is (M23 sets it), and ``lastDuration`` alone
+tells a print's end: 0 s but for a complete one. A new process is a board after a reset.
 
 Not modelled: planning ahead, macros, heaters, replies by ``rr_reply``, limits of memory and of
 sockets, any other G-code than G1 with F (others take no time).

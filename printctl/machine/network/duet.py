@@ -60,7 +60,8 @@ class Duet(HttpHost):
         super().__init__(address)
         self.secret = key
         self._sbc: bool | None = None
-        self._selected, self._changes = "", -1  # standalone: changes to the job before the start
+        self._selected: str | None = None
+        self._changes = -1  # standalone: to the job, before the start
         self._begun_s, self._lasted_s = 0.0, math.inf
 
     def identify(self) -> str:
@@ -133,10 +134,11 @@ class Duet(HttpHost):
 
     def state(self, name: str) -> HostReport:
         """Return what the board's object model reports."""
+        if self._is_sbc():
+            model = self._send(HostRequest("GET", "/machine/model"), ANSWER_S).json()
+            return read_model(*(model.get(key) for key in _KEYS), name)
         state, job, move = (self._model(key) for key in _KEYS)
         report = read_model(state, job, move, name)
-        if self._is_sbc():
-            return report
         if report.state in RUNNING:  # a run's duration falls where the file is begun anew
             lasted_s = float(job.get("duration") or 0)
             if lasted_s < self._lasted_s:
@@ -151,6 +153,12 @@ class Duet(HttpHost):
         if self._selected == name and self._changes in (-1, self._model("seqs")["job"]):
             return replace(report, state=HostState.READY)
         return replace(report, message="its last file, begun and ended or never begun")
+
+    def active_file(self, name: str) -> str:
+        """Return the file that is run: a standalone board names it while it runs alone."""
+        if self._is_sbc():
+            return self.state(name).active_file
+        return _base((self._model("job").get("file") or {}).get("fileName"))
 
     def ended(self, name: str) -> HostEnd | None:
         """Return how the board has its last job, if that was the file's."""
