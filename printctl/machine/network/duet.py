@@ -136,7 +136,7 @@ class Duet(HttpHost):
         """Return what the board's object model reports."""
         if self._is_sbc():
             model = self._send(HostRequest("GET", "/machine/model"), ANSWER_S).json()
-            return read_model(*(model.get(key) for key in _KEYS), name)
+            return read_model(model.get("state"), model.get("job"), model.get("move"), name)
         state, job, move = (self._model(key) for key in _KEYS)
         report = read_model(state, job, move, name)
         if report.state in RUNNING:  # a run's duration falls where the file is begun anew

@@ -399,8 +399,8 @@ class FilePrint:
 
     def _refuse_unready(self, taken_over: bool, lost: str) -> None:
         if lost:  # it may come now, and be over before a wait is
-            report = self._host.state(lost)
-            ready = report.state is HostState.READY and report.file == lost
+            found = self._host.state(lost)
+            ready = found.state is HostState.READY and found.file == lost
             if not ready and not self._is_ready(self._poll()):  # the copy may be selected already
                 raise HostRefused(f"{self.address} doesn't report {lost} as selected, not begun")
             return

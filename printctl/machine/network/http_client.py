@@ -167,7 +167,7 @@ class HttpHost:
 
     def active_file(self, name: str) -> str:
         """Return the name of the file whose lines are run; see `PrintHost`."""
-        return self.state(name).active_file  # type: ignore[attr-defined,no-any-return]
+        return self.state(name).active_file  # type: ignore[attr-defined]
 
     def close(self) -> None:
         """Let go of the connection."""
