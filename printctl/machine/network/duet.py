@@ -140,7 +140,9 @@ class Duet(HttpHost):
         state, job, move = (self._model(key) for key in _KEYS)
         report = read_model(state, job, move, name)
         if report.state in RUNNING:  # a run's duration falls where the file is begun anew
-            lasted_s = float(job.get("duration") or 0)
+            lasted_s = job.get("duration")
+            if lasted_s is None:  # over between the two questions
+                return report
             if lasted_s < self._lasted_s:
                 self._begun_s = float(state["upTime"])
             self._lasted_s = lasted_s

@@ -727,3 +727,20 @@ def test_a_dripping_answer_does_not_hold_the_emergency_stop(monkeypatch: pytest.
         assert time.monotonic() - begun < 3.0
         over.set()
         ready.close()
+
+
+def test_an_end_between_two_questions_is_no_other_begin(server: BoardServer, tmp_path: Path):
+    if server.sbc:
+        pytest.skip("one question there")
+    one = printing(Print(tmp_path / "p", server).start())
+    board, own = server.board, server.board.model
+    wait(lambda: board.begun_s > 0 and time.monotonic() - board.begun_s > 0.6)  # counts as 1 s
+
+    def late(key: str) -> object:
+        answer = own(key)
+        if key == "state" and answer["status"] == "processing":
+            wait(lambda: board.status == "idle")
+        return answer
+
+    board.model = late  # type: ignore[method-assign]
+    assert one.end().state is LinkState.DONE
