@@ -1,10 +1,12 @@
 """Twin of a Duet board's network interface: ``rr_`` requests, or ``/machine/`` with an SBC.
 
-Modelled, after the public description (RepRapFirmware wiki, HTTP requests and object model; Duet
-Software Framework, REST API): sessions by address (standalone) or key (SBC), upload with CRC-32,
-deletion, M23, M32, M24, M25, M0, M112, the object model's ``state``, ``job``, ``move`` and
-``boards``, a file run line by line in the time that its moves take. A new process is a board
-after a reset.
+Modelled, standalone after RepRapFirmware's source (3.5.3: PrintMonitor, GCodes), with an SBC
+after the description of Duet Software Framework (REST API, object model): sessions by address
+(standalone) or key (SBC), upload with CRC-32, deletion, M23, M32, M24, M25, M0, M112, the object
+model's ``state``, ``job``, ``move``, ``boards`` and (standalone) ``seqs.job``, a file run line by
+line in the time that its moves take. Standalone, ``job.file.fileName`` is there only while the
+file is printed, ``lastFileName`` only while none is (M23 sets it), and ``lastDuration`` alone
+tells a print's end: 0 s but for a complete one. A new process is a board after a reset.
 
 Not modelled: planning ahead, macros, heaters, replies by ``rr_reply``, limits of memory and of
 sockets, any other G-code than G1 with F (others take no time).
@@ -38,12 +40,15 @@ class Board:
     ----------
     folder : Path
         For stored files.
+    sbc : bool
+        Whether the object model is Duet Software Framework's.
     log : Path or None
         Gets ``seconds since 1970, command`` of each line run and of M112.
     """
 
     folder: Path
     log: Path | None = None
+    sbc: bool = False
     status: str = "idle"
     place: dict[str, float] = field(default_factory=lambda: dict.fromkeys("XYZE", 0.0))
     selected: str = ""
@@ -51,6 +56,9 @@ class Board:
     last: dict[str, Any] = field(default_factory=dict)
     run_lines: list[str] = field(default_factory=list)
     sessions: set[str] = field(default_factory=set)
+    changes: int = 0
+    named: str = ""
+    begun_s: float = 0.0
     _cancel: bool = False
 
     def code(self, text: str) -> str:
@@ -75,12 +83,27 @@ class Board:
     def model(self, key: str) -> Any:
         """Return a part of the object model."""
         file = {"fileName": _FOLDER + self.selected, "size": self._size()} if self.selected else {}
+        job = (
+            {"file": file, "filePosition": self.position, **self.last} if self.sbc else self._job()
+        )
         return {
+            "seqs": {"job": self.changes},
             "state": {"status": self.status, "upTime": int(time.monotonic())},
-            "job": {"file": file, "filePosition": self.position, **self.last},
+            "job": job,
             "move": {"axes": [{"letter": a, "userPosition": self.place[a]} for a in "XYZ"]},
             "boards": [{"firmwareName": "RepRapFirmware twin", "firmwareVersion": "3.5"}],
         }.get(key)
+
+    def _job(self) -> dict[str, Any]:
+        """Return what a standalone board says of its job."""
+        runs, name = self.begun_s > 0.0, _FOLDER + self.named if self.named else None
+        return {
+            "file": {"fileName": name if runs else None, "size": self._size()},
+            "filePosition": self.position if runs else 0,
+            "duration": round(time.monotonic() - self.begun_s) if runs else None,
+            "lastFileName": None if runs else name,
+            "lastDuration": None if runs else self.last.get("lastDuration", 0),
+        }
 
     def delete(self, name: str) -> bool:
         """Delete a file; return whether it was there and not open."""
@@ -103,14 +126,16 @@ class Board:
     def _select(self, name: str) -> str:
         if self.status not in ("idle", "busy") or not (self.folder / name).is_file():
             return f"Error: Cannot set file to print: {name}"
-        self.selected, self.position = name, 0
+        self.selected, self.position, self.named = name, 0, name
+        self.changes += 1
         return ""
 
     def _start(self) -> str:
         if self.status == "paused":
             self.status = "processing"
         elif self.status == "idle" and self.selected:
-            self.status = "processing"
+            self.status, self.named, self.begun_s = "processing", self.selected, time.monotonic()
+            self.changes += 1
             threading.Thread(target=self._run, daemon=True).start()
         elif self.status == "idle":
             return "Error: M24: Cannot print, because no file is selected!"
@@ -129,9 +154,11 @@ class Board:
         if self.status == "halted":
             return
         name, cancelled = self.selected, self._cancel
-        ends = {"lastFileAborted": False, "lastFileCancelled": cancelled}
+        lasted_s = 0 if cancelled else round(time.monotonic() - self.begun_s)
+        ends = {"lastFileAborted": False, "lastFileCancelled": cancelled, "lastDuration": lasted_s}
         self.last = {"lastFileName": _FOLDER + name, **ends}
         self.selected, self.position, self._cancel, self.status = "", None, False, "idle"
+        self.begun_s, self.changes = 0.0, self.changes + 1
 
     def _move(self, line: str) -> None:
         if not line:
@@ -260,7 +287,8 @@ def main() -> None:
     parser.add_argument("--sbc", action="store_true")
     parser.add_argument("--password", default="")
     given = parser.parse_args()
-    serve(Board(given.folder, given.log), given.port, given.sbc, given.password).serve_forever()
+    board = Board(given.folder, given.log, given.sbc)
+    serve(board, given.port, given.sbc, given.password).serve_forever()
 
 
 if __name__ == "__main__":

@@ -1,22 +1,28 @@
 """Duet boards: ``rr_`` requests of a standalone board, ``/machine/`` of one with an SBC.
 
-Written from the public description (RepRapFirmware wiki, HTTP requests and object model; Duet
-Software Framework, REST API) and tried on a twin alone, on no real board.
+Written from RepRapFirmware's source (3.5.3: PrintMonitor, GCodes; standalone) and the description
+of Duet Software Framework (REST API, object model; SBC), and tried on a twin alone, on no real
+board.
 
-The file is selected (M23) and started by its name (M32). A board that has it selected and doesn't
-run it says so in its object model, and forgets it at a reset.
+The file is selected (M23) and started by its name (M32). An SBC says which file is selected and
+how the last one ended. A standalone board names as its last file one that is selected as well as
+one that has ended. That it hasn't begun is known while the board's count of changes to its job is
+what it was before the start; that it is complete, by a duration above 0 of a file that had begun.
 """
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, Final
 from urllib.parse import quote, urlencode
 
 from printctl.machine.errors import HostRefused, HostSilent
 from printctl.machine.network.host import (
+    RUNNING,
     HostAddress,
     HostEnd,
     HostReport,
@@ -54,6 +60,9 @@ class Duet(HttpHost):
         super().__init__(address)
         self.secret = key
         self._sbc: bool | None = None
+        self._selected: str | None = None
+        self._changes = -1  # standalone: to the job, before the start
+        self._begun_s, self._lasted_s = 0.0, math.inf
 
     def identify(self) -> str:
         """Log in; return the board's firmware and its version."""
@@ -85,10 +94,13 @@ class Duet(HttpHost):
 
     def select(self, name: str) -> None:
         """Select the file; nothing moves."""
+        self._selected, self._changes = name, -1
         self._code(f'M23 "{_FOLDER}{name}"')
 
     def start(self, name: str) -> None:
         """Select the file and start it; unlike M24 that never goes on with a paused one."""
+        if not self._is_sbc():
+            self._changes = self._model("seqs")["job"]
         self._code(f'M32 "{_FOLDER}{name}"', ANSWER_S)
 
     def delete(self, name: str) -> None:
@@ -122,13 +134,46 @@ class Duet(HttpHost):
 
     def state(self, name: str) -> HostReport:
         """Return what the board's object model reports."""
+        if self._is_sbc():
+            model = self._send(HostRequest("GET", "/machine/model"), ANSWER_S).json()
+            return read_model(model.get("state"), model.get("job"), model.get("move"), name)
         state, job, move = (self._model(key) for key in _KEYS)
-        return read_model(state, job, move, name)
+        report = read_model(state, job, move, name)
+        if report.state in RUNNING:  # a run's duration falls where the file is begun anew
+            lasted_s = job.get("duration")
+            if lasted_s is None:  # over between the two questions
+                return report
+            if lasted_s < self._lasted_s:
+                self._begun_s = float(state["upTime"])
+            self._lasted_s = lasted_s
+            return replace(report, begun_s=self._begun_s)
+        if report.state is not HostState.IDLE or report.file != name:
+            return report
+        if self.begun:
+            busy = state["status"] != "idle"
+            return replace(report, state=HostState.FINISHING if busy else report.state)
+        if self._selected == name and self._changes in (-1, self._model("seqs")["job"]):
+            return replace(report, state=HostState.READY)
+        return replace(report, message="its last file, begun and ended or never begun")
+
+    def active_file(self, name: str) -> str:
+        """Return the file that is run: a standalone board names it while it runs alone."""
+        if self._is_sbc():
+            return self.state(name).active_file
+        return _base((self._model("job").get("file") or {}).get("fileName"))
 
     def ended(self, name: str) -> HostEnd | None:
         """Return how the board has its last job, if that was the file's."""
-        end = _last_end(self._model("job"), name)
-        return None if end is None else HostEnd(end, "the board's last job")
+        job = self._model("job")
+        if self._is_sbc():
+            end = _last_end(job, name)
+            return None if end is None else HostEnd(end, "the board's last job")
+        if not self.begun or _base(job.get("lastFileName")) != name:
+            return None
+        if job.get("lastDuration"):
+            return HostEnd(HostState.COMPLETE, "the board's last job")
+        words = "the board says only that it isn't complete (cancelled, failed, or under 0.5 s)"
+        return HostEnd(HostState.FAILED, words)
 
     # --- sessions and requests -----------------------------------------------------------------
 
@@ -186,18 +231,22 @@ class Duet(HttpHost):
 
 
 def read_model(state: Any, job: Any, move: Any, name: str) -> HostReport:
-    """Read the object model's ``state``, ``job`` and ``move``, seen from the print of ``name``."""
+    """Read the object model's ``state``, ``job`` and ``move``, seen from the print of ``name``.
+
+    A standalone board's last file is left to `Duet.state`: it doesn't say how that ended.
+    """
     state, job = state or {}, job or {}
     status, file = str(state["status"]), job.get("file") or {}
     current = _base(file.get("fileName"))
     reported = _STATES.get(status, HostState.IDLE)
     if reported is HostState.IDLE:  # idle, busy, changingTool
-        end = _last_end(job, name)
+        end = _last_end(job, name) if "lastFileCancelled" in job else None
         if current:
             reported = HostState.READY if status == "idle" else HostState.PRINTING
         elif end is not None:
             reported, current = (end if status == "idle" else HostState.FINISHING), name
-    position, size = job.get("filePosition"), file.get("size")
+    current = current or _base(job.get("lastFileName"))
+    position, size = job.get("filePosition") or None, file.get("size")
     axes = {str(axis.get("letter")): axis for axis in (move or {}).get("axes") or ()}
     place = [axes.get(letter, {}).get("userPosition") for letter in "XYZ"]
     known = all(isinstance(mm, (int, float)) for mm in place)

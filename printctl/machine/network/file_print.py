@@ -52,6 +52,7 @@ from printctl.machine.network.host import (
 from printctl.machine.network.hosts import make_host
 from printctl.machine.network.http_client import ReadyConnection
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.replay import UNANSWERED
 from printctl.machine.records.states import LinkState, PrintEnded, Status
 
 POLL_S: Final = 0.5
@@ -158,6 +159,7 @@ class FilePrint:
         self._stops = _Commands(make_host(address, key), queue.Queue())
         self.stopping = self.killing = False
         self._cancelled_at, self._halted_at, self._halt_taken = 0.0, 0.0, False
+        self._cancelling = False  # a cancel waits, or is being sent
         # Lines read when a cancel's answer was missed; inf: not counted yet, -inf: none was.
         self._lost_at = -math.inf
         self._report: HostReport | None = None  # the last one in which the host has its printer
@@ -199,20 +201,30 @@ class FilePrint:
         self._commands.wanted.put(("resume", answer))
 
     def kill(self) -> None:
-        """Halt the firmware at once, by the connection that is open for it."""
+        """Halt the firmware at once, by the connection open for it; Refused for another's file."""
         if self._status.ended:
             return
+        self.see_no_other_file()
         self.killing = True
         self._halt()
+
+    def see_no_other_file(self) -> None:
+        """Raise Refused where the last report, if not too old, says that another file is run."""
+        other = self._other_file(self._report)
+        if other and time.monotonic() - self._known_at <= SILENT_S:
+            raise Refused(
+                f"not halted: {self.address} runs {other}; if the printer must stop all the same, "
+                "use the host's own emergency stop or cut the power"
+            )
 
     def _refuse_unless(self, right: bool, why: str) -> None:
         if not right or self._status.ended:
             raise Refused(f"{why} ({self.status.state.value}: {self.status.message})")
 
     def _cancel(self) -> None:
-        """Send a cancel, unless one waits or was taken: a second runs the host's macro again."""
-        if self._cancelled_at < math.inf:
-            self._cancelled_at = math.inf
+        """Send a cancel, unless one is just being sent: a person's every one, a repeat if due."""
+        if not self._cancelling:
+            self._cancelling, self._cancelled_at = True, math.inf
             self._stops.wanted.put(("cancel", lambda why: None))
 
     def _cancel_again(self) -> None:
@@ -237,30 +249,32 @@ class FilePrint:
     def _obey(self, commands: _Commands) -> None:
         host = commands.host
         with suppress(LinkError):
-            host.identify()  # its connection and session are there beforehand
+            host.identify()  # its session is there beforehand
         while (wanted := commands.wanted.get()) is not None:
             (do, answer), why = wanted, ""
             if self.stopping and do != "cancel":
                 answer(f"{do} isn't sent: a stop is requested")
                 continue
+            left = False
             try:
                 if do == "cancel" and not self._has_begun(host):
                     continue
                 if self._begun:  # else `_has_begun` has seen its file
                     self._refuse_other_file(do, host)
+                left = True
                 getattr(host, do)(self.hosted.name)
             except LinkError as exc:
-                silent = isinstance(exc, HostSilent)
-                done = "may be done or not, see `printctl status`" if silent else "isn't done"
+                left &= isinstance(exc, HostSilent) and exc.sent
+                done = "may be done or not, see `printctl status`" if left else "isn't done"
                 why = f"{do} {done}: {exc}"
                 log.error("%s", why)
-                if do == "cancel":
-                    lost = isinstance(exc, HostSilent) and exc.sent
-                    self._lost_at = math.inf if lost else -math.inf
-                    self._cancelled_at = time.monotonic()
-                elif self._begun:
+                if do != "cancel" and self._begun:
                     self._write("alarm", text=why)
                     self._status = replace(self._status, alarms=self._status.alarms + 1)
+            if do == "cancel":
+                self._lost_at = math.inf if why and left else -math.inf
+                self._cancelled_at = time.monotonic() if why else math.inf
+                self._cancelling = False
             answer(why)
         host.close()
 
@@ -304,10 +318,10 @@ class FilePrint:
         one there (`JournalledPrint.hosted`).
         """
         started = step not in ("", "selected")
-        self._unanswered = self.hosted.name if step == "start" else ""
+        self._unanswered = self.hosted.name if step in ("start", UNANSWERED) else ""
         for each in (self._commands, self._stops):
             threading.Thread(target=self._obey, args=(each,), name="commands", daemon=True).start()
-        self._start_sent = started
+        self._start_sent, self._host.begun = started, step in ("begun", UNANSWERED)
         try:
             self._connect(patient=started)
             if not started:
@@ -352,12 +366,12 @@ class FilePrint:
         """
         hosted = self.hosted
         self._enter(LinkState.CHECKING, f"{self._words}: checks the printer")
-        self._refuse_unready(taken_over)
+        self._refuse_unready(taken_over, lost)
         for attempt in range(1, MAX_UPLOADS + 1):
             try:
                 self._host.upload(hosted.name, hosted.data, self._uploading)
                 self._compare_stored()
-                self._refuse_unready(taken_over)  # an upload takes its time
+                self._refuse_unready(taken_over, lost)  # an upload takes its time
                 self._look_for_end()
                 self._host.select(hosted.name)
                 if lost:
@@ -383,7 +397,13 @@ class FilePrint:
             self._status = replace(self._status, message=words)
             self.on_status(self.status)
 
-    def _refuse_unready(self, taken_over: bool) -> None:
+    def _refuse_unready(self, taken_over: bool, lost: str) -> None:
+        if lost:  # it may come now, and be over before a wait is
+            found = self._host.state(lost)
+            ready = found.state is HostState.READY and found.file == lost
+            if not ready and not self._is_ready(self._poll()):  # the copy may be selected already
+                raise HostRefused(f"{self.address} doesn't report {lost} as selected, not begun")
+            return
         busy = ACTIVE | {HostState.OFFLINE}
         report = self._await(_BUSY_WAIT_S, lambda one: one.state not in busy)
         if report is None or report.state in busy:
@@ -487,7 +507,7 @@ class FilePrint:
             else:
                 ready_since, lost_since = 0.0, lost_since or now
                 if now - lost_since > DECIDE_S:
-                    runs, restarted = report.active_file, "it, or its printer, was restarted"
+                    runs, restarted = report.active_file, "it, or its printer, may have restarted"
                     why = f"it runs {runs}" if runs else restarted
                     raise _lost(
                         f"a start was sent to {self.address}, which has no record of the file now "
@@ -495,8 +515,9 @@ class FilePrint:
                         "it isn't started again"
                     )
             time.sleep(POLL_S / 2)
-        self._begun, self._unanswered = True, ""
-        self._write("host", do="begun", file=self.hosted.name, by=_in_words(report))
+        self._begun = self._host.begun = True
+        do = UNANSWERED if self._unanswered else "begun"  # by its start, or by another client
+        self._write("host", do=do, file=self.hosted.name, by=_in_words(report))
         return True
 
     def _replaced(self) -> bool:
@@ -514,6 +535,11 @@ class FilePrint:
 
     def _has_file(self, report: HostReport) -> bool:
         return report.file == self.hosted.name
+
+    def _other_file(self, report: HostReport | None) -> str:
+        """Return the file, not this print's, that a report says is run; empty for none."""
+        runs = "" if report is None or not report.active_file else report.file
+        return "" if runs in (self.hosted.name, self._unanswered) else runs
 
     def _is_ready(self, report: HostReport | None) -> bool:
         return report is not None and report.state is HostState.READY and self._has_file(report)
@@ -546,12 +572,18 @@ class FilePrint:
             elif self._has_file(report) and report.state in OVER:
                 self._finish(report.state, report)
             else:
-                missing += 1
-                self._finish_by_history(ended, report)
+                if report.active_file:
+                    self._status = replace(self._status, position_known=False)
+                    self._enter(LinkState.UNKNOWN, "")
+                if (
+                    not report.moving or report.active_file
+                ):  # a history has ends before the last move
+                    missing += 1
+                    self._finish_by_history(ended, report)
                 if missing > DECIDE_S / POLL_S:
                     raise _lost(
                         f"{self.address} runs the file no longer ({_in_words(report)}) and has no "
-                        "record of its end; it, or its printer, was restarted"
+                        "record of its end; it, or its printer, may have restarted"
                     )
             time.sleep(POLL_S)
 
@@ -590,7 +622,9 @@ class FilePrint:
             raise PrintEnded(LinkState.FAILED, words, known=False)
         if end is HostState.COMPLETE:
             self._status = replace(self._status, lines_done=len(self.hosted.job))
-            raise PrintEnded(LinkState.DONE, f"{said}; {where}")
+            rests = report.state is not HostState.OFFLINE and not self._other_file(report)
+            where += "" if rests else "; whether its motors rest isn't known"
+            raise PrintEnded(LinkState.DONE, f"{said}; {where}", rests)
         if self.stopping or end is HostState.CANCELLED:
             by = "the user" if self.stopping else "someone at the host"
             words = f"stopped by {by}; {said}; {where}; {HOST_ENDED}"
@@ -681,8 +715,11 @@ class FilePrint:
         """Return the state's message: what the host said last, and how long ago."""
         report, age_s = self._report, time.monotonic() - self._known_at
         asked = "; a stop is requested" if self.stopping else ""
-        if self._lost_at > -math.inf and self._cancelled_at < math.inf:
+        if self._lost_at > -math.inf and not self._cancelling:
             asked += ", and its answer was lost: if the print doesn't end, stop it again"
+        if self._begun and age_s <= SILENT_S and (other := self._other_file(report)):
+            words = f"{self.address} runs another file, {other} ({_in_words(report)}"
+            return f"{words}, {age_s:.1f} s ago){asked}"
         if status.state is LinkState.UNKNOWN:
             since = f"unknown since {_clock(age_s)} ({self._silence or 'no answer yet'})"
             said = "; ".join(filter(None, (since, status.message)))
@@ -698,7 +735,7 @@ class FilePrint:
         self.on_status(self.status)
 
     def _end(self, ended: PrintEnded) -> None:
-        late = void_start(lambda: self._host, self._unanswered)
+        late = void_start(lambda: self._host, self._unanswered, self._begun)
         if self._unanswered and not late:
             self._write("host", do="deleted", file=self._unanswered)
         status = replace(
@@ -715,12 +752,12 @@ class FilePrint:
         self.on_status(status)
 
 
-def _delete_unbegun(host: PrintHost, name: str) -> None:
+def _delete_unbegun(host: PrintHost, name: str, over: bool = False) -> None:
     """Delete the file of a start that may be under way; LinkError where that isn't certain.
 
-    A file that has begun is left: with it a host may drop the record of its print.
+    A file that has begun is left, unless its print is ``over``: with it a host may drop its record.
     """
-    if host.state(name).active_file == name or host.ended(name) is not None:
+    if host.state(name).active_file == name or not (over or host.ended(name) is None):
         raise HostRefused("it has begun after all; `printctl kill` halts it")
     with suppress(HostRefused):  # it may be gone already
         host.delete(name)
@@ -732,14 +769,14 @@ def _delete_unbegun(host: PrintHost, name: str) -> None:
         raise HostSilent("the host doesn't confirm that it is deleted")
 
 
-def void_start(host: Callable[[], PrintHost], name: str) -> str:
+def void_start(host: Callable[[], PrintHost], name: str, over: bool = False) -> str:
     """Delete the file of an unanswered start; return what is left to do, for a message.
 
     ``host`` makes the host. Empty where nothing is: also for no file.
     """
     try:
         if name:
-            _delete_unbegun(host(), name)
+            _delete_unbegun(host(), name, over)
     except LinkError as exc:
         return f"; a start of {name} may still come; delete it on the host ({exc})"
     return ""

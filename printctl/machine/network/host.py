@@ -76,6 +76,8 @@ class HostReport:
         Where the host says that the tip is; None where it doesn't.
     begun_s : float or None, s
         When the file was begun, by the host's clock; None where it doesn't say.
+    moving : bool
+        Whether the host says that moves which it has planned aren't made yet.
     """
 
     state: HostState
@@ -85,6 +87,7 @@ class HostReport:
     message: str = ""
     place: tuple[float, float, float] | None = None
     begun_s: float | None = None
+    moving: bool = False
 
     def __post_init__(self) -> None:
         """Raise TypeError where a host gave something else for a number."""
@@ -144,7 +147,18 @@ class PrintHost(Protocol):
 
     One thread uses an object. Every call ends within its time limit: `HostSilent` without an
     answer, `HostRefused` where the host says no.
+
+    Attributes
+    ----------
+    begun : bool
+        Set by the user where the file is known to have begun: not every host says so afterwards.
     """
+
+    begun: bool
+
+    @property
+    def answered_at(self) -> float:
+        """When the host answered last, s by `time.monotonic`."""
 
     def identify(self) -> str:
         """Return the host's program and version; log in where the host wants that."""
@@ -181,6 +195,9 @@ class PrintHost(Protocol):
 
     def state(self, name: str) -> HostReport:
         """Return what the host reports now, seen from the print of ``name``."""
+
+    def active_file(self, name: str) -> str:
+        """Return the name of the file whose lines are run, by one question; empty for none."""
 
     def ended(self, name: str) -> HostEnd | None:
         """Return how the host's job history has a file's print; None where it has none."""

@@ -6,9 +6,11 @@ import functools
 import http.client
 import inspect
 import json
+import math
 import socket
 import ssl
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -24,9 +26,11 @@ CHECK_READY_S: Final = 1.0
 """Interval at which the ready connection is looked at, and opened anew where the host closed it."""
 READY_ANSWER_S: Final = 0.5
 """Longest wait on the ready connection, which may be dead without a sign, before a new one."""
+IDLE_S: Final = 1.0
+"""A connection unused for longer isn't used again: something on the way may have forgotten it."""
 _CHUNK_BYTES: Final = 16_384
 _MAX_ANSWER_BYTES: Final = 8 * 2**20
-_WORDS: Final = 300
+_WORDS: Final = 500
 _ODD: Final = (AttributeError, ArithmeticError, LookupError, RecursionError, TypeError, ValueError)
 """What reading JSON of another shape raises."""
 
@@ -51,6 +55,8 @@ class HttpClient:
     def __init__(self, address: HostAddress, headers: dict[str, str] | None = None) -> None:
         self.address, self.headers = address, dict(headers or {})
         self._connection: http.client.HTTPConnection | None = None
+        self.answered_at = -math.inf
+        """When an answer came last, s by `time.monotonic`."""
 
     def get(self, path: str) -> Any:
         """Return the JSON answer to a GET."""
@@ -91,6 +97,7 @@ class HttpClient:
             with _ended_after(connection.sock, limit_s):
                 answer = connection.getresponse()
                 reply = HttpReply(answer.status, answer.read(max_bytes))
+            self.answered_at = time.monotonic()
         except (OSError, http.client.HTTPException) as exc:
             self.close()
             raise HostSilent(f"{where}: no answer ({_reason(exc)})") from None
@@ -110,7 +117,8 @@ class HttpClient:
             self._connection = None
 
     def _open(self, where: str) -> http.client.HTTPConnection:
-        if self._connection is not None and was_closed(self._connection.sock):
+        idle = time.monotonic() - self.answered_at > IDLE_S
+        if self._connection is not None and (idle or was_closed(self._connection.sock)):
             self.close()
         if self._connection is None:
             try:
@@ -136,6 +144,8 @@ class HttpHost:
     the key in no message, whatever the answer has of it.
     """
 
+    begun = False
+
     def __init_subclass__(cls) -> None:
         for name, method in vars(cls).items():
             if inspect.isfunction(method) and not name.startswith("_"):
@@ -150,6 +160,15 @@ class HttpHost:
             words = words.replace(secret, "***")
         return words
 
+    @property
+    def answered_at(self) -> float:
+        """When the host answered last, s by `time.monotonic`."""
+        return self.http.answered_at
+
+    def active_file(self, name: str) -> str:
+        """Return the name of the file whose lines are run; see `PrintHost`."""
+        return self.state(name).active_file  # type: ignore[attr-defined]
+
     def close(self) -> None:
         """Let go of the connection."""
         self.http.close()
@@ -160,19 +179,23 @@ def _checked_answer(method: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(method)
     def checked(host: HttpHost, *given: Any) -> Any:
+        def masked(words: str) -> str:  # the name that was asked for stays, whatever the key is
+            return words if words.startswith(given) else host.without_key(words)
+
         try:
             answer = method(host, *given)
         except (HostRefused, HostSilent) as exc:
-            exc.args = (host.without_key(str(exc)),)
+            exc.args = (host.without_key(str(exc))[:_WORDS],)  # cut before, a part would stay
             raise
         except _ODD as exc:
             words = f"{host.http.address}: an answer that can't be read ({exc!r}); does a proxy, "
             words += "a login page or another program listen at this port?"
             raise HostRefused(host.without_key(words)) from None
         if isinstance(answer, str):
-            return host.without_key(answer)
+            return masked(answer)
         if isinstance(answer, HostReport):
-            return replace(answer, message=host.without_key(answer.message))
+            words = host.without_key(answer.message)
+            return replace(answer, message=words, file=masked(answer.file))
         return answer
 
     return checked
@@ -236,7 +259,7 @@ class ReadyConnection:
         self._swap(None)
 
     def _exchange(self, end: socket.socket | None, data: bytes, method: str, limit_s: float) -> int:
-        with end or _connect(self._address).sock as used:
+        with end or _connect(self._address).sock as used, _ended_after(used, limit_s):
             used.settimeout(limit_s)
             used.sendall(data)
             answer = http.client.HTTPResponse(used, method=method)
@@ -346,4 +369,4 @@ def _refusal(reply: HttpReply) -> str:
             f"the host refuses the key (HTTP {reply.status}); give it by the environment "
             f"({KEY_VARIABLE}) or a file (--host-key)"
         )
-    return f"HTTP {reply.status}: {' '.join(words.split())[:_WORDS]}"
+    return f"HTTP {reply.status}: {' '.join(words.split())}"

@@ -158,7 +158,8 @@ def read_state(found: dict[str, Any]) -> HostReport:
     loaded = HostState.READY if card.get("file_path") and name else HostState.IDLE
     reported = _STATES.get(state, loaded)
     head = found.get("toolhead") or {}
-    if head.get("print_time", 0.0) > head.get("estimated_print_time", 0.0):
+    moving = head.get("print_time", 0.0) > head.get("estimated_print_time", 0.0)
+    if moving:
         reported = _STILL_MOVING.get(reported, reported)
     live = (found.get("motion_report") or {}).get("live_position")
     counted = reported in ACTIVE or reported in OVER
@@ -169,4 +170,5 @@ def read_state(found: dict[str, Any]) -> HostReport:
         progress=float(card["progress"]) if counted and "progress" in card else None,
         message=str(stats.get("message") or ""),
         place=(float(live[0]), float(live[1]), float(live[2])) if live else None,
+        moving=moving,
     )

@@ -250,10 +250,15 @@ class PrintClient(Client):
         Where nobody speaks to the printer any more and it may still move, as after the process has
         died, the print's port is opened and the halt written to it: LinkError when that can't be
         done, or isn't confirmed. A print that has ended otherwise is left as it is; a network
-        host's is halted where the host runs its file again, else Refused.
+        host's is halted where the host runs its file again, else Refused, as where it runs another.
         """
-        sent = self.send("kill")
-        if not sent and (may_still_move(self.status) or runs_files(self.record.port)):
+        if files := runs_files(self.record.port):
+            sent = True
+            with contextlib.suppress(NoLink):  # its halt doesn't wait for the answer either
+                sent = self.request("kill", SOON_S) is not None
+        else:
+            sent = self.send("kill")
+        if not sent and (may_still_move(self.status) or files):
             # The link itself: slow to import.
             from printctl.machine.process.kill_unlinked import kill_unlinked
 

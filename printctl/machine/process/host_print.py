@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from contextlib import ExitStack, closing, suppress
 from functools import partial
 from typing import Any, Final
@@ -20,7 +21,6 @@ from printctl.machine.network.file_print import (
     void_start,
 )
 from printctl.machine.network.host import (
-    HostReport,
     HostState,
     PrintHost,
     parse_address,
@@ -42,7 +42,7 @@ from sim.user_files import read_gcode_path
 
 HALT_TRIES: Final = 3
 ASK_S: Final = 2.0
-"""Longest wait for what a host runs, before a halt that its print may need goes out."""
+"""Longest wait for each answer about what a host runs, before a halt goes out all the same."""
 _OVER: Final = (LinkState.DONE, LinkState.STOPPED, LinkState.GIVEN_UP)
 
 
@@ -92,6 +92,7 @@ class HostDoor:
             return True
         guest.of_print = guest.of_print or bool(request.get("print"))
         if do == "kill":
+            printing.see_no_other_file()
             self.server.kill()
         elif do == "stop":
             printing.stop()
@@ -162,9 +163,9 @@ def halt_on_host(record: ContactRecord, before: Status, history: JournalledPrint
     isn't run; LinkError where it can't be reached, or doesn't confirm.
     """
     host = host_of(record)
-    if (found := _report_within(ASK_S, host)) is None:
+    if (runs := _file_within(ASK_S, host, file_stem(record.print_id))) is None:
         host = host_of(record)  # the other one may be waiting for its answer still
-    _refuse_other_print(record, before, found)
+    _refuse_other_print(record, before, runs or "")
     words, halted, tries = "", False, HALT_TRIES
     with closing(ReadyConnection(parse_address(record.port))) as urgent:
         while tries and not halted:
@@ -188,23 +189,26 @@ def host_of(record: ContactRecord) -> PrintHost:
     return make_host(parse_address(record.port), read_key(record.key_file))
 
 
-def _report_within(limit_s: float, host: PrintHost) -> HostReport | None:
-    """Return what a host reports; None where it doesn't answer in time: a halt can't wait."""
-    reports: list[HostReport] = []
+def _file_within(limit_s: float, host: PrintHost, stem: str) -> str | None:
+    """Return what a host runs; None where an answer doesn't come in time: a halt can't wait.
+
+    A login before the question has the same limit for each of its answers.
+    """
+    found: list[str] = []
 
     def ask() -> None:
         with suppress(LinkError):
-            reports.append(host.state(""))
+            found.append(host.active_file(stem))
 
-    asking = threading.Thread(target=ask, daemon=True)
+    asking, since = threading.Thread(target=ask, daemon=True), time.monotonic()
     asking.start()
-    asking.join(limit_s)
-    return reports[0] if reports else None
+    while asking.is_alive() and time.monotonic() - max(since, host.answered_at) < limit_s:
+        asking.join(0.02)
+    return found[0] if found else None
 
 
-def _refuse_other_print(record: ContactRecord, before: Status, found: HostReport | None) -> None:
+def _refuse_other_print(record: ContactRecord, before: Status, runs: str) -> None:
     """Raise Refused where a halt would end another print than the record's."""
-    runs = found.active_file if found else ""
     if runs.startswith(file_stem(record.print_id)):
         return
     if runs or before.state in _OVER or not may_still_move(before):

@@ -30,6 +30,10 @@ _AT_WORK: Final = (LinkState.PRINTING, LinkState.PAUSING)
 _MAX_PACES: Final = 1000
 
 
+UNANSWERED: Final = "begun, unanswered"
+"""Step of a file on a network host: it has begun, and its start, unanswered, may come late."""
+
+
 @dataclass
 class JournalledPrint:
     """What a journal says about its print; records are as in `journal.py`, times s since 1970.
@@ -158,7 +162,7 @@ class JournalledPrint:
     def unanswered(self) -> str:
         """File of a start that a network host may receive late; empty where none is open."""
         step, file = self.hosted
-        return file if step == "start" else ""
+        return file if step in ("start", UNANSWERED) else ""
 
     @property
     def total(self) -> int:

@@ -52,7 +52,7 @@ class BoardServer:
     def __init__(self, folder: Path, sbc: bool = False, password: str = "") -> None:
         self.folder, self.sbc, self.password, self.faults = folder, sbc, password, Faults()
         folder.mkdir(exist_ok=True)
-        self.board = Board(folder)
+        self.board = Board(folder, sbc=sbc)
         self.lines: list[str] = []
         with socket.create_server(("127.0.0.1", 0)) as free:
             self.number = int(free.getsockname()[1])
@@ -109,7 +109,7 @@ class BoardServer:
         self.down()
         self.lines += self.board.run_lines
         self.board.status = "halted"  # its thread ends
-        self.board = Board(self.folder)
+        self.board = Board(self.folder, sbc=self.sbc)
         self.up()
 
     def strokes(self) -> list[str]:

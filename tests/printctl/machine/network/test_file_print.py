@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import re
+import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from printctl.machine.errors import HostRefused, HostSilent, Refused
-from printctl.machine.network import file_print
-from printctl.machine.network.host import HostReport, HostState
+from printctl.machine.network import file_print, http_client
+from printctl.machine.network.host import (
+    HostEnd,
+    HostReport,
+    HostRequest,
+    HostState,
+    parse_address,
+)
+from printctl.machine.network.hosts import make_host
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.network import boards
@@ -79,7 +88,7 @@ def test_lost_answer_starts_nothing_twice(server: BoardServer, tmp_path: Path):
     server.faults.meanwhile, server.faults.lose_answer = (lambda path: None), ""
     assert wait_for.end().state is LinkState.DONE
     assert (starts(server), server.strokes()) == (1, STROKES)
-    assert one.steps() == ["selected", "start", "begun"]
+    assert one.steps() == ["selected", "start", "begun, unanswered", "deleted"]
 
 
 def test_lost_start_is_sent_again_once_the_host_proves_it(server: BoardServer, tmp_path: Path):
@@ -235,10 +244,12 @@ def test_a_start_that_comes_while_its_file_is_replaced_is_followed(
 
 
 def test_a_print_begun_anew_between_two_questions_is_not_taken_for_ours(
-    server: BoardServer, tmp_path: Path
+    server: BoardServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
+    monkeypatch.setattr(boards, "JOB", JOB.replace("F1200", "F120"))
     one = printing(Print(tmp_path / "p", server).start())
     board, name = server.board, server.board.selected
+    time.sleep(1.7)  # a standalone board counts whole seconds
     board.code("M25")
     board.code("M0")
     wait(lambda: board.status == "idle")
@@ -250,8 +261,9 @@ def test_a_print_begun_anew_between_two_questions_is_not_taken_for_ours(
 
 def test_another_begin_of_the_file_is_told_by_the_hosts_clock(server: BoardServer, tmp_path: Path):
     one = printing(Print(tmp_path / "p", server).start())
-    for begun_s in (70.0, 70.01, 75.0):
-        said = HostReport(HostState.PRINTING, one.film.hosted.name, begun_s=begun_s)
+    first_s = one.film._begun_s or 70.0
+    for begun_s in (0.0, 0.01, 5.0):
+        said = HostReport(HostState.PRINTING, one.film.hosted.name, begun_s=first_s + begun_s)
         assert one.film.status.state is LinkState.PRINTING
         one.film._host.state = lambda name, said=said: said  # type: ignore[method-assign,misc]
         time.sleep(0.2)
@@ -272,7 +284,7 @@ def test_another_clients_file_is_not_started(server: BoardServer, tmp_path: Path
 
     def select(path: str) -> None:
         if server.board.selected:
-            server.board.selected = "other.gcode"
+            server.board.code('M23 "0:/gcodes/other.gcode"')
 
     server.faults.meanwhile = select
     one = Print(tmp_path / "p", server).start()
@@ -288,6 +300,27 @@ def test_process_that_takes_over_follows_and_starts_nothing(server: BoardServer,
     assert again.end().state is LinkState.DONE
     first.end()
     assert (starts(server), server.strokes()) == (1, STROKES)
+
+
+def test_a_cancel_at_the_panel_is_not_done(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    server.board.code("M25")
+    server.board.code("M0")
+    ended = one.end()
+    assert ended.state is (LinkState.STOPPED if server.sbc else LinkState.FAILED)
+    assert "cancelled" in ended.message
+    assert starts(server) == 1
+
+
+def test_a_selected_file_is_not_done_because_the_last_one_was(server: BoardServer, tmp_path: Path):
+    server.board.last = {"lastDuration": 300}  # of an earlier print
+    (server.folder / "printctl-1-aa-job.gcode").write_text(JOB)
+    server.board.code("M23 printctl-1-aa-job.gcode")
+    one = Print(tmp_path / "p", server).start(taken_over=True, step="start")
+    ended = one.end()
+    assert starts(server) == (1 if server.sbc else 0)
+    assert ended.state is (LinkState.DONE if server.sbc else LinkState.POSITION_UNKNOWN)
+    assert server.sbc or "begun and ended or never begun" in ended.message
 
 
 def test_takes_over_after_the_end(server: BoardServer, tmp_path: Path):
@@ -542,3 +575,172 @@ def test_upload_that_breaks_is_made_again(server: BoardServer, tmp_path: Path):
     one = Print(tmp_path / "p", server).start()
     assert one.end().state is LinkState.DONE
     assert starts(server) == 1
+
+
+def test_a_command_takes_no_connection_that_was_idle(
+    server: BoardServer, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(http_client, "IDLE_S", 0.1)
+    if not server.sbc:
+        pytest.skip("a standalone board closes each connection")
+    host = make_host(parse_address(server.port), "")
+    host.identify()
+    opened = len(server.server.ends)
+    host.state("")
+    assert len(server.server.ends) == opened
+    time.sleep(0.2)
+    host.state("")
+    assert len(server.server.ends) == opened + 1
+    host.close()
+
+
+def test_every_stop_of_a_person_is_sent(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+    cancels: list[str] = []
+    host = one.film._stops.host
+    own = host.cancel
+    host.cancel = cancels.append  # type: ignore[method-assign]  # answered, and not done
+    for count in (1, 2):
+        one.film.stop()
+        wait(lambda count=count: len(cancels) == count)
+        wait(lambda: not one.film._cancelling)
+    host.cancel = own  # type: ignore[method-assign]
+    one.film.stop()
+    assert one.end().state is LinkState.STOPPED
+
+
+def test_a_stop_that_never_left_has_no_lost_answer(server: BoardServer, tmp_path: Path):
+    one = printing(Print(tmp_path / "p", server).start())
+
+    def silent(do: str, host: object) -> None:
+        raise HostSilent("no answer to the question before it")
+
+    one.film._refuse_other_file = silent  # type: ignore[method-assign]
+    one.film.stop()
+    wait(lambda: not one.film._cancelling)
+    assert "a stop is requested" in one.film.status.message
+    assert "lost" not in one.film.status.message
+    one.end()
+
+
+def test_a_held_start_of_a_file_that_another_client_began_is_void(
+    server: BoardServer, tmp_path: Path
+):
+    held = held_start(server)
+    one = Print(tmp_path / "p", server).start()
+    wait(lambda: bool(held))
+    server.board.code("M24")
+    assert one.end().state is LinkState.DONE
+    assert server.board.code(held[0]).startswith("Error")
+    assert starts(server) == 1
+
+
+def test_done_waits_for_moves_that_the_hosts_history_is_ahead_of(
+    server: BoardServer, tmp_path: Path
+):
+    one = printing(Print(tmp_path / "p", server).start())
+    said = HostReport(HostState.IDLE, moving=True)
+    one.film._host.ended = lambda name: HostEnd(HostState.COMPLETE)  # type: ignore[method-assign]
+    one.film._host.state = lambda name: said  # type: ignore[method-assign]
+    time.sleep(1.0)
+    assert one.status is None
+    said = HostReport(HostState.IDLE)
+    ended = one.end()
+    assert (ended.state, ended.position_known) == (LinkState.DONE, True)
+
+
+def test_done_under_another_print_says_that_the_place_is_not_known(
+    server: BoardServer, tmp_path: Path
+):
+    one = printing(Print(tmp_path / "p", server).start())
+    said = HostReport(HostState.PRINTING, "other.gcode")
+    one.film._host.ended = lambda name: None  # type: ignore[method-assign]
+    one.film._host.state = lambda name: said  # type: ignore[method-assign]
+    wait(lambda: "runs another file, other.gcode (printing" in one.film.status.message)
+    wait(lambda: one.film.status.state is LinkState.UNKNOWN)
+    assert not one.film.status.position_known
+    with pytest.raises(Refused, match=r"not halted: .* runs other\.gcode"):
+        one.film.kill()
+    assert server.board.status != "halted"
+    one.film._host.ended = lambda name: HostEnd(HostState.COMPLETE)  # type: ignore[method-assign]
+    ended = one.end()
+    assert (ended.state, ended.proved) == (LinkState.DONE, False)
+    assert "whether its motors rest isn't known" in ended.message
+
+
+def test_kill_before_the_start_leaves_another_print_alone(server: BoardServer, tmp_path: Path):
+    (server.folder / "other.gcode").write_text("G1 X99 F600\n")
+    server.board.code('M32 "other.gcode"')
+    one = Print(tmp_path / "p", server).start()
+    wait(lambda: one.film.status.state is LinkState.CHECKING and one.film._report is not None)
+    with pytest.raises(Refused, match=r"runs other\.gcode"):
+        one.film.kill()
+    assert server.board.status == "processing"
+    assert one.end().state is LinkState.FAILED
+
+
+def test_no_part_of_a_key_is_in_a_refusal_or_a_files_name(server: BoardServer):
+    key = "A1b2C3d4E5f6G7h8"
+    host = make_host(parse_address(server.port.replace("duet", "octoprint")), key)
+    for before in range(400, 500, 7):
+        refusal = HostRefused("x" * before + key)
+        host.http.send = raising(refusal)  # type: ignore[attr-defined]
+        with pytest.raises(HostRefused) as caught:
+            host.identify()
+        assert key[:6] not in str(caught.value)
+    del host.http.send  # type: ignore[attr-defined]
+    answer = {"state": "Printing", "job": {"file": {"path": f"{key}.gcode"}}}
+    host.http.get = lambda path: answer  # type: ignore[attr-defined]
+    assert host.state("mine.gcode").file == "***.gcode"
+    assert host.state(f"{key}.gcode").file == f"{key}.gcode"
+
+
+def raising(error: Exception) -> Callable[..., None]:
+    def fail(*given: object, **more: object) -> None:
+        raise error
+
+    return fail
+
+
+def test_a_dripping_answer_does_not_hold_the_emergency_stop(monkeypatch: pytest.MonkeyPatch):
+    over = threading.Event()
+
+    def drip(listener: socket.socket) -> None:
+        with suppress(OSError):
+            while not over.is_set():
+                end, _ = listener.accept()
+                threading.Thread(target=trickle, args=(end,), daemon=True).start()
+
+    def trickle(end: socket.socket) -> None:
+        with suppress(OSError), end:
+            while not over.wait(0.1):
+                end.sendall(b"H")
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=drip, args=(listener,), daemon=True).start()
+        ready = http_client.ReadyConnection(
+            parse_address(f"duet://127.0.0.1:{listener.getsockname()[1]}")
+        )
+        begun = time.monotonic()
+        with pytest.raises(HostSilent, match="the emergency stop has no answer"):
+            ready.send(HostRequest("GET", "/"), limit_s=0.5)
+        assert time.monotonic() - begun < 3.0
+        over.set()
+        ready.close()
+
+
+def test_an_end_between_two_questions_is_no_other_begin(server: BoardServer, tmp_path: Path):
+    if server.sbc:
+        pytest.skip("one question there")
+    one = printing(Print(tmp_path / "p", server).start())
+    board, own = server.board, server.board.model
+    wait(lambda: board.begun_s > 0 and time.monotonic() - board.begun_s > 0.6)  # counts as 1 s
+
+    def late(key: str) -> object:
+        answer = own(key)
+        if key == "state" and answer["status"] == "processing":
+            wait(lambda: board.status == "idle")
+        return answer
+
+    board.model = late  # type: ignore[method-assign]
+    assert one.end().state is LinkState.DONE

@@ -121,7 +121,7 @@ def test_kill_of_an_old_run_leaves_another_print_alone(order: Order, server: Boa
     with attach(order.folder) as client, pytest.raises(Refused, match=r"runs other\.gcode"):
         client.kill()
     assert server.board.status == "processing"
-    server.board.status = "idle"
+    server.board.status, server.board.begun_s = "idle", 0.0
     with attach(order.folder) as client:
         client.kill()
     assert server.board.status == "halted"
@@ -212,3 +212,15 @@ def test_wrong_key_is_said(order: Order, tmp_path: Path):
     with pytest.raises(LinkError, match="password") as refused:
         find_or_start(order, lambda: order.port)
     assert "wrong" not in str(refused.value)
+
+
+def test_kill_asks_a_slow_host_once_and_leaves_another_print_alone(
+    order: Order, server: BoardServer, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(host_print, "ASK_S", 1.0)
+    interrupted(order, server, lambda: bool(server.strokes()))
+    other_print(server)
+    server.faults.meanwhile = lambda path: time.sleep(0.6)  # two logins and a question
+    with attach(order.folder) as client, pytest.raises(Refused, match=r"runs other\.gcode"):
+        client.kill()
+    assert server.board.status == "processing"
