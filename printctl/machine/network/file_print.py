@@ -575,9 +575,8 @@ class FilePrint:
                 if report.active_file:
                     self._status = replace(self._status, position_known=False)
                     self._enter(LinkState.UNKNOWN, "")
-                if (
-                    not report.moving or report.active_file
-                ):  # a history has ends before the last move
+                # A history has ends before the last move.
+                if not report.moving or report.active_file:
                     missing += 1
                     self._finish_by_history(ended, report)
                 if missing > DECIDE_S / POLL_S:
