@@ -8,7 +8,7 @@ line in the time that its moves take. Standalone, ``job.file.fileName`` is there
 file is printed, ``lastFileName`` only while none is (M23 sets it), and ``lastDuration`` alone
 tells a print's end: 0 s but for a complete one. A new process is a board after a reset.
 
-Not modelled: planning ahead, macros, heaters, replies by ``rr_reply``, limits of memory and of
+Not modelled: planning ahead, macros and the queue behind them, simulation, heaters, replies by ``rr_reply``, limits of memory and of
 sockets, any other G-code than G1 with F (others take no time).
 """
 
@@ -207,7 +207,10 @@ class Handler(BaseHTTPRequestHandler):
         query = {key: values[0] for key, values in parse_qs(split.query).items()}
         body = self.rfile.read(int(self.headers.get("Content-Length") or 0))
         mine = split.path.startswith("/machine/") == self.sbc
-        status, value = (404, "") if not mine else self._known(split.path, query, body)
+        if not mine:  # a standalone board sends its web page for a path without a dot
+            status, value = (404, "") if self.sbc else (200, "<!DOCTYPE html>")
+        else:
+            status, value = self._known(split.path, query, body)
         data = value.encode() if isinstance(value, str) else json.dumps(value).encode()
         self.send_response(status)
         self.send_header("Content-Length", str(len(data)))

@@ -48,6 +48,8 @@ _STATES: Final = {
 _FOLDER: Final = "0:/gcodes/"
 _UPLOAD_S: Final = 60.0
 _COMMAND_S: Final = 60.0
+_SAME_BEGIN_S: Final = 8.0
+"""Reported times of one begin differ by whole seconds and by what lies between two answers."""
 _KEYS: Final = ("state", "job", "move")
 _LOGIN: Final = (401, 403)
 _ABSENT: Final = (404, 405, 501)
@@ -62,7 +64,7 @@ class Duet(HttpHost):
         self._sbc: bool | None = None
         self._selected: str | None = None
         self._changes = -1  # standalone: to the job, before the start
-        self._begun_s, self._lasted_s = 0.0, math.inf
+        self._begun_s, self._lasted_s, self._simulated = 0.0, math.inf, False
 
     def identify(self) -> str:
         """Log in; return the board's firmware and its version."""
@@ -121,7 +123,9 @@ class Duet(HttpHost):
         self._code("M24")
 
     def cancel(self, name: str) -> None:
-        """Pause, then end, by the board's cancel.g."""
+        """Pause, then end, by the board's cancel.g; refused while it pauses or goes on."""
+        if (status := self._model("state")["status"]) in ("pausing", "resuming"):
+            raise HostRefused(f"the board is {status}, and would refuse it")
         with suppress(HostSilent):  # if it was lost as well, the board refuses M0
             self._code("M25")
         self._code("M0")
@@ -138,20 +142,24 @@ class Duet(HttpHost):
             model = self._send(HostRequest("GET", "/machine/model"), ANSWER_S).json()
             return read_model(model.get("state"), model.get("job"), model.get("move"), name)
         state, job, move = (self._model(key) for key in _KEYS)
-        report = read_model(state, job, move, name)
-        if report.state in RUNNING:  # a run's duration falls where the file is begun anew
+        report, status = read_model(state, job, move, name), state["status"]
+        if status == "simulating":
+            self._simulated = True
+            return replace(report, message="it simulates (M37), and nothing moves")
+        if report.state in RUNNING:
             lasted_s = job.get("duration")
             if lasted_s is None:  # over between the two questions
                 return report
-            if lasted_s < self._lasted_s:
-                self._begun_s = float(state["upTime"])
+            begun_s = float(state["upTime"] - lasted_s - (job.get("pauseDuration") or 0))
+            if lasted_s < self._lasted_s or abs(begun_s - self._begun_s) > _SAME_BEGIN_S:
+                self._begun_s = begun_s
             self._lasted_s = lasted_s
             return replace(report, begun_s=self._begun_s)
-        if report.state is not HostState.IDLE or report.file != name:
+        if report.state is HostState.IDLE and status != "idle":  # a macro: a start would wait
+            own = name if self.begun and report.file == name else ""
+            return replace(report, state=HostState.FINISHING, file=own)
+        if report.state is not HostState.IDLE or report.file != name or self.begun:
             return report
-        if self.begun:
-            busy = state["status"] != "idle"
-            return replace(report, state=HostState.FINISHING if busy else report.state)
         if self._selected == name and self._changes in (-1, self._model("seqs")["job"]):
             return replace(report, state=HostState.READY)
         return replace(report, message="its last file, begun and ended or never begun")
@@ -170,6 +178,8 @@ class Duet(HttpHost):
             return None if end is None else HostEnd(end, "the board's last job")
         if not self.begun or _base(job.get("lastFileName")) != name:
             return None
+        if self._simulated:
+            return HostEnd(HostState.FAILED, "the board simulated it (M37), and nothing moved")
         if job.get("lastDuration"):
             return HostEnd(HostState.COMPLETE, "the board's last job")
         words = "the board says only that it isn't complete (cancelled, failed, or under 0.5 s)"
@@ -186,17 +196,19 @@ class Duet(HttpHost):
         """Open a session; the SBC's request is unknown to a standalone board."""
         query = urlencode({"password": self.secret})
         try:
-            found = self.http.get(f"/machine/connect?{query}")
-            self._sbc = True
-            self.http.headers = {"X-Session-Key": str(found["sessionKey"])}
+            reply = self.http.send(HostRequest("GET", f"/machine/connect?{query}"))
+            key = str(reply.json()["sessionKey"])
         except HostRefused as exc:
             if exc.status not in _ABSENT:
                 raise
-            self._sbc = False
-            if self.http.get(f"/rr_connect?{query}").get("err"):
-                raise HostRefused(
-                    "the board refuses the password, or has no session free", _LOGIN[0]
-                ) from None
+        except (LookupError, TypeError, ValueError):
+            pass  # the page on its card, which is what it sends for a path that it doesn't know
+        else:
+            self._sbc, self.http.headers = True, {"X-Session-Key": key}
+            return
+        self._sbc = False
+        if self.http.get(f"/rr_connect?{query}").get("err"):
+            raise HostRefused("the board refuses the password, or has no session free", _LOGIN[0])
 
     def _send(
         self,
@@ -264,7 +276,8 @@ def _last_end(job: Any, name: str) -> HostState | None:
         return None
     if job.get("lastFileCancelled"):
         return HostState.CANCELLED
-    return HostState.FAILED if job.get("lastFileAborted") else HostState.COMPLETE
+    unmade = job.get("lastFileAborted") or job.get("lastFileSimulated")
+    return HostState.FAILED if unmade else HostState.COMPLETE
 
 
 def _file(do: str, name: str) -> str:

@@ -165,7 +165,7 @@ class FilePrint:
         self._report: HostReport | None = None  # the last one in which the host has its printer
         self._known_at = time.monotonic()
         self._silence = self._words = ""
-        self._start_sent = self._begun = False
+        self._start_sent = self._answered = self._begun = False
         self._unanswered = ""  # file of a start that the host may not have received yet
         self._begun_s: float | None = None
         self._status = Status(LinkState.CONNECTING, lines_total=len(hosted.job))
@@ -447,10 +447,10 @@ class FilePrint:
             self._look_for_end()
             self._start_sent = True
             self._journal.add("host", do="start", attempt=attempt, file=self.hosted.name)
-            answered, self._unanswered = False, self.hosted.name
+            self._answered, self._unanswered = False, self.hosted.name
             try:
                 self._host.start(self.hosted.name)
-                answered, self._unanswered = True, ""
+                self._answered = True
             except HostSilent as exc:
                 self._silence = str(exc)
             except HostRefused as exc:
@@ -460,7 +460,7 @@ class FilePrint:
                     if not self._is_begun(self._poll()):
                         words = f"not started, nothing moved: {exc}"
                         raise PrintEnded(LinkState.FAILED, words) from exc
-            if self._was_begun(answered):
+            if self._was_begun(self._answered):
                 return
         words = f"not started: {self.address} reports the file as selected, not begun"
         raise PrintEnded(LinkState.FAILED, words)
@@ -516,6 +516,8 @@ class FilePrint:
                     )
             time.sleep(POLL_S / 2)
         self._begun = self._host.begun = True
+        if self._answered:  # until then a host may only have queued it
+            self._unanswered = ""
         do = UNANSWERED if self._unanswered else "begun"  # by its start, or by another client
         self._write("host", do=do, file=self.hosted.name, by=_in_words(report))
         return True

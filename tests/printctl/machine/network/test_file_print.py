@@ -744,3 +744,17 @@ def test_an_end_between_two_questions_is_no_other_begin(server: BoardServer, tmp
 
     board.model = late  # type: ignore[method-assign]
     assert one.end().state is LinkState.DONE
+
+
+def test_start_that_a_board_has_only_queued_stays_open(tmp_path: Path):
+    server = BoardServer(tmp_path / "board")
+
+    def queued() -> str:
+        server.board.status = "busy"  # a macro runs, and M32 waits for its end
+        return ""
+
+    server.board._start = queued  # type: ignore[method-assign]
+    ended = Print(tmp_path / "p", server).start().end()
+    assert ended.state is LinkState.POSITION_UNKNOWN
+    assert "a start of printctl-1-aa-job.gcode may still come" in ended.message
+    server.down()

@@ -424,3 +424,25 @@ def test_duet_logs_in_again_after_a_reset(tmp_path: Path, opened: Opened):
             opened(Duet(parse_address(server.port), "wrong")).identify()
         assert "wrong" not in str(refused.value)
         server.down()
+
+
+def test_duet_that_is_busy_pauses_or_simulates(tmp_path: Path, opened: Opened):
+    server = BoardServer(tmp_path)
+    host, board = opened(Duet(parse_address(server.port))), server.board
+    assert "standalone" in host.identify()  # though its web page answers every other path
+    host.upload("a.gcode", b"G1 X1\n", lambda share: None)
+    host.select("a.gcode")
+    assert host.state("a.gcode").state is HostState.READY
+    board.status = "busy"  # by a macro, behind which a start would wait
+    assert host.state("a.gcode").active_file == "another file"
+    for status in ("pausing", "resuming"):
+        board.status = status
+        with pytest.raises(HostRefused, match=status):
+            host.cancel("a.gcode")
+    board.status, host.begun = "simulating", True
+    assert "nothing moves" in host.state("a.gcode").message
+    board.status, board.last = "idle", {"lastDuration": 5}
+    end = host.ended("a.gcode")
+    assert end is not None
+    assert end.state is HostState.FAILED
+    server.down()
