@@ -8,8 +8,9 @@ line in the time that its moves take. Standalone, ``job.file.fileName`` is there
 file is printed, ``lastFileName`` only while none is (M23 sets it), and ``lastDuration`` alone
 tells a print's end: 0 s but for a complete one. A new process is a board after a reset.
 
-Not modelled: planning ahead, macros and the queue behind them, simulation, heaters, replies by ``rr_reply``, limits of memory and of
-sockets, any other G-code than G1 with F (others take no time).
+Not modelled: planning ahead, macros and the queue behind them, simulation, heaters, replies by
+``rr_reply``, limits of memory and of sockets, any other G-code than G1 with F (others take no
+time).
 """
 
 from __future__ import annotations
