@@ -41,10 +41,6 @@ def speeds_apart(settings: Settings, printer: Printer) -> Iterator[tuple[str, bo
             way = "slower" if slower else "faster"
             text = f"{name} is {reported:g} {unit}, {way} than the profile's {wanted:g} ({key})"
             yield text, slower
-    least = float(settings.get("M203", {}).get("I", printer.min_speed_mm_s))
-    if least > printer.min_speed_mm_s * (1 + _SAME):
-        text = f"the slowest move (M203 I) is {least:g} mm/s, faster than the profile's"
-        yield f"{text} {printer.min_speed_mm_s:g} (min_speed_mm_s)", True
     yield from _advanced_apart(settings.get("M205", {}), printer)
 
 
@@ -328,6 +324,21 @@ def _skew(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
     ]
 
 
+def _slowest(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    """Moves that are done faster than written, a plunger's push above all."""
+    least = float((words or {}).get("I", 0.0))
+    if least <= printer.min_speed_mm_s * (1 + _SAME):
+        return []
+    return [
+        Difference(
+            f"the slowest move (M203 I) is {least:g} mm/s, faster than the profile's "
+            f"{printer.min_speed_mm_s:g} (min_speed_mm_s)",
+            remedy=f"set M203 I{printer.min_speed_mm_s * 60:g} in config.g (mm/min), or say it in "
+            "a copy of the profile and check the job again",
+        )
+    ]
+
+
 def _advance(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
     advance_s = float((words or {}).get("K", printer.advance_s))
     if abs(advance_s - printer.advance_s) <= 0.005:
@@ -341,6 +352,7 @@ def _advance(words: dict[str, str] | None, printer: Printer) -> list[Difference]
 _CHECKS: Final = {
     "M149": _units,
     "M200": _volumes,
+    "M203": _slowest,
     "M206": _home_offset,
     "M420": _levelling,
     "M852": _skew,

@@ -143,10 +143,9 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
         during = [line for line, _ in sets if state[np.searchsorted(switch, line)] != CLOSED]
         hasty = _hasty(run, sets, [line for own, line, _ in opens if own])
         highest = max((kpa for _, kpa in sets), default=0.0)
-        name = f"head {number}: " if printer.heads else ""
-        checks += [
+        found = [
             Check(
-                f"{name}pressure at which its valve opens",
+                "pressure at which its valve opens",
                 wrong[0][1] if wrong else wanted,
                 wanted,
                 "kPa",
@@ -154,17 +153,13 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
                 f"line {wrong[0][0]}" if wrong else "",
                 "set the pressure that the profile writes at (dispenser: pressure_kpa) before it",
             ),
-            Check(
-                f"{name}not at its resting pressure while another head writes, or at the end",
-                len(pressed),
-                0,
-                "",
-                not pressed,
-                f"line {min(pressed)}" if pressed else "",
+            _at_no_line(
+                "not at its resting pressure while another head writes, or at the end",
+                pressed,
                 "set the resting pressure (dispenser: resting_kpa) before it",
             ),
             Check(
-                f"{name}highest pressure set",
+                "highest pressure set",
                 highest,
                 wanted,
                 "kPa",
@@ -172,27 +167,28 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
                 "",
                 "above what the profile writes at (dispenser: pressure_kpa); lower it",
             ),
-            Check(
-                f"{name}pressure set while its valve is open",
-                len(during),
-                0,
-                "",
-                not during,
-                f"line {during[0]}" if during else "",
+            _at_no_line(
+                "pressure set while its valve is open",
+                during,
                 "its flow would change on the way: set it before the valve opens",
             ),
-            Check(
-                f"{name}opened before its pressure has settled",
-                len(hasty),
-                0,
-                "",
-                not hasty,
-                f"line {hasty[0]}" if hasty else "",
-                f"wait {PRESSURE_SETTLES_S:g} s after the pressure is set, else lines begin thin",
-                "warns",
+            replace(
+                _at_no_line(
+                    "opened before its pressure has settled",
+                    hasty,
+                    f"wait {PRESSURE_SETTLES_S:g} s after it is set, else lines begin thin",
+                ),
+                weight="warns",
             ),
         ]
+        name = f"head {number}: " if printer.heads else ""
+        checks += [replace(one, check=name + one.check) for one in found]
     return checks
+
+
+def _at_no_line(name: str, lines: list[int], remedy: str) -> Check:
+    place = f"line {min(lines)}" if lines else ""
+    return Check(name, len(lines), 0, "", not lines, place, remedy)
 
 
 def _hasty(run: DryRun, sets: list[tuple[int, float]], opens: list[int]) -> list[int]:

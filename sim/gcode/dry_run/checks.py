@@ -184,7 +184,10 @@ def _too_slow(program: Program, printer: Printer) -> list[Finding]:
     if family.has_min_speed:
         rate, unit = np.where(moving, program.feed, np.inf), "mm/s"
         least = printer.min_speed_mm_s
-        whose, remedy = "slowest move of its firmware", "lower min_speed_mm_s there and here"
+        whose, remedy = (
+            "slowest move of its firmware",
+            "set M203 I in its config.g, and min_speed_mm_s",
+        )
     else:
         rate, unit = np.full(len(program), np.inf), "steps/s"
         np.divide(events * program.feed, length, out=rate, where=moving)

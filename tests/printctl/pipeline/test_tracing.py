@@ -1,4 +1,4 @@
-"""Which lines wrote what: places of a job's written moves."""
+"""Places at which a job's lines write."""
 
 import numpy as np
 import pytest

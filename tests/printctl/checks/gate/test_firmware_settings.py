@@ -25,5 +25,9 @@ def test_board_whose_limits_would_change_a_line_of_air_is_refused(old, new, word
         return [one.what for one in found if not one.tolerated]
 
     assert not refused(SPEEDS, RAMPS)
+    if "M203 I" in words:  # a plunger's push would be faster, too
+        plunger = load(Printer, "ender5_duet3_replistruder5")
+        (one,) = [one for one in differences({"M203": [SPEEDS]}, plunger) if not one.tolerated]
+        assert "M203 I0.6 in config.g" in one.remedy
     (what,) = refused(SPEEDS.replace(old, new), RAMPS.replace(old, new))
     assert what.startswith(words)

@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.firmware.files import short_curve, short_moves
 from firmware_profiles import Printer, load
+from firmware_profiles.load import shipped
 from sim.gcode.dry_run.run import dry_run
 from tests.sim.transcripts import DATA
 
@@ -68,6 +69,14 @@ def test_a_limit_that_is_broken_is_found(text, code, line, value, limit):
     assert f"{limit:g}" in finding.message
 
 
+@pytest.mark.parametrize("name", shipped(Printer))
+def test_each_shipped_plunger_may_prime_as_slowly_as_a_wide_syringe_needs(name):
+    printer = load(Printer, name)
+    if printer.streamed and not printer.airs:
+        run = dry_run(b"M302 P1\nG1 E0.2 F1.4\n", printer, (10.0, 10.0, 10.0))
+        assert "too_slow" not in codes(run)
+
+
 def test_slowest_move_is_its_firmware_s():
     slow = b"G1 X20 F600\nG1 X21 F24\nG1 X22 F3\n"
 
@@ -79,7 +88,7 @@ def test_slowest_move_is_its_firmware_s():
     assert [(line, limit) for line, limit, _ in too_slow("marlin_avr")] == [(3, 32)]
     assert not too_slow("marlin_avr", max_step_rate_hz=1e5)
     assert not too_slow("klipper_bioprinter")
-    ((line, limit, message),) = too_slow("jubilee_duet3_syringe")
+    ((line, limit, message),) = too_slow("jubilee_duet3_syringe", min_speed_mm_s=0.5)
     assert (line, limit) == (2, 0.5)
     assert "min_speed_mm_s" in message
     ((line, limit, message),) = too_slow("two_valves_duet3", min_speed_mm_s=0.1)
