@@ -171,6 +171,10 @@ _RING, _MOST_OF_RING = 12, 0.75
 """Points around a lumen, and the share of them in the part where it is one of its sections."""
 _ANGLE = 2 * np.pi * np.arange(_RING) / _RING
 _CIRCLE = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], axis=1)
+_BEHIND_WALL = np.array([2.0, 3.0, 4.0])
+"""Voxels from a lumen's wall at which light is looked for in the gel."""
+_SURE_LIGHT = 3.0
+"""Standard errors of the mean there that are no noise."""
 _FREE_WALL = 0.95
 """Less of a wall of its own, and the median of the rays across a section could meet another's."""
 
@@ -362,13 +366,19 @@ def _in_field(segmentation: Segmentation, rim: FloatArray, inside: BoolArray) ->
 
 
 def _reached(segmentation: Segmentation, planes: Planes) -> BoolArray:
-    """Whether light came back from the gel around the designed lumen; always, without light."""
+    """Whether light came back from the gel around the designed lumen; always, without light.
+
+    A voxel's noise, with the floor taken off, has at most that floor as its standard deviation: the
+    mean of many tells far weaker light from none.
+    """
     if segmentation.strength is None:
         return np.ones(len(planes.centre), dtype=np.bool_)
     field, strength = segmentation.field, segmentation.strength
-    margin = 2 * float(field.voxel_mm.max())
-    ring = (planes.radius + margin)[:, None, None] * (_CIRCLE @ planes.across)
-    where = (planes.centre[:, None] + ring - field.origin_mm) / field.voxel_mm
+    margins = _BEHIND_WALL * float(field.voxel_mm.max())
+    reach = (planes.radius[:, None] + margins)[..., None, None]
+    rings = reach * (_CIRCLE @ planes.across)[:, None]
+    where = (planes.centre[:, None, None] + rings - field.origin_mm) / field.voxel_mm
     flat = np.ascontiguousarray(where.reshape(-1, 3))
-    around = sample(strength.signal, flat).reshape(where.shape[:2])
-    return np.asarray(np.nan_to_num(around).mean(axis=1) > strength.noise)
+    around = np.nan_to_num(sample(strength.signal, flat)).reshape(len(planes.centre), -1)
+    error = strength.noise / np.sqrt(around.shape[1])
+    return np.asarray(around.mean(axis=1) > _SURE_LIGHT * error)
