@@ -14,6 +14,7 @@ from kernels import helper_thread, keep_freed_memory
 from kernels.arrays import FloatArray
 from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
 from registration.alignment.distance import ModelSurface
+from registration.alignment.symmetry import moved_vessels
 from registration.alignment.uncertainty import ScanErrors, scan_errors
 from registration.assemble import FitDeviations, RegistrationParts, assemble
 from registration.errors import RegistrationError
@@ -301,7 +302,7 @@ def _laid(case: PreparedScan) -> _Lying:
 
 def _aligned(case: PreparedScan) -> Alignment:
     segmentation, scan = case.segmentation, case.scan
-    return align(
+    alignment = align(
         case.surface,
         segmentation.surface.vertices[segmentation.seen],
         scan.depth_down,
@@ -312,6 +313,11 @@ def _aligned(case: PreparedScan) -> Alignment:
         lumens=case.is_lumen,
         lit=float(segmentation.seen.mean()),
     )
+    rivals = [
+        replace(one, vessels=moved_vessels(case.network, one.matrix)) if one.same else one
+        for one in alignment.rivals
+    ]
+    return replace(alignment, rivals=tuple(rivals))
 
 
 @dataclass(frozen=True)

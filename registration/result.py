@@ -312,6 +312,7 @@ def _rival_dict(rival: AlternativePose) -> dict[str, Any]:
         "same": rival.same,
         "differs_at_mm": np.round(rival.place_mm, 3).tolist(),
         "seen_there": rival.seen,
+        "vessels": list(rival.vessels),
     }
 
 

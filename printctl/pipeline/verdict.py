@@ -79,15 +79,18 @@ def verdict(registration: Record) -> dict[str, Any]:
             text = f"{text}; {throughout[f['vessel']]}"
         of_features.append((f["decision"], text))
     causes = _common_causes(registration, worst_first)
+    pose = _pose(registration)
     others: list[Finding] = [
-        *(_in_this_pose(registration, *one) for one in _flow(registration)),
-        *_pose(registration),
         *_proven(registration, features),
+        *(_in_this_pose(registration, *one) for one in _flow(registration)),
+        *([] if registration["ambiguity"]["flag"] else pose),
         *_unfollowed(registration),
         *_places(registration),
         *_not_judged(registration),
     ]
-    whole = worst_decision(decision for decision, _ in [*of_features, *others])
+    # A doubtful pose comes before all that follows from it.
+    leading = pose if registration["ambiguity"]["flag"] else []
+    whole = worst_decision(decision for decision, _ in [*leading, *of_features, *others])
     return {
         "passed": whole == "pass",
         "undecided": whole == "undecided",
@@ -97,7 +100,11 @@ def verdict(registration: Record) -> dict[str, Any]:
             text
             for decision in _ORDER
             # No table has the others: none of them is left out.
-            for text in [*_some(of_features, decision), *(t for d, t in others if d == decision)]
+            for text in [
+                *(t for d, t in leading if d == decision),
+                *_some(of_features, decision),
+                *(t for d, t in others if d == decision),
+            ]
         ],
     }
 
@@ -129,11 +136,14 @@ def _in_this_pose(registration: Record, decision: Decision, text: str) -> Findin
 def _worth_saying(features: Sequence[Record]) -> list[Record]:
     """What isn't a pass; of a vessel's mean only where its worst section doesn't say as much."""
     sure = [decision_at_sure_pose(f) for f in features]
+    hidden = {f["vessel"] for f in features if f["name"] in ("seen", "gel_like")}
     by_section = {f["vessel"]: f["decision"] for f in sure if f["name"] == "section"}
     return [
         f
         for f, plain in zip(features, sure, strict=True)
         if f["decision"] != "pass"
+        # Where it may be closed says more than that it may be.
+        and not (f["name"] == "open" and f["decision"] == "undecided" and f["vessel"] in hidden)
         and not (
             f["name"] in ("mean", "narrowest")
             and worst_decision([plain["decision"], by_section.get(f["vessel"], "pass")])
@@ -237,14 +247,14 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
     sections = [f for f in features if f["name"] == "section" and f["vessel"] in passing]
     if sections:
         largest = max(sections, key=lambda f: abs(f["value_um"]) / f["designed_um"])
-        text += f"; of their sections the one farthest off: {reason(largest)}"
+        text += f"; largest deviation: {reason(largest)}"
     out: list[Finding] = [("pass", text)]
     if all(row["open"] is True for row in vessels):
         out.append(("pass", f"All {len(vessels)} vessels are open"))
     if not any(f["name"] == "leak" for f in features) and not pose_in_doubt(
         registration["ambiguity"]
     ):  # in doubt none is listed
-        out.append(("pass", "No leak, and no bridge between vessels, was found"))
+        out.append(("pass", "No leak or bridge between vessels found"))
     rms = [f for f in features if f["name"] == "rms" and f["decision"] == "pass"]
     return [*out, *(("pass", reason(f)) for f in rms)]
 
@@ -257,25 +267,24 @@ def _unfollowed(registration: Record) -> list[Finding]:
     where = "; ".join("x {:.1f}, y {:.1f}, z {:.1f}".format(*at) for at in left["at_mm"][:3])
     more = f"; {len(left['at_mm']) - 3} more places" if len(left["at_mm"]) > 3 else ""
     text = (
-        f"{100 * left['share']:.2g} % of the lumens' volume isn't followed by any vessel found in "
-        f"the model (at {where} mm{more}), so neither good nor bad there; give --network to have "
-        "it measured"
+        f"{100 * left['share']:.2g} % of the lumens' volume belongs to no vessel found in the "
+        f"model (at {where} mm{more}), so it wasn't measured; give --network to have it measured"
     )
     return [("undecided", text)]
 
 
 def _not_judged(registration: Record) -> list[Finding]:
-    """Say what no limit was given for, so that a pass isn't read as one of place and shape."""
+    """Name what has no tolerance, so that a pass isn't read as one of position and shape."""
     tolerances = registration["judging"]["tolerances"]
     own = any(key in row for row in tolerances["vessels"] for key in _OF_PLACE)
-    of = "lumens without a limit of their own" if own else "lumens"
+    of = "lumens without a tolerance of their own" if own else "lumens"
     lacking = [
-        *([] if any(k in tolerances for k in _OF_PLACE) else [f"where {of} lie (position_um)"]),
+        *([] if any(k in tolerances for k in _OF_PLACE) else [f"position of {of} (position_um)"]),
         *([] if "face_profile_um" in tolerances else [_outer_faces(registration)]),
     ]
     if not lacking:
         return []
-    return [("pass", f"Not judged, for want of a limit in --tolerance: {'; '.join(lacking)}")]
+    return [("pass", f"Not evaluated (no tolerance set): {'; '.join(lacking)}")]
 
 
 def _outer_faces(registration: Record) -> str:
@@ -284,8 +293,8 @@ def _outer_faces(registration: Record) -> str:
     if faces.get("max_um") is None:
         return "outer faces (face_profile_um)"
     return (
-        f"outer faces (face_profile_um), of which 95 % lie within {faces['p95_um']:.0f} µm and the "
-        f"farthest place is {faces['max_um']:.0f} µm off"
+        f"outer faces (face_profile_um): 95 % within {faces['p95_um']:.0f} µm, largest deviation "
+        f"{faces['max_um']:.0f} µm"
     )
 
 
@@ -297,7 +306,7 @@ def _places(registration: Record) -> list[Finding]:
         return []
     text = "; ".join(_place_words(one) for one in places[:3])
     more = f"; {len(places) - 3} more" if len(places) > 3 else ""
-    return [("pass", f"Away from lumens the print stands out from the design: {text}{more}")]
+    return [("pass", f"Outer faces deviate from the design: {text}{more}")]
 
 
 def _place_words(place: Record) -> str:
@@ -324,16 +333,14 @@ def _flow(registration: Record) -> list[Finding]:
     shift = max(abs(row["share"] - row["designed_share"]) for row in flow["vessels"])
     known = flow if flow.get("pressure_ratio") else {"pressure_ratio": drop / designed}
     needs = (
-        f"the print needs {pressure_words(known)} times the designed "
-        "pressure, and no vessel's share of the flow is off by more than "
-        f"{100 * shift:.1f} % of the whole"
+        f"pressure drop {pressure_words(known)} times the designed one, flow split within "
+        f"{100 * shift:.1f} percentage points of the design"
     )
     unsure = [str(row["vessel"]) for row in registration["vessels"] if row["open"] is None]
     if unsure:
-        which = f"Vessel {unsure[0]} is" if len(unsure) == 1 else f"Vessels {_few(unsure)} are"
-        text = f"{which} neither open nor closed, so whether every vessel is fed isn't known; if so"
-        return [("undecided", f"{text}, {needs}")]
-    return [("pass", f"Every vessel is fed; {needs}")]
+        which = f"vessel {unsure[0]} is" if len(unsure) == 1 else f"vessels {_few(unsure)} are"
+        return [("undecided", f"Perfusion not confirmed; if {which} open: {needs}")]
+    return [("pass", f"Every vessel is perfused; {needs}")]
 
 
 def _few(vessels: Sequence[str]) -> str:
@@ -341,7 +348,38 @@ def _few(vessels: Sequence[str]) -> str:
 
 
 def _pose(registration: Record) -> list[Finding]:
-    if registration["ambiguity"]["flag"]:
-        doubts = registration["ambiguity"].get("doubts") or ["another one fits nearly as well"]
-        return [("undecided", f"The pose is ambiguous: {doubts[0]}")]
-    return [("pass", "The pose is unambiguous")]
+    ambiguity = registration["ambiguity"]
+    if not ambiguity["flag"]:
+        return [("pass", "The pose is unambiguous")]
+    symmetry = registration["judging"].get("symmetry")
+    if symmetry and not pose_in_doubt(ambiguity):
+        return [_same_in(registration, symmetry)]
+    doubts = ambiguity.get("doubts") or ["another one fits nearly as well"]
+    return [("undecided", f"The pose is ambiguous: {doubts[0]}")]
+
+
+def _same_in(registration: Record, symmetry: Record) -> Finding:
+    """Say that the design is the same in several poses, and whether the verdict is."""
+    motions = " or ".join(symmetry["motions"][:3])
+    swaps = " and ".join(_vessels(one) for one in symmetry["vessels"][:3])
+    same = f"The design is the same after {motions}"
+    if symmetry["agree"]:
+        which = f" ({swaps} can't be told apart)" if swaps else ""
+        return ("pass", f"{same}; the verdict holds in each of these poses{which}")
+    rows = {int(row["vessel"]): row for row in registration["vessels"]}
+    of = [rows[v] for one in symmetry["vessels"] for v in one]
+    sizes = sorted({round(float(row["designed_um"])) for row in of})
+    differ = (
+        f"they are designed {' and '.join(map(str, sizes))} µm wide"
+        if len(sizes) > 1
+        else "their tolerances differ"
+    )
+    return (
+        "undecided",
+        f"{same}, so {swaps} can't be told apart, but {differ}, and the verdict depends on which "
+        "is which; add a mark that the scan shows, such as a short blind channel at one end",
+    )
+
+
+def _vessels(numbers: Sequence[int]) -> str:
+    return f"vessels {', '.join(map(str, numbers[:-1]))} and {numbers[-1]}"

@@ -125,7 +125,7 @@ def align(
     sure = fit_errors(surface, many[kept], scaled, freedom, shared, lumens=lumens)
     doubts = (
         *rival_doubts(choice.rivals, options.ambiguous_below),
-        *loose_freedoms(sure.covariance[:6, :6], surface.bounds),
+        *loose_freedoms(sure.covariance[:6, :6], surface),
         *misfits(surface, many, scaled, blur_mm),
     )
     depth_axis = int(np.abs(scaled.rotation[:, 2]).argmax())

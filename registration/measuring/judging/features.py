@@ -62,8 +62,9 @@ class Feature:
         ``shade``: of ``leak``, where gel in a shadow would look alike; undecided. ``faint``: of
         ``leak``, where so much gel is left that it may be a crack; undecided. ``axis``: of
         ``leak``, where the axis may not follow its lumen; undecided. ``pose``: a fail
-        if the pose, which is in doubt, is right; undecided. ``no limit``: of ``offset``, far aside
-        where nobody has said what is allowed; undecided.
+        if the pose, which is in doubt, is right; undecided. ``symmetry``: not a pass if the part
+        lay so that this is ``as_vessel``, where the design is the same; undecided. ``no limit``: of
+        ``offset``, far aside where nobody has said what is allowed; undecided.
     words, of : str
         Of a zone: which characteristic, of which feature.
     interval_um : (low, high), µm
@@ -85,7 +86,7 @@ class Feature:
     limit: str = ""
     unseen_mm: Sequence[Sequence[float]] = ()
     other: int | None = None
-    doubt: Literal["", "shade", "faint", "axis", "pose", "no limit"] = ""
+    doubt: Literal["", "shade", "faint", "axis", "pose", "symmetry", "no limit"] = ""
     words: str = ""
     of: str = ""
     interval_um: Sequence[float] = ()
