@@ -83,13 +83,13 @@ def verdict(registration: Record) -> dict[str, Any]:
     others: list[Finding] = [
         *_proven(registration, features),
         *(_in_this_pose(registration, *one) for one in _flow(registration)),
-        *([] if registration["ambiguity"]["flag"] else pose),
+        *(one for one in pose if one[0] == "pass"),
         *_unfollowed(registration),
         *_places(registration),
         *_not_judged(registration),
     ]
     # A doubtful pose comes before all that follows from it.
-    leading = pose if registration["ambiguity"]["flag"] else []
+    leading = [one for one in pose if one[0] != "pass"]
     whole = worst_decision(decision for decision, _ in [*leading, *of_features, *others])
     return {
         "passed": whole == "pass",
@@ -250,7 +250,8 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
         text += f"; largest deviation: {reason(largest)}"
     out: list[Finding] = [("pass", text)]
     if all(row["open"] is True for row in vessels):
-        out.append(("pass", f"All {len(vessels)} vessels are open"))
+        many = f"All {len(vessels)} vessels are" if len(vessels) > 1 else "The vessel is"
+        out.append(("pass", f"{many} open"))
     if not any(f["name"] == "leak" for f in features) and not pose_in_doubt(
         registration["ambiguity"]
     ):  # in doubt none is listed
@@ -332,10 +333,9 @@ def _flow(registration: Record) -> list[Finding]:
         return []
     shift = max(abs(row["share"] - row["designed_share"]) for row in flow["vessels"])
     known = flow if flow.get("pressure_ratio") else {"pressure_ratio": drop / designed}
-    needs = (
-        f"pressure drop {pressure_words(known)} times the designed one, flow split within "
-        f"{100 * shift:.1f} percentage points of the design"
-    )
+    needs = f"pressure drop {pressure_words(known)} times the designed one"
+    if len(flow["vessels"]) > 1:
+        needs += f", flow split within {100 * shift:.1f} percentage points of the design"
     unsure = [str(row["vessel"]) for row in registration["vessels"] if row["open"] is None]
     if unsure:
         which = f"vessel {unsure[0]} is" if len(unsure) == 1 else f"vessels {_few(unsure)} are"
@@ -360,12 +360,13 @@ def _pose(registration: Record) -> list[Finding]:
 
 def _same_in(registration: Record, symmetry: Record) -> Finding:
     """Say that the design is the same in several poses, and whether the verdict is."""
-    motions = " or ".join(symmetry["motions"][:3])
+    *most, last = symmetry["motions"][:3]
+    motions = f"{', '.join(most)} or {last}" if most else last
     swaps = " and ".join(_vessels(one) for one in symmetry["vessels"][:3])
     same = f"The design is the same after {motions}"
     if symmetry["agree"]:
         which = f" ({swaps} can't be told apart)" if swaps else ""
-        return ("pass", f"{same}; the verdict holds in each of these poses{which}")
+        return ("pass", f"{same}{which}; the verdict holds whichever way it lay")
     rows = {int(row["vessel"]): row for row in registration["vessels"]}
     of = [rows[v] for one in symmetry["vessels"] for v in one]
     sizes = sorted({round(float(row["designed_um"])) for row in of})
@@ -377,7 +378,8 @@ def _same_in(registration: Record, symmetry: Record) -> Finding:
     return (
         "undecided",
         f"{same}, so {swaps} can't be told apart, but {differ}, and the verdict depends on which "
-        "is which; add a mark that the scan shows, such as a short blind channel at one end",
+        "is which; add a mark that the scan shows: a dimple in an outer face, or a short blind "
+        "channel where lumens alone are scanned",
     )
 
 
