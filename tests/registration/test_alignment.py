@@ -231,7 +231,7 @@ def test_a_piece_that_may_be_slid_says_along_which_axis() -> None:
     points = points[(points[:, 0] > 3.5) & (points[:, 0] < 7.0)]
     found, _ = aligned(part, points, tilted(UPRIGHT, 4))
     assert found.ambiguous
-    assert any("its place along x" in doubt for doubt in found.doubts)
+    assert any("its position along x" in doubt for doubt in found.doubts)
 
 
 @pytest.mark.slow
