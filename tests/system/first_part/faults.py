@@ -198,7 +198,7 @@ def _wrong_voxel(part: Part, folder: Path) -> program.Outcome:
     if not scan.is_file():
         return made
     with tifffile.TiffFile(scan) as file:
-        volume, facts = file.asarray(), json.loads(file.pages[0].description)  # type: ignore[union-attr]
+        volume, facts = file.asarray(), json.loads(file.pages[0].description)
     facts["voxel_mm"] = [1.25 * one for one in facts["voxel_mm"]]
     wrong = folder / "wrong.tif"
     tifffile.imwrite(
@@ -244,7 +244,8 @@ FAULTS = (
     Fault(
         "coarse_scan",
         _coarse_scan,
-        r"voxels? of at most|too coarse|(?:finer|smaller) voxels|voxels?[^\n]{0,40}too (?:large|big)",
+        r"voxels? of at most|too coarse|(?:finer|smaller) voxels"
+        r"|voxels?[^\n]{0,40}too (?:large|big)",
     ),
 )
 

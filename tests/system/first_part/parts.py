@@ -225,7 +225,7 @@ def _own_network(
     rows = [
         (*(round(float(v), 4) for v in p), round(float(r), 3), parent) for p, r, parent in nodes
     ]
-    return rows if _clear(rows, mesh, style.wall_mm, beyond) else None  # type: ignore[arg-type, return-value]
+    return rows if _clear(rows, mesh, style.wall_mm, beyond) else None
 
 
 def _straight(rng: np.random.Generator, mesh: trimesh.Trimesh, style: Style, beyond: float) -> Any:

@@ -33,8 +33,8 @@ SECTIONS = {
 
 SECTION_OF = {key: section for section, keys in SECTIONS.items() for key in keys}
 NUMBER = r"[-+−]?\d+(?:\.\d+)?"
-VALUE = rf"(\[[^\]]*\]|\{{[^}}]*\}}|{NUMBER}(?:\s*,\s*{NUMBER})*|[a-z][a-z0-9_]*)"
-FILLERS = r"(?:\s+(?:to|of|is|at|least|most|about|or|more|be|say|like))*"
+FILLER = r"(?:to|of|is|at|least|most|about|or|more|be|say|like|and|by|in|on|for)\b"
+VALUE = rf"(\[[^\]]*\]|\{{[^}}]*\}}|{NUMBER}(?:\s*,\s*{NUMBER})*|(?!{FILLER})[a-z][a-z0-9_]*)"
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,16 @@ class Remedy:
 
 
 def proposed(text: str) -> list[Remedy]:
-    """Return all remedies in a message, each one alone; none where only vague words stand."""
+    """Return all remedies in a message, each one alone and all together."""
     found: dict[str, Remedy] = {}
+    for match in re.finditer(rf"\b({'|'.join(SECTIONS)}): (\{{[^}}]*\}})", text):
+        keys = _value(match.group(2))
+        if isinstance(keys, dict):
+            found[match.group(0)] = Remedy(match.group(0), _merge(match.group(1), keys))
+            text = text.replace(match.group(0), "")
     for key, section in SECTION_OF.items():
-        pattern = (
-            rf"(?<![\w.])(?:{section}[.:]\s*\{{?)?{key}(?![\w])`?\s*[:=]?{FILLERS}\s*`?{VALUE}"
-        )
+        name = rf"(?<![\w.])(?:{section}[.:]\s*\{{?)?{key}(?![\w])`?"
+        pattern = rf"{name}(?:\s*[:=])?(?:\s+{FILLER})*\s*`?{VALUE}"
         for match in re.finditer(pattern, text):
             value = _value(match.group(1))
             explicit = re.search(rf"{key}`?\s*[:=]", match.group(0)) is not None
@@ -68,7 +72,16 @@ def proposed(text: str) -> list[Remedy]:
         vague = re.search(pattern, text)
         if vague:
             found[vague.group(0)] = Remedy(vague.group(0), change(vague))
-    return list(found.values())
+    single = list(found.values())
+    return single if len(single) < 2 else [*single, _together(single)]
+
+
+def _together(remedies: list[Remedy]) -> Remedy:
+    def change(recipe: Recipe) -> None:
+        for one in remedies:
+            one.change(recipe)
+
+    return Remedy("all together", change)
 
 
 def _value(text: str) -> Any:
@@ -79,6 +92,10 @@ def _value(text: str) -> Any:
         return yaml.safe_load(text)
     except yaml.YAMLError:
         return None
+
+
+def _merge(section: str, keys: Recipe) -> Callable[[Recipe], None]:
+    return lambda recipe: recipe.setdefault(section, {}).update(keys)
 
 
 def _set(section: str, key: str, value: Any) -> Callable[[Recipe], None]:
