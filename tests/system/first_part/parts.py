@@ -23,6 +23,9 @@ MAX_TRIES = 200
 LARGE_MM = 25.0
 """Larger parts get wider lumens and coarser micro-CT."""
 
+CELLS_PER_TERMINAL = 40
+"""Room of a terminal and its trunk, in cubes of lumen and wall."""
+
 
 @dataclass(frozen=True)
 class Style:
@@ -199,13 +202,16 @@ def _grown(
     rng: np.random.Generator, seed: int, index: int, shape: str, mesh: trimesh.Trimesh,
     style: Style, vessels: str, small: bool,
 ) -> Part:  # fmt: skip
+    smallest = style.lumen_mm[0] if mesh.extents.max() <= LARGE_MM else 0.6
     most = 5 if small else 10 if style.method == "fresh" else 30
     if vessels == "loop":
         most = min(most, 6)
+    room = CELLS_PER_TERMINAL * (smallest + style.wall_mm) ** 3
+    most = int(np.clip(mesh.volume / room, 2, most))
     grow: dict[str, Any] = {
         "grow": "tree" if vessels == "tree" else "closed_loop",
-        "terminals": int(rng.integers(4, most + 1)),
-        "smallest_diameter_mm": style.lumen_mm[0] if mesh.extents.max() <= LARGE_MM else 0.6,
+        "terminals": int(rng.integers(min(most, 4), most + 1)),
+        "smallest_diameter_mm": smallest,
     }
     if style.method == "fresh":
         grow["clearance_mm"] = style.wall_mm  # two lines

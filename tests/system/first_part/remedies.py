@@ -125,6 +125,18 @@ VAGUE: tuple[tuple[str, Callable[[re.Match[str]], Callable[[Recipe], None]]], ..
     (r"[Ff]iner lines", lambda _: _scaled("toolpath", "line_um", 0.8, 150)),
     (r"[Ww]ider lumens", lambda _: _scaled("vasculature", "smallest_diameter_mm", 1.3, 0.4)),
     (
+        r"only (\d+) of \d+ terminals(?=[^\n]*fewer)",
+        lambda m: _set("vasculature", "terminals", int(m.group(1))),
+    ),
+    (
+        r"[Ss]maller `?smallest_diameter_mm",
+        lambda _: _scaled("vasculature", "smallest_diameter_mm", 0.8, 0.4),
+    ),
+    (
+        r"[Ss]maller `?clearance(?:_mm)?",
+        lambda _: _scaled("vasculature", "clearance_mm", 0.7, 0.1),
+    ),
+    (
         r"voxels? of (?:at most )?(\d+(?:\.\d+)?) ?(?:µm|um)(?! make one)",
         lambda m: _set("scan", "voxel_um", float(m.group(1))),
     ),

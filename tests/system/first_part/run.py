@@ -11,6 +11,7 @@ import sys
 import time
 import traceback
 from collections import Counter
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first part")
     parser.add_argument("--faults", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--small", action="store_true", help="parts of a few CPU seconds")
     parser.add_argument("--keep", action="store_true", help="keep scans and other large files")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
@@ -36,15 +38,14 @@ def main() -> None:
         (row["seed"], row["index"], row["fault"]): row
         for row in map(json.loads, path.read_text().splitlines() if path.is_file() else [])
     }
-    wanted: list[tuple[int, int, str]] = [
-        (given.seed, k, "") for k in range(given.first, given.first + given.parts)
-    ]
-    wanted += [(given.seed, k, FAULTS[k % len(FAULTS)].name) for k in range(given.faults)]
+    parts = [(given.seed, k, "") for k in range(given.first, given.first + given.parts)]
+    planted = [(given.seed, k, FAULTS[k % len(FAULTS)].name) for k in range(given.faults)]
+    wanted = [one for pair in zip_longest(parts, planted) for one in pair if one]
     rows = []
     for seed, index, fault in wanted:
         row = done.get((seed, index, fault))
         if row is None:
-            row = case(seed, index, fault, given.out)
+            row = case(seed, index, fault, given.out, given.small)
             with path.open("a") as file:
                 file.write(json.dumps(row) + "\n")
             print(json.dumps(row), flush=True)
