@@ -157,6 +157,13 @@ def filaments(strokes: Strokes, shift_mm: Iterable[float]) -> Deposit:
     return _indexed(strokes, np.zeros(len(length)), radius, np.array(list(shift_mm)), 0.0)
 
 
+def capsules(start: Array, end: Array, radius: Array) -> Deposit:
+    """Return round pieces of given radii between places."""
+    length = np.linalg.norm(end - start, axis=1)
+    strokes = Strokes(start, end, np.pi * radius**2 * length, np.arange(len(start)))
+    return filaments(strokes, (0, 0, 0))
+
+
 def layers(strokes: Strokes, shift_mm: Iterable[float], height_mm: float) -> Deposit:
     """Return lines with round sides, hung below the tip, of area (w - h) h + pi h^2 / 4."""
     length = np.linalg.norm(strokes.end - strokes.start, axis=1)
