@@ -80,7 +80,8 @@ def draw(seed: int, index: int, small: bool = False) -> Part:
     for attempt in range(MAX_TRIES):
         if attempt == MAX_TRIES // 2:
             vessels = "straight"  # the simplest network fits anywhere
-        style = EMBEDDED if method == "embedded" else FINE if rng.random() < 0.75 else COARSE
+        fine = rng.random() < 0.75 or small
+        style = EMBEDDED if method == "embedded" else FINE if fine else COARSE
         mesh = _body(rng, shape, style, small)
         if vessels in ("tree", "loop"):
             return _grown(rng, seed, index, shape, mesh, style, vessels, small)
@@ -105,7 +106,7 @@ def _body(rng: np.random.Generator, shape: str, style: Style, small: bool) -> tr
         longest = grow * (rng.uniform(5.2, 6.0) if small else rng.uniform(5.2, 11))
         size = longest * np.array([1.0, rng.uniform(0.55, 0.9), rng.uniform(0.4, 0.7)])
         size = np.maximum(size, grow * np.array([5.2, 3.6, 2.4]))
-        most = grow**3 * (60.0 if small else 120.0)
+        most = grow**3 * (45.0 if small else 120.0)
         excess = (size.prod() / most) ** 0.5
         if excess > 1:  # shorter and flatter, not narrower than its lumens need
             size[1:] = np.maximum(size[1:] / excess, grow * np.array([3.6, 2.4]))

@@ -21,7 +21,7 @@ from tests.system.first_part.truth import Vessel, read_network
 
 ROOT = Path(__file__).resolve().parents[3]
 SHIPPED = ROOT / "firmware_profiles" / "data"
-TIME_LIMIT_S = 900
+TIME_LIMIT_S = 1800
 LARGE_FILES = ("*.tif", "*.ply", "*.vtp", "*.npz", "*.nrrd", "predicted_*", "*.html", "*.png")
 
 

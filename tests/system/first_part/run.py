@@ -29,6 +29,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first part")
     parser.add_argument("--faults", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--fault", action="append", help="only this one; again for more")
     parser.add_argument("--small", action="store_true", help="parts of a few CPU seconds")
     parser.add_argument("--keep", action="store_true", help="keep scans and other large files")
     given = parser.parse_args()
@@ -40,6 +41,8 @@ def main() -> None:
     }
     parts = [(given.seed, k, "") for k in range(given.first, given.first + given.parts)]
     planted = [(given.seed, k, FAULTS[k % len(FAULTS)].name) for k in range(given.faults)]
+    if given.fault:
+        planted = [one for one in planted if one[2] in given.fault]
     wanted = [one for pair in zip_longest(parts, planted) for one in pair if one]
     rows = []
     for seed, index, fault in wanted:
