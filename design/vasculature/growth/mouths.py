@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -78,21 +78,61 @@ def find_mouths(
         In which the vessel enters; the inward normal by default.
     """
     for views in (VIEWS[:1], VIEWS[1:5], VIEWS[5:]):
-        seen = [_seen(tissue, axis, side) for axis, side in views]
-        point = np.concatenate([one for one, _ in seen])
-        normal = np.concatenate([one for _, one in seen])
-        if direction is not None:
-            enters = normal @ direction <= -MOUTHS.least_facing
-            point, normal = point[enters], normal[enters]
-        if not len(point):
-            continue
-        ahead = _depth_ahead(tissue, point, -normal if direction is None else direction, reach_mm)
-        for degrees in MOUTHS.face_degrees:
-            room = face_room(tissue, point, normal, MOUTHS.comfort * reach_mm, degrees)
-            fit = np.flatnonzero((room >= reach_mm) & (ahead >= reach_mm))
-            ease = np.minimum(room, ahead)[fit] / reach_mm
-            for n in fit[_best_first(point[fit], ease, tissue)][: MOUTHS.tries]:
-                yield Mouth(point[n], -normal[n], float(room[n]))
+        for found in _fit_mouths(tissue, reach_mm, direction, views):
+            first = _best_first(found, tissue)[: MOUTHS.tries]
+            yield from (found.mouth(n) for n in first)
+
+
+def far_mouths(
+    tissue: Tissue, reach_mm: float, direction: FloatArray | None, taken: FloatArray
+) -> Iterator[Mouth]:
+    """Yield such places by their distance from points ``taken`` (k, 3), mm, the farthest first.
+
+    Places with plenty of room come first, and those that are only seen from below last.
+    """
+    for views in (VIEWS[:5], VIEWS[5:]):
+        for found in _fit_mouths(tissue, reach_mm, direction, views):
+            away = np.linalg.norm(found.point[:, None] - taken[None], axis=2).min(axis=1)
+            ample = found.ease >= MOUTHS.comfort
+            first = np.lexsort([-np.round(away, 6), ~ample])[: MOUTHS.tries]
+            yield from (found.mouth(n) for n in first)
+
+
+class _Fit(NamedTuple):
+    """Places that fit: (n, 3) points and outward normals, room, mm, and how easily they fit."""
+
+    point: FloatArray
+    normal: FloatArray
+    room: FloatArray
+    ease: FloatArray
+
+    def mouth(self, n: int) -> Mouth:
+        return Mouth(self.point[n], -self.normal[n], float(self.room[n]))
+
+
+def _fit_mouths(
+    tissue: Tissue,
+    reach: float,
+    direction: FloatArray | None,
+    views: Sequence[tuple[int, int]],
+) -> Iterator[_Fit]:
+    """Places that fit among those seen in some views: in flat faces, then in more bent ones."""
+    seen = [_seen(tissue, axis, side) for axis, side in views]
+    point = np.concatenate([one for one, _ in seen])
+    normal = np.concatenate([one for _, one in seen])
+    if direction is not None:
+        enters = normal @ direction <= -MOUTHS.least_facing
+        point, normal = point[enters], normal[enters]
+    if not len(point):
+        return
+    inward = -normal if direction is None else direction
+    ahead = _depth_ahead(tissue, point, inward, MOUTHS.comfort * reach)
+    for degrees in MOUTHS.face_degrees:
+        room = face_room(tissue, point, normal, MOUTHS.comfort * reach, degrees)
+        ease = np.minimum(room, ahead) / reach
+        fit = ease >= 1.0
+        if fit.any():
+            yield _Fit(point[fit], normal[fit], room[fit], ease[fit])
 
 
 def face_room(
@@ -194,24 +234,22 @@ def _normals(corner: FloatArray) -> FloatArray:
 
 
 def _depth_ahead(
-    tissue: Tissue, point: FloatArray, inward: FloatArray, reach_mm: float
+    tissue: Tissue, point: FloatArray, inward: FloatArray, most_mm: float
 ) -> FloatArray:
-    """Largest depth on the way in before it leaves the tissue, (n,), mm, as far as it matters."""
-    most = MOUTHS.comfort * reach_mm
-    along = np.linspace(0.0, 2.0 * most, MOUTHS.depth_steps + 1)[1:, None]
+    """Largest depth on the way in before it leaves the tissue, (n,), mm; at most ``most_mm``."""
+    along = np.linspace(0.0, 2.0 * most_mm, MOUTHS.depth_steps + 1)[1:, None]
     line = point[:, None] + along * np.broadcast_to(inward, point.shape)[:, None]
     depth = -tissue.grid.distance(line.reshape(-1, 3)).reshape(line.shape[:2])
     stays = np.logical_and.accumulate(depth > 0, axis=1)
-    ahead: FloatArray = np.minimum(np.where(stays, depth, 0.0).max(axis=1), most)
+    ahead: FloatArray = np.minimum(np.where(stays, depth, 0.0).max(axis=1), most_mm)
     return ahead
 
 
-def _best_first(point: FloatArray, ease: FloatArray, tissue: Tissue) -> NDArray[np.int64]:
+def _best_first(found: _Fit, tissue: Tissue) -> NDArray[np.int64]:
     """Order of places: the easiest, of these the highest, of these the nearest to their middle."""
-    if not len(point):
-        return np.empty(0, dtype=np.int64)
     grain = 1e-6 * float(np.ptp(tissue.bounds))
-    ease, height = np.round(ease, 1), np.round(point[:, 2] / grain)
-    level = (ease == ease.max()) & (height == height[ease == ease.max()].max())
-    away = np.linalg.norm(point - point[level].mean(axis=0), axis=1)
+    ease, height = np.round(found.ease, 1), np.round(found.point[:, 2] / grain)
+    level = ease == ease.max()
+    level &= height == height[level].max()
+    away = np.linalg.norm(found.point - found.point[level].mean(axis=0), axis=1)
     return np.lexsort([np.round(away / grain), -height, -ease])

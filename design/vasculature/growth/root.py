@@ -39,6 +39,9 @@ class StemSettings(NamedTuple):
     mouth_factor: float = 2.0
     """Length of a trunk's mouth at most, over its radius and wall: of one that enters at 30
     degrees to the face."""
+    guess_margin: float = 1.25
+    """Room for a trunk over its radius as predicted from the pressure drop: trees of 200 to 1000
+    terminals in the shipped shapes became up to 1.1 times as wide."""
     max_steps: int = 1000
     """Samples along each straight tried for the vessel of a tree with one terminal."""
 
@@ -84,15 +87,27 @@ def stem(
         point = np.array(options.root_point_mm, dtype=np.float64)
         direction = -_outward(tissue, point) if direction is None else direction
         return _stem_from(tissue, options, root_radius, wall_mm, point, direction)
-    for mouth in find_mouths(tissue, root_radius + wall_mm, direction):
-        way = mouth.inward if direction is None else direction
-        with suppress(RootError):
-            return _stem_from(tissue, options, root_radius, wall_mm, mouth.point, way)
+    for reach in mouth_reaches(options, root_radius, wall_mm):
+        for mouth in find_mouths(tissue, reach, direction):
+            way = mouth.inward if direction is None else direction
+            with suppress(RootError):
+                return _stem_from(tissue, options, root_radius, wall_mm, mouth.point, way)
     raise RootError(
         f"no face of the tissue has room for a trunk of {2 * root_radius:.3g} mm with walls of "
         f"{wall_mm:.3g} mm; choose a root (root_mm, root_direction), fewer terminals, a smaller "
         "smallest_diameter_mm or clearance_mm"
     )
+
+
+def mouth_reaches(options: GrowthOptions, radius: float, wall_mm: float) -> tuple[float, ...]:
+    """Least distances of a mouth from every edge, in the order in which they are tried, mm.
+
+    A radius that follows from the smallest one is the largest that the trunk gets; one that follows
+    from the pressure drop is a guess, and may turn out larger.
+    """
+    if options.smallest_radius_mm is not None:
+        return (radius + wall_mm,)
+    return (STEM.guess_margin * radius + wall_mm, radius + wall_mm)
 
 
 def _stem_from(
@@ -192,10 +207,10 @@ def has_default_root(options: GrowthOptions) -> bool:
 
 def default_root_note(begin: FloatArray, end: FloatArray, what: str = "root") -> str:
     """Where a root was put that nobody named."""
-    way = (end - begin) / np.linalg.norm(end - begin)
+    way = np.round((end - begin) / np.linalg.norm(end - begin), 2) + 0.0
     return (
-        "{} placed at ({:.4g}, {:.4g}, {:.4g}) mm, pointing along ({:.2g}, {:.2g}, {:.2g}); "
-        "set root_mm to enter elsewhere".format(what, *begin, *(way + 0.0))
+        "{} placed at ({:g}, {:g}, {:g}) mm, pointing along ({:g}, {:g}, {:g}); "
+        "set root_mm to enter elsewhere".format(what, *(np.round(begin, 2) + 0.0), *way)
     )
 
 
@@ -539,7 +554,7 @@ def grow_from_deep_root(
     place = "at the highest point" if options.root_at_top else "in the face on top"
     trouble = f"no trunk fits {place}"
     if isinstance(why, NoRoomError):
-        trouble = f"of a root {place} only {why.placed} terminals fit"
+        trouble = f"from a root {place} only {why.placed} terminals fit"
     roots = deep_roots(tissue, count, options.seed, reach_mm=reach_mm)
     for point, way in zip(*roots, strict=True):
         try:
