@@ -290,9 +290,11 @@ class GrownNetwork(Growth):
 
     @model_validator(mode="after")
     def _keys_fit(self) -> GrownNetwork:
-        for key in ("trunk", "stages", "terminal_points", "root"):
+        for key in ("trunk", "stages", "terminal_points"):
             if self.printable and getattr(self, key):
                 raise ValueError(f"printable doesn't go with {key} yet; give one of the two")
+        if self.printable and self.root == "search":
+            raise ValueError("printable doesn't go with root: search yet; give one of the two")
         others = ("printable", "trunk", "stages", "terminal_points", "root", "root_mm")
         for key in (*others, "inlets"):
             if self.anatomy is not None and getattr(self, key):

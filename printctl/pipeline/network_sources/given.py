@@ -74,7 +74,8 @@ def cut_note(cut: Sequence[CutEnd]) -> tuple[str, ...]:
     if not cut:
         return ()
     named = [
-        f"vessel {one.vessel} by {one.length_mm:.2g} mm at {_text(one.at_mm)} mm" for one in cut
+        f"vessel {one.vessel} by {one.length_mm:.2g} mm at {_text(np.round(one.at_mm, 3) + 0.0)} mm"
+        for one in cut
     ]
     return (
         f"vessel ends outside the part were cut off at its surface ({len(cut)}): "
