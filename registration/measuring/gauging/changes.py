@@ -161,6 +161,8 @@ _MAD_WORTH = 0.37
 """... and how many sections' worth of a standard deviation each section is in it."""
 _LAG = 3
 """Sections between differences: averages of three share none, and a blur reaches less far."""
+LEAST_SCATTER_MM = 1e-4
+"""Designed walls are known to so much (`gauging.designed`): a scan without noise isn't surer."""
 _QUARTER = 0.6745
 """Quartile of normal noise, standard deviations."""
 
@@ -327,7 +329,7 @@ def _scores(values: list[FloatArray], count: NDArray[np.int64]) -> list[FloatArr
     ]
     known = [ratio for ratio in less if np.isfinite(ratio)]
     ratio = max(float(np.median(known)), 3**-0.5) if known else 1.0
-    noise = np.maximum(ratio * _scatter(values, count), 1e-9)
+    noise = np.maximum(ratio * _scatter(values, count), LEAST_SCATTER_MM)
     return [mean / k for mean, k in zip(means, noise, strict=True)]
 
 
