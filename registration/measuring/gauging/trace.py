@@ -258,9 +258,9 @@ class VesselTrace:
 
         Twice the network's radius where the design has no wall to measure.
         """
-        met = np.isfinite(self.wall)
+        met: BoolArray = np.isfinite(self.wall)
         if self.short:
-            known = np.where(met.any(axis=1)[:, None], self.wall, self.radius[:, None])
+            known = np.where(met.any(axis=1, keepdims=True), self.wall, self.radius[:, None])
             return np.asarray(2 * np.nanmedian(known, axis=1))
         squares = np.where(met, self.wall, 0.0) ** 2
         mean = np.sqrt(squares.sum(axis=1) / np.maximum(met.sum(axis=1), 1))
