@@ -27,6 +27,7 @@ from registration.measuring.gauging import (
     gauge_vessels,
     liquid_level,
     trace_vessels,
+    with_designed_walls,
     with_interval,
     with_mouths,
     with_own_levels,
@@ -117,6 +118,7 @@ def inspect(case: Inspection) -> Findings:
     field, fit = case.segmentation.field, case.alignment.scaled
     part = None if case.model_is_lumen else case.surface
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm, part)
+    traces = with_designed_walls(traces, fit, case.surface, case.model_is_lumen)
     traces = with_mouths(traces, case.segmentation, fit, part)
     traces, errors, wall_mm = with_told_walls(traces, case.segmentation, case.errors)
     margin = _margin(case)

@@ -11,7 +11,14 @@ from design.network import VesselNetwork
 from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
-from registration.measuring.gauging.sections import Planes, Sections, cut_sections, partial_noise
+from registration.measuring.gauging.sections import (
+    LEAST_MET,
+    RAYS,
+    Planes,
+    Sections,
+    cut_sections,
+    partial_noise,
+)
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import sample
 
@@ -213,6 +220,8 @@ class VesselTrace:
         No station lies clear; diameters are twice the median ray's.
     gel_like : (n,) bool
         Not seen, for something brightens the core of the lumen (`gauging.gel_like`).
+    wall : (n, `RAYS`) float64, mm
+        Designed wall from the axis, along the same rays as the sections'; NaN where there is none.
     level_u : float, mm
         Standard uncertainty of its diameters by thin gel beside them (`gauging.own_levels`).
     """
@@ -231,6 +240,7 @@ class VesselTrace:
     to_end: FloatArray
     short: bool
     gel_like: BoolArray
+    wall: FloatArray
     level_u: float = 0.0
 
     @property
@@ -245,6 +255,20 @@ class VesselTrace:
         if self.short:
             measured = np.where(self.sections.open, self.sections.median, 0.0)
         return np.where(self.counted, measured, np.nan)
+
+    @property
+    def designed(self) -> FloatArray:
+        """Designed at each station, (n,), mm, measured like `diameter`: of the designed wall.
+
+        Twice the network's radius where the design has no wall to measure.
+        """
+        met: BoolArray = np.isfinite(self.wall)
+        if self.short:
+            known = np.where(met.any(axis=1, keepdims=True), self.wall, self.radius[:, None])
+            return np.asarray(2 * np.nanmedian(known, axis=1))
+        squares = np.where(met, self.wall, 0.0) ** 2
+        mean = np.sqrt(squares.sum(axis=1) / np.maximum(met.sum(axis=1), 1))
+        return np.where(met.mean(axis=1) >= LEAST_MET, 2 * mean, 2 * self.radius)
 
 
 def trace_vessels(
@@ -333,7 +357,7 @@ def _trace(
         counted = seen & own & (sections.closed_outline | ~sections.open)
     return VesselTrace(
         vessel, length, along, centre, radius, planes, sections, seen, apart, counted, own, to_end,
-        short, np.zeros(len(along), dtype=np.bool_),
+        short, np.zeros(len(along), dtype=np.bool_), np.tile(radius[:, None], (1, RAYS)),
     )  # fmt: skip
 
 
