@@ -42,7 +42,7 @@ from registration.measuring.geometry import (
     outer_faces,
 )
 from registration.measuring.geometry.faces import POINTS, RIM_BLURS, RIM_MM
-from registration.measuring.topology import agreement
+from registration.measuring.topology import Landed, agreement
 from registration.options import RegistrationOptions, segmentation_options
 from registration.result import RegistrationReport
 from registration.scan import Scan
@@ -251,6 +251,7 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
     return RegistrationParts(
         segmentation,
         _doubted(case, lying.alignment, measured.cross_um.result()),
+        np.ptp(case.surface.bounds, axis=0),
         case.is_lumen,
         measured.cross_um.result(),
         measured.spread,
@@ -262,7 +263,16 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
         _characterised(case, lying, findings),
         case.errors,
         _gel_at(case, lying.alignment.scaled, evidence.result()),
-        agreement(case.surface, case.network, segmentation, lying.alignment.scaled, case.is_lumen),
+        agreement(
+            Landed(
+                case.surface,
+                case.network,
+                segmentation,
+                evidence.result(),
+                lying.alignment.scaled,
+                case.is_lumen,
+            )
+        ),
     )
 
 
