@@ -271,6 +271,7 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
                 evidence.result(),
                 lying.alignment.scaled,
                 case.is_lumen,
+                case.scan.depth_down,
             )
         ),
     )
@@ -297,7 +298,7 @@ class _Lying:
 
 def _laid(case: PreparedScan) -> _Lying:
     """Find the pose, and lay the part's frame on the print."""
-    alignment = _aligned(case)
+    alignment = align_prepared(case)
     faces = (
         ()
         if case.is_lumen
@@ -309,7 +310,8 @@ def _laid(case: PreparedScan) -> _Lying:
     return _Lying(replace(alignment, rigid=frame.fit), faces, frame)
 
 
-def _aligned(case: PreparedScan) -> Alignment:
+def align_prepared(case: PreparedScan) -> Alignment:
+    """Find the pose of a segmented scan."""
     segmentation, scan = case.segmentation, case.scan
     return align(
         case.surface,

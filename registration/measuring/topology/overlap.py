@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
@@ -22,7 +23,10 @@ designed gel."""
 GEL_REACH_MM: Final = 1.0
 """How far around lumens scanned without their construct gel is known to be designed."""
 LEAST_LIT: Final = 0.3
-"""Of the designed lumens' volume: where light shows less, nothing is said of the part's identity."""
+"""Of the designed lumens' volume: where light shows less, which part it is stays open."""
+BELOW_MM: Final = np.arange(1, 9) * 0.15
+FEWEST_BELOW: Final = 2
+"""Where gel is looked for below a place, beyond the widest lumen; how often it must be there."""
 LEAST_PLACES: Final = 50
 """Random places in the designed lumens, or they say nothing."""
 
@@ -130,7 +134,8 @@ def overlap(grid: LumenGrid, near_mm: float) -> Overlap:
 class Agreement:
     """How far a scan's hollows are those of the design; NaN where nothing of it is in view.
 
-    Volumes count where light tells gel from nothing (`are_separable`).
+    Volumes count where light tells gel from nothing (`are_separable`) and comes back from gel
+    farther down: below the last of it, dark gel looks hollow.
 
     Attributes
     ----------
@@ -185,6 +190,8 @@ class Landed:
         Of the segmentation.
     fit : Fit
     model_is_lumen : bool
+    depth_down : bool
+        Whether light runs towards the scan's larger z.
     """
 
     surface: ModelSurface
@@ -193,6 +200,17 @@ class Landed:
     evidence: GelEvidence
     fit: Fit
     model_is_lumen: bool
+    depth_down: bool
+
+    def lit(self, scanned: FloatArray) -> NDArray[np.bool_]:
+        """Whether gel and liquid are told apart at places (n, 3) of the scan, mm."""
+        told = are_separable(1.0, 0.0, self.evidence.scatter_at(scanned))
+        if self.segmentation.strength is None:
+            return told
+        gel = np.zeros(len(scanned), dtype=np.int64)
+        for deeper in BELOW_MM if self.depth_down else -BELOW_MM:
+            gel += self.segmentation.field.above_level(scanned + [0.0, 0.0, deeper]) > 0
+        return np.asarray(told & (gel >= FEWEST_BELOW))
 
 
 def agreement(landed: Landed) -> Agreement:
@@ -212,7 +230,7 @@ def agreement(landed: Landed) -> Agreement:
     gel = depth < -CLOSE_MM
     if landed.model_is_lumen:
         gel &= depth > -GEL_REACH_MM
-    lit = are_separable(1.0, 0.0, landed.evidence.scatter_at(scanned))
+    lit = landed.lit(scanned)
     lumen = inside & lit
     foreign, own = int((gel & lit & free).sum()), int((lumen & free).sum())
     whole, told = int(inside.sum()), int(lumen.sum())
