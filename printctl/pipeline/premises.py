@@ -8,7 +8,7 @@ import numpy as np
 
 from kernels.arrays import FloatArray
 from registration.json_ready import Record
-from registration.measuring.judging import Decision, worst_decision
+from registration.measuring.judging import Decision, reason, worst_decision
 
 Finding = tuple[Decision, str]
 
@@ -49,6 +49,8 @@ def premises(registration: Record) -> list[Finding]:
         )
     elif scale:
         found.append(("pass", f"{scale[:1].upper()}{scale[1:]}"))
+    features = registration["judging"]["features"]
+    found += [("pass", reason(f)) for f in features if f.get("doubt") == "index"]
     return [*found, *_too_coarse(registration), *_dim(registration)]
 
 
