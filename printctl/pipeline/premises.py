@@ -125,7 +125,9 @@ def _too_coarse(registration: Record) -> list[Finding]:
 
 
 def _dim(registration: Record) -> list[Finding]:
-    """Say how much of the lumens the scan can't tell from gel."""
+    """Say how much of the lumens the scan can't tell from gel, where a vessel is unknown by it."""
+    if all(row["open"] is not None for row in registration["vessels"]):
+        return []
     lit = (registration.get("agreement") or {}).get("lit_share")
     contrast = registration.get("contrast") or {}
     oct_scan = (registration.get("measured_by") or {}).get("modality") == "oct"

@@ -24,7 +24,7 @@ GEL_REACH_MM: Final = 1.0
 """How far around lumens scanned without their construct gel is known to be designed."""
 LEAST_LIT: Final = 0.3
 """Of the designed lumens' volume: where light shows less, which part it is stays open."""
-BELOW_MM: Final = np.arange(1, 9) * 0.15
+BELOW_MM: Final = np.arange(1, 13) * 0.1
 FEWEST_BELOW: Final = 2
 """Where gel is looked for below a place, beyond the widest lumen; how often it must be there."""
 LEAST_PLACES: Final = 50

@@ -98,6 +98,7 @@ def test_a_scan_that_is_too_coarse_or_too_dark_says_so_first() -> None:
     assert found["undecided"]
     assert "voxels of at most 38 µm (this scan: 20 × 20 × 12 µm)" in found["reasons"][0]
     dark = sized([0.99] * 3, [0.001] * 3, agreement={"lit_share": 0.2, "other_part": False})
+    dark["vessels"] = [{**GOOD, "open": None}]
     found = verdict(judge(dark, Tolerances()))
     assert found["undecided"]
     assert "in 80 % of the designed lumens' volume" in found["reasons"][0]
