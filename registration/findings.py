@@ -37,6 +37,7 @@ from registration.measuring.gauging import (
     without_resistance,
 )
 from registration.measuring.gauging.perfusion import perfusion
+from registration.measuring.gauging.resolution import without_unresolved
 from registration.measuring.topology import (
     Faults,
     LeakSearch,
@@ -127,6 +128,7 @@ def inspect(case: Inspection) -> Findings:
     liquid = liquid_level(traces, evidence, fit)
     seen = sum(int(trace.seen.sum()) for trace in traces)
     traces = withdraw_sections(traces, evidence, liquid)
+    traces = without_unresolved(traces, field.blur_mm)
     untold = seen - sum(int(trace.seen.sum()) for trace in traces)
     traces = without_gel_like(case.network, traces, evidence, fit)
     traces = with_own_levels(traces, case.segmentation, fit, part)

@@ -43,7 +43,7 @@ from registration.measuring.geometry import (
     outer_faces,
 )
 from registration.measuring.geometry.faces import POINTS, RIM_BLURS, RIM_MM
-from registration.measuring.topology import agreement
+from registration.measuring.topology import Landed, agreement
 from registration.options import RegistrationOptions, segmentation_options
 from registration.result import RegistrationReport
 from registration.scan import Scan
@@ -252,6 +252,7 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
     return RegistrationParts(
         segmentation,
         _doubted(case, lying.alignment, measured.cross_um.result()),
+        np.ptp(case.surface.bounds, axis=0),
         case.is_lumen,
         measured.cross_um.result(),
         measured.spread,
@@ -263,7 +264,17 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
         _characterised(case, lying, findings),
         case.errors,
         _gel_at(case, lying.alignment.scaled, evidence.result()),
-        agreement(case.surface, case.network, segmentation, lying.alignment.scaled, case.is_lumen),
+        agreement(
+            Landed(
+                case.surface,
+                case.network,
+                segmentation,
+                evidence.result(),
+                lying.alignment.scaled,
+                case.is_lumen,
+                case.scan.depth_down,
+            )
+        ),
     )
 
 
@@ -288,7 +299,7 @@ class _Lying:
 
 def _laid(case: PreparedScan) -> _Lying:
     """Find the pose, and lay the part's frame on the print."""
-    alignment = _aligned(case)
+    alignment = align_prepared(case)
     faces = (
         ()
         if case.is_lumen
@@ -300,7 +311,8 @@ def _laid(case: PreparedScan) -> _Lying:
     return _Lying(replace(alignment, rigid=frame.fit), faces, frame)
 
 
-def _aligned(case: PreparedScan) -> Alignment:
+def align_prepared(case: PreparedScan) -> Alignment:
+    """Find the pose of a segmented scan."""
     segmentation, scan = case.segmentation, case.scan
     alignment = align(
         case.surface,

@@ -79,7 +79,7 @@ def scan(
     device: Literal["oct", "microct"] | None = opt(
         "What scans; if not given, oct for layers that light gets through, else microct."
     ),
-    voxel_um: str | None = opt("25,25,15 of oct, 80,80,80 of microct by default.", metavar="X,Y,Z"),
+    voxel_um: str | None = opt("As fine as the thinnest vessel needs by default.", metavar="X,Y,Z"),
     shrink_percent: float = of(SimulatedScan, "shrink_percent"),
     seed: int = opt("Of noise and pose.", 1, min=0),
     large: bool = of(SimulatedScan, "large"),

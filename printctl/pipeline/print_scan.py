@@ -6,12 +6,13 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from design.files import write_text
+from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.errors import wording
 from printctl.checks.gcode_view.line_map import mapped_style
@@ -30,10 +31,12 @@ from printctl.pipeline.simulated_scan import (
     scan_deposit,
     scan_size_words,
     to_scan,
+    usual_voxel_um,
 )
 from printctl.pipeline.stages.scan import describe, write_truth
 from printctl.recipe import Recipe
 from printctl.recipe.making import SimulatedScan
+from printctl.run_folder.artefacts import NETWORK
 from registration.files.readers import metadata
 from registration.files.writers import write_scan
 from sim.devices.faults import FaultFile
@@ -41,9 +44,6 @@ from sim.devices.recorded_ink import read_record
 from sim.gcode.deposit.ink_faults import NO_FAULTS
 from sim.gcode.deposit.lay import Style
 from sim.gcode.motion.executed import ExecutedMotion
-
-_CUBE_UM: Final = (80.0, 80.0, 80.0)
-"""Voxels of a micro-CT where none are given, as of a run's."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,9 @@ def scan_print(
     part = _part({**wanted, "simulated": wanted["simulated"] or ("microct" if deep else "oct"),
                   "format": path.suffix[1:].lower() or "tif"})  # fmt: skip
     seed = part.seed or 0
+    if part.voxel_um is None:
+        usual = usual_voxel_um(part, _thinnest_mm(folder / NETWORK), box, seed)
+        part = part.model_copy(update={"voxel_um": usual})
     tell(scan_size_words(part, box, seed, "--large"))
     stays = layered or (recipe is not None and recipe.toolpath.written == "cords")
     scanned = scan_deposit(ink.deposit(deposit_voxel_mm(part)), part, seed, gel=stays)
@@ -153,12 +156,17 @@ def _style(
 
 def _part(wanted: Mapping[str, Any]) -> SimulatedScan:
     given = {key: value for key, value in wanted.items() if value is not None}
-    if given["simulated"] == "microct":
-        given.setdefault("voxel_um", _CUBE_UM)
     try:
         return SimulatedScan(**given)
     except ValidationError as exc:
         raise UsageError("; ".join(wording(one) for one in exc.errors())) from exc
+
+
+def _thinnest_mm(network: Path) -> float | None:
+    """Diameter of the thinnest vessel of a print's design, where its folder holds that."""
+    if not network.is_file():
+        return None
+    return 2 * float(read_network_csv(network, unit="mm").radius.min())
 
 
 def _record(entry: PrintEntry, given: Path | None) -> Path:

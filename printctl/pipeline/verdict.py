@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from kernels.arrays import FloatArray
+from printctl.pipeline.premises import Finding, mismatch, premises
 from registration.json_ready import Record
 from registration.measuring.judging import (
     Decision,
@@ -18,10 +19,7 @@ from registration.measuring.judging import (
     reason,
     worst_decision,
 )
-from registration.measuring.topology.overlap import MAX_FOREIGN, MIN_OPEN
 from registration.report.gauging_sections import pressure_words
-
-Finding = tuple[Decision, str]
 
 MOST_REASONS: Final = 10
 """Of features, the worst; the page's tables have all."""
@@ -42,7 +40,7 @@ def verdict(registration: Record) -> dict[str, Any]:
     The print passes when every feature of every vessel passes, the pose is unambiguous and every
     vessel that should carry flow does. It fails when one of these fails. Else it is undecided:
     neither is proven. Of a part that may lie otherwise nothing is proven. A scan of another part
-    fails, for that reason alone.
+    fails, for that reason alone; one with wrong voxels is undecided for that reason alone.
 
     Parameters
     ----------
@@ -60,8 +58,8 @@ def verdict(registration: Record) -> dict[str, Any]:
     KeyError
         When it wasn't judged: an older version wrote it.
     """
-    if (registration.get("agreement") or {}).get("other_part"):
-        return {"passed": False, "undecided": False, "reasons": [_other_part(registration)]}
+    if (wrong := mismatch(registration)) is not None:
+        return {"passed": False, "undecided": wrong[0] == "undecided", "reasons": [wrong[1]]}
     features = registration["judging"]["features"]
     missing = {f["vessel"] for f in registration.get("findings", ()) if f["kind"] == "missing"}
     worst_first = [
@@ -91,8 +89,10 @@ def verdict(registration: Record) -> dict[str, Any]:
     ]
     # A doubtful pose comes before all that follows from it.
     leading = [one for one in pose if one[0] != "pass"]
-    whole = worst_decision(decision for decision, _ in [*leading, *of_features, *others])
-    reasons = causes + [
+    first = premises(registration)
+    whole = worst_decision(decision for decision, _ in [*first, *leading, *of_features, *others])
+    reasons = [text for decision, text in first if decision != "pass"]
+    reasons += causes + [
         text
         for decision in _ORDER
         # No table has the others: none of them is left out.
@@ -102,6 +102,7 @@ def verdict(registration: Record) -> dict[str, Any]:
             *(t for d, t in others if d == decision),
         ]
     ]
+    reasons += [text for decision, text in first if decision == "pass"]
     if registration.get("written") == "cords":
         causes = [_of_cords(text) for text in causes]
         reasons = [*map(_of_cords, reasons), AS_SOLID]
@@ -131,23 +132,6 @@ def _of_cords(text: str) -> str:
         return said.capitalize() if word[0][0].isupper() else said
 
     return re.sub(rf"\b({'|'.join(_CORD_WORDS)})\b", cord, text, flags=re.IGNORECASE)
-
-
-def _other_part(registration: Record) -> str:
-    """Say that the scan is of another part, with the evidence in numbers."""
-    numbers, vessels = registration["agreement"], registration["vessels"]
-    scale = " × ".join(f"{one:.2f}" for one in registration["scale"])
-    return (
-        "This is not that part: in the best pose "
-        f"{100 * numbers['foreign_share']:.0f} % of the hollow space in the scan lies where the "
-        f"design has gel (limit {100 * MAX_FOREIGN:.0f} %; a part with defects has under 10 %), "
-        f"{100 * numbers['designed_open']:.0f} % of the designed lumens' space is hollow (limit "
-        f"{100 * MIN_OPEN:.0f} %), "
-        f"{sum(row['open'] is True for row in vessels)} of {len(vessels)} designed vessels are "
-        f"open from end to end, {100 * numbers['close_share']:.0f} % of the scanned surface lies "
-        f"within 0.25 mm of the design, and its size would be {scale} times the design's along x, "
-        "y, z; nothing else here means anything: give the model of the part that was scanned"
-    )
 
 
 def _in_this_pose(registration: Record, decision: Decision, text: str) -> Finding:

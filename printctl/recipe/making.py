@@ -425,7 +425,9 @@ class SimulatedScan(Part):
     """A scan of what the simulated printer deposited."""
 
     simulated: Literal["oct", "microct"]
-    voxel_um: Annotated[tuple[float, float, float], Field(description="x, y, z")] = (25, 25, 15)
+    voxel_um: tuple[float, float, float] | None = Field(
+        default=None, description="x, y, z; else as fine as the thinnest vessel needs."
+    )
     shrink_percent: Annotated[float, Field(ge=-10, le=20)] = Field(
         default=1.0, description="By how much the part shrank."
     )
@@ -443,10 +445,10 @@ class SimulatedScan(Part):
 
     @model_validator(mode="after")
     def _voxels_are_sensible(self) -> SimulatedScan:
-        for value in self.voxel_um:
+        for value in self.voxel_um or ():
             if not 1 <= value <= 1000:
                 raise ValueError(f"voxel {value:g} µm lies outside 1 to 1000 µm; mend voxel_um")
-        if self.simulated == "microct" and len(set(self.voxel_um)) > 1:
+        if self.simulated == "microct" and len(set(self.voxel_um or ())) > 1:
             raise ValueError("a micro-CT's voxels are cubes; give voxel_um three equal sizes")
         if self.simulated == "microct" and self.format == "oct":
             raise ValueError("a micro-CT writes no .oct; leave format out, or say tif")

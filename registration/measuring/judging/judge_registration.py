@@ -39,6 +39,7 @@ from registration.measuring.judging.features import (
 )
 from registration.measuring.judging.runs import BARE, apart_from_sections, findings
 from registration.measuring.judging.series import Series, series_of
+from registration.measuring.judging.size import size_features
 from registration.measuring.judging.symmetry import held_in_all, is_close, renamed, same_poses
 from registration.measuring.judging.tolerance import (
     DecisionRule,
@@ -191,6 +192,7 @@ def _judged(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     features += [f for _, f in ways]
     features += [f for f in of_zones if f.vessel is None]
     features.append(_rms(numbers, rule, tolerances.rms_um))
+    features += size_features(numbers, tolerances)
     listed = [d for vessel in judged for d in vessel.findings] + [d for d, _ in ways]
     out: dict[str, Any] = json_ready(
         dict(numbers)
@@ -383,7 +385,9 @@ def plain_tolerances(tolerances: Tolerances) -> dict[str, Any]:
     """Return tolerances as JSON; what isn't limited is left out."""
     return {
         "rms_um": tolerances.rms_um,
-        **({"face_profile_um": face} if math.isfinite(face := tolerances.face_profile_um) else {}),
+        **_finite("rigid_rms_um", tolerances.rigid_limit_um),
+        **_finite("size_percent", tolerances.size_percent),
+        **_finite("face_profile_um", tolerances.face_profile_um),
         **_limits(tolerances.limits),
         "vessels": [
             {
@@ -394,6 +398,10 @@ def plain_tolerances(tolerances: Tolerances) -> dict[str, Any]:
             for one in tolerances.overrides
         ],
     }
+
+
+def _finite(name: str, limit: float) -> dict[str, float]:
+    return {name: limit} if math.isfinite(limit) else {}
 
 
 def _limits(limits: VesselLimits) -> dict[str, Any]:

@@ -46,6 +46,10 @@ def reason(feature: Record) -> str:
         )
     if name == "rms":
         return f"RMS deviation after scaling {_rms(feature)}, allowed {feature['limit']}"
+    if name == "rigid":
+        return f"RMS deviation without scaling {_rms(feature)}, allowed {feature['limit']}"
+    if name == "size":
+        return _size(feature)
     if name == "leak":
         return _way(feature)
     if name == "zone":
@@ -60,6 +64,21 @@ def _rms(feature: Record) -> str:
     if u is None:
         return f"{value:.1f} µm"
     return f"{value:.1f} µm (95 %: {max(value - u, 0.0):.1f} to {value + u:.1f} µm)"
+
+
+def _size(feature: Record) -> str:
+    """Word a size: how much the print is longer or shorter along an axis."""
+    axis, value, u = feature["of"], feature.get("value_um"), feature.get("u_um")
+    if value is None:
+        known = "not measured"
+    else:
+        percent, half = (100 * v / feature["designed_um"] for v in (value, u or 0.0))
+        ends = "unknown" if u is None else f"{half:.1f}"
+        known = f"{signed(percent)} ± {ends} % ({signed(value, 0)} µm)"
+    text = f"Size along {axis}: {known}, limit {feature['limit']}"
+    if feature.get("doubt") == "index":
+        return f"{text}: not proven, as depth rests on the refractive index; scan a depth standard"
+    return text + _end(feature)
 
 
 def _way(feature: Record) -> str:
