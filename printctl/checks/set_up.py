@@ -161,8 +161,8 @@ class PlacedDish:
         Height of its floor, printer's frame.
     bath_mm : float or None, mm
         Depth of the bath; None where nobody said it.
-    bath_key : str
-        Where that is said, for messages.
+    bath_key, centre_key : str
+        Where depth and centre are said, for messages.
     """
 
     dish: Dish
@@ -170,6 +170,7 @@ class PlacedDish:
     floor_mm: float
     bath_mm: float | None = None
     bath_key: str = "printer.bath_depth_mm"
+    centre_key: str = "printer.dish_centre_mm"
 
     @property
     def area_mm2(self) -> float:
@@ -312,7 +313,8 @@ def set_up(
     standing = None
     if dish is not None:
         centre = read_dish_centre(mounted.dish_centre) if mounted.dish_centre else tip[:2]
-        standing = PlacedDish(load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth)
+        keys = ("--bath-depth", "--dish-centre")
+        standing = PlacedDish(load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth, *keys)
     elif mounted.dish_centre is not None or mounted.bath_depth is not None:
         raise UsageError("--dish-centre and --bath-depth belong to a dish; give --dish")
     loads = loads_of(printer, syringe, ink, mounted.needle)

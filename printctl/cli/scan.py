@@ -86,6 +86,13 @@ def scan(
     syringe: HeldOption = None,
     ink: HeldOption = None,
     needle: HeldOption = None,
+    embedded: bool | None = opt(
+        "Filaments in a bath, or layers; as the recipe or FILE.map.npz says by default. Without "
+        "either, level writing is taken as layers.",
+        None,
+        "--embedded/--layered",
+    ),
+    layer_um: float | None = opt("Layer height of a print with a single layer.", min=1, max=5000),
     faults: Path | None = opt("Fault file that the print was made with."),
     record: Path | None = opt(
         "What the motors did, where `printctl sim-printer --record` wrote it."
@@ -106,7 +113,7 @@ def scan(
         "seed": seed,
         "large": large,
     }
-    stated = StatedPrint(syringe, ink, needle, faults, record)
+    stated = StatedPrint(syringe, ink, needle, faults, record, embedded, layer_um)
     facts = scan_print(find_print(printed), stated, wanted, out, print_note)
     print_result(facts, (facts[name] for name in ("scan", "sidecar", "truth")))
 

@@ -23,6 +23,7 @@ from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
 from sim.gcode.deposit.lay import (
     EXACT_MM,
     Deposit,
+    Style,
     deposit_of_heads,
     unite_deposits,
     valves_as_plungers,
@@ -53,6 +54,10 @@ class PrintedInk:
     gcode : bytes
         As it was sent; of pneumatic heads it says when their valves stood open.
     faults : InkFaults
+    style : "layered" or "embedded" or None
+        As the recipe or the job's map says it; None guesses it from the motion.
+    layer_mm : float or None, mm
+        Height of the lines of a print with a single layer.
     """
 
     motion: ExecutedMotion
@@ -61,6 +66,8 @@ class PrintedInk:
     flows_ul_s: Sequence[float] = ()
     gcode: bytes = b""
     faults: InkFaults = NO_FAULTS
+    style: Style | None = None
+    layer_mm: float | None = None
 
     @cached_property
     def of_tips(self) -> tuple[ExecutedMotion, ...]:
@@ -80,7 +87,9 @@ class PrintedInk:
 
     @property
     def is_layered(self) -> bool:
-        """Whether all that was written is level."""
+        """Whether layers were written; where nothing says it, whether all writing is level."""
+        if self.style is not None:
+            return self.style == "layered"
         return all(bool((one.start[:, 2] == one.end[:, 2]).all()) for one in self._written)
 
     @property
@@ -104,6 +113,8 @@ class PrintedInk:
             smoothing_mm=EXACT_MM if air else 1.0,
             plunger_step_mm=[EXACT_MM if air else 1 / one.steps_per_mm.e for one in machines],
             faults=[self.faults.of_head(k) for k in wrote],
+            style=self.style,
+            layer_mm=self.layer_mm,
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -88,18 +89,41 @@ def verdict(registration: Record) -> dict[str, Any]:
         *_not_judged(registration),
     ]
     whole = worst_decision(decision for decision, _ in [*of_features, *others])
+    reasons = causes + [
+        text
+        for decision in _ORDER
+        # No table has the others: none of them is left out.
+        for text in [*_some(of_features, decision), *(t for d, t in others if d == decision)]
+    ]
+    if registration.get("written") == "cords":
+        causes = [_of_cords(text) for text in causes]
+        reasons = [*map(_of_cords, reasons), AS_SOLID]
     return {
         "passed": whole == "pass",
         "undecided": whole == "undecided",
         "causes": causes,
-        "reasons": causes
-        + [
-            text
-            for decision in _ORDER
-            # No table has the others: none of them is left out.
-            for text in [*_some(of_features, decision), *(t for d, t in others if d == decision)]
-        ],
+        "reasons": reasons,
     }
+
+
+AS_SOLID: Final = (
+    "Solid cords (toolpath.writes: cords): diameters and positions are compared with the design; "
+    "not evaluated as lumens"
+)
+_CORD_WORDS: Final = {
+    "lumen": "cord", "lumens": "cords", "vessel": "cord", "vessels": "cords", "open": "unbroken",
+    "closed": "broken", "leak": "stray ink", "leaks": "stray ink", "gel": "ink",
+}  # fmt: skip
+
+
+def _of_cords(text: str) -> str:
+    """Say of solid cords what a sentence says of lumens."""
+
+    def cord(word: re.Match[str]) -> str:
+        said = _CORD_WORDS[word[0].lower()]
+        return said.capitalize() if word[0][0].isupper() else said
+
+    return re.sub(rf"\b({'|'.join(_CORD_WORDS)})\b", cord, text, flags=re.IGNORECASE)
 
 
 def _other_part(registration: Record) -> str:

@@ -261,6 +261,16 @@ class Fresh(FillingPart):
         return self
 
     @property
+    def style(self) -> tuple[Literal["layered"], float]:
+        """How ink lies, and how high the lines are where there is but one layer, mm."""
+        return "layered", self.layer_um * 1e-3
+
+    @property
+    def written(self) -> Literal["layers"]:
+        """What the ink is to become."""
+        return "layers"
+
+    @property
     def even_layer_mm(self) -> float | None:
         """Height of all layers, mm; None where they differ and the G-code says each."""
         return self.layer_um * 1e-3 if self.thinnest_layer_um is None else None
@@ -272,9 +282,14 @@ class Fresh(FillingPart):
 
 
 class Embedded(Part):
-    """Vessels written along their centrelines into a cell matrix."""
+    """Vessels, or solid cords, written along their centrelines into a bath."""
 
     method: Literal["embedded"]
+    writes: Literal["vessels", "cords"] = Field(
+        default="vessels",
+        description="vessels: a sacrificial ink leaves lumens in a bath that stays; cords: the ink "
+        "stays, as solid filaments.",
+    )
     needle: NeedleName = "30g"
     write_speed_mm_s: Speed = 5.0
     travel_speed_mm_s: Speed = 20.0
@@ -306,6 +321,16 @@ class Embedded(Part):
     )
     compensation: CompensationName = None
     prime: PrimePart | None = Field(default=None, description="Before the part; nothing without.")
+
+    @property
+    def style(self) -> tuple[Literal["embedded"], None]:
+        """How ink lies: as round filaments, level or not."""
+        return "embedded", None
+
+    @property
+    def written(self) -> Literal["vessels", "cords"]:
+        """What the ink is to become."""
+        return self.writes
 
     def files(self) -> list[str]:
         """Names of the user's files that it is made from."""

@@ -16,6 +16,7 @@ from firmware_profiles.tools import THINNEST_BORE
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.preflight.ink import volumes
 from printctl.checks.set_up import Check, HeadLoading
+from sim.gcode.deposit.lay import Style
 from sim.gcode.deposit.written import Layering, written_levels
 from sim.gcode.dry_run.run import DryRun
 
@@ -70,7 +71,11 @@ def bore_check(
 
 
 def line_checks(
-    run: DryRun, printer: Printer, load_of_head: HeadLoading, thinnest: float = THINNEST_BORE
+    run: DryRun,
+    printer: Printer,
+    load_of_head: HeadLoading,
+    thinnest: float = THINNEST_BORE,
+    style: Style | None = None,
 ) -> list[Check]:
     """Check the lines of a G-code file, by their median along the way; none where nothing is laid.
 
@@ -85,6 +90,8 @@ def line_checks(
     load_of_head : HeadLoading
     thinnest : float
         As of `bore_check`.
+    style : "layered" or "embedded" or None
+        None guesses it: layers where nine tenths of the way are level.
     """
     needle = load_of_head.needle
     if needle is None or printer.pneumatic is not None:
@@ -92,7 +99,12 @@ def line_checks(
     line, length, area, z = _laid(run, printer, load_of_head)
     if not len(line):
         return []
-    width = _widths(length, area, z, load_of_head, needle)
+    along = length[np.abs(z[:, 1] - z[:, 0]) < _FLAT_MM].sum()
+    guessed: Style = "embedded" if along < 0.9 * length.sum() else "layered"
+    if (style or guessed) == "embedded":
+        width = np.sqrt(4 / np.pi * area)
+    else:
+        width = _line_widths(area, z[:, 1], load_of_head, needle)
     order = np.argsort(width)
     along = np.cumsum(length[order])
     middle = int(order[np.searchsorted(along, along[-1] / 2)])
@@ -113,14 +125,9 @@ def _laid(
     return program.line[lays], length[lays], ul[lays] / length[lays], z[lays]
 
 
-def _widths(
-    length: FloatArray, area: FloatArray, z: FloatArray, held: HeadLoading, needle: Needle
-) -> FloatArray:
-    """Width of each line of layers, or diameter of each filament, mm."""
+def _line_widths(area: FloatArray, z: FloatArray, held: HeadLoading, needle: Needle) -> FloatArray:
+    """Width of each line of layers, mm."""
     section = held.ink.bead_section
-    along = length[np.abs(z[:, 1] - z[:, 0]) < _FLAT_MM].sum()
-    if along < 0.9 * length.sum():
-        return np.sqrt(4 / np.pi * area)
-    if len(written_levels(z[:, 1])) == 1:
+    if len(written_levels(z)) == 1:
         return section.width(area, _FLATTEST * needle.inner_mm)
-    return section.width(area, Layering.at(z[:, 1], area).heights(z[:, 1]))
+    return section.width(area, Layering.at(z, area).heights(z))

@@ -35,7 +35,7 @@ from printctl.recipe.defects import (
     OcclusionPart,
     StenosisPart,
 )
-from printctl.recipe.making import FileScan, Fresh, SimulatedScan
+from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.run_folder.manifest import digest_file, of_simulator
 from registration import Scan, ScanOverrides, read_scan
@@ -207,12 +207,13 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
             ink, scan_defects(part.defects, context.written_network, context.place_mm)
         )
     report(0.4, "scanning")
-    return scan_deposit(ink, part, seed, gel=isinstance(context.recipe.toolpath, Fresh))
+    return scan_deposit(ink, part, seed, gel=context.recipe.toolpath.written != "vessels")
 
 
 def printed_ink(context: RunContext, motion: ExecutedMotion) -> PrintedInk:
     """What the heads of a run held while they moved so."""
     held = context.loads if context.printer.heads else (context.poured,)
+    part = context.recipe.toolpath
     return PrintedInk(
         motion,
         context.printer,
@@ -221,6 +222,7 @@ def printed_ink(context: RunContext, motion: ExecutedMotion) -> PrintedInk:
         context.flows_ul_s,
         b"" if not context.flows_ul_s else b"".join(printed_text(context).lines),
         ink_faults(context),
+        *part.style,
     )
 
 
