@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
@@ -292,6 +292,23 @@ class ProfileNames:
         THINNEST_BORE,
         min=0.05,
         max=2.0,
+    )
+
+    def words(self) -> tuple[str, ...]:
+        """Return the options that name them again."""
+        given = vars(self) | {
+            "thinnest_bore": None if self.thinnest_bore == THINNEST_BORE else self.thinnest_bore
+        }
+        return options_of(given)
+
+
+def options_of(values: Mapping[str, object]) -> tuple[str, ...]:
+    """Return command-line options that give these values by name; none for None."""
+    return tuple(
+        word
+        for name, value in values.items()
+        if value is not None
+        for word in (f"--{name.replace('_', '-')}", str(value))
     )
 
 

@@ -126,7 +126,12 @@ def print_job(
         refuse_failed(checks)
         cli.print_notes(warnings(checks))
         care = replace(
-            care, reload_at=at, reload_heads=heads, accepted=shaft.accepted, start_mm=tip
+            care,
+            reload_at=at,
+            reload_heads=heads,
+            accepted=shaft.accepted,
+            start_mm=tip,
+            set_up=("--syringe", syringe, "--ink", ink, *mounted.words()),
         )
         order = replace(order, care=care)
         if (file.parent / ORDER_FILE).is_file() and not resume:

@@ -23,7 +23,7 @@ from sim.gcode.program.modal import MOVE
 _STILL_MM: Final = 1e-6
 _ROUNDING: Final = 1e-6
 MAX_ROUNDED_SHARE: Final = 0.01
-"""Of the ink: on the sound first parts up to 0.05 % lies in beads of less than a step."""
+"""Of the ink: on the shared first parts up to 0.15 % is in beads of less than a step."""
 
 
 def step_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
