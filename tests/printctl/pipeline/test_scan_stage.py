@@ -83,7 +83,7 @@ def test_a_print_without_a_recipe_is_scanned_with_its_sidecar(tmp_path: Path) ->
     strokes(area).save(tmp_path / "part.gcode.print" / "executed.npz")
     wanted = {"simulated": None, "voxel_um": (60, 60, 40), "seed": 3, "shrink_percent": 0.0}
     facts = scan_print(entry, StatedPrint(), wanted, None, said.append)
-    assert said[0].startswith("the scan will be ")
+    assert said[1].startswith("the scan will be ")
     path = Path(facts["scan"])
     assert path == tmp_path / "part.gcode.print" / "scan.tif"
     found = read_scan(path)
@@ -95,6 +95,20 @@ def test_a_print_without_a_recipe_is_scanned_with_its_sidecar(tmp_path: Path) ->
     tifffile.imwrite(bare, found.volume)
     bare.with_suffix(".json").write_text(Path(facts["sidecar"]).read_text())
     assert read_scan(bare).voxel_mm == found.voxel_mm
+
+
+def test_how_a_print_was_written_follows_from_its_map_or_is_a_guess_that_is_told(
+    tmp_path: Path,
+) -> None:
+    entry, said = printed(tmp_path / "part.gcode.print"), list[str]()
+    strokes().save(tmp_path / "part.gcode.print" / "executed.npz")
+    wanted = {"simulated": None, "voxel_um": (80, 80, 80), "seed": 3}
+    assert scan_print(entry, StatedPrint(), wanted, None, said.append)["modality"] == "OCT"
+    assert "--embedded: as filaments" in said[0]
+    np.savez(tmp_path / "part.map.npz", source=np.zeros(1), source_kind="vessel")
+    told = list[str]()
+    assert scan_print(entry, StatedPrint(), wanted, None, told.append)["modality"] == "micro-CT"
+    assert not any("--embedded" in one for one in told)
 
 
 def test_a_print_whose_motors_nobody_recorded_is_refused(tmp_path: Path) -> None:
