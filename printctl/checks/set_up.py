@@ -254,6 +254,8 @@ class SetUp:
         What each of several heads holds; syringe, ink and needle are then the first one's.
     thinnest_bore : float
         Narrowest line allowed, as a part of the needle's bore.
+    absent : tuple of str
+        Of needle, bath and dish those that the user says aren't there.
     """
 
     printer: Printer
@@ -264,6 +266,7 @@ class SetUp:
     standing: PlacedDish | None = None
     heads: tuple[HeadLoading, ...] = ()
     thinnest_bore: float = THINNEST_BORE
+    absent: tuple[str, ...] = ()
 
     def load_of(self, number: int) -> HeadLoading:
         """What a head holds; the same in each where nobody said it of each."""
@@ -275,15 +278,20 @@ class SetUp:
 # Load a print set-up (printer, needle, ink, dish, bath) from the names of its profiles.
 
 
+NONE: Final = "none"
+"""In place of a profile: nothing is mounted, as in an air print."""
+
+
 @settings
 class ProfileNames:
     """Names of what is mounted; None for what wasn't given."""
 
     needle: str | None = opt(
-        "Needle profile; force and walls need it. Of several heads: left,right."
+        "Needle profile; plunger force and walls need it. Of several heads: left,right. none: no "
+        "needle."
     )
-    bath: str | None = opt("Bath profile; chemistry and warmth need it.")
-    dish: str | None = opt("Dish profile; walls need it.")
+    bath: str | None = opt("Bath profile; gelation and temperatures need it. none: no bath.")
+    dish: str | None = opt("Dish profile; walls need it. none: no dish.")
     dish_centre: str | None = opt("Printer's frame; below --start if not.", metavar="X,Y")
     bath_depth: float | None = opt("How high the dish is filled, mm.", min=0.1)
     thinnest_bore: float = opt(
@@ -326,7 +334,8 @@ def set_up(
     UsageError, ProfileError
         For a centre that isn't two numbers; for a profile that there isn't.
     """
-    bath, dish = mounted.bath, mounted.dish
+    absent = tuple(one for one in ("needle", "bath", "dish") if vars(mounted)[one] == NONE)
+    bath, dish = (None if name == NONE else name for name in (mounted.bath, mounted.dish))
     standing = None
     if dish is not None:
         centre = read_dish_centre(mounted.dish_centre) if mounted.dish_centre else tip[:2]
@@ -344,6 +353,7 @@ def set_up(
         standing,
         loads if printer.heads else (),
         mounted.thinnest_bore,
+        absent,
     )
 
 
@@ -375,7 +385,7 @@ def loads_of(
     """What each head holds."""
     inks = [load(Ink, name) for name in of_each(printer, ink, "--ink")]
     needles: list[Needle | None] = [None] * printer.head_count
-    if needle is not None:
+    if needle is not None and needle != NONE:
         needles = [load(Needle, name) for name in of_each(printer, needle, "--needle")]
     parts = zip(syringes_of(printer, syringe), inks, needles, strict=True)
     return tuple(HeadLoading(*part) for part in parts)

@@ -111,11 +111,14 @@ def test_more_ink_than_the_syringe_holds(tmp_path: Path) -> None:
     _refused(recipe, tmp_path, 3, "µL", "1000", "syringe", command=("toolpath",))
 
 
+MOUNTED = ("--needle", "30g_50mm", "--bath", "gelatin_support", "--dish", "box_80mm")
+
+
 def test_missing_port(tmp_path: Path) -> None:
-    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG1 X5 F600\nM400\n")
+    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X100 Y100 Z5 E0\nG1 X105 F600\nM400\n")
     done = called(
         "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", "--yes",
-        cwd=tmp_path,
+        *MOUNTED, cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 4, done.stderr
     assert "/dev/ttyNONE9" in done.stderr
@@ -123,10 +126,11 @@ def test_missing_port(tmp_path: Path) -> None:
 
 
 def test_print_on_a_real_port_asks_first(tmp_path: Path) -> None:
-    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG1 X5 F600\nM400\n")
+    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X100 Y100 Z5 E0\nG1 X105 F600\nM400\n")
     done = called(
-        "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", cwd=tmp_path
-    )
+        "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9",
+        *MOUNTED, cwd=tmp_path,
+    )  # fmt: skip
     assert done.returncode == 3, done.stderr
     assert "--yes" in done.stderr
 

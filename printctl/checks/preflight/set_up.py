@@ -72,8 +72,10 @@ def file_checks(
     if wells is not None and setup.needle is not None:
         checks += well_checks(run, wells, setup.needle)
     if setup.standing is None and wells is None:
-        checks.append(unknown_dish("--dish", real=real))
-    return checks + ([_unnamed(missing, real)] if missing else [])
+        checks.append(unknown_dish("--dish", real=real and "dish" not in setup.absent))
+    if missing:
+        checks.append(_unnamed(missing, real and not set(missing) <= set(setup.absent)))
+    return checks
 
 
 def _wells(run: DryRun, setup: SetUp, loads: Sequence[HeadLoading], map_path: Path) -> Wells | None:
@@ -128,6 +130,6 @@ def _unnamed(missing: list[str], real: bool) -> Check:
         False,
         ", ".join(f"--{name}" for name in missing),
         f"{' and '.join(missing)} not set, so {' and '.join(what[name] for name in missing)} "
-        "weren't checked; name what is mounted",
+        "weren't checked; name what is mounted (none for nothing)",
         "refuses" if real else "warns",
     )
