@@ -186,7 +186,7 @@ class Terminal:
         self.pid, self.handle = pty.fork()
         if self.pid == 0:
             os.chdir(ROOT)
-            command = [sys.executable, "-m", "printctl", "print", str(job), "--yes"]
+            command = [sys.executable, "-m", "printctl", "print", str(job), "--yes", *MOUNTED]
             os.execv(sys.executable, [*command, "--printer", "generic_marlin", "--port", port])
         self.seen = ""
 
