@@ -172,8 +172,8 @@ def port(tmp_path: Path) -> Iterator[str]:
 
 @pytest.fixture
 def job(tmp_path: Path) -> Path:
-    lines = ["G21", "G90", "M82", "M302 P1", "G92 X0 Y0 Z0 E0"]
-    lines += [f"G1 X{5 * (k % 2)} E{0.001 * k:.4f} F3000" for k in range(1, 5001)]
+    lines = ["G21", "G90", "M82", "M302 P1", "G92 X100 Y100 Z5 E0"]
+    lines += [f"G1 X{100 + 5 * (k % 2)} E{0.005 * k:.4f} F3000" for k in range(1, 5001)]
     path = tmp_path / "job.gcode"
     path.write_text("\n".join([*lines, "M400"]) + "\n")
     return path
@@ -186,7 +186,7 @@ class Terminal:
         self.pid, self.handle = pty.fork()
         if self.pid == 0:
             os.chdir(ROOT)
-            command = [sys.executable, "-m", "printctl", "print", str(job), "--yes"]
+            command = [sys.executable, "-m", "printctl", "print", str(job), "--yes", *MOUNTED]
             os.execv(sys.executable, [*command, "--printer", "generic_marlin", "--port", port])
         self.seen = ""
 
