@@ -71,18 +71,14 @@ class LumenCheck:
 
     def by_geometry(self) -> str:
         """What the design needs for lines of this width."""
-        closed = bool((self.ideal.closed | self.stepped.closed).any())
-        cut = any(leak.wall_mm is not None and leak.wall_mm <= 0 for leak in self.leaks)
-        needs = [
-            *(["let these vessels enter through one face, clear of its edges"] if cut else []),
-            *(
-                [f"make these walls thicker than a line ({self.line_mm:.3g} mm)"]
-                if self.leaks
-                else []
-            ),
-            *(["make these lumens wider"] if closed else []),
-        ]
-        return " and ".join(needs) + " in the design"
+        needs = []
+        if any(leak.wall_mm is not None and leak.wall_mm <= 0 for leak in self.leaks):
+            needs.append("let these vessels open through one face, clear of its edges")
+        if any(leak.wall_mm is None or leak.wall_mm > 0 for leak in self.leaks):
+            needs.append(f"make these walls thicker than a line ({self.line_mm:.3g} mm)")
+        if (self.ideal.closed | self.stepped.closed).any():
+            needs.append("make these lumens wider")
+        return "in the design, " + " and ".join(needs)
 
     @property
     def notes(self) -> list[str]:

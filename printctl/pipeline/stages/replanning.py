@@ -21,7 +21,7 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.stages import solid, tissue, toolpath, vasculature
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
-from printctl.recipe.growth import GrownNetwork, Growth
+from printctl.recipe.growth import Growth
 from printctl.recipe.making import Fresh
 from printctl.run_folder.manifest import Manifest
 
@@ -78,7 +78,7 @@ def _tried(context: RunContext, check: LumenCheck, passes: Callable[[RunContext]
             break
         with suppress(DesignError, PrintctlError):
             if _holds(context, change.recipe, passes):
-                return f"{change.text}: planned again so, it passes"
+                return f"{change.text}; planned again with this change, it passes"
         failed.append(change.text)
     if not failed:
         return ""
@@ -111,24 +111,27 @@ def _changes(recipe: Recipe, check: LumenCheck) -> Iterator[Change]:
     closed = bool((check.ideal.closed | check.stepped.closed).any())
     if isinstance(part, Growth):
         if check.leaks:
+            yield from _default_root(recipe, part)
             for factor in (1.0, 1.5, 2.5):
-                wall = round(factor * check.line_mm / recipe.print_scale, 3)
+                wall = round(factor * check.line_mm / recipe.print_scale, 2)
                 if wall > part.clearance_mm:
                     yield _grown(recipe, clearance_mm=wall)
-        if check.leaks and (part.root_mm or getattr(part, "root", None) == "top"):
-            named = {"root_mm": None, "root_direction": None}
-            if isinstance(part, GrownNetwork):
-                named["root"] = None
-            yield _grown(recipe, "leave the root to printctl (remove root_mm)", **named)
         if closed and part.smallest_diameter_mm is not None:
             for factor in (1.25, 1.5):
-                yield _grown(
-                    recipe, smallest_diameter_mm=round(factor * part.smallest_diameter_mm, 3)
-                )
+                width = round(factor * part.smallest_diameter_mm, 3)
+                yield _grown(recipe, smallest_diameter_mm=width)
     for factor in (0.8, 0.65):
         line = round(factor * making.line_um)
         finer = making.model_copy(update={"line_um": float(line)})
         yield Change(f"toolpath.line_um: {line}", recipe.model_copy(update={"toolpath": finer}))
+
+
+def _default_root(recipe: Recipe, part: Growth) -> Iterator[Change]:
+    """The recipe without the root that it names."""
+    named = [key for key in ("root", "root_mm", "root_direction") if getattr(part, key, None)]
+    if named:
+        text = f"remove vasculature.{', '.join(named)} (the root then lies inside a face)"
+        yield _grown(recipe, text, **dict.fromkeys(named))
 
 
 def _grown(recipe: Recipe, text: str = "", **keys: Any) -> Change:
