@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
 from registration.json_ready import Record
@@ -83,7 +84,7 @@ def _off_axes(registration: Record, limit: float) -> bool:
     return bool((_long(registration, np.array(size)) & (off > limit)).any())
 
 
-def _long(registration: Record, size_mm: FloatArray) -> FloatArray:
+def _long(registration: Record, size_mm: FloatArray) -> NDArray[np.bool_]:
     widest = max((row["designed_um"] or 0.0 for row in registration["vessels"]), default=0.0)
     return np.asarray(size_mm >= 1e-3 * FLAT * widest)
 
