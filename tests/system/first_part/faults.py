@@ -87,8 +87,6 @@ def _edited(part: Part, folder: Path, edit: Callable[[str, Path], str]) -> progr
     run, _ = _design(part, folder)
     job = folder / "edited.gcode"
     job.write_text(edit((run / "part.gcode").read_text(), run))
-    if (run / "part.map.npz").is_file() and part.style.method == "embedded":
-        shutil.copy(run / "part.map.npz", folder / "edited.map.npz")
     return _printed(part, folder, job, run)
 
 
@@ -96,6 +94,8 @@ def _printed(
     part: Part, folder: Path, job: Path, run: Path, syringe: str | None = None
 ) -> program.Outcome:
     printer, scan = part.recipe["printer"], part.recipe["scan"]
+    if part.style.method == "embedded":  # what says that it isn't layers
+        shutil.copy(run / "part.map.npz", job.with_suffix(".map.npz"))
     done = program.call(
         "print", job, "--printer", printer["profile"], "--port", "simulated",
         "--syringe", printer["syringe"], "--ink", printer["ink"], "--bath", printer["bath"],
@@ -223,7 +223,7 @@ FAULTS = (
     Fault(
         "clog", _clog, r"clog|missing|no ink|not written|not printed|(?<!nor )closed|ink stopped"
     ),
-    Fault("leak", _leak, r"(?<!no )\bleak"),
+    Fault("leak", _leak, r"(?<!no )\bleak|leads? out"),
     Fault("narrow", _narrow, r"narrow(?:er|ed|ing)|stenosis|diameter (?:measured )?−[1-9]\d"),
     Fault(
         "shifted_layer",
