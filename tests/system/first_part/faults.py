@@ -23,6 +23,8 @@ from tests.system.first_part.truth import Vessel
 
 Recipe = dict[str, Any]
 
+MAX_TRIES = 8
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -62,7 +64,8 @@ def _wrong_ink(part: Part, folder: Path) -> program.Outcome:
 def _coarse_scan(part: Part, folder: Path) -> program.Outcome:
     """Scan with less than three voxels across the thinnest lumen."""
     voxel = round(500 * part.style.lumen_mm[0])
-    size = [voxel, voxel, round(0.6 * voxel)] if part.style.method == "fresh" else [voxel] * 3
+    oct_like = part.recipe["scan"]["simulated"] == "oct"
+    size = [voxel, voxel, round(0.6 * voxel) if oct_like else voxel]
     return _with(part, folder, scan={"voxel_um": size})
 
 
@@ -87,8 +90,6 @@ def _edited(part: Part, folder: Path, edit: Callable[[str, Path], str]) -> progr
     run, _ = _design(part, folder)
     job = folder / "edited.gcode"
     job.write_text(edit((run / "part.gcode").read_text(), run))
-    if (run / "part.map.npz").is_file() and part.style.method == "embedded":
-        shutil.copy(run / "part.map.npz", folder / "edited.map.npz")
     return _printed(part, folder, job, run)
 
 
@@ -96,6 +97,8 @@ def _printed(
     part: Part, folder: Path, job: Path, run: Path, syringe: str | None = None
 ) -> program.Outcome:
     printer, scan = part.recipe["printer"], part.recipe["scan"]
+    if part.style.method == "embedded":  # what says that it isn't layers
+        shutil.copy(run / "part.map.npz", job.with_suffix(".map.npz"))
     done = program.call(
         "print", job, "--printer", printer["profile"], "--port", "simulated",
         "--syringe", printer["syringe"], "--ink", printer["ink"], "--bath", printer["bath"],
@@ -183,12 +186,15 @@ def _shifted(part: Part, folder: Path) -> program.Outcome:
 
 def _swapped(part: Part, folder: Path) -> program.Outcome:
     """Judge another part's scan against this design."""
-    other = draw(part.recipe["seed"] + 7, 1, small=True)
-    made = program.run(other.write(folder / "other"))
-    if not (made.folder / "scan.tif").is_file():
-        return made
     run, _ = _design(part, folder)
-    return register(made.folder / "scan.tif", run, folder)
+    for attempt in range(MAX_TRIES):
+        other = draw(part.recipe["seed"] + 7, attempt, small=True)
+        if other.style.method != part.style.method:
+            continue
+        made = program.run(other.write(folder / f"other{attempt}"))
+        if (made.folder / "scan.tif").is_file():
+            return register(made.folder / "scan.tif", run, folder)
+    raise RuntimeError("no other part was printed")
 
 
 def _wrong_voxel(part: Part, folder: Path) -> program.Outcome:
@@ -223,7 +229,7 @@ FAULTS = (
     Fault(
         "clog", _clog, r"clog|missing|no ink|not written|not printed|(?<!nor )closed|ink stopped"
     ),
-    Fault("leak", _leak, r"(?<!no )\bleak"),
+    Fault("leak", _leak, r"(?<!no )\bleak|leads? out"),
     Fault("narrow", _narrow, r"narrow(?:er|ed|ing)|stenosis|diameter (?:measured )?−[1-9]\d"),
     Fault(
         "shifted_layer",

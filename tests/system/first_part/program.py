@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -49,9 +50,11 @@ class Outcome:
         found = self.report.get("verdict")
         if found:
             return "pass" if found["passed"] else "undecided" if found["undecided"] else "fail"
-        if self.registration:
-            decision = str(self.registration.get("judging", {}).get("decision", "undecided"))
-            return decision if self.code else "pass"
+        said = re.search(r"^(pass|fail|undecided)$", self.text, re.MULTILINE)
+        if said:
+            return said.group(1)
+        if self.registration:  # of `register`, whose exit code alone says whether a print passes
+            return "not passed" if self.code else "pass"
         return "refused" if self.code in (1, 2, 3) else "error"
 
     def words(self) -> str:

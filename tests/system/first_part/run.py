@@ -64,7 +64,8 @@ def case(seed: int, index: int, fault: str, out: Path, small: bool = False) -> d
     began = time.monotonic()
     planted = next((one for one in FAULTS if one.name == fault), None)
     part = drawn_for(planted, seed, index) if planted else draw(seed, index, small)
-    row["name"] = part.name + (f"_{fault}" if fault else "")
+    # Without the fault's name, which messages would repeat with the path.
+    row["name"] = part.name + (f"_F{FAULTS.index(planted)}" if planted else "")
     try:
         folder = out / row["name"]
         row |= fault_case(planted, part, folder) if planted else sound_case(part, folder)
