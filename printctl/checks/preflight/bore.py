@@ -24,6 +24,10 @@ _FLATTEST: Final = 0.25
 """Height of the lines of a file with one level, in bores: the least that slicers lay."""
 _ROUNDED: Final = 0.95
 """Of the limit where the width is read from G-code: what rounding and compensation take."""
+WIDEST_LINE: Final = 4.0
+"""Widest line of a layer, in bores: beyond its face a tip can't flatten what it extrudes."""
+WIDEST_FILAMENT: Final = 25.0
+"""Thickest filament, in bores: a trunk of 4 mm by a 30G needle; of shipped designs, 11."""
 
 
 def shipped_bores() -> dict[str, float]:
@@ -72,7 +76,7 @@ def bore_check(
 def line_checks(
     run: DryRun, printer: Printer, load_of_head: HeadLoading, thinnest: float = THINNEST_BORE
 ) -> list[Check]:
-    """Check the lines of a G-code file, by their median along the way; none where nothing is laid.
+    """Check the median and the widest line of a G-code file; none where nothing is extruded.
 
     A pneumatic head's lines are as wide as its flow makes them, which `pneumatic_checks` judges.
 
@@ -97,7 +101,36 @@ def line_checks(
     along = np.cumsum(length[order])
     middle = int(order[np.searchsorted(along, along[-1] / 2)])
     first = int(line[width <= width[middle]][0])
-    return [bore_check(float(width[middle]), needle, _ROUNDED * thinnest, f"line {first}")]
+    return [
+        bore_check(float(width[middle]), needle, _ROUNDED * thinnest, f"line {first}"),
+        *_widest_check(line, length, width, _is_layered(length, z), needle),
+    ]
+
+
+def _widest_check(
+    line: IntArray, length: FloatArray, width: FloatArray, layered: bool, needle: Needle
+) -> list[Check]:
+    """Check the widest line; moves shorter than the bore are doses, not lines."""
+    lines = np.flatnonzero(length > needle.inner_mm)
+    if not len(lines):
+        return []
+    widest = int(lines[width[lines].argmax()])
+    bores = WIDEST_LINE if layered else WIDEST_FILAMENT
+    limit = bores * needle.inner_mm
+    return [
+        Check(
+            "widest line against the needle's bore",
+            float(width[widest]),
+            limit,
+            "mm",
+            bool(width[widest] <= limit),
+            f"line {int(line[widest])}, needle: inner_mm",
+            f"{'lines' if layered else 'filaments'} are at most {bores:g} bores wide "
+            f"({needle.name}: {needle.inner_mm:g} mm); the file was probably made for another "
+            "syringe, or for a printer whose E isn't the plunger's travel in mm: name the syringe "
+            "that it was made for, or export it for this one",
+        )
+    ]
 
 
 def _laid(
@@ -118,9 +151,13 @@ def _widths(
 ) -> FloatArray:
     """Width of each line of layers, or diameter of each filament, mm."""
     section = held.ink.bead_section
-    along = length[np.abs(z[:, 1] - z[:, 0]) < _FLAT_MM].sum()
-    if along < 0.9 * length.sum():
+    if not _is_layered(length, z):
         return np.sqrt(4 / np.pi * area)
     if len(written_levels(z[:, 1])) == 1:
         return section.width(area, _FLATTEST * needle.inner_mm)
     return section.width(area, Layering.at(z[:, 1], area).heights(z[:, 1]))
+
+
+def _is_layered(length: FloatArray, z: FloatArray) -> bool:
+    """Whether nine tenths of the lines are level."""
+    return bool(length[np.abs(z[:, 1] - z[:, 0]) < _FLAT_MM].sum() >= 0.9 * length.sum())
