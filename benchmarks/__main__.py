@@ -86,6 +86,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "diameters": "registration.scans:diameter_rows",
         "dye": "registration.dye:rows",
     },
+    "identity": {"scans": "identity.rows:rows"},
     "scans": {"count": "scans.rows:rows"},
     "machines": {
         "aerotech": "machines.aerotech:rows",

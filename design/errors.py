@@ -7,6 +7,7 @@
     ├── NetworkError            NaN, self-intersection, zero length or radius, bad file
     ├── GrowthError             a tree that can't be grown as asked
     │   ├── RootError           a root where no trunk fits
+    │   │   └── TrunkWallError  a trunk that opens the surface beyond its mouth
     │   ├── NoRoomError         vessels find no room: narrower ones may
     │   │   └── WideTrunkError  a template's trunk too wide for the wall it runs in
     │   └── CrowdedError        fewer terminals fit than were asked for
@@ -47,6 +48,24 @@ class RootError(GrowthError):
 
     placed: Final = 0
     """Terminals that found a place, as in `NoRoomError`."""
+
+
+class TrunkWallError(RootError):
+    """A trunk that opens the surface beyond its mouth.
+
+    Attributes
+    ----------
+    radius_mm : float
+        Of the trunk.
+    """
+
+    def __init__(self, message: str, radius_mm: float) -> None:
+        self.radius_mm = radius_mm
+        super().__init__(message)
+
+    def around(self, before: str = "", after: str = "") -> Self:
+        """The same with words before and after it."""
+        return type(self)(f"{before}{self}{after}", self.radius_mm)
 
 
 _NARROWER: Final = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from pydantic import Field, model_validator
 
@@ -21,6 +21,10 @@ from firmware_profiles.strict_model import (
 
 if TYPE_CHECKING:
     from firmware_profiles.bead import BeadSection
+
+
+InkRole = Literal["structural", "cell_laden", "sacrificial"]
+BathRole = Literal["support", "matrix"]
 
 
 def check_viability(minutes: float | None, source: str | None) -> None:
@@ -45,6 +49,12 @@ class MeasuredLag(StrictModel):
 class Ink(Facts):
     """A bioink."""
 
+    role: InkRole | None = Field(
+        default=None,
+        description="structural: stays as the part; cell_laden: stays, with cells in it; "
+        "sacrificial: melted or dissolved after printing, so that it leaves a lumen. Unknown "
+        "without.",
+    )
     viscosity_pa_s: Positive = Field(
         description="At flow_index 1; else the consistency K of a power law, Pa s^n."
     )
@@ -125,6 +135,11 @@ class Ink(Facts):
 class Bath(Facts):
     """A support bath, or the cell matrix that a network is written into."""
 
+    role: BathRole | None = Field(
+        default=None,
+        description="support: holds the print and is melted or dissolved afterwards; matrix: stays "
+        "around what is written into it. Unknown without.",
+    )
     yield_stress_pa: Positive
     viscosity_pa_s: Positive | None = Field(
         default=None,

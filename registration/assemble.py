@@ -19,6 +19,7 @@ from registration.measuring.gauging.deviation import (
     within_curve,
 )
 from registration.measuring.gauging.face_places import FacePlace
+from registration.measuring.gauging.resolution import needed_voxel_um
 from registration.measuring.geometry import Characteristic, Frame
 from registration.measuring.topology import Agreement
 from registration.notes import (
@@ -56,6 +57,8 @@ class RegistrationParts:
 
     Attributes
     ----------
+    size_mm : (3,) float64, mm
+        Of the model.
     is_lumen : bool
         The model is the lumens, not the gel around them.
     cross_um : float or None, µm
@@ -72,6 +75,7 @@ class RegistrationParts:
 
     segmentation: Segmentation
     alignment: Alignment
+    size_mm: FloatArray
     is_lumen: bool
     cross_um: float | None
     spread: int
@@ -99,6 +103,8 @@ def assemble(
         transform_scan_to_part=alignment.rigid.matrix,
         scaled_scan_to_part=alignment.scaled.matrix,
         scale=alignment.scaled.scale,
+        size_mm=parts.size_mm,
+        depth_from_index=scan.modality == "oct" and not scan.depth_standard,
         depth_scale_fitted=alignment.depth_fitted,
         offset_um=1e3 * alignment.scaled.offset_mm * (1 if parts.is_lumen else -1),
         margin=alignment.margin,
@@ -140,6 +146,12 @@ def assemble(
         overlap_rigid=findings.overlap_rigid,
         overlap_scaled=findings.overlap_scaled,
         perfusion=findings.perfusion,
+        contrast=findings.contrast,
+        needed_voxel_um=needed_voxel_um(
+            min(float(np.min(vessel.designed_um)) for vessel in findings.vessels),
+            segmentation.field.blur_mm,
+            scan.geometric_voxel_mm,
+        ),
         gel_at=parts.gel_at,
         walls=scan.walls,
         notes=(

@@ -27,6 +27,7 @@ from registration.measuring.gauging import (
     gauge_vessels,
     liquid_level,
     trace_vessels,
+    with_designed_walls,
     with_interval,
     with_mouths,
     with_own_levels,
@@ -36,6 +37,7 @@ from registration.measuring.gauging import (
     without_resistance,
 )
 from registration.measuring.gauging.perfusion import perfusion
+from registration.measuring.gauging.resolution import without_unresolved
 from registration.measuring.topology import (
     Faults,
     LeakSearch,
@@ -117,6 +119,7 @@ def inspect(case: Inspection) -> Findings:
     field, fit = case.segmentation.field, case.alignment.scaled
     part = None if case.model_is_lumen else case.surface
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm, part)
+    traces = with_designed_walls(traces, fit, case.surface, case.model_is_lumen)
     traces = with_mouths(traces, case.segmentation, fit, part)
     traces, errors, wall_mm = with_told_walls(traces, case.segmentation, case.errors)
     margin = _margin(case)
@@ -125,6 +128,7 @@ def inspect(case: Inspection) -> Findings:
     liquid = liquid_level(traces, evidence, fit)
     seen = sum(int(trace.seen.sum()) for trace in traces)
     traces = withdraw_sections(traces, evidence, liquid)
+    traces = without_unresolved(traces, field.blur_mm)
     untold = seen - sum(int(trace.seen.sum()) for trace in traces)
     traces = without_gel_like(case.network, traces, evidence, fit)
     traces = with_own_levels(traces, case.segmentation, fit, part)

@@ -14,6 +14,7 @@ from kernels import helper_thread, keep_freed_memory
 from kernels.arrays import FloatArray
 from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
 from registration.alignment.distance import ModelSurface
+from registration.alignment.symmetry import moved_vessels
 from registration.alignment.uncertainty import ScanErrors, scan_errors
 from registration.assemble import FitDeviations, RegistrationParts, assemble
 from registration.errors import RegistrationError
@@ -42,7 +43,7 @@ from registration.measuring.geometry import (
     outer_faces,
 )
 from registration.measuring.geometry.faces import POINTS, RIM_BLURS, RIM_MM
-from registration.measuring.topology import agreement
+from registration.measuring.topology import Landed, agreement
 from registration.options import RegistrationOptions, segmentation_options
 from registration.result import RegistrationReport
 from registration.scan import Scan
@@ -251,6 +252,7 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
     return RegistrationParts(
         segmentation,
         _doubted(case, lying.alignment, measured.cross_um.result()),
+        np.ptp(case.surface.bounds, axis=0),
         case.is_lumen,
         measured.cross_um.result(),
         measured.spread,
@@ -262,7 +264,17 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
         _characterised(case, lying, findings),
         case.errors,
         _gel_at(case, lying.alignment.scaled, evidence.result()),
-        agreement(case.surface, case.network, segmentation, lying.alignment.scaled, case.is_lumen),
+        agreement(
+            Landed(
+                case.surface,
+                case.network,
+                segmentation,
+                evidence.result(),
+                lying.alignment.scaled,
+                case.is_lumen,
+                case.scan.depth_down,
+            )
+        ),
     )
 
 
@@ -287,7 +299,7 @@ class _Lying:
 
 def _laid(case: PreparedScan) -> _Lying:
     """Find the pose, and lay the part's frame on the print."""
-    alignment = _aligned(case)
+    alignment = align_prepared(case)
     faces = (
         ()
         if case.is_lumen
@@ -299,9 +311,10 @@ def _laid(case: PreparedScan) -> _Lying:
     return _Lying(replace(alignment, rigid=frame.fit), faces, frame)
 
 
-def _aligned(case: PreparedScan) -> Alignment:
+def align_prepared(case: PreparedScan) -> Alignment:
+    """Find the pose of a segmented scan."""
     segmentation, scan = case.segmentation, case.scan
-    return align(
+    alignment = align(
         case.surface,
         segmentation.surface.vertices[segmentation.seen],
         scan.depth_down,
@@ -312,6 +325,11 @@ def _aligned(case: PreparedScan) -> Alignment:
         lumens=case.is_lumen,
         lit=float(segmentation.seen.mean()),
     )
+    rivals = [
+        replace(one, vessels=moved_vessels(case.network, one.matrix)) if one.same else one
+        for one in alignment.rivals
+    ]
+    return replace(alignment, rivals=tuple(rivals))
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from kernels.arrays import FloatArray
 from registration.alignment import AXES, AlternativePose, Uncertainty
 from registration.alignment.uncertainty import quantity, terms
 from registration.json_ready import json_ready
-from registration.measuring.gauging import Defect, Deviation, Perfusion, VesselGauge
+from registration.measuring.gauging import ContrastGauge, Defect, Deviation, Perfusion, VesselGauge
 from registration.measuring.gauging.face_places import FacePlace
 from registration.measuring.geometry import Characteristic, Frame
 from registration.measuring.topology import Agreement, Overlap, Topology
@@ -39,6 +39,10 @@ class RegistrationReport:
         Map with per-axis stretch.
     scale : (3,) float64
         Size of the print over that of the design along the part's x, y, z.
+    size_mm : (3,) float64, mm
+        Of the design, along x, y, z.
+    depth_from_index : bool
+        Lengths along the light rest on a refractive index that no standard has confirmed.
     depth_scale_fitted : bool
         False: z's scale is 1 by decree, because depth couldn't be told from the index.
     offset_um : float, µm
@@ -103,6 +107,10 @@ class RegistrationReport:
         Dice and volume ratio of the lumens after each fit.
     perfusion : Perfusion or None
         Flow through the lumens as printed; None where the design itself has none.
+    contrast : ContrastGauge
+        How well gel and liquid are told apart.
+    needed_voxel_um : float, µm
+        Largest voxel that would show the thinnest lumen; NaN where the scan's do.
     gel_at : (p,) float64 or None
         At each of `RegistrationOptions.places_mm`, after the scaled fit: 1 for gel, 0 for none, NaN
         outside of the scan's field or where too little light came to tell; None where nobody asked.
@@ -115,6 +123,8 @@ class RegistrationReport:
     transform_scan_to_part: FloatArray
     scaled_scan_to_part: FloatArray
     scale: FloatArray
+    size_mm: FloatArray
+    depth_from_index: bool
     depth_scale_fitted: bool
     offset_um: float
     margin: float
@@ -154,6 +164,8 @@ class RegistrationReport:
     overlap_rigid: Overlap
     overlap_scaled: Overlap
     perfusion: Perfusion | None
+    contrast: ContrastGauge
+    needed_voxel_um: float
     gel_at: FloatArray | None
     walls: WallCalibration | None
     notes: tuple[str, ...]
@@ -174,6 +186,8 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
         "transform_scan_to_part": report.transform_scan_to_part.tolist(),
         "scaled_scan_to_part": report.scaled_scan_to_part.tolist(),
         "scale": report.scale.tolist(),
+        "size_mm": report.size_mm.tolist(),
+        "depth_from_index": report.depth_from_index,
         "depth_scale_fitted": report.depth_scale_fitted,
         "offset_um": report.offset_um,
         "interval_95": {
@@ -213,8 +227,11 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
         "topology": _topology_dict(report.topology),
         "agreement": {
             **asdict(report.agreement),
+            "likelihood": report.agreement.likelihood,
             "other_part": report.agreement.other_part,
         },
+        "contrast": {"liquid": report.contrast.liquid, "untold": report.contrast.untold},
+        "needed_voxel_um": report.needed_voxel_um,
         "perfusion": None if report.perfusion is None else _perfusion_dict(report.perfusion),
         "frame": _frame_dict(report.frame),
         "characteristics": [_characteristic_dict(one) for one in report.characteristics],
@@ -312,6 +329,7 @@ def _rival_dict(rival: AlternativePose) -> dict[str, Any]:
         "same": rival.same,
         "differs_at_mm": np.round(rival.place_mm, 3).tolist(),
         "seen_there": rival.seen,
+        "vessels": list(rival.vessels),
     }
 
 

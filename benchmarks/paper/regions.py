@@ -172,7 +172,7 @@ class Supply:
 
 def supply(region: Region, terminals: int) -> Supply:
     """Grow a tree in a region as docs/python.md does, and have its file judged."""
-    options = GrowthOptions(terminals=terminals, seed=1)
+    options = GrowthOptions(terminals=terminals, seed=1, root_at_top=True)
     out, begun = region.stl.with_suffix(".csv"), time.process_time()
     try:
         tree = grow_tree(load_tissue(region.stl, "mm"), options)

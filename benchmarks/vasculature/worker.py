@@ -10,6 +10,7 @@ import json
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,8 @@ def tree(tissue: Tissue, options: GrowthOptions) -> tuple[Any, dict[str, Any]]:
 
 def loops(tissue: Tissue, options: GrowthOptions) -> tuple[Any, dict[str, Any]]:
     """Return artery and vein joined, and how many terminals were; balanced if some were pruned."""
-    artery, vein = grow_forest(tissue, [RootSpec(options), RootSpec(options, VesselKind.VEIN)])
+    drain = replace(options, root_at_top=False)
+    artery, vein = grow_forest(tissue, [RootSpec(options), RootSpec(drain, VesselKind.VEIN)])
     closed = close_loops(tissue, artery, vein)
     network = closed.network
     if closed.pruned:
@@ -65,10 +67,10 @@ WAYS = {"tree": tree, "loops": loops, "printable": printable}
 
 
 def options_for(way: str, terminals: int, seed: int, root: list[float]) -> GrowthOptions:
-    """Return the way's options; without a root the product's default stands."""
-    more: dict[str, Any] = {}
+    """Return the way's options; without a root it is the fixed cases', the highest vertex."""
+    more: dict[str, Any] = {"root_at_top": not root}
     if root:
-        more = {"root_point_mm": tuple(root[:3]), "root_direction": tuple(root[3:])}
+        more |= {"root_point_mm": tuple(root[:3]), "root_direction": tuple(root[3:])}
     if way == "printable":
         more |= {"smallest_radius_mm": LUMEN_MM / 2, "clearance_mm": WALL_MM}
     return GrowthOptions(terminals=terminals, seed=seed, **more)

@@ -94,8 +94,11 @@ class GrowthOptions:
     terminal_flows : (n,), optional
         Their flows, in any unit; the total is set by the perfusion. Equal by default.
     root_point_mm, root_direction : (float, float, float), optional
-        Where the root enters, and which way. The default is the surface vertex of largest z and
-        its inward normal.
+        Where the root enters, and which way. By default it enters squarely, inside a face that
+        has room for it (`growth.mouths`), on top where there is one.
+    root_at_top : bool
+        At the surface vertex of largest z instead, along the inward normal there, be it on an edge:
+        the root of published cases. Its walls aren't checked.
     root_candidates : int
         0, or of how many places spread over the surface the cheapest is searched for.
     smallest_radius_mm : float, optional
@@ -139,6 +142,7 @@ class GrowthOptions:
     terminal_flows: Sequence[float] | FloatArray | None = None
     root_point_mm: tuple[float, float, float] | None = None
     root_direction: tuple[float, float, float] | None = None
+    root_at_top: bool = False
     root_candidates: int = 0
     smallest_radius_mm: float | None = None
     terminal_spread: float | None = None
@@ -165,6 +169,13 @@ class GrowthOptions:
             raise GrowthError("root_direction is (0, 0, 0); give a direction")
         if self.root_candidates and self.root_point_mm is not None:
             raise GrowthError("give either root_point_mm or root_candidates, and not both")
+        if self.root_at_top and (
+            self.root_candidates or self.root_point_mm or self.root_direction is not None
+        ):
+            raise GrowthError(
+                "root_at_top says where the root enters; give it without root_point_mm, "
+                "root_direction and root_candidates"
+            )
         for name in ("branch_angle_degrees", "turn_angle_degrees"):
             check_angles(name, getattr(self, name))
         for name, known in _CHOICES:

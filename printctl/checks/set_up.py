@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
@@ -161,8 +161,8 @@ class PlacedDish:
         Height of its floor, printer's frame.
     bath_mm : float or None, mm
         Depth of the bath; None where nobody said it.
-    bath_key : str
-        Where that is said, for messages.
+    bath_key, centre_key : str
+        Where depth and centre are said, for messages.
     """
 
     dish: Dish
@@ -170,6 +170,7 @@ class PlacedDish:
     floor_mm: float
     bath_mm: float | None = None
     bath_key: str = "printer.bath_depth_mm"
+    centre_key: str = "printer.dish_centre_mm"
 
     @property
     def area_mm2(self) -> float:
@@ -253,6 +254,8 @@ class SetUp:
         What each of several heads holds; syringe, ink and needle are then the first one's.
     thinnest_bore : float
         Narrowest line allowed, as a part of the needle's bore.
+    absent : tuple of str
+        Of needle, bath and dish those that the user says aren't there.
     """
 
     printer: Printer
@@ -263,6 +266,7 @@ class SetUp:
     standing: PlacedDish | None = None
     heads: tuple[HeadLoading, ...] = ()
     thinnest_bore: float = THINNEST_BORE
+    absent: tuple[str, ...] = ()
 
     def load_of(self, number: int) -> HeadLoading:
         """What a head holds; the same in each where nobody said it of each."""
@@ -274,15 +278,20 @@ class SetUp:
 # Load a print set-up (printer, needle, ink, dish, bath) from the names of its profiles.
 
 
+NONE: Final = "none"
+"""In place of a profile: nothing is mounted, as in an air print."""
+
+
 @settings
 class ProfileNames:
     """Names of what is mounted; None for what wasn't given."""
 
     needle: str | None = opt(
-        "Needle profile; force and walls need it. Of several heads: left,right."
+        "Needle profile; plunger force and walls need it. Of several heads: left,right. none: no "
+        "needle."
     )
-    bath: str | None = opt("Bath profile; chemistry and warmth need it.")
-    dish: str | None = opt("Dish profile; walls need it.")
+    bath: str | None = opt("Bath profile; gelation and temperatures need it. none: no bath.")
+    dish: str | None = opt("Dish profile; walls need it. none: no dish.")
     dish_centre: str | None = opt("Printer's frame; below --start if not.", metavar="X,Y")
     bath_depth: float | None = opt("How high the dish is filled, mm.", min=0.1)
     thinnest_bore: float = opt(
@@ -291,6 +300,23 @@ class ProfileNames:
         THINNEST_BORE,
         min=0.05,
         max=2.0,
+    )
+
+    def words(self) -> tuple[str, ...]:
+        """Return the options that name them again."""
+        given = vars(self) | {
+            "thinnest_bore": None if self.thinnest_bore == THINNEST_BORE else self.thinnest_bore
+        }
+        return options_of(given)
+
+
+def options_of(values: Mapping[str, object]) -> tuple[str, ...]:
+    """Return command-line options that give these values by name; none for None."""
+    return tuple(
+        word
+        for name, value in values.items()
+        if value is not None
+        for word in (f"--{name.replace('_', '-')}", str(value))
     )
 
 
@@ -308,11 +334,13 @@ def set_up(
     UsageError, ProfileError
         For a centre that isn't two numbers; for a profile that there isn't.
     """
-    bath, dish = mounted.bath, mounted.dish
+    absent = tuple(one for one in ("needle", "bath", "dish") if vars(mounted)[one] == NONE)
+    bath, dish = (None if name == NONE else name for name in (mounted.bath, mounted.dish))
     standing = None
     if dish is not None:
         centre = read_dish_centre(mounted.dish_centre) if mounted.dish_centre else tip[:2]
-        standing = PlacedDish(load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth)
+        keys = ("--bath-depth", "--dish-centre")
+        standing = PlacedDish(load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth, *keys)
     elif mounted.dish_centre is not None or mounted.bath_depth is not None:
         raise UsageError("--dish-centre and --bath-depth belong to a dish; give --dish")
     loads = loads_of(printer, syringe, ink, mounted.needle)
@@ -325,6 +353,7 @@ def set_up(
         standing,
         loads if printer.heads else (),
         mounted.thinnest_bore,
+        absent,
     )
 
 
@@ -356,7 +385,7 @@ def loads_of(
     """What each head holds."""
     inks = [load(Ink, name) for name in of_each(printer, ink, "--ink")]
     needles: list[Needle | None] = [None] * printer.head_count
-    if needle is not None:
+    if needle is not None and needle != NONE:
         needles = [load(Needle, name) for name in of_each(printer, needle, "--needle")]
     parts = zip(syringes_of(printer, syringe), inks, needles, strict=True)
     return tuple(HeadLoading(*part) for part in parts)

@@ -120,12 +120,18 @@ def print_job(
         set_for = set_up(profile, syringe, ink, tip, mounted)
         run, job = dry_run(cli.read_gcode_file(file), profile, tip), load_job(file, profile)
         shaft = file_shaft(file, run, set_for, accepted=accept_crossings)
-        checks = [*file_checks(run, set_for, file.with_suffix(".map.npz")), *shaft.checks]
+        line_map, real = file.with_suffix(".map.npz"), port != SIMULATED
+        checks = [*file_checks(run, set_for, line_map, real=real), *shaft.checks]
         checks, at, heads = with_reloads(checks, job, usable, wanted=reload)
         refuse_failed(checks)
         cli.print_notes(warnings(checks))
         care = replace(
-            care, reload_at=at, reload_heads=heads, accepted=shaft.accepted, start_mm=tip
+            care,
+            reload_at=at,
+            reload_heads=heads,
+            accepted=shaft.accepted,
+            start_mm=tip,
+            set_up=("--syringe", syringe, "--ink", ink, *mounted.words()),
         )
         order = replace(order, care=care)
         if (file.parent / ORDER_FILE).is_file() and not resume:

@@ -14,6 +14,7 @@ from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.scan import ScanFile, ScanOptions
 from printctl.garbage_collection import collected_rarely
+from printctl.history.table import HEADLINES, outcome
 from printctl.pipeline.lock import run_lock
 from printctl.progress_file import ProgressFile
 from printctl.recipe.making import RegistrationPart
@@ -132,4 +133,6 @@ def register(
         begin("writing")
         cli.print_notes(made.write(out, data, pdf, second, drawn))
     files = [str(out / HTML), *([str(out / PDF)] if pdf else [])]
-    cli.print_result(data, [*data["verdict"]["reasons"], *files], data["verdict"]["passed"])
+    verdict = data["verdict"]
+    said = [HEADLINES[outcome(verdict)], *verdict["reasons"], *files]
+    cli.print_result(data, said, verdict["passed"])

@@ -99,7 +99,7 @@ def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> 
     """What is said at the end."""
     # They load what keeps a printer's link; a design needs none of it.
     from printctl.cli.running_print import looks_lines
-    from printctl.history.table import outcome
+    from printctl.history.table import HEADLINES, outcome
 
     process = process_lines(data["dry_run"]) if "dry_run" in data else []
     process += looks_lines(folder)
@@ -108,7 +108,8 @@ def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> 
     verdict, pdfs = data["verdict"], [folder / PDF] if pdf else []
     if pdf and "plate" in data:
         pdfs = [(folder / row["report"]).parent / PDF for row in data["scanned"]]
-    return [*process, outcome(verdict), *verdict["reasons"], *map(str, (folder / HTML, *pdfs))]
+    said = [HEADLINES[outcome(verdict)], *verdict["reasons"]]
+    return [*process, *said, *map(str, (folder / HTML, *pdfs))]
 
 
 @json_command

@@ -79,13 +79,20 @@ def scan(
     device: Literal["oct", "microct"] | None = opt(
         "What scans; if not given, oct for layers that light gets through, else microct."
     ),
-    voxel_um: str | None = opt("25,25,15 of oct, 80,80,80 of microct by default.", metavar="X,Y,Z"),
+    voxel_um: str | None = opt("As fine as the thinnest vessel needs by default.", metavar="X,Y,Z"),
     shrink_percent: float = of(SimulatedScan, "shrink_percent"),
     seed: int = opt("Of noise and pose.", 1, min=0),
     large: bool = of(SimulatedScan, "large"),
     syringe: HeldOption = None,
     ink: HeldOption = None,
     needle: HeldOption = None,
+    embedded: bool | None = opt(
+        "Filaments in a bath, or layers; as the recipe or FILE.map.npz says by default. Without "
+        "either, level writing is taken as layers.",
+        None,
+        "--embedded/--layered",
+    ),
+    layer_um: float | None = opt("Layer height of a print with a single layer.", min=1, max=5000),
     faults: Path | None = opt("Fault file that the print was made with."),
     record: Path | None = opt(
         "What the motors did, where `printctl sim-printer --record` wrote it."
@@ -106,7 +113,7 @@ def scan(
         "seed": seed,
         "large": large,
     }
-    stated = StatedPrint(syringe, ink, needle, faults, record)
+    stated = StatedPrint(syringe, ink, needle, faults, record, embedded, layer_um)
     facts = scan_print(find_print(printed), stated, wanted, out, print_note)
     print_result(facts, (facts[name] for name in ("scan", "sidecar", "truth")))
 

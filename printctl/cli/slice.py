@@ -6,7 +6,7 @@ from pathlib import Path
 
 from design.toolpath.fresh import Adaptive, Filling, FreshOptions, Infill
 from design.units import LengthUnit
-from firmware_profiles import Dish, Printer, load
+from firmware_profiles import Bath, Dish, Printer, load
 from kernels import freed_memory_returned
 from printctl.checks.preflight.bore import bore_check
 from printctl.checks.set_up import ProfileNames, loads_of, of_each, refuse_failed
@@ -16,7 +16,7 @@ from printctl.cli.options import PrinterOption, gcode_to_write, print_notes, pri
 from printctl.errors import UsageError
 from printctl.pipeline import slicing
 from printctl.recipe.making import Fresh
-from printctl.settings import arg, of, opt
+from printctl.settings import arg, of, opt, three_numbers
 
 _LINES_UM = (10.0, 5000.0)
 
@@ -39,7 +39,13 @@ def slice_mesh(
         "fresh_150um",
     ),
     thinnest_bore: float = of(ProfileNames, "thinnest_bore"),
+    bath: str = opt("Bath profile: its floor clearance is kept below the part.", "gelatin_support"),
     dish: str | None = opt("Dish profile: several heads are changed above its wall."),
+    place: str | None = opt(
+        "Where the meshes' origin goes in the printer's frame, mm; by default the part is centred "
+        "on the build plate, with its bottom at the bath's floor clearance.",
+        metavar="X,Y,Z",
+    ),
     layer_um: float = opt("Height of a layer, µm.", 60.0, min=5, max=2000),
     thinnest_um: float | None = of(Fresh, "thinnest_layer_um", "--thinnest-layer-um"),
     stair_um: float = of(Fresh, "stair_um"),
@@ -56,9 +62,8 @@ def slice_mesh(
 ) -> None:
     """Slice meshes into FRESH layers whose lumens keep their size; write G-code and its line map.
 
-    The part's middle comes to the middle of what every tip reaches, its lowest point to the lowest
-    z. The job says where the tip stands when it begins: above the part's middle, clear of it.
-    Nothing is checked here: look at it with `printctl simulate`, and `printctl print` checks again.
+    The file says where the tip stands when it begins: above the middle of the part, clear of it.
+    Check it with `printctl simulate`; `printctl print` checks it again.
     """
     gcode_to_write(out, *models)
     profile = load(Printer, printer)
@@ -83,9 +88,12 @@ def slice_mesh(
         write_speed_mm_s=speed,
     )
     stands_in = None if dish is None else load(Dish, dish)
+    at = None if place is None else three_numbers(place, "--place")
     with freed_memory_returned():
         parts = slicing.assemble(models, chosen, modifiers, filling, unit)
-        job = slicing.SliceJob(parts, profile, loads, widths, how, stands_in)
+        job = slicing.SliceJob(
+            parts, profile, loads, widths, how, stands_in, load(Bath, bath).floor_clearance_mm, at
+        )
         written = slicing.slice_parts(job, out)
     print_notes(slicing.job_notes(job, written))
     facts = slicing.job_facts(job, written, models, out)

@@ -58,6 +58,15 @@ def outcome(verdict: Mapping[str, Any] | None) -> Outcome:
     return "undecided" if verdict.get("undecided") is True else "fail"
 
 
+HEADLINES: Final[dict[Outcome, str]] = {
+    "pass": "Passed",
+    "fail": "Failed",
+    "undecided": "Undecided: the scan proves neither a pass nor a fail",
+    "": "No verdict",
+}
+"""First line of a verdict, before its reasons."""
+
+
 COLUMNS: Final = [field.name for field in fields(PrintEntry)]
 _AT_ONCE: Final = 500
 _TIMES: Final = ("started", "ended")

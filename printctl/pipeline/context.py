@@ -191,7 +191,7 @@ class RunContext:
             return self.recipe.scan
         low, high = self.bounds
         if high[2] - low[2] > LIGHT_REACHES_MM or isinstance(self.recipe.toolpath, Embedded):
-            return SimulatedScan(simulated="microct", voxel_um=(80, 80, 80))
+            return SimulatedScan(simulated="microct")
         return SimulatedScan(simulated="oct")
 
     @cached_property

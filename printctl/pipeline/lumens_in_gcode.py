@@ -62,10 +62,11 @@ class LumenQuestion:
     filament_mm: float | None = opt("E is the way of such a filament.", min=0.05, max=20)
     line_um: float | None = opt("All lines are so wide, whatever E is.", min=5, max=10_000)
     layer_um: float | None = opt("Of a file with one layer.", min=1, max=5000)
-    embedded: bool = opt(
-        "Filaments written along the vessels, not layers; found by itself where writing isn't "
-        "level, or where FILE.map.npz says so.",
-        False,
+    embedded: bool | None = opt(
+        "Filaments along the vessels, or layers; as FILE.map.npz says by default. Without a map, "
+        "level writing is taken as layers.",
+        None,
+        "--embedded/--layered",
     )
     printer: str = opt("Printer profile: a shipped name or a .yaml file.", "generic_marlin")
     leak_um: float = opt("Narrower ways are no leaks.", 50.0, min=10, max=2000)
@@ -105,7 +106,10 @@ def check_lumens(
     if designed is None and part is None:
         raise UsageError("nothing says where lumens should be; give --network or --model")
     leak_mm = requested.leak_um * 1e-3
-    if requested.embedded or (designed is not None and is_embedded(file, gcode, writing)):
+    embedded = requested.embedded
+    if embedded is None:
+        embedded = designed is not None and is_embedded(file, gcode, writing, say)
+    if embedded:
         return _filaments(gcode, writing, designed, place, leak_mm)
     return _layers(gcode, writing, designed, part, place, leak_mm)
 
@@ -219,14 +223,23 @@ def _areas(options: LumenQuestion, printer: Printer, inks: list[Ink] | None) -> 
     return [np.pi / 4 * d**2 * factor for d, factor in zip(bores, factors, strict=True)]
 
 
-def is_embedded(file: Path, gcode: bytes, writing: Writing) -> bool:
-    """Whether the map beside the file counts vessels, or writing isn't level."""
+def is_embedded(file: Path, gcode: bytes, writing: Writing, say: Say) -> bool:
+    """Whether the map beside the file counts vessels; without one guess by whether all is level."""
     lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
     line_map, _ = read_line_map(file, lines)
     if line_map is not None:
         return line_map.of_vessels
     begin, end = writes_at(gcode, writing)
-    return len(begin) > 0 and not is_flat(begin, end)
+    embedded = len(begin) > 0 and not is_flat(begin, end)
+    say(
+        f"note: no line map ({file.stem}.map.npz) says how {file.name} is written; "
+        + (
+            "it isn't level, so it is read as filaments (--layered reads layers)"
+            if embedded
+            else "it is level, so it is read as layers (--embedded reads filaments)"
+        )
+    )
+    return embedded
 
 
 def read_designed(path: Path, unit: LengthUnit | None, say: Say) -> VesselNetwork:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from design.files import write_text
+from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.errors import wording
+from printctl.checks.gcode_view.line_map import mapped_style
 from printctl.checks.set_up import of_each
 from printctl.errors import UsageError
 from printctl.machine.job.job import grown_text, parse_job
@@ -29,19 +31,19 @@ from printctl.pipeline.simulated_scan import (
     scan_deposit,
     scan_size_words,
     to_scan,
+    usual_voxel_um,
 )
 from printctl.pipeline.stages.scan import describe, write_truth
 from printctl.recipe import Recipe
-from printctl.recipe.making import Embedded, SimulatedScan
+from printctl.recipe.making import SimulatedScan
+from printctl.run_folder.artefacts import NETWORK
 from registration.files.readers import metadata
 from registration.files.writers import write_scan
 from sim.devices.faults import FaultFile
 from sim.devices.recorded_ink import read_record
 from sim.gcode.deposit.ink_faults import NO_FAULTS
+from sim.gcode.deposit.lay import Style
 from sim.gcode.motion.executed import ExecutedMotion
-
-_CUBE_UM: Final = (80.0, 80.0, 80.0)
-"""Voxels of a micro-CT where none are given, as of a run's."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,10 @@ class StatedPrint:
         Fault file of the simulated printer.
     record : Path or None
         Its record of what its motors did.
+    embedded : bool or None
+        Whether filaments were written into a bath; else layers.
+    layer_um : float or None, µm
+        Height of the only layer.
     """
 
     syringe: str | None = None
@@ -63,6 +69,8 @@ class StatedPrint:
     needle: str | None = None
     faults: Path | None = None
     record: Path | None = None
+    embedded: bool | None = None
+    layer_um: float | None = None
 
 
 def scan_print(
@@ -95,15 +103,26 @@ def scan_print(
     known = evidence(entry)
     recipe = Recipe.model_validate(known.facts["recipe"]) if "recipe" in known.facts else None
     motion = read_record(_record(entry, stated.record))
-    ink = _ink(known, recipe, motion, stated)
-    box = ink.written_mm
-    layered = ink.is_layered if recipe is None else not isinstance(recipe.toolpath, Embedded)
+    style, layer_mm = _style(known, recipe, stated)
+    ink = replace(_ink(known, recipe, motion, stated), style=style, layer_mm=layer_mm)
+    box, layered = ink.written_mm, ink.is_layered
+    if style is None:
+        told = (
+            "all of it is level, so it is simulated as layers (--embedded: as filaments)"
+            if layered
+            else "it isn't level, so it is simulated as filaments in a bath (--layered: as layers)"
+        )
+        tell(f"note: no recipe and no line map (FILE.map.npz) says how this was written; {told}")
     deep = not layered or float(np.ptp(box, axis=0)[2]) > LIGHT_REACHES_MM
     part = _part({**wanted, "simulated": wanted["simulated"] or ("microct" if deep else "oct"),
                   "format": path.suffix[1:].lower() or "tif"})  # fmt: skip
     seed = part.seed or 0
+    if part.voxel_um is None:
+        usual = usual_voxel_um(part, _thinnest_mm(folder / NETWORK), box, seed)
+        part = part.model_copy(update={"voxel_um": usual})
     tell(scan_size_words(part, box, seed, "--large"))
-    scanned = scan_deposit(ink.deposit(deposit_voxel_mm(part)), part, seed, gel=layered)
+    stays = layered or (recipe is not None and recipe.toolpath.written == "cords")
+    scanned = scan_deposit(ink.deposit(deposit_voxel_mm(part)), part, seed, gel=stays)
     scan = to_scan(scanned, path)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_scan(path, scan)
@@ -120,14 +139,34 @@ def scan_print(
     }
 
 
+def _style(
+    known: Evidence, recipe: Recipe | None, stated: StatedPrint
+) -> tuple[Style | None, float | None]:
+    """Whether layers or filaments were written, and a single layer's height, mm; None: unknown."""
+    layer_mm = None if stated.layer_um is None else stated.layer_um * 1e-3
+    if stated.embedded is not None:
+        return "embedded" if stated.embedded else "layered", layer_mm
+    if recipe is not None:
+        style, own_mm = recipe.toolpath.style
+        return style, own_mm if layer_mm is None else layer_mm
+    if known.gcode is None:
+        return None, layer_mm
+    return mapped_style(known.gcode.with_suffix(".map.npz")), layer_mm
+
+
 def _part(wanted: Mapping[str, Any]) -> SimulatedScan:
     given = {key: value for key, value in wanted.items() if value is not None}
-    if given["simulated"] == "microct":
-        given.setdefault("voxel_um", _CUBE_UM)
     try:
         return SimulatedScan(**given)
     except ValidationError as exc:
         raise UsageError("; ".join(wording(one) for one in exc.errors())) from exc
+
+
+def _thinnest_mm(network: Path) -> float | None:
+    """Diameter of the thinnest vessel of a print's design, where its folder holds that."""
+    if not network.is_file():
+        return None
+    return 2 * float(read_network_csv(network, unit="mm").radius.min())
 
 
 def _record(entry: PrintEntry, given: Path | None) -> Path:

@@ -22,6 +22,7 @@ from printctl.checks.preflight.mounted import (
     held_check,
     needle_check,
     profile_checks,
+    role_checks,
 )
 from printctl.checks.set_up import Check, PlacedDish, refuse_failed
 from printctl.errors import UsageError
@@ -107,6 +108,7 @@ def refuse_before(recipe: Recipe, recipe_folder: Path) -> None:
     heads = filled_heads(recipe.printer, recipe.toolpath.needle, printer)
     bath = load(Bath, recipe.printer.bath)
     checks = [] if printer.heads else list(_mounted(printer, heads[0], bath))
+    checks += role_checks([one.ink for one in heads], bath, recipe.toolpath.written)
     checks += _lines(recipe, printer, heads)
     checks += _block_placed(recipe, printer)
     given = recipe.vasculature

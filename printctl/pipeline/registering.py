@@ -22,6 +22,7 @@ from printctl.pipeline.verdict import verdict
 from printctl.recipe.record import RecordPart
 from printctl.run_folder.artefacts import JOURNAL_FOLDER, NUMBERS
 from printctl.run_folder.registration_files import (
+    AS_CORDS,
     DEVIATION,
     design_facts,
     scan_facts,
@@ -63,6 +64,8 @@ class DesignRead:
         As far as a journal tells it (`print_identity`).
     lumens : FoundLumens or None
         Of a network that was found in the model: what is unsure of it.
+    cords : bool
+        Whether it was written as solid cords.
     """
 
     model: Path
@@ -71,6 +74,7 @@ class DesignRead:
     vessels: VesselNetwork
     printed: dict[str, Any] | None
     lumens: FoundLumens | None = None
+    cords: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,7 +107,7 @@ class RegisteredScan(DesignRead):
         ToleranceError
             When the tolerances name a vessel or kind that the network doesn't have.
         """
-        measured = report_dict(self.found)
+        measured = report_dict(self.found) | (AS_CORDS if self.cords else {})
         if self.lumens is not None:
             withhold_unsure(measured, self.lumens.stretches)
             measured["unfollowed"] = {

@@ -84,7 +84,7 @@ class Measuring:
     def register(self, measured: Scan, design: DesignRead) -> RegisteredScan:
         """Register what was read."""
         options = RegistrationOptions(
-            lumens="bright" if self.filled else "dark", datums=self.datums
+            lumens="bright" if self.filled or design.cords else "dark", datums=self.datums
         )
         found = register_scan(measured, design.surface, design.vessels, options)
         return RegisteredScan(**vars(design), source=self.scan, scan=measured, found=found)
@@ -129,7 +129,8 @@ def read_design(
         raise UsageError(f"no network at {path}; give --network network.csv for the vessel table")
     else:
         vessels = read_network_csv(path, unit="mm")
-    return DesignRead(model, surface, path, vessels, _printed(model, printed_in), found)
+    cords = model.is_dir() and Manifest.load(model).writes_cords
+    return DesignRead(model, surface, path, vessels, _printed(model, printed_in), found, cords)
 
 
 def _surface(

@@ -23,6 +23,7 @@ from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
 from sim.gcode.deposit.lay import (
     EXACT_MM,
     Deposit,
+    Style,
     deposit_of_heads,
     unite_deposits,
     valves_as_plungers,
@@ -32,6 +33,9 @@ from sim.gcode.motion.executed import ExecutedMotion
 MAX_SCAN_MB: Final = 1000.0
 """A larger scan is made on request alone: registering one takes six times its size in memory."""
 PROPOSED_SCAN_MB: Final = 200.0
+VOXELS_ACROSS: Final = 8.0
+LEAST_DEEPER: Final = 0.02
+"""Share of the vessels beyond light's reach that is worth a note."""
 _BYTES_PER_VOXEL: Final = 2
 _FINEST_DEPOSIT_MM: Final = 0.02
 _DEPOSIT_PER_SCAN_VOXEL: Final = 0.625
@@ -53,6 +57,10 @@ class PrintedInk:
     gcode : bytes
         As it was sent; of pneumatic heads it says when their valves stood open.
     faults : InkFaults
+    style : "layered" or "embedded" or None
+        As the recipe or the job's map says it; None guesses it from the motion.
+    layer_mm : float or None, mm
+        Height of the lines of a print with a single layer.
     """
 
     motion: ExecutedMotion
@@ -61,6 +69,8 @@ class PrintedInk:
     flows_ul_s: Sequence[float] = ()
     gcode: bytes = b""
     faults: InkFaults = NO_FAULTS
+    style: Style | None = None
+    layer_mm: float | None = None
 
     @cached_property
     def of_tips(self) -> tuple[ExecutedMotion, ...]:
@@ -80,7 +90,9 @@ class PrintedInk:
 
     @property
     def is_layered(self) -> bool:
-        """Whether all that was written is level."""
+        """Whether layers were written; where nothing says it, whether all writing is level."""
+        if self.style is not None:
+            return self.style == "layered"
         return all(bool((one.start[:, 2] == one.end[:, 2]).all()) for one in self._written)
 
     @property
@@ -104,6 +116,8 @@ class PrintedInk:
             smoothing_mm=EXACT_MM if air else 1.0,
             plunger_step_mm=[EXACT_MM if air else 1 / one.steps_per_mm.e for one in machines],
             faults=[self.faults.of_head(k) for k in wrote],
+            style=self.style,
+            layer_mm=self.layer_mm,
         )
 
 
@@ -113,9 +127,47 @@ def _writing(motion: ExecutedMotion) -> np.ndarray:
     return np.asarray(moved & (motion.plunger_end > motion.plunger_start))
 
 
+def usual_voxel_um(
+    part: SimulatedScan, thinnest_mm: float | None, box_mm: FloatArray, seed: int
+) -> tuple[float, float, float]:
+    """Return the voxels of a scan that names none: `VOXELS_ACROSS` of them across a vessel.
+
+    No coarser than scanners usually take, and no finer than makes a scan of `MAX_SCAN_MB`.
+
+    Parameters
+    ----------
+    part : SimulatedScan
+    thinnest_mm : float or None, mm
+        Diameter of the thinnest vessel, where it is known.
+    box_mm : (2, 3) float64, mm
+        What is scanned.
+    seed : int
+        Of the pose.
+    """
+    usual = np.array((25.0, 25.0, 15.0) if part.simulated == "oct" else (80.0, 80.0, 80.0))
+    across = math.inf if thinnest_mm is None else 1e3 * thinnest_mm / VOXELS_ACROSS
+    voxels = usual * min(1.0, across / usual[0])
+    while _size_mb(part, voxels, box_mm, seed) > MAX_SCAN_MB:
+        voxels = voxels * 1.05
+    dx, dy, dz = np.round(voxels, 1).tolist()
+    return dx, dy, dz
+
+
+def _size_mb(part: SimulatedScan, voxels: FloatArray, box_mm: FloatArray, seed: int) -> float:
+    sized = part.model_copy(update={"voxel_um": tuple(voxels.tolist())})
+    return math.prod(_options(sized).shape(box_mm, seed)) * _BYTES_PER_VOXEL / 1e6
+
+
+def voxels_um(part: SimulatedScan) -> tuple[float, float, float]:
+    """Return a part's voxels, which are known by the time of the scan."""
+    if part.voxel_um is None:
+        raise ValueError("a simulated scan's voxels come before its size")
+    return part.voxel_um
+
+
 def deposit_voxel_mm(part: SimulatedScan) -> float:
     """Edge of the voxels in which ink is laid that is to be scanned, mm."""
-    return max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * 1e-3 * min(part.voxel_um))
+    return max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * 1e-3 * min(voxels_um(part)))
 
 
 def scan_deposit(ink: Deposit, part: SimulatedScan, seed: int, *, gel: bool) -> ScannerOutput:
@@ -127,12 +179,45 @@ def scan_deposit(ink: Deposit, part: SimulatedScan, seed: int, *, gel: bool) -> 
 
 
 def _options(part: SimulatedScan, gel: bool = True) -> OctOptions | MicroCtOptions:
-    dx, dy, dz = (value * 1e-3 for value in part.voxel_um)
+    dx, dy, dz = (value * 1e-3 for value in voxels_um(part))
     left = 1 - part.shrink_percent / 100
     if part.simulated == "oct":
-        return OctOptions(voxel_mm=(dz, dy, dx), placing=Placing(shrink=(left, left, left)))
+        return OctOptions(
+            voxel_mm=(dz, dy, dx),
+            placing=Placing(shrink=(left, left, left)),
+            ink="gel" if gel else "lumen",
+        )
     placing = Placing(tilt_deg=5.0, rotation_deg=180.0, margin_mm=1.0, shrink=(left, left, left))
     return MicroCtOptions(voxel_mm=dx, placing=placing, ink="gel" if gel else "lumen")
+
+
+def reach_notes(
+    part: SimulatedScan, points_mm: FloatArray, box_mm: FloatArray, *, gel: bool
+) -> list[str]:
+    """Say how much of the vessels lies deeper than the simulated light reaches.
+
+    Parameters
+    ----------
+    part : SimulatedScan
+    points_mm : (n, 3) float64, mm
+        On the vessels' axes.
+    box_mm : (2, 3) float64, mm
+        What is scanned; light comes from above.
+    gel : bool
+        The ink is the gel, and liquid lies above it; else gel fills the field.
+    """
+    options = _options(part, gel)
+    if not isinstance(options, OctOptions):
+        return []
+    reach = options.reach_mm - (0.0 if gel else options.placing.margin_mm)
+    deeper = float((box_mm[1, 2] - points_mm[:, 2] > reach).mean())
+    if deeper < LEAST_DEEPER:
+        return []
+    return [
+        f"OCT reaches {reach:.1f} mm into this {'part' if gel else 'bath'}; {100 * deeper:.0f} % "
+        "of the vessels lie deeper and will be neither open nor closed. Micro-CT shows all of "
+        "them (scan: {simulated: microct})"
+    ]
 
 
 def scan_size_words(part: SimulatedScan, box_mm: FloatArray, seed: int, large: str) -> str:
@@ -146,12 +231,12 @@ def scan_size_words(part: SimulatedScan, box_mm: FloatArray, seed: int, large: s
     shape = _options(part).shape(box_mm, seed)
     size = math.prod(shape) * _BYTES_PER_VOXEL / 1e6
     across = " × ".join(str(count) for count in reversed(shape))
-    voxel = ", ".join(f"{value:g}" for value in part.voxel_um)
+    voxel = ", ".join(f"{value:g}" for value in voxels_um(part))
     words = f"the scan will be {_mb(size)} ({across} voxels of {voxel} µm)"
     if size <= PROPOSED_SCAN_MB:
         return words
     coarser = (size / PROPOSED_SCAN_MB) ** (1 / 3)
-    other = ", ".join(f"{math.ceil(coarser * value):g}" for value in part.voxel_um)
+    other = ", ".join(f"{math.ceil(coarser * value):g}" for value in voxels_um(part))
     proposed = f"voxels of {other} µm make one of at most {PROPOSED_SCAN_MB:g} MB"
     if size > MAX_SCAN_MB and not part.large:
         raise UsageError(f"{words}, above {_mb(MAX_SCAN_MB)}: {proposed}; or say {large}")

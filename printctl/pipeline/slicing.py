@@ -283,6 +283,10 @@ class SliceJob:
         All that the heads have in common.
     dish : Dish or None
         Above whose wall heads are changed.
+    clearance_mm : float, mm
+        Of the part's lowest point above the floor.
+    place_mm : (x, y, z) or None, mm
+        Where the meshes' origin goes, printer's frame; None centres the part.
     """
 
     parts: Assembly
@@ -291,6 +295,8 @@ class SliceJob:
     lines_mm: tuple[float, ...]
     options: FreshOptions
     dish: Dish | None = None
+    clearance_mm: float = 0.0
+    place_mm: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -378,18 +384,39 @@ def _placed(job: SliceJob) -> tuple[FloatArray, tuple[float, float, float]]:
     """Where the part's origin comes to in the printer's frame, and where the tip begins, mm."""
     printer, (low, high) = job.printer, job.parts.bounds
     reach = _reach(printer)
-    for axis, mm, (near, far) in zip("xyz", (high - low).tolist(), reach.T.tolist(), strict=True):
-        if mm > far - near:
-            tips = "what every tip reaches of " if printer.heads else ""
+    floor = reach[0, 2] + job.clearance_mm
+    tips = "what every tip reaches of " if printer.heads else ""
+    room = [*np.diff(reach[:, :2], axis=0)[0].tolist(), float(reach[1, 2] - floor)]
+    for axis, mm, most in zip("xyz", (high - low).tolist(), room, strict=True):
+        if mm > most:
+            above = f", {job.clearance_mm:g} mm above the floor" if axis == "z" else ""
             raise UsageError(
-                f"the part is {mm:g} mm long in {axis}, more than the {far - near:g} mm of "
-                f"{tips}{printer.name}; check --unit"
+                f"the part is {mm:g} mm long in {axis}, more than the {most:g} mm of "
+                f"{tips}{printer.name}{above}; check --unit, or use a larger --printer"
             )
     middle = reach.mean(axis=0)
-    place = np.round(np.append(middle[:2] - (low + high)[:2] / 2, reach[0, 2] - low[2]), 3)
+    place = np.round(np.append(middle[:2] - (low + high)[:2] / 2, floor - low[2]), 3)
+    if job.place_mm is not None:
+        place = _checked_place(job, reach, place)
     top = min(float(high[2] + place[2]) + _ABOVE_MM, printer.z_mm.high)
     x, y = np.round((low + high)[:2] / 2 + place[:2], 3).tolist()
     return place, (x, y, round(top, 3))
+
+
+def _checked_place(job: SliceJob, reach: FloatArray, centred: FloatArray) -> FloatArray:
+    """Return the place that the user gives; raise `UsageError` where tips don't reach the part."""
+    place = np.array(job.place_mm)
+    corners = job.parts.bounds + place
+    for k, axis in enumerate("xyz"):
+        low, high = corners[:, k].tolist()
+        if low < reach[0, k] or high > reach[1, k]:
+            given, middle = (",".join(f"{mm:g}" for mm in at) for at in (place, centred))
+            raise UsageError(
+                f"--place {given} puts the part at {axis} {low:g} to {high:g} mm, and "
+                f"{job.printer.name} reaches {reach[0, k]:g} to {reach[1, k]:g} mm; "
+                f"--place {middle} centres it"
+            )
+    return place
 
 
 def _reach(printer: Printer) -> FloatArray:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from kernels.arrays import FloatArray
+from printctl.pipeline.premises import Finding, mismatch, premises
 from registration.json_ready import Record
 from registration.measuring.judging import (
     Decision,
@@ -17,10 +19,7 @@ from registration.measuring.judging import (
     reason,
     worst_decision,
 )
-from registration.measuring.topology.overlap import MAX_FOREIGN, MIN_OPEN
 from registration.report.gauging_sections import pressure_words
-
-Finding = tuple[Decision, str]
 
 MOST_REASONS: Final = 10
 """Of features, the worst; the page's tables have all."""
@@ -41,7 +40,7 @@ def verdict(registration: Record) -> dict[str, Any]:
     The print passes when every feature of every vessel passes, the pose is unambiguous and every
     vessel that should carry flow does. It fails when one of these fails. Else it is undecided:
     neither is proven. Of a part that may lie otherwise nothing is proven. A scan of another part
-    fails, for that reason alone.
+    fails, for that reason alone; one with wrong voxels is undecided for that reason alone.
 
     Parameters
     ----------
@@ -59,8 +58,8 @@ def verdict(registration: Record) -> dict[str, Any]:
     KeyError
         When it wasn't judged: an older version wrote it.
     """
-    if (registration.get("agreement") or {}).get("other_part"):
-        return {"passed": False, "undecided": False, "reasons": [_other_part(registration)]}
+    if (wrong := mismatch(registration)) is not None:
+        return {"passed": False, "undecided": wrong[0] == "undecided", "reasons": [wrong[1]]}
     features = registration["judging"]["features"]
     missing = {f["vessel"] for f in registration.get("findings", ()) if f["kind"] == "missing"}
     worst_first = [
@@ -79,44 +78,60 @@ def verdict(registration: Record) -> dict[str, Any]:
             text = f"{text}; {throughout[f['vessel']]}"
         of_features.append((f["decision"], text))
     causes = _common_causes(registration, worst_first)
+    pose = _pose(registration)
     others: list[Finding] = [
-        *(_in_this_pose(registration, *one) for one in _flow(registration)),
-        *_pose(registration),
         *_proven(registration, features),
+        *(_in_this_pose(registration, *one) for one in _flow(registration)),
+        *(one for one in pose if one[0] == "pass"),
         *_unfollowed(registration),
         *_places(registration),
         *_not_judged(registration),
     ]
-    whole = worst_decision(decision for decision, _ in [*of_features, *others])
+    # A doubtful pose comes before all that follows from it.
+    leading = [one for one in pose if one[0] != "pass"]
+    first = premises(registration)
+    whole = worst_decision(decision for decision, _ in [*first, *leading, *of_features, *others])
+    reasons = [text for decision, text in first if decision != "pass"]
+    reasons += causes + [
+        text
+        for decision in _ORDER
+        # No table has the others: none of them is left out.
+        for text in [
+            *(t for d, t in leading if d == decision),
+            *_some(of_features, decision),
+            *(t for d, t in others if d == decision),
+        ]
+    ]
+    reasons += [text for decision, text in first if decision == "pass"]
+    if registration.get("written") == "cords":
+        causes = [_of_cords(text) for text in causes]
+        reasons = [*map(_of_cords, reasons), AS_SOLID]
     return {
         "passed": whole == "pass",
         "undecided": whole == "undecided",
         "causes": causes,
-        "reasons": causes
-        + [
-            text
-            for decision in _ORDER
-            # No table has the others: none of them is left out.
-            for text in [*_some(of_features, decision), *(t for d, t in others if d == decision)]
-        ],
+        "reasons": reasons,
     }
 
 
-def _other_part(registration: Record) -> str:
-    """Say that the scan is of another part, with the evidence in numbers."""
-    numbers, vessels = registration["agreement"], registration["vessels"]
-    scale = " × ".join(f"{one:.2f}" for one in registration["scale"])
-    return (
-        "This is not that part: in the best pose "
-        f"{100 * numbers['foreign_share']:.0f} % of the hollow space in the scan lies where the "
-        f"design has gel (limit {100 * MAX_FOREIGN:.0f} %; a part with defects has under 10 %), "
-        f"{100 * numbers['designed_open']:.0f} % of the designed lumens' space is hollow (limit "
-        f"{100 * MIN_OPEN:.0f} %), "
-        f"{sum(row['open'] is True for row in vessels)} of {len(vessels)} designed vessels are "
-        f"open from end to end, {100 * numbers['close_share']:.0f} % of the scanned surface lies "
-        f"within 0.25 mm of the design, and its size would be {scale} times the design's along x, "
-        "y, z; nothing else here means anything: give the model of the part that was scanned"
-    )
+AS_SOLID: Final = (
+    "Solid cords (toolpath.writes: cords): diameters and positions are compared with the design; "
+    "not evaluated as lumens"
+)
+_CORD_WORDS: Final = {
+    "lumen": "cord", "lumens": "cords", "vessel": "cord", "vessels": "cords", "open": "unbroken",
+    "closed": "broken", "leak": "stray ink", "leaks": "stray ink", "gel": "ink",
+}  # fmt: skip
+
+
+def _of_cords(text: str) -> str:
+    """Say of solid cords what a sentence says of lumens."""
+
+    def cord(word: re.Match[str]) -> str:
+        said = _CORD_WORDS[word[0].lower()]
+        return said.capitalize() if word[0][0].isupper() else said
+
+    return re.sub(rf"\b({'|'.join(_CORD_WORDS)})\b", cord, text, flags=re.IGNORECASE)
 
 
 def _in_this_pose(registration: Record, decision: Decision, text: str) -> Finding:
@@ -129,11 +144,14 @@ def _in_this_pose(registration: Record, decision: Decision, text: str) -> Findin
 def _worth_saying(features: Sequence[Record]) -> list[Record]:
     """What isn't a pass; of a vessel's mean only where its worst section doesn't say as much."""
     sure = [decision_at_sure_pose(f) for f in features]
+    hidden = {f["vessel"] for f in features if f["name"] in ("seen", "gel_like")}
     by_section = {f["vessel"]: f["decision"] for f in sure if f["name"] == "section"}
     return [
         f
         for f, plain in zip(features, sure, strict=True)
         if f["decision"] != "pass"
+        # Where it may be closed says more than that it may be.
+        and not (f["name"] == "open" and f["decision"] == "undecided" and f["vessel"] in hidden)
         and not (
             f["name"] in ("mean", "narrowest")
             and worst_decision([plain["decision"], by_section.get(f["vessel"], "pass")])
@@ -237,14 +255,15 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
     sections = [f for f in features if f["name"] == "section" and f["vessel"] in passing]
     if sections:
         largest = max(sections, key=lambda f: abs(f["value_um"]) / f["designed_um"])
-        text += f"; of their sections the one farthest off: {reason(largest)}"
+        text += f"; largest deviation: {reason(largest)}"
     out: list[Finding] = [("pass", text)]
     if all(row["open"] is True for row in vessels):
-        out.append(("pass", f"All {len(vessels)} vessels are open"))
+        many = f"All {len(vessels)} vessels are" if len(vessels) > 1 else "The vessel is"
+        out.append(("pass", f"{many} open"))
     if not any(f["name"] == "leak" for f in features) and not pose_in_doubt(
         registration["ambiguity"]
     ):  # in doubt none is listed
-        out.append(("pass", "No leak, and no bridge between vessels, was found"))
+        out.append(("pass", "No leak or bridge between vessels found"))
     rms = [f for f in features if f["name"] == "rms" and f["decision"] == "pass"]
     return [*out, *(("pass", reason(f)) for f in rms)]
 
@@ -257,25 +276,24 @@ def _unfollowed(registration: Record) -> list[Finding]:
     where = "; ".join("x {:.1f}, y {:.1f}, z {:.1f}".format(*at) for at in left["at_mm"][:3])
     more = f"; {len(left['at_mm']) - 3} more places" if len(left["at_mm"]) > 3 else ""
     text = (
-        f"{100 * left['share']:.2g} % of the lumens' volume isn't followed by any vessel found in "
-        f"the model (at {where} mm{more}), so neither good nor bad there; give --network to have "
-        "it measured"
+        f"{100 * left['share']:.2g} % of the lumens' volume belongs to no vessel found in the "
+        f"model (at {where} mm{more}), so it wasn't measured; give --network to have it measured"
     )
     return [("undecided", text)]
 
 
 def _not_judged(registration: Record) -> list[Finding]:
-    """Say what no limit was given for, so that a pass isn't read as one of place and shape."""
+    """Name what has no tolerance, so that a pass isn't read as one of position and shape."""
     tolerances = registration["judging"]["tolerances"]
     own = any(key in row for row in tolerances["vessels"] for key in _OF_PLACE)
-    of = "lumens without a limit of their own" if own else "lumens"
+    of = "lumens without a tolerance of their own" if own else "lumens"
     lacking = [
-        *([] if any(k in tolerances for k in _OF_PLACE) else [f"where {of} lie (position_um)"]),
+        *([] if any(k in tolerances for k in _OF_PLACE) else [f"position of {of} (position_um)"]),
         *([] if "face_profile_um" in tolerances else [_outer_faces(registration)]),
     ]
     if not lacking:
         return []
-    return [("pass", f"Not judged, for want of a limit in --tolerance: {'; '.join(lacking)}")]
+    return [("pass", f"Not evaluated (no tolerance set): {'; '.join(lacking)}")]
 
 
 def _outer_faces(registration: Record) -> str:
@@ -284,8 +302,8 @@ def _outer_faces(registration: Record) -> str:
     if faces.get("max_um") is None:
         return "outer faces (face_profile_um)"
     return (
-        f"outer faces (face_profile_um), of which 95 % lie within {faces['p95_um']:.0f} µm and the "
-        f"farthest place is {faces['max_um']:.0f} µm off"
+        f"outer faces (face_profile_um): 95 % within {faces['p95_um']:.0f} µm, largest deviation "
+        f"{faces['max_um']:.0f} µm"
     )
 
 
@@ -297,7 +315,7 @@ def _places(registration: Record) -> list[Finding]:
         return []
     text = "; ".join(_place_words(one) for one in places[:3])
     more = f"; {len(places) - 3} more" if len(places) > 3 else ""
-    return [("pass", f"Away from lumens the print stands out from the design: {text}{more}")]
+    return [("pass", f"Outer faces deviate from the design: {text}{more}")]
 
 
 def _place_words(place: Record) -> str:
@@ -323,17 +341,14 @@ def _flow(registration: Record) -> list[Finding]:
         return []
     shift = max(abs(row["share"] - row["designed_share"]) for row in flow["vessels"])
     known = flow if flow.get("pressure_ratio") else {"pressure_ratio": drop / designed}
-    needs = (
-        f"the print needs {pressure_words(known)} times the designed "
-        "pressure, and no vessel's share of the flow is off by more than "
-        f"{100 * shift:.1f} % of the whole"
-    )
+    needs = f"pressure drop {pressure_words(known)} times the designed one"
+    if len(flow["vessels"]) > 1:
+        needs += f", flow split within {100 * shift:.1f} percentage points of the design"
     unsure = [str(row["vessel"]) for row in registration["vessels"] if row["open"] is None]
     if unsure:
-        which = f"Vessel {unsure[0]} is" if len(unsure) == 1 else f"Vessels {_few(unsure)} are"
-        text = f"{which} neither open nor closed, so whether every vessel is fed isn't known; if so"
-        return [("undecided", f"{text}, {needs}")]
-    return [("pass", f"Every vessel is fed; {needs}")]
+        which = f"vessel {unsure[0]} is" if len(unsure) == 1 else f"vessels {_few(unsure)} are"
+        return [("undecided", f"Perfusion not confirmed; if {which} open: {needs}")]
+    return [("pass", f"Every vessel is perfused; {needs}")]
 
 
 def _few(vessels: Sequence[str]) -> str:
@@ -341,7 +356,40 @@ def _few(vessels: Sequence[str]) -> str:
 
 
 def _pose(registration: Record) -> list[Finding]:
-    if registration["ambiguity"]["flag"]:
-        doubts = registration["ambiguity"].get("doubts") or ["another one fits nearly as well"]
-        return [("undecided", f"The pose is ambiguous: {doubts[0]}")]
-    return [("pass", "The pose is unambiguous")]
+    ambiguity = registration["ambiguity"]
+    if not ambiguity["flag"]:
+        return [("pass", "The pose is unambiguous")]
+    symmetry = registration["judging"].get("symmetry")
+    if symmetry and not pose_in_doubt(ambiguity):
+        return [_same_in(registration, symmetry)]
+    doubts = ambiguity.get("doubts") or ["another one fits nearly as well"]
+    return [("undecided", f"The pose is ambiguous: {doubts[0]}")]
+
+
+def _same_in(registration: Record, symmetry: Record) -> Finding:
+    """Say that the design is the same in several poses, and whether the verdict is."""
+    *most, last = symmetry["motions"][:3]
+    motions = f"{', '.join(most)} or {last}" if most else last
+    swaps = " and ".join(_vessels(one) for one in symmetry["vessels"][:3])
+    same = f"The design is the same after {motions}"
+    if symmetry["agree"]:
+        which = f" ({swaps} can't be told apart)" if swaps else ""
+        return ("pass", f"{same}{which}; the verdict holds whichever way it lay")
+    rows = {int(row["vessel"]): row for row in registration["vessels"]}
+    of = [rows[v] for one in symmetry["vessels"] for v in one]
+    sizes = sorted({round(float(row["designed_um"])) for row in of})
+    differ = (
+        f"they are designed {' and '.join(map(str, sizes))} µm wide"
+        if len(sizes) > 1
+        else "their tolerances differ"
+    )
+    return (
+        "undecided",
+        f"{same}, so {swaps} can't be told apart, but {differ}, and the verdict depends on which "
+        "is which; add a mark that the scan shows: a dimple in an outer face, or a short blind "
+        "channel where lumens alone are scanned",
+    )
+
+
+def _vessels(numbers: Sequence[int]) -> str:
+    return f"vessels {', '.join(map(str, numbers[:-1]))} and {numbers[-1]}"

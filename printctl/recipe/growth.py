@@ -246,8 +246,10 @@ class GrownNetwork(Growth):
     terminal_flow: Literal["equal", "demand"] = Field(
         default="equal", description="demand: by what each terminal's territory asks for."
     )
-    root: Literal["search"] | None = Field(
-        default=None, description="search: where a small tree costs least."
+    root: Literal["search", "top"] | None = Field(
+        default=None,
+        description="search: where a small tree costs least; top: at the highest vertex along its "
+        "normal, even on an edge, as in published cases.",
     )
     root_candidates: Annotated[int, Field(ge=1, le=10_000)] = 24
     inlets: (
@@ -288,9 +290,11 @@ class GrownNetwork(Growth):
 
     @model_validator(mode="after")
     def _keys_fit(self) -> GrownNetwork:
-        for key in ("trunk", "stages", "terminal_points", "root"):
+        for key in ("trunk", "stages", "terminal_points"):
             if self.printable and getattr(self, key):
                 raise ValueError(f"printable doesn't go with {key} yet; give one of the two")
+        if self.printable and self.root == "search":
+            raise ValueError("printable doesn't go with root: search yet; give one of the two")
         others = ("printable", "trunk", "stages", "terminal_points", "root", "root_mm")
         for key in (*others, "inlets"):
             if self.anatomy is not None and getattr(self, key):
@@ -299,7 +303,7 @@ class GrownNetwork(Growth):
         self._curves_fit()
         if self.root is not None and (self.root_mm or self.root_direction or self.trunk):
             raise ValueError(
-                "root: search finds root and direction itself; give it without root_mm, "
+                f"root: {self.root} finds root and direction itself; give it without root_mm, "
                 "root_direction and trunk"
             )
         check_trunk(self.trunk, self.trunk_unit, self.root_mm or self.root_direction)

@@ -261,6 +261,16 @@ class Fresh(FillingPart):
         return self
 
     @property
+    def style(self) -> tuple[Literal["layered"], float]:
+        """How ink lies, and how high the lines are where there is but one layer, mm."""
+        return "layered", self.layer_um * 1e-3
+
+    @property
+    def written(self) -> Literal["layers"]:
+        """What the ink is to become."""
+        return "layers"
+
+    @property
     def even_layer_mm(self) -> float | None:
         """Height of all layers, mm; None where they differ and the G-code says each."""
         return self.layer_um * 1e-3 if self.thinnest_layer_um is None else None
@@ -272,9 +282,14 @@ class Fresh(FillingPart):
 
 
 class Embedded(Part):
-    """Vessels written along their centrelines into a cell matrix."""
+    """Vessels, or solid cords, written along their centrelines into a bath."""
 
     method: Literal["embedded"]
+    writes: Literal["vessels", "cords"] = Field(
+        default="vessels",
+        description="vessels: a sacrificial ink leaves lumens in a bath that stays; cords: the ink "
+        "stays, as solid filaments.",
+    )
     needle: NeedleName = "30g"
     write_speed_mm_s: Speed = 5.0
     travel_speed_mm_s: Speed = 20.0
@@ -306,6 +321,16 @@ class Embedded(Part):
     )
     compensation: CompensationName = None
     prime: PrimePart | None = Field(default=None, description="Before the part; nothing without.")
+
+    @property
+    def style(self) -> tuple[Literal["embedded"], None]:
+        """How ink lies: as round filaments, level or not."""
+        return "embedded", None
+
+    @property
+    def written(self) -> Literal["vessels", "cords"]:
+        """What the ink is to become."""
+        return self.writes
 
     def files(self) -> list[str]:
         """Names of the user's files that it is made from."""
@@ -400,7 +425,9 @@ class SimulatedScan(Part):
     """A scan of what the simulated printer deposited."""
 
     simulated: Literal["oct", "microct"]
-    voxel_um: Annotated[tuple[float, float, float], Field(description="x, y, z")] = (25, 25, 15)
+    voxel_um: tuple[float, float, float] | None = Field(
+        default=None, description="x, y, z; else as fine as the thinnest vessel needs."
+    )
     shrink_percent: Annotated[float, Field(ge=-10, le=20)] = Field(
         default=1.0, description="By how much the part shrank."
     )
@@ -418,10 +445,10 @@ class SimulatedScan(Part):
 
     @model_validator(mode="after")
     def _voxels_are_sensible(self) -> SimulatedScan:
-        for value in self.voxel_um:
+        for value in self.voxel_um or ():
             if not 1 <= value <= 1000:
                 raise ValueError(f"voxel {value:g} µm lies outside 1 to 1000 µm; mend voxel_um")
-        if self.simulated == "microct" and len(set(self.voxel_um)) > 1:
+        if self.simulated == "microct" and len(set(self.voxel_um or ())) > 1:
             raise ValueError("a micro-CT's voxels are cubes; give voxel_um three equal sizes")
         if self.simulated == "microct" and self.format == "oct":
             raise ValueError("a micro-CT writes no .oct; leave format out, or say tif")

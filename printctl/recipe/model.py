@@ -99,6 +99,22 @@ class Recipe(Part):
             return data
         return data | {"tissue": {"network": network, "unit": value_given(given, "unit")}}
 
+    @model_validator(mode="before")
+    @classmethod
+    def _ink_and_bath_suit_the_toolpath(cls, data: Any) -> Any:
+        """Give embedded vessels a sacrificial ink and a matrix where the recipe names none."""
+        if not isinstance(data, dict):
+            return data
+        toolpath, printer = data.get("toolpath"), data.get("printer") or {}
+        vessels = value_given(toolpath, "writes") in (None, "vessels")
+        if value_given(toolpath, "method") != "embedded" or not isinstance(printer, dict):
+            return data
+        ink = {"ink": "gelatin_sacrificial"} if vessels else {}
+        if printer.get("heads"):
+            heads = [ink | one if isinstance(one, dict) else one for one in printer["heads"]]
+            return data | {"printer": {"bath": "cell_matrix", **printer, "heads": heads}}
+        return data | {"printer": {**ink, "bath": "cell_matrix", **printer}}
+
     @model_validator(mode="after")
     def _parts_fit(self) -> Recipe:
         if self.plate is not None:

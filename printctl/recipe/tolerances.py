@@ -131,6 +131,13 @@ class TolerancesPart(VesselTolerancePart):
     """What a print is held against."""
 
     rms_um: Positive | None = Field(default=None, description="RMS deviation of the scaled fit.")
+    rigid_rms_um: Positive | None = Field(
+        default=None, description="RMS deviation of the fit without scales; else rms_um."
+    )
+    size_percent: Positive = Field(
+        default=2.0,
+        description="By how much the print may be larger or smaller than designed along each axis.",
+    )
     face_profile_um: Positive | None = Field(
         default=None, description="Profile of each outer face's surface: width of the zone."
     )
@@ -144,6 +151,8 @@ class TolerancesPart(VesselTolerancePart):
         return Tolerances(
             limits=VesselLimits(**(default | self.changes())),
             rms_um=rms_um if self.rms_um is None else self.rms_um,
+            rigid_rms_um=self.rigid_rms_um,
+            size_percent=self.size_percent,
             face_profile_um=math.inf if self.face_profile_um is None else self.face_profile_um,
             overrides=tuple(
                 Override(frozenset(one.vessels), frozenset(one.kinds), one.changes())

@@ -76,6 +76,12 @@ class Manifest:
         toolpath = self.facts.get("recipe", {}).get("toolpath") or {}
         return bool(toolpath.get("method") == "embedded")
 
+    @property
+    def writes_cords(self) -> bool:
+        """Whether what the run's print writes stays solid."""
+        toolpath = self.facts.get("recipe", {}).get("toolpath") or {}
+        return self.is_embedded and toolpath.get("writes") == "cords"
+
     def save(self) -> None:
         """Write the manifest."""
         stages = {name: vars(record) for name, record in self.stages.items()}

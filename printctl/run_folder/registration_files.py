@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,10 @@ def scan_facts(scan: Scan) -> dict[str, Any]:
         if scan.space is None
         else {"name": scan.space.name, "from_scan": scan.space.from_scan.tolist()},
     }
+
+
+AS_CORDS: Final[dict[str, Any]] = {"written": "cords", "perfusion": None}
+"""Over the numbers of solid cords (`toolpath.writes`), which nothing flows through."""
 
 
 def write_exports(

@@ -125,7 +125,7 @@ def align(
     sure = fit_errors(surface, many[kept], scaled, freedom, shared, lumens=lumens)
     doubts = (
         *rival_doubts(choice.rivals, options.ambiguous_below),
-        *loose_freedoms(sure.covariance[:6, :6], surface.bounds),
+        *loose_freedoms(sure.covariance[:6, :6], surface),
         *misfits(surface, many, scaled, blur_mm),
     )
     depth_axis = int(np.abs(scaled.rotation[:, 2]).argmax())
@@ -185,7 +185,9 @@ def _refuse_misfit(surface: ModelSurface, points: FloatArray, fit: Fit) -> None:
     close = np.abs(residuals(surface, points, fit)) < CLOSE_MM
     if close.mean() < 0.5:
         raise AlignmentError(
-            f"this is not that part, or not in its size: only {100 * close.mean():.0f} % of the "
-            f"scanned surface comes within {1e3 * CLOSE_MM:.0f} um of the model in the best pose "
-            "(needed: 50 %); check which part was scanned, --voxel-um and the model's unit"
+            f"the scan doesn't match the design: {100 * close.mean():.0f} % of the scanned surface "
+            f"lies within {1e3 * CLOSE_MM:.0f} µm of it in the best pose (needed: 50 %), with a "
+            f"fitted size of {' × '.join(f'{100 * one:.0f}' for one in fit.scale)} % of the "
+            "design's along x, y, z; check which part was scanned, the voxel size (--voxel-um) and "
+            "the model's unit"
         )

@@ -11,6 +11,7 @@ from kernels.arrays import FloatArray
 from registration.alignment.distance import ModelSurface
 from registration.alignment.fit import Fit, evenness, facing
 from registration.alignment.rivals import AXES, AlternativePose
+from registration.alignment.symmetry import turns_into_itself
 
 # List the shifts and turns of the part that a scan leaves uncertain by more than 50 µm.
 
@@ -18,18 +19,20 @@ UNKNOWN_MM = 0.05
 """Half width of the 95 % interval from which a degree of freedom counts as not known."""
 
 
-def loose_freedoms(covariance: FloatArray, bounds: FloatArray) -> list[str]:
+def loose_freedoms(covariance: FloatArray, surface: ModelSurface) -> list[str]:
     """Return a sentence for each freedom that isn't known to `UNKNOWN_MM`, the worst first.
 
-    Eigenvalues of the covariance (6, 6) of rotation about the middle and shift, measured by how
-    far they move the corners of the part's box.
+    A turn after which the design is the same, as of a tube about its axis, is none. Eigenvalues of
+    the covariance (6, 6) of rotation about the middle and shift, measured by how far they move the
+    corners of the part's box.
 
     Parameters
     ----------
     covariance : (6, 6) float64
-        Of a rotation vector (rad) about the middle of `bounds`, and of a shift (mm).
-    bounds : (2, 3) float64, mm
+        Of a rotation vector (rad) about the middle of the surface's box, and of a shift (mm).
+    surface : ModelSurface
     """
+    bounds = surface.bounds
     corners = np.array(list(product(*bounds.T))) - bounds.mean(axis=0)
     # Mean square of the corners' movement is q' metric q; with metric = L L' lengths are L' q.
     lever = np.zeros((len(corners), 3, 6))
@@ -42,11 +45,14 @@ def loose_freedoms(covariance: FloatArray, bounds: FloatArray) -> list[str]:
     out = []
     for value, vector in zip(variance[::-1], vectors.T[::-1], strict=True):
         half = 1.96 * float(np.sqrt(max(value, 0.0)))
-        if half > UNKNOWN_MM:
-            out.append(
-                f"The scan doesn't fix {_words(vector)}: known to ± {half:.2f} mm (95 %, limit "
-                f"{UNKNOWN_MM:g} mm); scan more of the part."
-            )
+        if half <= UNKNOWN_MM:
+            continue
+        if turns_into_itself(surface, np.linalg.solve(root.T, vector), bounds.mean(axis=0)):
+            continue
+        out.append(
+            f"The scan doesn't fix {_words(vector)}: known to ± {half:.2f} mm (95 %, limit "
+            f"{UNKNOWN_MM:g} mm); scan more of the part."
+        )
     return out
 
 
@@ -55,7 +61,7 @@ def _words(vector: FloatArray) -> str:
     strongest = int(np.abs(vector).argmax())
     if strongest < 3:
         return f"its turn about {AXES[strongest]}"
-    return f"its place along {AXES[strongest - 3]}"
+    return f"its position along {AXES[strongest - 3]}"
 
 
 # List groups of walls that face one way and lie off the design by over 75 µm after the fit.
@@ -140,8 +146,8 @@ def rival_words(rival: AlternativePose, limit: float) -> str:
     """Say where else the part may lie and what would tell."""
     if rival.same:
         return (
-            f"The design is the same after {rival.motion}: no scan tells which way it lies; give "
-            "the design a mark, such as a dimple in one corner."
+            f"The design is the same after {rival.motion}, so the scan can't show which way the "
+            "part lay."
         )
     x, y, z = rival.place_mm
     where = f"most (by {rival.apart_um:.0f} µm) at x {x:.2f}, y {y:.2f}, z {z:.2f} mm"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -104,6 +104,10 @@ class AlternativePose:
         Whether the scan shows that place.
     amid : bool
         Whether scanned surface lies to all sides of that place, along each axis of the part.
+    matrix : (4, 4) float64, mm
+        The motion.
+    vessels : tuple of int
+        The vessel on which each comes to lie, where the design is the same; else empty.
     """
 
     motion: str
@@ -113,6 +117,8 @@ class AlternativePose:
     place_mm: FloatArray
     seen: bool
     amid: bool = False
+    matrix: FloatArray = field(default_factory=lambda: np.eye(4))
+    vessels: tuple[int, ...] = ()
 
     @property
     def same(self) -> bool:
@@ -160,7 +166,7 @@ def describe(
     """
     turned = np.diag([*MIRROR, 1.0]) if mirrored else np.eye(4)
     motion = _rigid(other) @ turned @ np.linalg.inv(_rigid(best))
-    points = _spread(surface, DESIGN_POINTS)
+    points = spread_points(surface)
     apart = np.abs(surface.query(points @ motion[:3, :3].T + motion[:3, 3]).distance)
     worst = int(apart.argmax())
     near = (np.linalg.norm(points - points[worst], axis=1) < 1.0) & (apart > 0.8 * apart[worst])
@@ -175,6 +181,7 @@ def describe(
         place_mm=place,
         seen=away < BESIDE_MM,
         amid=bool(((seen.min(axis=0) < place) & (place < seen.max(axis=0))).all()),
+        matrix=motion,
     )
 
 
@@ -185,8 +192,8 @@ def _rigid(fit: Fit) -> FloatArray:
     return out
 
 
-def _spread(surface: ModelSurface, count: int) -> FloatArray:
-    """Points (count, 3) spread evenly over the surface, the same every time."""
+def spread_points(surface: ModelSurface, count: int = DESIGN_POINTS) -> FloatArray:
+    """Return points (count, 3) spread evenly over the surface, the same every time."""
     rng = np.random.default_rng(0)
     a, b, c = (surface.triangles[:, k] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)

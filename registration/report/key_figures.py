@@ -63,6 +63,8 @@ def _open_vessels(data: Mapping[str, Any]) -> KeyFigure | None:
     closed = [plain(r.get("vessel")) for r in known if not r["open"]]
     note = f"blocked: {', '.join(closed[:6])}{' …' if len(closed) > 6 else ''}" if closed else ""
     count = f"{len(known) - len(closed)} of {len(known)}"
+    if mapping(data, "registration").get("written") == "cords":
+        return KeyFigure("Cords unbroken", count, "", note.replace("blocked", "broken"))
     return KeyFigure("Vessels open", count, "", note)
 
 

@@ -132,6 +132,34 @@ def _of_scale(width: Any, interval: Mapping[str, Any]) -> str:
     return "not fitted" if width is None and interval.get("scale") else _half(width, 2)
 
 
+# Report table of the decisions on the whole print: size, and deviation of both fits.
+
+WHOLE_COLUMNS: Final = (
+    Column("quantity", "Quantity", kind="text"),
+    Column("value_um", "Measured", "µm", "signed"),
+    Column("u_um", "± (95 %)", "µm"),
+    Column("percent", "Of the design", "%", "signed"),
+    Column("limit", "Limit", kind="text"),
+    Column("decision", "Decision", kind="text"),
+)
+_WHOLE: Final = {"rms": "RMS deviation, scaled fit", "rigid": "RMS deviation, rigid fit"}
+
+
+def whole_table(registration: Mapping[str, Any]) -> Table | None:
+    """Return the decisions on size and RMS deviations; None where nothing was judged."""
+    features = records(mapping(registration, "judging"), "features")
+    rows = [_whole(one) for one in features if one["name"] in ("size", *_WHOLE)]
+    return make_table("whole", rows, WHOLE_COLUMNS, order="as judged") if rows else None
+
+
+def _whole(feature: Mapping[str, Any]) -> dict[str, Any]:
+    if feature["name"] != "size":
+        return {**feature, "quantity": _WHOLE[feature["name"]]}
+    value = feature.get("value_um")
+    percent = 100 * value / feature["designed_um"] if is_number(value) else None
+    return {**feature, "quantity": f"Size along {feature['of']}", "percent": percent}
+
+
 # Report table of ISO 1101 tolerance zones and decisions, and facts of the reference frame.
 
 ZONE_COLUMNS: Final = (

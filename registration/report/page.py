@@ -40,6 +40,7 @@ from registration.report.measurement_tables import (
     frame_lines,
     print_facts,
     record_facts,
+    whole_table,
     zone_table,
 )
 from registration.report.network_view import columns, report_view
@@ -149,6 +150,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
         "print_facts": print_facts(data),
         "place_rows": sections.place_rows(registration),
         "budget_table": budget_table(registration),
+        "whole_table": whole_table(registration),
         "zone_table": zone_table(registration),
         "zone_note": ZONE_NOTE,
         "frame_lines": frame_lines(registration),

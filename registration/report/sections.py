@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from registration.json_ready import Record, is_number
@@ -220,14 +220,14 @@ def vessel_summary(registration: Mapping[str, Any]) -> list[Fact]:
     result = [Fact("Vessels gauged", number(len(rows)))] if rows else []
     known = [r["open"] for r in rows if isinstance(r.get("open"), bool)]
     if known:
-        result.append(Fact("Open", f"{sum(known)} of {len(known)}"))
+        result.append(Fact(_open_word(registration), f"{sum(known)} of {len(known)}"))
     errors = numbers(rows, "error_percent")
     if errors:
         mean = sum(errors) / len(errors)
         result.append(Fact("Mean diameter error", number(mean, 3), "%"))
         result.append(Fact("Mean size of the error", number(_mean_size(errors), 3), "%"))
     for key, label, pick in (
-        ("narrowest_um", "Narrowest lumen", min),
+        ("narrowest_um", "Narrowest section", min),
         ("offset_um", "Largest axis offset", max),
         ("rms_um", "Largest RMS deviation", max),
     ):
@@ -253,7 +253,13 @@ def vessel_table(registration: Mapping[str, Any]) -> Table | None:
         rows.sort(key=_by_error)
     bars = ("designed_um", "measured_um")
     order = "blocked, then by error"
-    return make_table("vessels", rows, VESSEL_COLUMNS, bars, order) if rows else None
+    columns = (*VESSEL_COLUMNS[:-1], replace(VESSEL_COLUMNS[-1], label=_open_word(registration)))
+    return make_table("vessels", rows, columns, bars, order) if rows else None
+
+
+def _open_word(registration: Mapping[str, Any]) -> str:
+    """Name of a vessel's ``open``: a solid cord isn't open but unbroken."""
+    return "Unbroken" if registration.get("written") == "cords" else "Open"
 
 
 def _by_error(record: Record) -> tuple[bool, float]:

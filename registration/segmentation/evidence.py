@@ -185,7 +185,7 @@ def gel_evidence(
         _even(share, share, gel, field.voxel_mm[::-1])
         smooth(share, averaged, (z, y, x), 0.0)
         gel = averaged > MORE_GEL
-    scatter = _scatter(averaged, gel)
+    scatter = _towards_light(_scatter(averaged, gel), field.voxel_mm[2], way)
     return GelEvidence(share, averaged, 1.0, 0.0, scatter, field.voxel_mm, field.origin_mm, glints)
 
 
@@ -277,6 +277,25 @@ def _saved(signal: Float32Array, mean: FloatArray, liquid: Float32Array, gel: Bo
         if abs(step) < _FINE or saved == 0:
             break
     return saved
+
+
+def _towards_light(scatter: FloatArray, step: float, way: slice) -> FloatArray:
+    """Fill in depths with too little gel to know its scatter, as at a round part's summit.
+
+    Nearer to the light than any known depth gel is lit as well as there. Elsewhere a depth is like
+    one that lies in the neighbourhood over which the gel's mean is taken (`AROUND_MM`); what lies
+    farther away from the light stays unknown.
+    """
+    known = np.flatnonzero(np.isfinite(scatter[way]))
+    if not len(known):
+        return scatter
+    out = scatter.copy()
+    down = out[way]
+    every = np.arange(len(down))
+    nearest = known[np.abs(every[:, None] - known).argmin(axis=1)]
+    like = (every < known[0]) | (np.abs(every - nearest) * step <= AROUND_MM[0])
+    down[like] = down[nearest[like]]
+    return out
 
 
 def _scatter(mean: Float32Array, gel: BoolArray) -> FloatArray:

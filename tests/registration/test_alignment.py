@@ -16,7 +16,8 @@ from registration.alignment.align import CLOSE_MM, _refuse_misfit
 from registration.alignment.distance import ModelSurface, distance_grid
 from registration.alignment.uncertainty import ScanErrors
 from registration.errors import AlignmentError
-from registration.measuring.topology import agreement
+from registration.measuring.topology import Landed, agreement
+from registration.segmentation import gel_evidence
 from tests.design.networks import network
 from tests.registration.parts import (
     HERE,
@@ -231,7 +232,7 @@ def test_a_piece_that_may_be_slid_says_along_which_axis() -> None:
     points = points[(points[:, 0] > 3.5) & (points[:, 0] < 7.0)]
     found, _ = aligned(part, points, tilted(UPRIGHT, 4))
     assert found.ambiguous
-    assert any("its place along x" in doubt for doubt in found.doubts)
+    assert any("its position along x" in doubt for doubt in found.doubts)
 
 
 @pytest.mark.slow
@@ -282,19 +283,24 @@ def bubbles(points: np.ndarray) -> np.ndarray:
     return np.min([np.linalg.norm(points - one, axis=-1) - 0.25 for one in middles], axis=0)
 
 
+def landed(surface, network, segmentation):
+    evidence = gel_evidence(segmentation.field, segmentation.strength)
+    return Landed(surface, network, segmentation, evidence, IDENTITY, False, depth_down=True)
+
+
 @pytest.mark.parametrize("filled", [None, half])
 @pytest.mark.parametrize("extra", [None, bubbles])
 def test_a_part_with_missing_vessels_and_bubbles_is_that_part(filled, extra):
     segmentation = block(extra=extra, filled=filled)
     surface = ModelSurface.of(ladder_construct())
-    found = agreement(surface, ladder(), segmentation, IDENTITY, False)
+    found = agreement(landed(surface, ladder(), segmentation))
     assert not found.other_part
     assert found.foreign_share < 0.1
 
 
 def test_a_part_with_other_channels_in_the_same_block_is_another() -> None:
     model = solid(manifold3d.Manifold.cube(tuple(BLOCK)) - lumens(OTHER))
-    found = agreement(ModelSurface.of(model), OTHER, block(), IDENTITY, False)
+    found = agreement(landed(ModelSurface.of(model), OTHER, block()))
     assert found.other_part
     assert found.foreign_share > 0.5
     assert found.designed_open < 0.4

@@ -24,6 +24,7 @@ from registration.measuring.gauging import (
     summarise,
     surface_points,
     trace_vessels,
+    with_designed_walls,
     with_mouths,
     with_own_levels,
 )
@@ -99,6 +100,32 @@ def test_beside_a_sibling_at_a_narrow_angle_no_diameter_is_measured() -> None:
     assert trace.along[trace.counted].min() > 6 * 0.25 / 0.48
     np.testing.assert_allclose(trace.diameter[trace.counted], 0.5, atol=0.01)
     assert find_changes(traces, 1.0) == []
+
+
+@pytest.mark.parametrize("is_lumen", [True, False])
+def test_a_kink_is_compared_with_the_designed_surface(is_lumen: bool) -> None:
+    """Across a kink of 70 degrees the design is wider than the network's diameter, and no bulge."""
+    kinked = polyline([[0.0, 0, 0], [3, 0, 0], [4.0, 2.8, 0]], 0.3)
+    low, high = np.array([-0.3, -0.9, -0.9]), np.array([4.9, 3.1, 0.9])
+    axes = [np.arange(a, b, 0.04) for a, b in zip(low, high, strict=True)]
+    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
+    away = lumen_distance(kinked, np.stack([x, y, z], axis=-1))
+    found = segmented(np.clip(0.5 + away / 0.24, 0, 1), 0.04, low)
+    model = lumens(kinked)
+    if not is_lumen:
+        block = manifold3d.Manifold.cube(tuple(high - low)).translate(tuple(low))
+        model = block - model
+    traces = trace_vessels(kinked, found, HERE, 0.1)
+    designed = with_designed_walls(traces, HERE, ModelSurface.of(solid(model)), is_lumen)
+    (trace,), kink = designed, np.abs(traces[0].along - 3.0) < 0.1
+    assert trace.counted[kink].all()
+    assert trace.designed[kink].min() > 0.63
+    counted = trace.counted
+    np.testing.assert_allclose(trace.diameter[counted], trace.designed[counted], atol=0.012)
+    straight = np.abs(trace.along - 1.5) < 0.5
+    np.testing.assert_allclose(trace.designed[straight], 0.6, atol=0.004)
+    assert max(abs(d.size_um) for d in find_changes(traces, 1.0)) > 30
+    assert all(abs(d.size_um) < 5 for d in find_changes(designed, 1.0))
 
 
 def test_an_oval_conducts_less_than_a_circle_of_its_area() -> None:

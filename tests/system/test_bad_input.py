@@ -111,11 +111,14 @@ def test_more_ink_than_the_syringe_holds(tmp_path: Path) -> None:
     _refused(recipe, tmp_path, 3, "µL", "1000", "syringe", command=("toolpath",))
 
 
+MOUNTED = ("--needle", "30g_50mm", "--bath", "gelatin_support", "--dish", "box_80mm")
+
+
 def test_missing_port(tmp_path: Path) -> None:
-    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG1 X5 F600\nM400\n")
+    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X100 Y100 Z5 E0\nG1 X105 F600\nM400\n")
     done = called(
         "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", "--yes",
-        cwd=tmp_path,
+        *MOUNTED, cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 4, done.stderr
     assert "/dev/ttyNONE9" in done.stderr
@@ -123,10 +126,11 @@ def test_missing_port(tmp_path: Path) -> None:
 
 
 def test_print_on_a_real_port_asks_first(tmp_path: Path) -> None:
-    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG1 X5 F600\nM400\n")
+    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X100 Y100 Z5 E0\nG1 X105 F600\nM400\n")
     done = called(
-        "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", cwd=tmp_path
-    )
+        "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9",
+        *MOUNTED, cwd=tmp_path,
+    )  # fmt: skip
     assert done.returncode == 3, done.stderr
     assert "--yes" in done.stderr
 
@@ -168,8 +172,8 @@ def port(tmp_path: Path) -> Iterator[str]:
 
 @pytest.fixture
 def job(tmp_path: Path) -> Path:
-    lines = ["G21", "G90", "M82", "M302 P1", "G92 X0 Y0 Z0 E0"]
-    lines += [f"G1 X{5 * (k % 2)} E{0.001 * k:.4f} F3000" for k in range(1, 5001)]
+    lines = ["G21", "G90", "M82", "M302 P1", "G92 X100 Y100 Z5 E0"]
+    lines += [f"G1 X{100 + 5 * (k % 2)} E{0.005 * k:.4f} F3000" for k in range(1, 5001)]
     path = tmp_path / "job.gcode"
     path.write_text("\n".join([*lines, "M400"]) + "\n")
     return path
@@ -182,7 +186,7 @@ class Terminal:
         self.pid, self.handle = pty.fork()
         if self.pid == 0:
             os.chdir(ROOT)
-            command = [sys.executable, "-m", "printctl", "print", str(job), "--yes"]
+            command = [sys.executable, "-m", "printctl", "print", str(job), "--yes", *MOUNTED]
             os.execv(sys.executable, [*command, "--printer", "generic_marlin", "--port", port])
         self.seen = ""
 

@@ -27,6 +27,8 @@ from tests.system.cli import called, printctl, recipe_file
 START = (60.0, 60.0, 90.0)
 PLACE = np.array([80.0, 80.0, 40.0])
 TIP = ",".join(f"{value:g}" for value in START)
+MOUNTED = ("--needle", "30g_50mm", "--bath", "gelatin_support", "--dish", "box_80mm")
+"""What a print on a port that isn't the simulated one must name."""
 UNSEEN = "whether the shaft passes through written vessels wasn't looked at"
 
 
@@ -52,7 +54,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with printer_process(
         folder, "--exit-on-hangup", "--start", TIP, "--fault", f"reset@{cut}"
     ) as port:
-        done = called("print", job, "--port", port, *given, cwd=folder)
+        done = called("print", job, "--port", port, *given, *MOUNTED, cwd=folder)
     assert done.returncode == 4, done.stderr
     return job
 
@@ -120,9 +122,10 @@ MOVES = 400
 
 def _job(folder: Path) -> Path:
     """A zigzag of `MOVES` moves with ink."""
-    lines = ["G21", "G90", "M82", "M302 P1", "G92 X0 Y0 Z0 E0"]
+    lines = ["G21", "G90", "M82", "M302 P1", "G92 X100 Y100 Z5 E0"]
     lines += [
-        f"G1 X{10 * (k % 2)} Y{0.1 * k:.1f} E{0.01 * k:.4f} F1200" for k in range(1, MOVES + 1)
+        f"G1 X{100 + 10 * (k % 2)} Y{100 + 0.05 * k:.2f} E{0.01 * k:.4f} F1200"
+        for k in range(1, MOVES + 1)
     ]
     path = folder / "job.gcode"
     path.write_text("\n".join([*lines, "M400"]) + "\n")
@@ -135,7 +138,7 @@ def test_every_line_is_executed_once(tmp_path: Path) -> None:
     ) as port:
         done = printctl(
             "print", _job(tmp_path), "--printer", "generic_marlin", "--port", port, "--yes",
-            "--json", cwd=tmp_path,
+            *MOUNTED, "--json", cwd=tmp_path,
         )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["state"] == "done"
@@ -149,7 +152,7 @@ def test_port_that_goes_away_ends_with_the_last_line_known(tmp_path: Path) -> No
     with printer_process(tmp_path, "--exit-on-hangup", "--fault", "unplug@200") as port:
         done = called(
             "print", _job(tmp_path), "--printer", "generic_marlin", "--port", port, "--yes",
-            cwd=tmp_path,
+            *MOUNTED, cwd=tmp_path,
         )  # fmt: skip
     assert done.returncode == 4, done.stderr
     assert "Traceback" not in done.stderr
@@ -163,6 +166,22 @@ def test_simulated_port_needs_no_set_up(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "job.gcode.print" / "executed.npz").exists()
+
+
+def test_a_port_that_is_not_simulated_needs_needle_bath_and_dish(tmp_path: Path) -> None:
+    done = called(
+        "print", _job(tmp_path), "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", "--yes",
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 3, done.stderr
+    for option in ("--needle", "--bath", "--dish"):
+        assert option in done.stderr
+    none = ("--needle", "none", "--bath", "none", "--dish", "none")  # an air print
+    done = called(
+        "print", tmp_path / "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9",
+        "--yes", *none, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 4, done.stderr
 
 
 def test_refused_job_never_reaches_the_printer(tmp_path: Path) -> None:
@@ -215,7 +234,7 @@ def placed_job(told: str, **by: float) -> bytes:
 def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(tmp_path, data):
     job = tmp_path / "job.gcode"
     job.write_bytes(data)
-    given = ("--printer", "generic_marlin", "--start", LAYERED_TIP, "--yes")
+    given = ("--printer", "generic_marlin", "--start", LAYERED_TIP, "--yes", *MOUNTED)
     with printer_process(
         tmp_path, "--exit-on-hangup", "--start", LAYERED_TIP, "--fault", "reset@190"
     ) as port:

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
 
-from design.errors import DesignError, GrowthError, NoRoomError
+from design.errors import DesignError, GrowthError, NoRoomError, RootError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.growth.root import stem
+from design.vasculature.growth.mouths import far_mouths, find_mouths
+from design.vasculature.growth.root import (
+    default_root_note,
+    has_default_root,
+    mouth_reaches,
+    rooted_at,
+    stem,
+)
 from design.vasculature.growth.territories import Surroundings, part_tissue
 from design.vasculature.growth.tree import EFFORT, SPREADS, TreeGrowth
 from design.vasculature.growth.trunk import Trunk
@@ -22,9 +30,6 @@ from kernels.arrays import FloatArray
 
 STEM_CLEARANCE_FACTOR = 1.5
 """Stems of trees yet to grow are kept clear with this much larger radii."""
-
-ROOT_PLACES = 200
-"""Surface places looked at for a root that isn't given."""
 
 PIPE_LENGTH_FACTOR = 2.0
 """Length of a pipe of the root's resistance over the tissue's edge, for a stem's first guess."""
@@ -37,8 +42,8 @@ class RootSpec:
     Attributes
     ----------
     options : GrowthOptions
-        Without a root point the first tree begins at the surface's highest vertex, later ones on
-        the surface as far from the earlier roots as their stems allow.
+        Without a root point the first tree begins inside a face, on top where there is one
+        (`growth.mouths`), later ones in faces as far from the earlier roots as their stems allow.
     kind : VesselKind
         Trees of the same kind part the tissue among them by their numbers of terminals, so that
         every terminal of a kind serves the same volume; kinds pervade each other.
@@ -134,7 +139,8 @@ def grow_forest(
             )
         ]
         try:
-            return _grow_all(growths, stems, beside)
+            trees = _grow_all(growths, stems, beside)
+            return tuple(map(_with_root_note, roots, trees))
         except DesignError as failed:
             error = failed
             # Where nothing fits beside a trunk, other random numbers find no place either.
@@ -228,14 +234,30 @@ def joined_networks(parts: Sequence[VesselNetwork]) -> VesselNetwork:
     )
 
 
+def _with_root_note(root: RootSpec | GrowthOptions, tree: VesselTree) -> VesselTree:
+    """The tree, its notes saying where its root is if nobody named it."""
+    if not has_default_root(_options(root)) or (isinstance(root, RootSpec) and root.trunk):
+        return tree
+    kind = root.kind.name.lower() if isinstance(root, RootSpec) else "artery"
+    note = default_root_note(tree.proximal[0], tree.distal[0], f"root of the {kind}")
+    return replace(tree, notes=(note, *tree.notes))
+
+
 def _options(root: RootSpec | GrowthOptions) -> GrowthOptions:
     return root.options if isinstance(root, RootSpec) else root
 
 
 def _stem(tissue: Tissue, options: GrowthOptions) -> _Stem:
-    radius = likely_radius(tissue, options)
-    wall = options.clearance_mm
-    begin, end = stem(tissue, options, radius, wall)
+    """The stem of a root, as wide as it can be there."""
+    *wider, narrowest = _stem_radii(tissue, options)
+    for radius in wider:
+        with suppress(RootError):
+            return _stem_of(tissue, options, radius)
+    return _stem_of(tissue, options, narrowest)
+
+
+def _stem_of(tissue: Tissue, options: GrowthOptions, radius: float) -> _Stem:
+    begin, end = stem(tissue, options, radius, options.clearance_mm)
     return _Stem(begin[None], end[None], np.array([STEM_CLEARANCE_FACTOR * radius]))
 
 
@@ -253,25 +275,42 @@ def likely_radius(tissue: Tissue, options: GrowthOptions) -> float:
 
 def _with_root(tissue: Tissue, options: GrowthOptions, stems: list[_Stem]) -> GrowthOptions:
     """The options with a root point, found on the surface where none is given."""
-    if options.root_point_mm is not None or not stems:
+    if not has_default_root(options):
         return options
-    taken = np.concatenate([one.begin[:1] for one in stems])
-    away = np.linalg.norm(tissue.surface.vertices[:, None] - taken[None], axis=2).min(axis=1)
-    order = np.argsort(-away, kind="stable")
+    taken = np.concatenate([one.begin[:1] for one in stems]) if stems else None
+    direction = None
+    if options.root_direction is not None:
+        direction = np.array(options.root_direction) / np.linalg.norm(options.root_direction)
     last: DesignError | None = None
-    for vertex in order[:: max(1, len(order) // ROOT_PLACES)]:
-        x, y, z = tissue.surface.vertices[vertex]
-        trial = replace(options, root_point_mm=(float(x), float(y), float(z)))
-        try:
-            _stem(tissue, trial)
-        except DesignError as error:
-            last = last or error
-            continue
-        return trial
-    raise GrowthError(
-        f"no place was found on the surface for root {len(stems)}; give a root point. At the "
-        f"farthest place: {last}"
+    for radius in _stem_radii(tissue, options):
+        for reach in mouth_reaches(options, radius, options.clearance_mm):
+            places = (
+                find_mouths(tissue, reach, direction)
+                if taken is None
+                else far_mouths(tissue, reach, direction, taken)
+            )
+            for place in places:
+                way = place.inward if direction is None else direction
+                trial = rooted_at(options, place.point, way)
+                try:
+                    stem(tissue, trial, radius, options.clearance_mm)
+                except DesignError as error:
+                    last = last or error
+                    continue
+                return trial
+    raise RootError(
+        f"no face has room for the trunk of root {len(stems)}; choose a root (root_mm), fewer "
+        "terminals, a smaller smallest_diameter_mm or clearance_mm"
+        + (f". At the first place tried: {last}" if last else "")
     ) from last
+
+
+def _stem_radii(tissue: Tissue, options: GrowthOptions) -> list[float]:
+    """Radii that a root may get, the widest first, mm."""
+    if options.smallest_radius_mm is None or options.terminal_spread is not None:
+        return [likely_radius(tissue, options)]
+    spreads = sorted(SPREADS, reverse=True)
+    return [likely_radius(tissue, replace(options, terminal_spread=one)) for one in spreads]
 
 
 def _territories(

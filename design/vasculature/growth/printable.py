@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from design.errors import DesignError, GrowthError
 from design.tissue import Tissue
-from design.vasculature.growth.root import deep_roots
+from design.vasculature.growth.root import deep_roots, rooted_at
 from design.vasculature.growth.tree import EFFORT, SPREADS, grow_from_root
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
@@ -110,11 +110,7 @@ def _roots(tissue: Tissue, options: GrowthOptions) -> Iterator[GrowthOptions]:
     if options.root_point_mm is not None:
         return
     for point, way in zip(*deep_roots(tissue, EFFORT.deep_roots, options.seed), strict=True):
-        yield replace(
-            options,
-            root_point_mm=(float(point[0]), float(point[1]), float(point[2])),
-            root_direction=(float(way[0]), float(way[1]), float(way[2])),
-        )
+        yield rooted_at(options, point, way)
 
 
 def _grown(

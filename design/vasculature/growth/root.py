@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from design.errors import DesignError, GrowthError, NoRoomError, RootError, TissueError
+from design.errors import (
+    DesignError,
+    GrowthError,
+    NoRoomError,
+    RootError,
+    TissueError,
+    TrunkWallError,
+)
 from design.tissue import Tissue
 from design.vasculature.growth.cost import Segments, place, refresh
 from design.vasculature.growth.index import Clearances
+from design.vasculature.growth.mouths import MOUTHS, face_room, find_mouths
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
@@ -27,6 +36,12 @@ class StemSettings(NamedTuple):
     """Length over the least: the final radius may be larger than predicted."""
     lengthening_factor: float = 1.01
     """The same where it turned out too short."""
+    mouth_factor: float = 2.0
+    """Length of a trunk's mouth at most, over its radius and wall: of one that enters at 30
+    degrees to the face."""
+    guess_margin: float = 1.25
+    """Room for a trunk over its radius as predicted from the pressure drop: trees of 200 to 1000
+    terminals in the shipped shapes became up to 1.1 times as wide."""
     max_steps: int = 1000
     """Samples along each straight tried for the vessel of a tree with one terminal."""
 
@@ -41,23 +56,68 @@ def stem(
 
     It runs straight from the root point along its direction, to the first place deep enough
     for its children with half as much again, or else to the deepest place before it leaves the
-    tissue; in either case so far that it is long enough for its radius.
+    tissue; in either case so far that it is long enough for its radius. Only its mouth opens the
+    surface (`trunk_gap`). Without a root point the first of `find_mouths` where all this fits is
+    taken.
 
     Raises
     ------
     TissueError
         When the tissue nowhere holds the children of the root.
     RootError
-        When the direction misses the tissue, or is too shallow for the children or too short for
-        the root's radius.
+        When the direction misses the tissue, or is too shallow for the children, too short for
+        the root's radius or too near to another face for its wall.
     """
-    point, direction = tissue.top_vertex()
+    child = root_radius * 0.5 ** (1.0 / options.murray_exponent)
+    if tissue.grid.deepest_mm < child + wall_mm:
+        raise TissueError(
+            f"tissue is too thin for these vessels: {tissue.grid.deepest_mm:.3g} mm deep at most, "
+            f"and the first branches need {child + wall_mm:.3g} mm (radius {child:.3g} and "
+            f"{wall_mm:.3g} to the surface); ask for fewer terminals, a smaller "
+            "smallest_diameter_mm or clearance_mm"
+        )
+    direction = None
+    if options.root_direction is not None:
+        direction = np.array(options.root_direction, dtype=np.float64)
+        direction = direction / np.linalg.norm(direction)
+    if options.root_at_top:
+        point, inward = tissue.top_vertex()
+        return _stem_from(tissue, options, root_radius, wall_mm, point, inward)
     if options.root_point_mm is not None:
         point = np.array(options.root_point_mm, dtype=np.float64)
-        direction = -_outward(tissue, point)
-    if options.root_direction is not None:
-        given = np.array(options.root_direction, dtype=np.float64)
-        direction = given / np.linalg.norm(given)
+        direction = -_outward(tissue, point) if direction is None else direction
+        return _stem_from(tissue, options, root_radius, wall_mm, point, direction)
+    for reach in mouth_reaches(options, root_radius, wall_mm):
+        for mouth in find_mouths(tissue, reach, direction):
+            way = mouth.inward if direction is None else direction
+            with suppress(RootError):
+                return _stem_from(tissue, options, root_radius, wall_mm, mouth.point, way)
+    raise RootError(
+        f"no face of the tissue has room for a trunk of {2 * root_radius:.3g} mm with walls of "
+        f"{wall_mm:.3g} mm; choose a root (root_mm, root_direction), fewer terminals, a smaller "
+        "smallest_diameter_mm or clearance_mm"
+    )
+
+
+def mouth_reaches(options: GrowthOptions, radius: float, wall_mm: float) -> tuple[float, ...]:
+    """Least distances of a mouth from every edge, in the order in which they are tried, mm.
+
+    A radius that follows from the smallest one is the largest that the trunk gets; one that follows
+    from the pressure drop is a guess, and may turn out larger.
+    """
+    if options.smallest_radius_mm is not None:
+        return (radius + wall_mm,)
+    return (STEM.guess_margin * radius + wall_mm, radius + wall_mm)
+
+
+def _stem_from(
+    tissue: Tissue,
+    options: GrowthOptions,
+    root_radius: float,
+    wall_mm: float,
+    point: FloatArray,
+    direction: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     step = 0.25 * tissue.grid.spacing_mm
     far = float(np.linalg.norm(np.ptp(tissue.bounds, axis=0))) + float(
         np.linalg.norm(point - tissue.bounds.mean(axis=0))
@@ -65,14 +125,7 @@ def stem(
     along: FloatArray = step * np.arange(1, int(far / step) + 2, dtype=np.float64)
     depth = -tissue.grid.distance(point + along[:, None] * direction)
     depth = _first_stay(depth, along, point, direction, root_radius)
-    child = root_radius * 0.5 ** (1.0 / options.murray_exponent)
-    need = child + wall_mm
-    if tissue.grid.deepest_mm < need:
-        raise TissueError(
-            f"tissue is too thin for these vessels: {tissue.grid.deepest_mm:.3g} mm deep at most, "
-            f"and the first branches need {need:.3g} mm (radius {child:.3g} and {wall_mm:.3g} to "
-            "the surface); ask for fewer terminals, a smaller smallest_diameter_mm or clearance_mm"
-        )
+    need = root_radius * 0.5 ** (1.0 / options.murray_exponent) + wall_mm
     if depth.max() < need:
         raise RootError(
             f"root at {_say(point)} along {_say(direction)} reaches {depth.max():.3g} mm below the "
@@ -89,14 +142,76 @@ def stem(
         )
     enough = np.flatnonzero(long & (depth >= STEM.depth_factor * need))
     end = int(enough[0]) if len(enough) else int(np.argmax(np.where(long, depth, -np.inf)))
-    return point, point + along[end] * direction
+    tip = point + along[end] * direction
+    if not options.root_at_top:
+        check_trunk_wall(tissue, point, tip, root_radius, wall_mm)
+    return point, tip
+
+
+def check_trunk_wall(
+    tissue: Tissue, begin: FloatArray, end: FloatArray, radius: float, wall_mm: float
+) -> None:
+    """Refuse a trunk that opens the surface beyond its mouth.
+
+    The mouth ends where the tissue is as deep as the radius and the wall all round. In a face that
+    is met squarely it is as long as these, and twice as long where it is met at 30 degrees: a trunk
+    that hasn't its wall by then, or loses it later, runs beside or through another face. What
+    follows is measured exactly.
+
+    Raises
+    ------
+    RootError
+        With the place and the wall there.
+    """
+    need, length = radius + wall_mm, float(np.linalg.norm(end - begin))
+    way = (end - begin) / length
+    step = 0.25 * tissue.grid.spacing_mm
+    along: FloatArray = np.append(np.arange(step, length, step), length)
+    depth = -tissue.grid.distance(begin + along[:, None] * way)
+    enters = float(along[int(np.argmax(depth > 0))])
+    deep = np.flatnonzero((depth >= need) & (along <= enters + STEM.mouth_factor * need + step))
+    if len(deep):
+        # Two steps on, a depth read between samples is no longer below the exact one.
+        start = begin + min(float(along[deep[0]]) + 2.0 * step, length) * way
+        if tissue.grid.capsule_inside(start[None], end[None], np.array([radius]), wall_mm)[0]:
+            return
+    within = along >= (along[deep[0]] if len(deep) else min(enters + need, length))
+    least = int(np.argmin(np.where(within, depth, np.inf)))
+    raise TrunkWallError(
+        f"trunk of {2 * radius:.3g} mm from the root at {_say(begin)} mm along {_say(way)}: its "
+        f"wall is {depth[least] - radius:.2g} mm thick at {_say(begin + along[least] * way)} mm, "
+        f"and clearance_mm asks for {wall_mm:.3g} mm; enter at least {need:.3g} mm away from every "
+        "edge (root_mm), or ask for fewer terminals or a smaller smallest_diameter_mm",
+        radius,
+    )
 
 
 def rooted_at(options: GrowthOptions, point: FloatArray, way: FloatArray) -> GrowthOptions:
     """Return the options with a root at a point, mm, that enters along a direction."""
     x, y, z = point.tolist()
     dx, dy, dz = way.tolist()
-    return replace(options, root_candidates=0, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
+    return replace(
+        options,
+        root_at_top=False,
+        root_candidates=0,
+        root_point_mm=(x, y, z),
+        root_direction=(dx, dy, dz),
+    )
+
+
+def has_default_root(options: GrowthOptions) -> bool:
+    """Whether the root is left to `stem`."""
+    named = options.root_at_top or options.root_candidates or options.root_point_mm is not None
+    return not named
+
+
+def default_root_note(begin: FloatArray, end: FloatArray, what: str = "root") -> str:
+    """Where a root was put that nobody named."""
+    way = np.round((end - begin) / np.linalg.norm(end - begin), 2) + 0.0
+    return (
+        "{} placed at ({:g}, {:g}, {:g}) mm, pointing along ({:g}, {:g}, {:g}); "
+        "set root_mm to enter elsewhere".format(what, *(np.round(begin, 2) + 0.0), *way)
+    )
 
 
 def stem_is_short(segments: Segments, clearances: Clearances) -> bool:
@@ -259,6 +374,7 @@ def search_root(
     tissue: Tissue,
     options: GrowthOptions,
     grow: Callable[[Tissue, GrowthOptions], VesselTree],
+    reach_mm: float,
 ) -> RootSearch:
     """Grow a small tree from each of several places spread over the surface.
 
@@ -269,13 +385,17 @@ def search_root(
         ``root_candidates`` places are tried, spread by farthest-point sampling.
     grow : function
         Grows one tree.
+    reach_mm : float
+        Of the trunk's radius and wall; places nearer to an edge are left out.
 
     Raises
     ------
     GrowthError
         When no candidate grew a tree; with what stopped the first.
     """
-    points, directions = spread_over_surface(tissue, options.root_candidates, options.seed)
+    points, directions = spread_over_surface(
+        tissue, options.root_candidates, options.seed, reach_mm
+    )
     probe = _probe(options)
     cost = np.full(len(points), np.inf)
     first: DesignError | None = None
@@ -314,17 +434,23 @@ def tree_cost(tree: VesselTree, options: GrowthOptions) -> float:
     return float(length**options.length_exponent @ tree_radii(tree) ** options.radius_exponent)
 
 
-def spread_over_surface(tissue: Tissue, count: int, seed: int) -> tuple[FloatArray, FloatArray]:
+def spread_over_surface(
+    tissue: Tissue, count: int, seed: int, reach_mm: float
+) -> tuple[FloatArray, FloatArray]:
     """Points spread over the surface, and inward normals there, (count, 3) each.
+
+    Points nearer to an edge than ``reach_mm`` are left out, unless all are.
 
     Of points sampled by area, in turn the one farthest from those chosen (Gonzalez 1985, doi
     10.1016/0304-3975(85)90224-5), beginning at the highest.
     """
     random = np.random.default_rng([seed, 0x5EA3])
-    points, normals = surface_points(tissue, ROOT.spread_samples, random)
+    points, normals = _inside_faces(
+        tissue, *surface_points(tissue, ROOT.spread_samples, random), reach_mm
+    )
     chosen = [int(np.argmax(points[:, 2]))]
     away = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < min(count, ROOT.spread_samples):
+    while len(chosen) < min(count, len(points)):
         chosen.append(int(np.argmax(away)))
         away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return points[chosen], normals[chosen]
@@ -333,8 +459,21 @@ def spread_over_surface(tissue: Tissue, count: int, seed: int) -> tuple[FloatArr
 # Find surface points with the deepest tissue below, as roots of trees with wide vessels.
 
 
+def _inside_faces(
+    tissue: Tissue, points: FloatArray, inward: FloatArray, reach_mm: float
+) -> tuple[FloatArray, FloatArray]:
+    """Those of points on the surface that are ``reach_mm`` from every edge; else all."""
+    room = face_room(tissue, points, -inward, reach_mm, MOUTHS.face_degrees[-1])
+    inside = room >= reach_mm
+    return (points[inside], inward[inside]) if inside.any() else (points, inward)
+
+
 def deep_roots(
-    tissue: Tissue, count: int, seed: int, separation: float = ROOT.separation
+    tissue: Tissue,
+    count: int,
+    seed: int,
+    separation: float = ROOT.separation,
+    reach_mm: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Places on the surface below which the tissue is deepest, deepest first.
 
@@ -350,6 +489,8 @@ def deep_roots(
     seed : int
     separation : float
         Least distance of any two, over the diagonal of the tissue's bounds.
+    reach_mm : float
+        Places nearer to an edge are left out, unless all are.
 
     Returns
     -------
@@ -359,6 +500,7 @@ def deep_roots(
     points, normals = surface_points(
         tissue, ROOT.depth_samples, np.random.default_rng([seed, 0xDEEB])
     )
+    points, normals = _inside_faces(tissue, points, normals, reach_mm)
     reach = 2.5 * tissue.grid.deepest_mm
     along = np.linspace(0.0, reach, ROOT.depth_steps + 1)[1:]
     line = points[:, None] + along[None, :, None] * normals[:, None]
@@ -400,6 +542,7 @@ def grow_from_deep_root(
     count: int,
     why: RootError | NoRoomError,
     grow: Callable[[Tissue, GrowthOptions], VesselTree],
+    reach_mm: float,
 ) -> VesselTree:
     """Grow from one of ``count`` deep places, after the default root failed by ``why``.
 
@@ -408,10 +551,12 @@ def grow_from_deep_root(
     RootError, NoRoomError
         When none of the places holds the tree: of the root that placed most terminals.
     """
-    trouble = "no trunk fits at the highest point"
+    place = "at the highest point" if options.root_at_top else "in the face on top"
+    trouble = f"no trunk fits {place}"
     if isinstance(why, NoRoomError):
-        trouble = f"from the highest point only {why.placed} terminals fit"
-    for point, way in zip(*deep_roots(tissue, count, options.seed), strict=True):
+        trouble = f"from a root {place} only {why.placed} terminals fit"
+    roots = deep_roots(tissue, count, options.seed, reach_mm=reach_mm)
+    for point, way in zip(*roots, strict=True):
         try:
             tree = grow(tissue, rooted_at(options, point, way))
         except (RootError, NoRoomError) as error:

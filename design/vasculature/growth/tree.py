@@ -11,7 +11,14 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from design.errors import DesignError, GrowthError, NoRoomError, RootError, TissueError
+from design.errors import (
+    DesignError,
+    GrowthError,
+    NoRoomError,
+    RootError,
+    TissueError,
+    TrunkWallError,
+)
 from design.network import VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.checks import (
@@ -73,7 +80,10 @@ from design.vasculature.growth.regions import (
     thread_count,
 )
 from design.vasculature.growth.root import (
+    check_trunk_wall,
+    default_root_note,
     grow_from_deep_root,
+    has_default_root,
     lengthen_stem,
     rooted_at,
     search_root,
@@ -128,9 +138,9 @@ def grow_tree(
 ) -> VesselTree:
     """Grow a tree that stays in the tissue and doesn't collide.
 
-    Without a root of the user's the tree enters at the highest vertex. Where no trunk fits there,
-    or the tree gets stuck before half of its terminals, it enters where the tissue is deep; its
-    notes say so.
+    Without a root of the user's the tree enters inside a face, on top where there is one with room
+    for the trunk. Where no trunk fits, or the tree gets stuck before half of its terminals, it
+    enters where the tissue is deep; its notes say where.
 
     Points are sampled in the tissue by its demand, or given. Each joins the tree at the segment
     and place that cost least (Schreiner & Buxbaum 1993; exact over the whole tree), among those
@@ -181,13 +191,26 @@ def grow_tree(
                 EFFORT.deep_roots,
                 error,
                 partial(grow_from_root, attempts=few, pool=pool),
+                _mouth_reach(tissue, options),
             )
     if stem is not None:
         raise GrowthError("a trunk has a root of its own; set root_candidates to 0")
-    root = search_root(tissue, options, partial(grow_from_root, attempts=EFFORT.probes))
+    root = search_root(
+        tissue,
+        options,
+        partial(grow_from_root, attempts=EFFORT.probes),
+        _mouth_reach(tissue, options),
+    )
     placed = rooted_at(options, root.points[root.best], root.directions[root.best])
     tree = grow_from_root(tissue, placed, attempts, None, pool)
     return replace(tree, notes=(root.note, *tree.notes))
+
+
+def _mouth_reach(tissue: Tissue, options: GrowthOptions) -> float:
+    """Radius of the narrowest trunk that is tried, and its wall, mm."""
+    spread = options.terminal_spread or min(SPREADS)
+    scale = Scale.of(options, tissue.volume_mm3, options.terminals, spread)
+    return scale.first_radius(options.law, tissue.volume_mm3) + options.clearance_mm
 
 
 def grow_from_root(
@@ -197,7 +220,9 @@ def grow_from_root(
     trunk: Trunk | None = None,
     pool: Executor | None = None,
 ) -> VesselTree:
-    """The first attempt that succeeds from the root as it is given, or from the highest point.
+    """The first attempt that succeeds from the root as it is given, or from inside a face.
+
+    A trunk that turns out too wide for its place gets one with more room the next time.
 
     Raises
     ------
@@ -209,14 +234,22 @@ def grow_from_root(
     split_at = terminals_before_split(options, trunk)
     tried, most = 0, -1
     best: DesignError = GrowthError("not tried")
+    reserved = 0.0
     for attempt in range(attempts):
         spread = spreads[attempt % len(spreads)]
         growth = TreeGrowth.open(
             tissue, options, Surroundings(), spread, attempt, trunk, split_at=split_at, pool=pool
         )
+        growth.reserved_radius = reserved
         try:
-            return growth.run()
+            tree = growth.run()
+            if trunk is None and has_default_root(options):
+                note = default_root_note(tree.proximal[0], tree.distal[0])
+                tree = replace(tree, notes=(note, *tree.notes))
+            return tree
         except (GrowthError, TissueError) as error:
+            if isinstance(error, TrunkWallError) and growth.scale.root_radius == 0:
+                reserved = max(reserved, error.radius_mm)
             grown = growth.terminals
             if grown > most:
                 most, best = grown, error
@@ -250,6 +283,8 @@ class TreeGrowth:
         Who grows the regions; threads of this process, one a core, by default.
     region : Region, optional
         The part of a large tree that this growth is of.
+    reserved_radius : float, mm
+        Of the trunk's place at least: as wide as it became in a growth before.
     clearances, index, sampler, penalty, progress
         As kernels take them.
     """
@@ -265,6 +300,7 @@ class TreeGrowth:
     split_at: int = 0
     pool: Executor | None = None
     region: Region | None = None
+    reserved_radius: float = 0.0
     clearances: Clearances = field(init=False)
     index: CellIndex = field(init=False)
     sampler: Sampler = field(init=False)
@@ -356,7 +392,8 @@ class TreeGrowth:
 
     @property
     def _first_radius(self) -> float:
-        return self.scale.first_radius(self.options.law, self.tissue.volume_mm3)
+        first = self.scale.first_radius(self.options.law, self.tissue.volume_mm3)
+        return max(first, self.reserved_radius)
 
     def meet(self, others: Surroundings) -> None:
         """Take the vessels of others as they are now."""
@@ -672,10 +709,20 @@ class TreeGrowth:
             self.scale.flow_over_drop,
             self.options.smallest_radius_mm,
         )
+        self._check_trunk()
         self._reindex()
         # What meets the smallest radius to rounding passes.
         least = (self.options.smallest_radius_mm or 0.0) * (1.0 - 1e-9)
         return self._too_wide(least) + self._stem_is_short()
+
+    def _check_trunk(self) -> None:
+        """Refuse a stem whose final radius leaves its wall too thin."""
+        if self.trunk is not None or self.options.root_at_top or self._stem_is_short():
+            return
+        s = self.segments[0]
+        begin, end = np.array([s["px"], s["py"], s["pz"]]), np.array([s["dx"], s["dy"], s["dz"]])
+        radius = float(s["radius"])
+        check_trunk_wall(self.tissue, begin, end, radius, self.clearances.wall)
 
     def _too_wide(self, least: float) -> int:
         """Return how many segments the final audit finds wider than allowed."""

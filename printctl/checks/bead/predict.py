@@ -20,7 +20,7 @@ from printctl.errors import UsageError
 from sim.gcode.bead.flow import advance_of, cut, median_flow, nozzle_of
 from sim.gcode.bead.predict import Bead, predict_bead
 from sim.gcode.deposit.lay import Style
-from sim.gcode.deposit.written import Strands
+from sim.gcode.deposit.written import SMOOTHING_MM, Strands
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.heads import as_plunger, flowing
 from sim.gcode.motion.executed import ExecutedMotion
@@ -72,8 +72,6 @@ def lag_of(ink: Ink, syringe: Syringe, needle: Needle | None, given_s: float | N
     return ChosenLag(own.lag_s, "measured")
 
 
-SMOOTHING_MM: Final = 1.0
-"""As the simulated deposit has it, where no lag is known."""
 EXACT_MM: Final = 1e-6
 """A valve's flow is known at every moment; there are no steps to smooth."""
 

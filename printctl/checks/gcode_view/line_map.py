@@ -12,6 +12,7 @@ import numpy as np
 
 from design.toolpath import MoveKind
 from kernels.arrays import IntArray
+from sim.gcode.deposit.lay import Style
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +48,17 @@ class LineMap:
 
         source = np.where(at < 0, -1, self.source[at])
         return replace(self, source=source, kind=of(self.kind), strand=of(self.strand))
+
+
+def mapped_style(path: Path) -> Style | None:
+    """Return how a job writes, as its map says it; None without a map that can be read."""
+    if not path.is_file():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as arrays_file:
+            return "embedded" if str(arrays_file["source_kind"]) == "vessel" else "layered"
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return None
 
 
 KINDS: Final = tuple(kind.name.lower() for kind in MoveKind)

@@ -34,6 +34,9 @@ class LumenCheck:
         How much narrower and wider the lumens may be, as their lines' bead wasn't measured.
     unfollowed : int
         Ways through the part that its sections don't show, so that they weren't checked.
+    remedy : str
+        What was tried and helps against what is closed or leaks; by default the refusal says what
+        the geometry asks for.
     """
 
     ideal: LumenReport
@@ -43,6 +46,7 @@ class LumenCheck:
     layer_mm: float
     doubt_mm: tuple[float, float] = (0.0, 0.0)
     unfollowed: int = 0
+    remedy: str = ""
 
     @property
     def refusal(self) -> str | None:
@@ -55,20 +59,26 @@ class LumenCheck:
                 f"closed: lumen {list_names(names)} ({len(names)} of {len(self.ideal.names)})"
             )
         if self.leaks:
-            ways = [
-                f"tree {leak.tree} into {_into(leak)} in layer {leak.layer + 1}"
-                for leak in self.leaks
-            ]
-            parts.append(f"leaking: {list_names(ways)}")
+            parts.append(f"leaking: {list_names([leak.text for leak in self.leaks])}")
         if parts:
-            remedy = "slice again with finer lines or wider lumens, or mend the part"
-            return f"{'; '.join(parts)}; {remedy}"
+            return f"{'; '.join(parts)}; {self.remedy or self.by_geometry()}"
         if self.unfollowed:
             return (
                 f"not checked: ways through the part that lie level, {self.unfollowed}, as its "
                 "sections don't show them as holes; give the vessels as --network"
             )
         return None
+
+    def by_geometry(self) -> str:
+        """What the design needs for lines of this width."""
+        needs = []
+        if any(leak.wall_mm is not None and leak.wall_mm <= 0 for leak in self.leaks):
+            needs.append("let these vessels open through one face, clear of its edges")
+        if any(leak.wall_mm is None or leak.wall_mm > 0 for leak in self.leaks):
+            needs.append(f"make these walls thicker than a line ({self.line_mm:.3g} mm)")
+        if (self.ideal.closed | self.stepped.closed).any():
+            needs.append("make these lumens wider")
+        return "in the design, " + " and ".join(needs)
 
     @property
     def notes(self) -> list[str]:
@@ -164,7 +174,3 @@ def _line(lines: WrittenLines) -> float:
 
 def _layer(lines: WrittenLines) -> float:
     return float(np.median(lines.high - lines.low))
-
-
-def _into(leak: Leak) -> str:
-    return leak.into if leak.into == "outside" else f"tree {leak.into}"

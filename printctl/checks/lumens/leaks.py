@@ -248,6 +248,7 @@ def join_runs(run: Pixels, first: IntArray, parent: IntArray, touch: IntArray) -
 PIXEL_MM: Final = 0.03
 MOST_PIXELS: Final = 3e9
 OUTSIDE: Final = -1
+OUTSIDE_NAME: Final = "outside"
 Label = Callable[[int, "Grid", Pixels], None]
 
 
@@ -263,12 +264,27 @@ class Leak:
     at_mm : (3,) float64, mm
         Where the way leaves the lumen, printer's frame.
     layer : int
+    wall_mm : float, optional
+        Of the design there: least thickness between the lumen and what it opens into.
     """
 
     tree: str
     into: str
     at_mm: FloatArray
     layer: int
+    wall_mm: float | None = None
+
+    @property
+    def text(self) -> str:
+        """What opens into what, where, and how thick the design's wall is there."""
+        into = self.into if self.into == OUTSIDE_NAME else f"tree {self.into}"
+        text = "tree {} into {} at x {:.2f}, y {:.2f}, z {:.2f} mm (layer {})".format(
+            self.tree, into, *self.at_mm, self.layer + 1
+        )
+        if self.wall_mm is None:
+            return text
+        wall = f"wall {self.wall_mm:.2f} mm" if self.wall_mm > 0 else "no wall in the design"
+        return f"{text}, {wall}"
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -277,6 +293,7 @@ class Leak:
             "into": self.into,
             "at_mm": [float(value) for value in self.at_mm],
             "layer": self.layer,
+            **({} if self.wall_mm is None else {"wall_mm": self.wall_mm}),
         }
 
 
@@ -422,7 +439,7 @@ def _leaks(
     return tuple(
         Leak(
             lumens.names[one],
-            "outside" if into == OUTSIDE else lumens.names[into],
+            OUTSIDE_NAME if into == OUTSIDE else lumens.names[into],
             at[k],
             int(np.clip(layer[k], 0, len(middle) - 1)),
         )

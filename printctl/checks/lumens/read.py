@@ -30,7 +30,7 @@ from printctl.checks.lumens.lines import (
     valve_strokes,
 )
 from printctl.errors import UsageError
-from sim.gcode.deposit.written import Strands
+from sim.gcode.deposit.written import SMOOTHING_MM, Strands
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.heads import read_with_valve
 from sim.gcode.program.read_program import declared_start, plain_lines
@@ -49,8 +49,6 @@ def stack_heads(each: Sequence[Strands]) -> tuple[Strands, IntArray]:
     return Strands.joined(each), np.repeat(np.arange(len(each)), [len(one) for one in each])
 
 
-SMOOTHING_MM: Final = 1.0
-"""Ink and syringe give way, so that single steps of the plunger are smoothed over this way."""
 Place = tuple[float, float, float]
 
 

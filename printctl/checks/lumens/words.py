@@ -117,7 +117,9 @@ def _leaks(leaks: list[Numbers]) -> Iterator[str]:
     for leak in leaks:
         into = leak["into"] if leak["into"] == "outside" else f"tree {leak['into']}"
         at = _at(leak["at_mm"])
-        yield f"LEAK from tree {leak['tree']} into {into} in layer {leak['layer'] + 1} at {at} mm"
+        wall = f", wall {leak['wall_mm']:.2f} mm" if "wall_mm" in leak else ""
+        layer = leak["layer"] + 1
+        yield f"LEAK from tree {leak['tree']} into {into} in layer {layer} at {at} mm{wall}"
 
 
 def _merges(merges: list[Numbers]) -> Iterator[str]:

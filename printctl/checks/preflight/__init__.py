@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         chemistry_check,
         held_check,
         needle_check,
+        role_checks,
         syringe_checks,
     )
     from printctl.checks.preflight.set_up import file_checks
@@ -90,6 +91,7 @@ __all__ = [
     "read_wells",
     "read_written",
     "refuse_failed",
+    "role_checks",
     "shaft_checks",
     "shaft_clearance",
     "shaft_lines",

@@ -16,6 +16,7 @@ from firmware_profiles.tools import THINNEST_BORE
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.preflight.ink import volumes
 from printctl.checks.set_up import Check, HeadLoading
+from sim.gcode.deposit.lay import Style
 from sim.gcode.deposit.written import Layering, written_levels
 from sim.gcode.dry_run.run import DryRun
 
@@ -24,10 +25,12 @@ _FLATTEST: Final = 0.25
 """Height of the lines of a file with one level, in bores: the least that slicers lay."""
 _ROUNDED: Final = 0.95
 """Of the limit where the width is read from G-code: what rounding and compensation take."""
-WIDEST_LINE: Final = 4.0
-"""Widest line of a layer, in bores: beyond its face a tip can't flatten what it extrudes."""
-WIDEST_FILAMENT: Final = 25.0
-"""Thickest filament, in bores: a trunk of 4 mm by a 30G needle; of shipped designs, 11."""
+_WIDEST: Final[dict[Style, tuple[str, float]]] = {
+    "layered": ("lines", 4.0),
+    "embedded": ("filaments", 25.0),
+}
+"""Widest line and thickest filament, in bores: beyond its face a tip can't flatten what it
+extrudes; a trunk of 4 mm by a 30G needle, where shipped designs have 11 bores at most."""
 
 
 def shipped_bores() -> dict[str, float]:
@@ -74,7 +77,11 @@ def bore_check(
 
 
 def line_checks(
-    run: DryRun, printer: Printer, load_of_head: HeadLoading, thinnest: float = THINNEST_BORE
+    run: DryRun,
+    printer: Printer,
+    load_of_head: HeadLoading,
+    thinnest: float = THINNEST_BORE,
+    style: Style | None = None,
 ) -> list[Check]:
     """Check the median and the widest line of a G-code file; none where nothing is extruded.
 
@@ -89,6 +96,8 @@ def line_checks(
     load_of_head : HeadLoading
     thinnest : float
         As of `bore_check`.
+    style : "layered" or "embedded" or None
+        None guesses it: layers where nine tenths of the way are level.
     """
     needle = load_of_head.needle
     if needle is None or printer.pneumatic is not None:
@@ -96,26 +105,32 @@ def line_checks(
     line, length, area, z = _laid(run, printer, load_of_head)
     if not len(line):
         return []
-    width = _widths(length, area, z, load_of_head, needle)
+    along = length[np.abs(z[:, 1] - z[:, 0]) < _FLAT_MM].sum()
+    guessed: Style = "embedded" if along < 0.9 * length.sum() else "layered"
+    style = style or guessed
+    if style == "embedded":
+        width = np.sqrt(4 / np.pi * area)
+    else:
+        width = _line_widths(area, z[:, 1], load_of_head, needle)
     order = np.argsort(width)
     along = np.cumsum(length[order])
     middle = int(order[np.searchsorted(along, along[-1] / 2)])
     first = int(line[width <= width[middle]][0])
     return [
         bore_check(float(width[middle]), needle, _ROUNDED * thinnest, f"line {first}"),
-        *_widest_check(line, length, width, _is_layered(length, z), needle),
+        *_widest_check(line, length, width, style, needle),
     ]
 
 
 def _widest_check(
-    line: IntArray, length: FloatArray, width: FloatArray, layered: bool, needle: Needle
+    line: IntArray, length: FloatArray, width: FloatArray, style: Style, needle: Needle
 ) -> list[Check]:
     """Check the widest line; moves shorter than the bore are doses, not lines."""
     lines = np.flatnonzero(length > needle.inner_mm)
     if not len(lines):
         return []
     widest = int(lines[width[lines].argmax()])
-    bores = WIDEST_LINE if layered else WIDEST_FILAMENT
+    what, bores = _WIDEST[style]
     limit = bores * needle.inner_mm
     return [
         Check(
@@ -125,7 +140,7 @@ def _widest_check(
             "mm",
             bool(width[widest] <= limit),
             f"line {int(line[widest])}, needle: inner_mm",
-            f"{'lines' if layered else 'filaments'} are at most {bores:g} bores wide "
+            f"{what} are at most {bores:g} bores wide "
             f"({needle.name}: {needle.inner_mm:g} mm); the file was probably made for another "
             "syringe, or for a printer whose E isn't the plunger's travel in mm: name the syringe "
             "that it was made for, or export it for this one",
@@ -146,18 +161,9 @@ def _laid(
     return program.line[lays], length[lays], ul[lays] / length[lays], z[lays]
 
 
-def _widths(
-    length: FloatArray, area: FloatArray, z: FloatArray, held: HeadLoading, needle: Needle
-) -> FloatArray:
-    """Width of each line of layers, or diameter of each filament, mm."""
+def _line_widths(area: FloatArray, z: FloatArray, held: HeadLoading, needle: Needle) -> FloatArray:
+    """Width of each line of layers, mm."""
     section = held.ink.bead_section
-    if not _is_layered(length, z):
-        return np.sqrt(4 / np.pi * area)
-    if len(written_levels(z[:, 1])) == 1:
+    if len(written_levels(z)) == 1:
         return section.width(area, _FLATTEST * needle.inner_mm)
-    return section.width(area, Layering.at(z[:, 1], area).heights(z[:, 1]))
-
-
-def _is_layered(length: FloatArray, z: FloatArray) -> bool:
-    """Whether nine tenths of the lines are level."""
-    return bool(length[np.abs(z[:, 1] - z[:, 0]) < _FLAT_MM].sum() >= 0.9 * length.sum())
+    return section.width(area, Layering.at(z, area).heights(z))

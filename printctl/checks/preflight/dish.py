@@ -72,8 +72,8 @@ def wall_check(
         wall_gap(tips, moves, standing, needle.outer_mm),
         standing.dish,
         places,
-        f"it would run into the wall of {standing.dish.name}; take a wider dish, move the part or "
-        "say where the dish stands (dish_centre_mm)",
+        f"it would run into the wall of {standing.dish.name}; use a wider dish, move the part, or "
+        f"correct the dish's position ({standing.centre_key})",
     )
 
 
@@ -120,7 +120,12 @@ def _least(what: str, gap: FloatArray, dish: Dish, places: PlaceNames, remedy: s
 _TINY_MM: Final = 1e-6
 
 
-def floor_check(run: DryRun, bath: Bath, floor_mm: float) -> Check:
+PLACE_KEY: Final = "printer.place_mm"
+PLACE_OPTION: Final = "`printctl slice --place`; of a recipe printer.place_mm"
+"""What moves a part: in a recipe, and in a G-code file that something wrote."""
+
+
+def floor_check(run: DryRun, bath: Bath, floor_mm: float, place_key: str = PLACE_KEY) -> Check:
     """Check the tip's least distance from the dish's floor."""
     value = float(run.low_mm[2]) - floor_mm
     return Check(
@@ -130,22 +135,22 @@ def floor_check(run: DryRun, bath: Bath, floor_mm: float) -> Check:
         "mm",
         value >= bath.floor_clearance_mm - _TINY_MM,
         f"line {int(run.low_line[2])}",
-        "the needle could touch the dish (bath: floor_clearance_mm); raise the part (place_mm)",
+        f"the needle could touch the floor: {bath.name} asks for {bath.floor_clearance_mm:g} mm "
+        f"below the tip (floor_clearance_mm); raise the part ({place_key})",
     )
 
 
-def unknown_dish() -> Check:
-    """Nobody said which dish: its walls and the bath's depth can't be looked at."""
+def unknown_dish(option: str = "printer.dish", *, real: bool = False) -> Check:
+    """No dish is named, so its walls and the bath's depth can't be checked: refused if ``real``."""
     return Check(
         "dish",
         0,
         0,
         "",
         False,
-        "printer.dish, --dish",
-        "none is named, so walls and depth of the bath weren't looked at; name it, or see for "
-        "yourself that the needle clears the wall",
-        "warns",
+        option,
+        "not set, so the needle's distance from its walls wasn't checked; name the dish",
+        "refuses" if real else "warns",
     )
 
 
@@ -216,7 +221,7 @@ def _depth(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> 
             "mm",
             top <= surface + _TINY_MM,
             f"line {int(run.program.line[row])}" if row >= 0 else "",
-            "it would write in the air; fill more (bath_depth_mm) or lower the part",
+            f"it would write in the air; fill more ({standing.bath_key}) or lower the part",
         ),
         Check(
             "deepest tip below the bath's surface, against the needle",

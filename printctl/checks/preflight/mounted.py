@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -19,11 +19,14 @@ from firmware_profiles import (
     Syringe,
     load,
     profile_doubts,
+    shipped,
     supported_diameter_mm,
 )
+from firmware_profiles.materials import BathRole
 from printctl.checks.preflight.firmware import widest_push_check
 from printctl.checks.set_up import Check
 from printctl.run_folder.manifest import Manifest
+from sim.gcode.deposit.lay import Style
 from sim.gcode.dry_run.run import DryRun
 
 
@@ -121,6 +124,103 @@ def chemistry_check(ink: Ink, bath: Bath) -> Check:
         f"{ink.name} sets by {needs}, which {bath.name} doesn't have (gelled_by, provides); take "
         "another bath, or say in its profile that it is in it",
     )
+
+
+def role_checks(inks: Sequence[Ink], bath: Bath, writes: Writes) -> list[Check]:
+    """Whether inks and bath suit what is written; a warning for roles that nobody set.
+
+    Layers need an ink that stays and a bath that is removed. Vessels are what a sacrificial ink
+    leaves in a bath that stays. Cords are an ink that stays, in any bath. Of several heads that
+    write layers one may hold a sacrificial ink.
+    """
+    unknown = {one.name: "ink" for one in inks if one.role is None}
+    unknown |= {bath.name: "bath"} if bath.role is None else {}
+    checks = [
+        _role_check(
+            f"role of {name}",
+            f"isn't set, so whether it suits this print wasn't checked; set role in the {kind}'s "
+            f"profile ({_ROLES[kind]})",
+            "warns",
+        )
+        for name, kind in unknown.items()
+    ]
+    gone = {one.name for one in inks if one.role == "sacrificial"}
+    stays = {one.name for one in inks if one.role in STAYING}
+    if writes == "vessels" and stays:
+        checks.append(
+            _role_check(
+                f"ink for {writes}",
+                f"{' and '.join(sorted(stays))} stays in place, so the filaments would be solid "
+                f"cords, not open vessels; use a sacrificial ink ({_fitting_inks(False, bath)}), "
+                "or, if you want solid cords, set toolpath.writes: cords",
+            )
+        )
+    if writes != "vessels" and gone and not stays:
+        checks.append(
+            _role_check(
+                f"ink for {writes}",
+                f"{' and '.join(sorted(gone))} is sacrificial and nothing would be left of the "
+                f"{writes} once it is removed; use a structural ink ({_fitting_inks(True, bath)})",
+            )
+        )
+    if writes == "layers" and bath.role == "matrix":
+        checks.append(
+            _role_check(
+                f"bath for {writes}",
+                f"{bath.name} stays in place, so the part couldn't be taken out of it; use a "
+                f"support bath ({_fitting_baths('support', inks)})",
+            )
+        )
+    if writes == "vessels" and bath.role == "support":
+        checks.append(
+            _role_check(
+                f"bath for {writes}",
+                f"{bath.name} is removed after printing, and no gel would be left around the "
+                f"vessels; use a bath that stays ({_fitting_baths('matrix', inks)})",
+            )
+        )
+    return checks
+
+
+Writes = Literal["layers", "vessels", "cords"]
+
+
+def writes_of_job(folder: Path, style: Style | None) -> Writes | None:
+    """Return what a mapped job writes; None where neither map nor the run's recipe says it."""
+    if style != "embedded":
+        return None if style is None else "layers"
+    recipe = Manifest.load(folder).facts.get("recipe")
+    if not isinstance(recipe, dict):
+        return None
+    return "cords" if recipe.get("toolpath", {}).get("writes") == "cords" else "vessels"
+
+
+STAYING: Final = ("structural", "cell_laden")
+_ROLES: Final = {"ink": "structural, cell_laden or sacrificial", "bath": "support or matrix"}
+
+
+def _role_check(name: str, remedy: str, severity: Literal["refuses", "warns"] = "refuses") -> Check:
+    return Check(name, 0, 0, "", False, "role", remedy, severity)
+
+
+def _fitting_inks(stay: bool, bath: Bath) -> str:
+    """Shipped inks that stay, or don't; those that set in the bath where any does."""
+    inks = {name: load(Ink, name) for name in shipped(Ink)}
+    those = {name: ink for name, ink in inks.items() if (ink.role in STAYING) == stay}
+    set_there = [name for name, ink in those.items() if chemistry_check(ink, bath).passed]
+    return f"shipped: {', '.join(set_there or those)}"
+
+
+def _fitting_baths(role: BathRole, inks: Sequence[Ink]) -> str:
+    """Shipped baths of a role; those that set the inks where any does."""
+    baths = {name: load(Bath, name) for name in shipped(Bath)}
+    those = {name: bath for name, bath in baths.items() if bath.role == role}
+    setting = [
+        name
+        for name, bath in those.items()
+        if all(chemistry_check(ink, bath).passed for ink in inks)
+    ]
+    return f"shipped: {', '.join(setting or those)}"
 
 
 def bath_checks(bath: Bath) -> list[Check]:

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from firmware_profiles import Printer, ProfileError
+from printctl.checks.gcode_view.line_map import mapped_style
 from printctl.checks.made_for import read_made_for, set_up_checks
 from printctl.checks.preflight.bore import line_checks
-from printctl.checks.preflight.dish import dish_checks, floor_check, unknown_dish
+from printctl.checks.preflight.dish import PLACE_OPTION, dish_checks, floor_check, unknown_dish
 from printctl.checks.preflight.force import force_checks
 from printctl.checks.preflight.gcode import gcode_checks
 from printctl.checks.preflight.heads import check_each_head, head_checks
@@ -24,44 +25,59 @@ from printctl.checks.preflight.mounted import (
     bath_checks,
     chemistry_check,
     made_for_checks,
+    role_checks,
     syringe_checks,
+    writes_of_job,
 )
 from printctl.checks.preflight.steps import step_checks
 from printctl.checks.preflight.wells import Wells, read_wells, well_checks
 from printctl.checks.set_up import Check, HeadLoading, SetUp, budget_of
 from printctl.errors import UsageError
+from sim.gcode.deposit.lay import Style
 from sim.gcode.dry_run.run import DryRun
 
 
-def file_checks(run: DryRun, setup: SetUp, map_path: Path | None = None) -> list[Check]:
-    """Every check of a dry run, passed or not; what can't be looked at is a warning.
+def file_checks(
+    run: DryRun, setup: SetUp, map_path: Path | None = None, *, real: bool = False
+) -> list[Check]:
+    """Every check of a dry run, passed or not.
 
-    Of a plate's job the map says where wells are.
+    What isn't named can't be checked: a warning, or before a ``real`` print a refusal. Of a plate's
+    job the map says where wells are.
     """
-    checks = [*gcode_checks(run, setup.printer), *set_up_checks(read_made_for(run.opening), setup)]
+    checks = gcode_checks(run, setup.printer, PLACE_OPTION)
+    checks += set_up_checks(read_made_for(run.opening), setup)
     loads = [setup.load_of(k) for k in range(setup.printer.head_count)]
     ink_ul = written_ul(run, setup.printer, loads)
     wells = None if map_path is None else _wells(run, setup, loads, map_path)
+    style = None if map_path is None else mapped_style(map_path)
     missing = [
         name for name, part in (("needle", setup.needle), ("bath", setup.bath)) if part is None
     ]
     if setup.printer.heads:
         checks += check_each_head(
-            run, setup.printer, lambda k, view, one: _of_head(view, one, setup, loads[k], ink_ul)
+            run,
+            setup.printer,
+            lambda k, view, one: _of_head(view, one, setup, loads[k], ink_ul, style),
         )
         checks += head_checks(run, setup.printer, setup.standing, [one.needle for one in loads])
     else:
-        checks += _of_head(run, setup.printer, setup, loads[0], ink_ul)
+        checks += _of_head(run, setup.printer, setup, loads[0], ink_ul, style)
     if map_path is not None and map_path.is_file():
         syringes = [one.syringe for one in loads]
         checks += made_for_checks(map_path.parent, setup.printer, syringes)
     if setup.bath is not None:
         checks += bath_checks(setup.bath)
+        writes = None if map_path is None else writes_of_job(map_path.parent, style)
+        if writes is not None:
+            checks += role_checks([one.ink for one in loads], setup.bath, writes)
     if wells is not None and setup.needle is not None:
         checks += well_checks(run, wells, setup.needle)
     if setup.standing is None and wells is None:
-        checks.append(unknown_dish())
-    return checks + ([_unnamed(missing)] if missing else [])
+        checks.append(unknown_dish("--dish", real=real and "dish" not in setup.absent))
+    if missing:
+        checks.append(_unnamed(missing, real and not set(missing) <= set(setup.absent)))
+    return checks
 
 
 def _wells(run: DryRun, setup: SetUp, loads: Sequence[HeadLoading], map_path: Path) -> Wells | None:
@@ -76,7 +92,12 @@ def _wells(run: DryRun, setup: SetUp, loads: Sequence[HeadLoading], map_path: Pa
 
 
 def _of_head(
-    run: DryRun, printer: Printer, setup: SetUp, load: HeadLoading, ink_ul: float
+    run: DryRun,
+    printer: Printer,
+    setup: SetUp,
+    load: HeadLoading,
+    ink_ul: float,
+    style: Style | None,
 ) -> list[Check]:
     """Checks of what one head holds, and of its needle's way; all heads write ``ink_ul``."""
     checks = [
@@ -87,21 +108,21 @@ def _of_head(
     ]
     if load.needle is not None:
         checks += force_checks(run, load.ink, load.needle, load.syringe, printer)
-        checks += line_checks(run, printer, load, setup.thinnest_bore)
+        checks += line_checks(run, printer, load, setup.thinnest_bore, style)
     if setup.bath is not None:
         checks += [
             chemistry_check(load.ink, setup.bath),
-            floor_check(run, setup.bath, printer.z_mm.low),
+            floor_check(run, setup.bath, printer.z_mm.low, PLACE_OPTION),
         ]
     if load.needle is not None and setup.standing is not None:
         checks += dish_checks(run, setup.standing, load.needle, ink_ul)
     return checks
 
 
-def _unnamed(missing: list[str]) -> Check:
+def _unnamed(missing: list[str], real: bool) -> Check:
     what = {
-        "needle": "force and walls (needle)",
-        "bath": "chemistry, temperatures and the floor (bath)",
+        "needle": "plunger force and the dish's walls",
+        "bath": "gelation, temperatures and the distance from the floor",
     }
     return Check(
         "set-up",
@@ -109,7 +130,8 @@ def _unnamed(missing: list[str]) -> Check:
         0,
         "",
         False,
-        " and ".join(missing),
-        f"not named, so {' and '.join(what[name] for name in missing)} weren't looked at",
-        "warns",
+        ", ".join(f"--{name}" for name in missing),
+        f"{' and '.join(missing)} not set, so {' and '.join(what[name] for name in missing)} "
+        "weren't checked; name what is mounted (none for nothing)",
+        "refuses" if real else "warns",
     )

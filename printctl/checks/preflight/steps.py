@@ -1,7 +1,10 @@
-"""Check motor step size and E rounding against the moves written: warn if too coarse.
+"""Check motor step size and E rounding against the bead: warn if too coarse.
 
-A step that is longer than a move leaves the move's place or dose to rounding: the sum stays right,
-what is written within the step wavers. Nothing is refused for it.
+Plunger steps come one after the other along a bead, however many moves it is cut into. The volume
+of one step spreads over the bead that syringe and ink smooth (`SMOOTHING_MM`, as the simulated
+deposit takes it); a step that fills more bead than that shows as a blob. An unbroken bead that
+takes less than one step gets a whole step or none. Nothing is refused for it: the sum stays right,
+and `printctl.checks.lumens` measures what the rounded doses leave open.
 """
 
 from __future__ import annotations
@@ -13,12 +16,14 @@ import numpy as np
 from firmware_profiles import Printer, Syringe
 from printctl.checks.set_up import Check
 from printctl.rounding import last_digit_mm
-from sim.gcode.deposit.written import Strands
+from sim.gcode.deposit.written import SMOOTHING_MM, Strands
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.modal import MOVE
 
 _STILL_MM: Final = 1e-6
 _ROUNDING: Final = 1e-6
+MAX_ROUNDED_SHARE: Final = 0.01
+"""Of the ink: on the shared first parts up to 0.15 % is in beads of less than a step."""
 
 
 def step_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
@@ -60,55 +65,53 @@ def _axis_step(wrote: Strands, printer: Printer) -> Check:
     shortest = float(wrote.length[at])
     fine = step <= shortest * (1 + _ROUNDING)
     return _step_check(
-        "motor step of an axis, against the shortest written move",
+        "motor step of an axis, compared with the shortest extrusion",
         step,
         shortest,
         "mm",
         fine,
         int(wrote.line[at]),
-        f"{int((wrote.length < step).sum())} moves are shorter than a step and end where it "
-        "rounds; merge them, or take finer steps (steps_per_mm)",
+        f"{int((wrote.length < step).sum())} moves are shorter than a step, so their ends are "
+        "rounded to it; merge them or use finer steps (steps_per_mm)",
     )
 
 
 def _plunger_step(wrote: Strands, printer: Printer, syringe: Syringe) -> Check:
-    """The way of line that one step of the plunger makes, at the file's mean flow."""
+    """Bead length per plunger step, at the file's mean cross-section."""
     plunger = wrote.dose_ul.sum() / syringe.area_mm2
-    way = float(wrote.length.sum() / plunger) / printer.steps_per_mm.e
-    at = int(wrote.length.argmin())
-    shortest = float(wrote.length[at])
-    count = int((wrote.length < way).sum())
+    bead_mm = float(wrote.length.sum() / plunger) / printer.steps_per_mm.e
     return _step_check(
-        "line that one step of the plunger makes, against the shortest written move",
-        way,
-        shortest,
+        "bead length per plunger step",
+        bead_mm,
+        SMOOTHING_MM,
         "mm",
-        way <= shortest * (1 + _ROUNDING),
-        int(wrote.line[at]),
-        f"{count} of {len(wrote.length)} moves get a whole step or none: the line's width wavers "
-        "over such a way unless syringe and ink smooth it; take a narrower syringe or finer steps",
+        bead_mm <= SMOOTHING_MM,
+        int(wrote.line[0]),
+        f"syringe and ink even out steps over about {SMOOTHING_MM:g} mm of bead, and each of these "
+        "would show as a blob; use a narrower syringe or finer steps (steps_per_mm.e)",
     )
 
 
 def _least_dose(wrote: Strands, run: DryRun, printer: Printer, syringe: Syringe) -> Check:
-    """A step, or E's last digit, against the dose of the smallest unbroken line."""
+    """Share of the ink in unbroken beads of less than a step, or than E's last digit."""
     dose = np.bincount(wrote.stroke, wrote.dose_ul) / syringe.area_mm2
     first = np.searchsorted(wrote.stroke, np.arange(len(dose)))
-    at = int(dose.argmin())
     step, digit = 1 / printer.steps_per_mm.e, last_digit_mm(run.program.plunger)
     coarse = max(step, digit)
-    nl = 1e3 * syringe.area_mm2
-    which = "E's last digit" if digit > step else "one step of the plunger"
-    short = int((dose < coarse * (1 - _ROUNDING)).sum())
+    short = dose < coarse * (1 - _ROUNDING)
+    share = float(dose[short].sum() / dose.sum())
+    what, remedy = "one plunger step", "use a narrower syringe or finer steps (steps_per_mm.e)"
+    if digit > step:
+        what, remedy = "E's last digit", "write E with more digits"
     return _step_check(
-        f"{which}, against the least line's dose",
-        coarse * nl,
-        float(dose[at]) * nl,
-        "nL",
-        short == 0,
-        int(wrote.line[first[at]]),
-        f"{short} of {len(dose)} unbroken lines are less than that: they get a whole one or none, "
-        "and only their sum is right; give E more digits, take a narrower syringe or finer steps",
+        f"ink in beads of less than {what}",
+        100 * share,
+        100 * MAX_ROUNDED_SHARE,
+        "%",
+        share <= MAX_ROUNDED_SHARE,
+        int(wrote.line[first[dose.argmin()]]),
+        f"{int(short.sum())} of {len(dose)} beads take less than "
+        f"{1e3 * coarse * syringe.area_mm2:.3g} nL and get that or nothing; {remedy}",
     )
 
 

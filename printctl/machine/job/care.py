@@ -45,6 +45,8 @@ class Care:
         File or folder that all traffic is written to; empty for the last of it, kept in memory.
     start_mm : tuple of float or None, mm
         Where the checks took the tip to stand before the first line; None where none was made.
+    set_up : tuple of str
+        Options of `printctl print` that name what is mounted; the rest is printed with them.
     look_after : MarkKind or None
         The print is held for a look (`printctl.machine.control.looking`) where each layer or vessel
         ends.
@@ -77,6 +79,7 @@ class Care:
     noise_limit: int = 30
     wire_log: str = ""
     start_mm: tuple[float, float, float] | None = None
+    set_up: tuple[str, ...] = ()
     look_after: MarkKind | None = None
     look_every_mm: float = 0.0
     look_every_written_s: float = 0.0

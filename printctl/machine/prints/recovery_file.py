@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -91,11 +92,11 @@ def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[s
 
     write_bytes(place, plan.gcode)
     write_map(Path(record.job), plan, place)
-    start = ",".join(f"{value:g}" for value in plan.start) if plan.start else ""
-    command = f"printctl print {place} --printer {record.profile} --port {record.port}"
+    start = ["--start", ",".join(f"{value:g}" for value in plan.start)] if plan.start else []
+    command = ["printctl", "print", str(place), "--printer", record.profile, "--port", record.port]
     return {
         "file": str(place),
         "steps": list(plan.steps),
         "lines_left_out": plan.begin,
-        "command": command + (f" --start {start}" if start else ""),
+        "command": shlex.join([*command, *record.care.get("set_up", ()), *start]),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import shlex
 import signal
 from collections.abc import Callable
 from dataclasses import replace
@@ -318,7 +319,8 @@ def _refuse_interrupted(order: Order) -> None:
         f"the print of {order.job.name} was interrupted in {order.folder} after at least "
         f"{history.done} of {history.total} lines; if the printer kept its power, go on with "
         f"`printctl print {order.job} --printer {order.printer} --port {order.port} "
-        f"--folder {order.folder} --resume`; to begin anew, move that folder away"
+        f"{shlex.join([*order.care.set_up, '--folder', str(order.folder)])} --resume`; to start "
+        "over, move that folder away"
     )
 
 

@@ -52,6 +52,7 @@ def grown_forest(
         given,
         lambda one: rebalanced(one, shared, shared.flow_ul_s(tissue.volume_mm3)),
     )
+    notes += tuple(note for tree in trees for note in tree.notes)
     notes += _supply_notes(tissue, part, trees)
     facts: dict[str, Any] = {
         "networks": [_tree_facts(*each) for each in zip(part.grown, closed, strict=True)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -20,7 +21,9 @@ from design.vasculature import (
     collisions,
     planar_four_vessel,
 )
+from design.vasculature.clipping import CutEnd, clip_ends
 from kernels.arrays import FloatArray
+from printctl.checks.lumens import list_names
 from printctl.errors import RecipeError
 from printctl.recipe.growth import GivenNetwork, LatticeNetwork
 
@@ -29,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def given_network(context: RunContext, part: GivenNetwork) -> tuple[VesselNetwork, dict[str, Any]]:
-    """Return the network of the recipe's file.
+    """Return the network of the recipe's file, its ends cut off at the tissue's surface.
 
     Raises
     ------
@@ -39,7 +42,8 @@ def given_network(context: RunContext, part: GivenNetwork) -> tuple[VesselNetwor
         When vessels overlap, unless the recipe says ``overlaps: tell``.
     """
     network, notes = read_with_notes(context.recipe_folder / part.network, part.unit)
-    notes += parts_note(network) + outside_note(context.tissue, network)
+    network, cut = clip_ends(context.tissue, network)
+    notes += cut_note(cut) + parts_note(network) + outside_note(context.tissue, network)
     if part.overlaps == "tell":
         check_given_once(network)
         notes += overlap_note(network, part.clearance_mm)
@@ -63,6 +67,20 @@ def lattice_network(
     check_parts(context.tissue, network.nodes)
     check_network(network, 0.0)
     return network, {}
+
+
+def cut_note(cut: Sequence[CutEnd]) -> tuple[str, ...]:
+    """Describe the ends that were cut off at the surface; no note of none."""
+    if not cut:
+        return ()
+    named = [
+        f"vessel {one.vessel} by {one.length_mm:.2g} mm at {_text(np.round(one.at_mm, 3) + 0.0)} mm"
+        for one in cut
+    ]
+    return (
+        f"vessel ends outside the part were cut off at its surface ({len(cut)}): "
+        f"{list_names(named)}",
+    )
 
 
 class OutsideLimits(NamedTuple):

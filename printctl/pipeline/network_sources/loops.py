@@ -35,13 +35,14 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> tuple[ClosedLoop
     """Grow artery and vein in turn; join every terminal of one to one of the other.
 
     Where a few had to be pruned, the others are balanced anew, by narrowing alone. The notes name
-    what the artery or the vein doesn't reach.
+    where roots were put by default, and what the artery or the vein doesn't reach.
     """
     artery = growth_options(part, seed)
     vein = replace(artery, root_point_mm=part.vein_root_mm, root_direction=part.vein_root_direction)
     roots = [RootSpec(artery, VesselKind.ARTERY), RootSpec(vein, VesselKind.VEIN)]
     arterial, venous = grow_forest(tissue, roots)
-    notes = [
+    notes = [*arterial.notes, *venous.notes]
+    notes += [
         f"{name}: {note}"
         for name, tree in (("artery", arterial), ("vein", venous))
         for note in check_supply(tissue, *terminals_of([tree]))[1]

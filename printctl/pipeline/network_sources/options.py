@@ -60,6 +60,7 @@ def growth_options(part: Growth, seed: int, recipe_folder: Path = Path()) -> Gro
         terminal_flows=flows,
         root_point_mm=part.root_mm,
         root_direction=part.root_direction,
+        root_at_top=isinstance(part, GrownNetwork) and part.root == "top",
         root_candidates=(
             part.root_candidates if isinstance(part, GrownNetwork) and part.root == "search" else 0
         ),

@@ -32,6 +32,7 @@ from printctl.checks.preflight import (
     placed_failures,
     read_written,
     refuse_failed,
+    role_checks,
     shaft_checks,
     shaft_clearance,
     step_checks,
@@ -46,6 +47,7 @@ from printctl.checks.preflight import (
 from printctl.checks.preflight.bore import line_checks
 from printctl.machine.job.job import parse_job
 from printctl.machine.job.syringes import usable_mm, with_reloads
+from printctl.machine.ports.detection import SIMULATED
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.stage import Stage
@@ -71,6 +73,7 @@ def depends(context: RunContext) -> Any:
         context.start_mm.tolist(),
         context.place_mm.tolist(),
         context.dish and context.dish.model_dump(mode="json"),
+        at.port == SIMULATED,
         [at.dish_centre_mm, context.bath_depth_mm, at.care.reload],
         [at.care.reload_min, at.care.viability_min, at.care.viability_source],
         context.compensation_digest,
@@ -82,9 +85,11 @@ def all_checks(context: RunContext, run: DryRun) -> list[Check]:
     """The G-code's own checks and those of the set-up."""
     printer, dish = context.printer, standing(context)
     ink_ul = written_ul(run, printer, context.loads)
+    inks = [one.ink for one in context.loads]
     common = [
         *bath_checks(context.bath),
-        *([] if dish else [unknown_dish()]),
+        *role_checks(inks, context.bath, context.recipe.toolpath.written),
+        *([] if dish else [unknown_dish(real=context.recipe.printer.port != SIMULATED)]),
     ]
     if not printer.heads:
         return [*gcode_checks(run, printer), *of_head(context, run, printer, 0, ink_ul), *common]
@@ -116,7 +121,7 @@ def of_mounted(context: RunContext, run: DryRun, printer: Printer, number: int) 
         *syringe_checks(run, printer, load.syringe),
         *step_checks(run, printer, load.syringe),
         *force_checks(run, load.ink, load.needle, load.syringe, printer),
-        *line_checks(run, printer, context.loads[number], part.thinnest_bore),
+        *line_checks(run, printer, context.loads[number], part.thinnest_bore, part.style[0]),
         chemistry_check(load.ink, bath),
         *temperature_checks(run, load.ink, bath),
         floor_check(run, bath, printer.z_mm.low),

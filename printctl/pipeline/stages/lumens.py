@@ -29,6 +29,7 @@ from printctl.errors import SafetyError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
+from printctl.pipeline.stages.replanning import explained, quiet
 from printctl.pipeline.stages.toolpath import of_heads, plain_job
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
@@ -61,6 +62,8 @@ def depends(context: RunContext) -> Any:
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Hold the G-code against the network; refuse what is closed or leaks."""
     check = hold(context, report)
+    if isinstance(check, LumenCheck) and check.refusal is not None:
+        check = explained(context, check, lambda changed: hold(changed, quiet).refusal is None)
     facts = {"checked": True, **check.as_dict()}
     notes = [*check.notes, *gap_notes(context), *left_out_notes(_plan(context))]
     facts["notes"] = notes

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, load
+from printctl.checks.set_up import options_of
 from printctl.errors import PrinterFailedError
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
@@ -37,6 +38,7 @@ from printctl.pipeline.observing import (
 )
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
+from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, JOURNAL_FOLDER
 from printctl.run_folder.manifest import digest_file
@@ -89,9 +91,26 @@ def care_of(context: RunContext) -> Care:
         capacity_mm=usable_mm(context.syringe, context.printer.of_head(0)),
         reload_at=tuple(planned_reloads(context)),
         accepted=accepted_checks(context),
+        set_up=mounted_options(context.recipe),
         **look_care(context.recipe.observe, embedded=isinstance(context.recipe.toolpath, Embedded)),
         **heads_care(context),
     )
+
+
+def mounted_options(recipe: Recipe) -> tuple[str, ...]:
+    """Options of `printctl print` that name what the recipe says is mounted."""
+    part, needle = recipe.printer, recipe.toolpath.needle
+    held = part.heads or (part,)
+    centre = part.dish_centre_mm
+    return options_of({
+        "syringe": ",".join(one.syringe for one in held),
+        "ink": ",".join(one.ink for one in held),
+        "needle": ",".join(getattr(one, "needle", None) or needle for one in held),
+        "bath": part.bath,
+        "dish": part.dish,
+        "dish_centre": None if centre is None else ",".join(f"{mm:g}" for mm in centre),
+        "bath_depth": part.bath_depth_mm,
+    })  # fmt: skip
 
 
 def heads_care(context: RunContext) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from printctl.recipe.making import FileScan, Fresh, SimulatedScan
 from printctl.recipe.record import RecordPart
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, NUMBERS, SOLID
 from printctl.run_folder.registration_files import (
+    AS_CORDS,
     DEVIATION,
     VIEWS,
     design_facts,
@@ -116,8 +117,11 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     wait_for_late()
     registered = register_scan(scan, model, context.network, options)
     report(0.8, "tracing")
+    numbers = report_dict(registered)
+    if context.recipe.toolpath.written == "cords":
+        numbers |= AS_CORDS
     summary = {
-        **judge(report_dict(registered), tolerances),
+        **judge(numbers, tolerances),
         "sign_convention": SIGN,
         "measured_by": scan_facts(scan),
         "by_surface": surface_facts(registered, context.network),
@@ -150,8 +154,10 @@ def _options(context: RunContext) -> RegistrationOptions:
     flow, part = context.conditions, context.scan_part
     datums = read_datums(context.recipe.registration.datums)
     check_designed(datums, context.network)
-    filled = isinstance(part, FileScan) and part.filled
-    return RegistrationOptions(lumens="bright" if filled else "dark", flow=flow, datums=datums)
+    bright = isinstance(part, FileScan) and part.filled
+    # A cord is bright, and so is a lumen that is filled: both are solid in the scan.
+    bright |= context.recipe.toolpath.written == "cords"
+    return RegistrationOptions(lumens="bright" if bright else "dark", flow=flow, datums=datums)
 
 
 def _written_job(context: RunContext) -> Job:

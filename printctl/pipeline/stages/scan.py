@@ -19,9 +19,11 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.simulated_scan import (
     PrintedInk,
     deposit_voxel_mm,
+    reach_notes,
     scan_deposit,
     scan_size_words,
     to_scan,
+    usual_voxel_um,
 )
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
@@ -35,7 +37,7 @@ from printctl.recipe.defects import (
     OcclusionPart,
     StenosisPart,
 )
-from printctl.recipe.making import FileScan, Fresh, SimulatedScan
+from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.run_folder.manifest import digest_file, of_simulator
 from registration import Scan, ScanOverrides, read_scan
@@ -193,7 +195,14 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     if context.recipe.toolpath.prime is not None:
         field = context.written_bounds + context.place_mm + FIELD_MM * FIELD_SIDES
         box = np.clip(box, *field)
+    if part.voxel_um is None:
+        thinnest = 2 * float(context.network.radius.min())
+        part = part.model_copy(update={"voxel_um": usual_voxel_um(part, thinnest, box, seed)})
     context.bars.remark("scan", scan_size_words(part, box, seed, "large: true in scan"))
+    gel = context.recipe.toolpath.written != "vessels"
+    points = context.network.points + context.place_mm
+    for note in reach_notes(part, points, box, gel=gel):
+        context.bars.remark("scan", note)
     more = 1 + part.spread_percent / 100
     fine = deposit_voxel_mm(part)
     if compensates(context):
@@ -207,12 +216,13 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
             ink, scan_defects(part.defects, context.written_network, context.place_mm)
         )
     report(0.4, "scanning")
-    return scan_deposit(ink, part, seed, gel=isinstance(context.recipe.toolpath, Fresh))
+    return scan_deposit(ink, part, seed, gel=gel)
 
 
 def printed_ink(context: RunContext, motion: ExecutedMotion) -> PrintedInk:
     """What the heads of a run held while they moved so."""
     held = context.loads if context.printer.heads else (context.poured,)
+    part = context.recipe.toolpath
     return PrintedInk(
         motion,
         context.printer,
@@ -221,6 +231,7 @@ def printed_ink(context: RunContext, motion: ExecutedMotion) -> PrintedInk:
         context.flows_ul_s,
         b"" if not context.flows_ul_s else b"".join(printed_text(context).lines),
         ink_faults(context),
+        *part.style,
     )
 
 
@@ -298,7 +309,7 @@ def reads(context: RunContext) -> tuple[str, ...]:
     part = context.scan_part
     if not isinstance(part, SimulatedScan):
         return ()
-    names = (EXECUTED, GCODE, NETWORK) if part.defects else (EXECUTED, GCODE)
+    names = (EXECUTED, GCODE, NETWORK)
     return (*names, LINE_MAP) if compensates(context) else names
 
 

@@ -104,7 +104,11 @@ def alignment(numbers: Mapping[str, Any]) -> list[AlignmentFigure]:
             rows.append((name, spread))
     flag = (numbers.get("ambiguity") or {}).get("flag")
     if flag is not None:
-        rows.append(("Pose", "ambiguous: another fits as well" if flag else "unambiguous"))
+        symmetry = (numbers.get("judging") or {}).get("symmetry")
+        doubt = "ambiguous: another fits as well"
+        if symmetry:
+            doubt = f"the design is the same after {' or '.join(symmetry['motions'])}"
+        rows.append(("Pose", doubt if flag else "unambiguous"))
     return [AlignmentFigure(name, value.strip()) for name, value in rows]
 
 

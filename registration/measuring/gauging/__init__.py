@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from registration.measuring.gauging.closures import Ends, find_closures
     from registration.measuring.gauging.defect import Defect
     from registration.measuring.gauging.design_to_scan import ScannedSurface, surface_points
+    from registration.measuring.gauging.designed import with_designed_walls
     from registration.measuring.gauging.deviation import (
         TOLERANCES_UM,
         Deviation,
@@ -77,6 +78,7 @@ __all__ = [
     "summarise",
     "surface_points",
     "trace_vessels",
+    "with_designed_walls",
     "with_interval",
     "with_mouths",
     "with_own_levels",

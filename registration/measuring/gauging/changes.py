@@ -161,6 +161,8 @@ _MAD_WORTH = 0.37
 """... and how many sections' worth of a standard deviation each section is in it."""
 _LAG = 3
 """Sections between differences: averages of three share none, and a blur reaches less far."""
+LEAST_SCATTER_MM = 1e-4
+"""Designed walls are known to so much (`gauging.designed`): a scan without noise isn't surer."""
 _QUARTER = 0.6745
 """Quartile of normal noise, standard deviations."""
 
@@ -259,7 +261,7 @@ def _series(traces: tuple[VesselTrace, ...], scale: float, false_alarm: float) -
 def _offset(trace: VesselTrace, scale: float) -> FloatArray:
     """Measured less designed diameter at each station, mm; NaN without an outline."""
     measured = np.where(trace.sections.open, trace.diameter, np.nan)
-    return np.asarray(measured - 2 * scale * trace.radius)
+    return np.asarray(measured - scale * trace.designed)
 
 
 def _bases(offsets: list[FloatArray]) -> list[float]:
@@ -327,7 +329,7 @@ def _scores(values: list[FloatArray], count: NDArray[np.int64]) -> list[FloatArr
     ]
     known = [ratio for ratio in less if np.isfinite(ratio)]
     ratio = max(float(np.median(known)), 3**-0.5) if known else 1.0
-    noise = np.maximum(ratio * _scatter(values, count), 1e-9)
+    noise = np.maximum(ratio * _scatter(values, count), LEAST_SCATTER_MM)
     return [mean / k for mean, k in zip(means, noise, strict=True)]
 
 
@@ -345,10 +347,13 @@ def _over_three(values: FloatArray) -> FloatArray:
 
 def _walls(trace: VesselTrace, there: BoolArray, scale: float) -> tuple[FloatArray, FloatArray]:
     """The wall's displacement about the centroid and about the axis, less each side's usual one."""
-    about_centroid = trace.sections.rays - scale * trace.radius[:, None]
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
-    shift = trace.sections.shift @ np.stack([np.cos(angle), np.sin(angle)])
-    return _sectors(about_centroid, there), _sectors(about_centroid + shift, there)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    wall = scale * np.where(np.isfinite(trace.wall), trace.wall, trace.designed[:, None] / 2)
+    aside = 2 / RAYS * (wall @ circle.T) @ circle
+    shift = trace.sections.shift @ circle
+    rays = trace.sections.rays
+    return _sectors(rays - (wall - aside), there), _sectors(rays + shift - wall, there)
 
 
 def _sectors(rays: FloatArray, there: BoolArray) -> FloatArray:
@@ -400,7 +405,7 @@ def _defect(series: _Series, sign: int, run: NDArray[np.int64]) -> Defect:
         # Of an oval, walls stand out to both sides: what it is its area says.
         sign = -sign
         wall = (sign * np.nan_to_num(series.wall[run])).max(axis=1)
-    rest = 2 * float(trace.radius[worst]) + series.base
+    rest = float(trace.designed[worst]) + series.base
     half = trace.spacing / 2
     extent = float(trace.along[run[0]]) - half, float(trace.along[run[-1]]) + half
     return Defect(

@@ -44,7 +44,7 @@ class ContrastGauge:
     examined : float
         Share of the designed gel, clear of walls, that was examined for leaks and bridges.
     unresolved : int
-        Places that look like a leak with gel left in it, too thin for this scan to tell.
+        Places that look like a leak, with gel left in it: too thin for this scan to tell.
     """
 
     liquid: float

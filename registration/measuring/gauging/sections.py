@@ -65,6 +65,8 @@ def first_walls(
 
 
 RAYS = 48
+LEAST_MET = 0.9
+"""Of the rays must have met the wall of a whole section."""
 REACH = 2.0
 """Rays go out to this many designed radii; what isn't met by then is another lumen."""
 _MAD = 1.4826
@@ -110,7 +112,7 @@ class Sections:
     open : (n,) bool
         Free of gel somewhere within the designed lumen.
     closed_outline : (n,) bool
-        At least 90 % of the rays met the wall.
+        At least `LEAST_MET` of the rays met the wall.
     diameter : (n,) float64, mm
         Of the circle of equal area, widened by what the field's own blur took away and by what a
         calibration says of this instrument's walls; 0 where the lumen is closed, NaN without an
@@ -172,7 +174,7 @@ def cut_sections(field: GelField, planes: Planes) -> Sections:
     met = np.isfinite(rays).mean(axis=1)
     radii = _fill_gaps(rays)
     area = np.pi * (radii**2).mean(axis=1)  # sectors, not triangles: the wall is round
-    outline = is_open & (met >= 0.9)
+    outline = is_open & (met >= LEAST_MET)
     round_ = true_diameter(2 * np.sqrt(area / np.pi), field, planes)
     diameter = np.where(outline, round_, np.where(is_open, np.nan, 0.0))
     offset = np.where(outline, np.linalg.norm(shift, axis=1), np.nan)

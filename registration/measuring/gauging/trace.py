@@ -11,7 +11,14 @@ from design.network import VesselNetwork
 from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
-from registration.measuring.gauging.sections import Planes, Sections, cut_sections, partial_noise
+from registration.measuring.gauging.sections import (
+    LEAST_MET,
+    RAYS,
+    Planes,
+    Sections,
+    cut_sections,
+    partial_noise,
+)
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import sample
 
@@ -171,6 +178,10 @@ _RING, _MOST_OF_RING = 12, 0.75
 """Points around a lumen, and the share of them in the part where it is one of its sections."""
 _ANGLE = 2 * np.pi * np.arange(_RING) / _RING
 _CIRCLE = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], axis=1)
+_BEHIND_WALL = np.array([2.0, 3.0, 4.0])
+"""Voxels from a lumen's wall at which light is looked for in the gel."""
+_SURE_LIGHT = 3.0
+"""Standard errors of the mean there that are no noise."""
 _FREE_WALL = 0.95
 """Less of a wall of its own, and the median of the rays across a section could meet another's."""
 
@@ -209,6 +220,8 @@ class VesselTrace:
         No station lies clear; diameters are twice the median ray's.
     gel_like : (n,) bool
         Not seen, for something brightens the core of the lumen (`gauging.gel_like`).
+    wall : (n, `RAYS`) float64, mm
+        Designed wall from the axis, along the same rays as the sections'; NaN where there is none.
     level_u : float, mm
         Standard uncertainty of its diameters by thin gel beside them (`gauging.own_levels`).
     """
@@ -227,6 +240,7 @@ class VesselTrace:
     to_end: FloatArray
     short: bool
     gel_like: BoolArray
+    wall: FloatArray
     level_u: float = 0.0
 
     @property
@@ -241,6 +255,20 @@ class VesselTrace:
         if self.short:
             measured = np.where(self.sections.open, self.sections.median, 0.0)
         return np.where(self.counted, measured, np.nan)
+
+    @property
+    def designed(self) -> FloatArray:
+        """Designed at each station, (n,), mm, measured like `diameter`: of the designed wall.
+
+        Twice the network's radius where the design has no wall to measure.
+        """
+        met: BoolArray = np.isfinite(self.wall)
+        if self.short:
+            known = np.where(met.any(axis=1, keepdims=True), self.wall, self.radius[:, None])
+            return np.asarray(2 * np.nanmedian(known, axis=1))
+        squares = np.where(met, self.wall, 0.0) ** 2
+        mean = np.sqrt(squares.sum(axis=1) / np.maximum(met.sum(axis=1), 1))
+        return np.where(met.mean(axis=1) >= LEAST_MET, 2 * mean, 2 * self.radius)
 
 
 def trace_vessels(
@@ -329,7 +357,7 @@ def _trace(
         counted = seen & own & (sections.closed_outline | ~sections.open)
     return VesselTrace(
         vessel, length, along, centre, radius, planes, sections, seen, apart, counted, own, to_end,
-        short, np.zeros(len(along), dtype=np.bool_),
+        short, np.zeros(len(along), dtype=np.bool_), np.tile(radius[:, None], (1, RAYS)),
     )  # fmt: skip
 
 
@@ -362,13 +390,19 @@ def _in_field(segmentation: Segmentation, rim: FloatArray, inside: BoolArray) ->
 
 
 def _reached(segmentation: Segmentation, planes: Planes) -> BoolArray:
-    """Whether light came back from the gel around the designed lumen; always, without light."""
+    """Whether light came back from the gel around the designed lumen; always, without light.
+
+    A voxel's noise, with the floor taken off, has at most that floor as its standard deviation: the
+    mean of many tells far weaker light from none.
+    """
     if segmentation.strength is None:
         return np.ones(len(planes.centre), dtype=np.bool_)
     field, strength = segmentation.field, segmentation.strength
-    margin = 2 * float(field.voxel_mm.max())
-    ring = (planes.radius + margin)[:, None, None] * (_CIRCLE @ planes.across)
-    where = (planes.centre[:, None] + ring - field.origin_mm) / field.voxel_mm
+    margins = _BEHIND_WALL * float(field.voxel_mm.max())
+    reach = (planes.radius[:, None] + margins)[..., None, None]
+    rings = reach * (_CIRCLE @ planes.across)[:, None]
+    where = (planes.centre[:, None, None] + rings - field.origin_mm) / field.voxel_mm
     flat = np.ascontiguousarray(where.reshape(-1, 3))
-    around = sample(strength.signal, flat).reshape(where.shape[:2])
-    return np.asarray(np.nan_to_num(around).mean(axis=1) > strength.noise)
+    around = np.nan_to_num(sample(strength.signal, flat)).reshape(len(planes.centre), -1)
+    error = strength.noise / np.sqrt(around.shape[1])
+    return np.asarray(around.mean(axis=1) > _SURE_LIGHT * error)

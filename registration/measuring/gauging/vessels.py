@@ -133,7 +133,8 @@ def outlines(
     return Outlines(cut, wall, shift)
 
 
-# Measure how oval a lumen is: its longest less its shortest width, where that is greatest.
+# Measure how oval a lumen is: its longest less its shortest width, where that is greatest, beyond
+# the design's own.
 #
 # A wall r₀ + Re(c e^{2iφ}) is 2 (r₀ + |c|) by 2 (r₀ - |c|) wide. One section's c is mostly noise,
 # and the length of noise isn't zero: c is averaged, as a vector, over `WINDOW` diameters.
@@ -151,7 +152,7 @@ class Oval:
     Attributes
     ----------
     widths_um, u_um : float, µm
-        Longest less shortest width, and half width of its 95 % interval.
+        Longest less shortest width beyond the design's, and half width of its 95 % interval.
     at_mm : float, mm
         From the first node.
     """
@@ -181,7 +182,9 @@ def ovality(trace: VesselTrace, own: SectionErrors, errors: ScanErrors) -> Oval:
         return best
     rays = trace.sections.rays[counted]
     mean = np.nanmean(np.where(whole[:, None], rays, 1.0), axis=1, keepdims=True)
-    vector = 2 / RAYS * (np.where(np.isfinite(rays), rays, mean) @ _TWICE)
+    wall = trace.wall[counted]
+    designed = np.where(np.isfinite(wall), wall, trace.designed[counted, None] / 2)
+    vector = 2 / RAYS * ((np.where(np.isfinite(rays), rays, mean) - designed) @ _TWICE)
     along, radius = trace.along[counted], trace.radius[counted]
     first, last = along[whole][[0, -1]]
     # Reflections may be of the walls alone that face the light, both of them. A line's place is the
@@ -421,7 +424,7 @@ def _gauge(
         offset_along_um=1e3 * sections.offset[counted],
         noise_um=1e3 * sections.noise[counted],
         shift_along_um=1e3 * shift[counted],
-        designed_along_um=2e3 * trace.radius[counted],
+        designed_along_um=1e3 * trace.designed[counted],
         place_mm=trace.centre[counted],
         u_um=1e3 * own.expanded,
         measured_u_um=1e3 * mean.expanded,
@@ -488,7 +491,7 @@ def _summary(trace: VesselTrace, stretch: float) -> dict[str, float]:
             "resistance_ratio",
         )
         return {"designed_um": 2e3 * float(trace.radius.mean())} | dict.fromkeys(names, np.nan)
-    measured, design = trace.diameter[counted], 2 * trace.radius[counted]
+    measured, design = trace.diameter[counted], trace.designed[counted]
     free = measured > 0 if (measured > 0).any() else np.ones_like(measured, dtype=np.bool_)
     with np.errstate(divide="ignore"):
         resisting = measured**-4.0 / oval_conductance(trace.sections.ovality[counted])

@@ -24,7 +24,7 @@ from registration.measuring.judging.tolerance import (
 
 FeatureName = Literal[
     "section", "narrowest", "mean", "change", "oval", "offset", "open", "seen", "gel_like",
-    "measured", "unsure", "leak", "rms", "zone",
+    "measured", "unsure", "leak", "rms", "rigid", "size", "zone",
 ]  # fmt: skip
 
 
@@ -39,7 +39,8 @@ class Feature:
         of a diameter within a junction; ``oval``: how much longer the longest width is than the
         shortest; ``offset``: of the axis; ``open``, ``seen``,
         ``gel_like``, ``measured``, ``unsure``: without a value; ``leak``: the width of a
-        leak or bridge; ``rms``: of the scaled fit; ``zone``: a geometric characteristic.
+        leak or bridge; ``rms``, ``rigid``: of the scaled and the rigid fit; ``size``: along an
+        axis; ``zone``: a geometric characteristic.
     decision : str
     vessel : int or None
         None: of the whole print.
@@ -62,10 +63,12 @@ class Feature:
         ``shade``: of ``leak``, where gel in a shadow would look alike; undecided. ``faint``: of
         ``leak``, where so much gel is left that it may be a crack; undecided. ``axis``: of
         ``leak``, where the axis may not follow its lumen; undecided. ``pose``: a fail
-        if the pose, which is in doubt, is right; undecided. ``no limit``: of ``offset``, far aside
-        where nobody has said what is allowed; undecided.
+        if the pose, which is in doubt, is right; undecided. ``symmetry``: not a pass if the part
+        lay so that this is ``as_vessel``, where the design is the same; undecided. ``no limit``: of
+        ``offset``, far aside where nobody has said what is allowed; undecided. ``index``: of
+        ``size``, along the light of an OCT without a depth standard; a pass by its value alone.
     words, of : str
-        Of a zone: which characteristic, of which feature.
+        Of a zone: which characteristic, of which feature. Of ``size``: of which axis.
     interval_um : (low, high), µm
         Of a zone.
     probability : float or None
@@ -85,7 +88,7 @@ class Feature:
     limit: str = ""
     unseen_mm: Sequence[Sequence[float]] = ()
     other: int | None = None
-    doubt: Literal["", "shade", "faint", "axis", "pose", "no limit"] = ""
+    doubt: Literal["", "shade", "faint", "axis", "pose", "symmetry", "no limit", "index"] = ""
     words: str = ""
     of: str = ""
     interval_um: Sequence[float] = ()
@@ -394,11 +397,17 @@ def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
     )
 
 
-def rms_feature(rule: Rule, rms_um: float | None, u_um: float | None, limit_um: float) -> Feature:
-    """Judge the RMS deviation of the scaled fit; without an interval nothing is proven of it."""
+def rms_feature(
+    rule: Rule,
+    rms_um: float | None,
+    u_um: float | None,
+    limit_um: float,
+    name: Literal["rms", "rigid"] = "rms",
+) -> Feature:
+    """Judge the RMS deviation of a fit; without an interval nothing is proven of it."""
     u = math.nan if u_um is None else u_um
     return Feature(
-        "rms",
+        name,
         "undecided" if rms_um is None else _upper(rule, rms_um, u, limit_um),
         value_um=rms_um,
         u_um=None if math.isnan(u) else u,

@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from registration.alignment.search import AlignmentOptions
 from registration.json_ready import Record, json_ready
 from registration.measuring.judging.decisions import (
     ORDER,
@@ -40,6 +39,8 @@ from registration.measuring.judging.features import (
 )
 from registration.measuring.judging.runs import BARE, apart_from_sections, findings
 from registration.measuring.judging.series import Series, series_of
+from registration.measuring.judging.size import size_features
+from registration.measuring.judging.symmetry import held_in_all, is_close, renamed, same_poses
 from registration.measuring.judging.tolerance import (
     DecisionRule,
     Limit,
@@ -50,7 +51,6 @@ from registration.measuring.judging.tolerance import (
 
 # Turn judged fails into undecided if the part's pose is ambiguous.
 
-POSE_LEAD: Final = AlignmentOptions().ambiguous_below
 POSE_RULE: Final = "The pose is ambiguous, so what would fail is undecided."
 _FAIL_FROM_POSE: Final = {"decision": "undecided", "doubt": "pose"}
 
@@ -58,16 +58,20 @@ _FAIL_FROM_POSE: Final = {"decision": "undecided", "doubt": "pose"}
 def pose_in_doubt(ambiguity: Record) -> bool:
     """Return whether the part may lie so that other places are compared.
 
-    A symmetry of the part changes none of them.
+    A symmetry of the part changes none of them, but the names of vessels (`same_poses`).
 
     Parameters
     ----------
     ambiguity : mapping
-        Of a registration: ``flag``; ``rivals`` with ``lead`` and ``same``, where they are known.
+        Of a registration: ``flag``; ``doubts`` and ``rivals`` with ``lead`` and ``same``, where
+        they are known.
     """
-    close = [one for one in ambiguity.get("rivals", ()) if one["lead"] < POSE_LEAD]
-    symmetric = bool(close) and all(one["same"] for one in close)
-    return bool(ambiguity.get("flag")) and not symmetric
+    close = [one for one in ambiguity.get("rivals", ()) if is_close(one)]
+    symmetric = [one for one in close if one["same"]]
+    if not symmetric or len(symmetric) < len(close):
+        return bool(ambiguity.get("flag"))
+    # Each of these is a doubt; what is left is of the scan.
+    return len(ambiguity.get("doubts", ())) > len(symmetric)
 
 
 def fails_withdrawn(judged: Record) -> dict[str, Any]:
@@ -137,7 +141,8 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
         of them that stand out or are measured beyond their limits; each vessel with ``decision``,
         and along it ``decision_along``, ``interval_95_um``, ``lower_um`` and ``upper_um`` (limits
         of the diameter); ``judging`` with the features.
-        Of a pose in doubt nothing fails (`pose_in_doubt`).
+        Of a pose in doubt nothing fails (`pose_in_doubt`). Of a design that is the same in several
+        poses all of them are tried (`held_in_all`; ``judging.symmetry``).
 
     Raises
     ------
@@ -146,6 +151,20 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     KeyError
         When the numbers are an older version's, without designed diameters of the sections.
     """
+    ambiguity = numbers.get("ambiguity") or {}
+    found = _judged(numbers, tolerances)
+    if pose_in_doubt(ambiguity):
+        return fails_withdrawn(found)
+    same = [one for one in ambiguity.get("rivals", ()) if is_close(one) and one["same"]]
+    if not same or not all(one.get("vessels") for one in same):
+        return found
+    poses = same_poses(ambiguity)
+    others = [_judged(renamed(numbers, pose), tolerances) for pose in poses]
+    return held_in_all(found, others, poses, [str(one["motion"]) for one in same])
+
+
+def _judged(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
+    """Judge in one pose."""
     rows, rule = numbers["vessels"], tolerances.limits.rule
     kinds = {int(row["vessel"]): str(row["kind"]) for row in rows}
     tolerances.check(kinds)
@@ -173,6 +192,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     features += [f for _, f in ways]
     features += [f for f in of_zones if f.vessel is None]
     features.append(_rms(numbers, rule, tolerances.rms_um))
+    features += size_features(numbers, tolerances)
     listed = [d for vessel in judged for d in vessel.findings] + [d for d, _ in ways]
     out: dict[str, Any] = json_ready(
         dict(numbers)
@@ -192,7 +212,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
         }
     )
     out["defects"] = [finding for finding in out["findings"] if is_defect(finding)]
-    return fails_withdrawn(out) if pose_in_doubt(numbers.get("ambiguity") or {}) else out
+    return out
 
 
 def withhold_unsure(
@@ -365,7 +385,9 @@ def plain_tolerances(tolerances: Tolerances) -> dict[str, Any]:
     """Return tolerances as JSON; what isn't limited is left out."""
     return {
         "rms_um": tolerances.rms_um,
-        **({"face_profile_um": face} if math.isfinite(face := tolerances.face_profile_um) else {}),
+        **_finite("rigid_rms_um", tolerances.rigid_limit_um),
+        **_finite("size_percent", tolerances.size_percent),
+        **_finite("face_profile_um", tolerances.face_profile_um),
         **_limits(tolerances.limits),
         "vessels": [
             {
@@ -376,6 +398,10 @@ def plain_tolerances(tolerances: Tolerances) -> dict[str, Any]:
             for one in tolerances.overrides
         ],
     }
+
+
+def _finite(name: str, limit: float) -> dict[str, float]:
+    return {name: limit} if math.isfinite(limit) else {}
 
 
 def _limits(limits: VesselLimits) -> dict[str, Any]:

@@ -190,12 +190,24 @@ class Tolerances:
         A later one counts where two hold for one vessel.
     face_profile_um : float, µm
         Width of the zone of each outer face; inf: not judged.
+    size_percent : float, %
+        By which the print may be larger or smaller than designed along each axis; inf: not judged.
+        Where this is less than `rms_um`, that is the limit.
+    rigid_rms_um : float or None, µm
+        Of the RMS deviation of the fit without scales; None: as `rms_um`.
     """
 
     limits: VesselLimits = field(default_factory=VesselLimits)
     rms_um: float = 100.0
     overrides: tuple[Override, ...] = ()
     face_profile_um: float = math.inf
+    size_percent: float = 2.0
+    rigid_rms_um: float | None = None
+
+    @property
+    def rigid_limit_um(self) -> float:
+        """Limit of the RMS deviation of the rigid fit, µm."""
+        return self.rms_um if self.rigid_rms_um is None else self.rigid_rms_um
 
     def of(self, vessel: int, kind: str) -> VesselLimits:
         """Limits of one vessel."""

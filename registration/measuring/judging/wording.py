@@ -6,6 +6,7 @@ import math
 
 from registration.json_ready import Record
 
+_MOST_SURE = 0.999
 _NAMES = {
     "section": "diameter",
     "narrowest": "narrowest diameter",
@@ -25,6 +26,8 @@ def reason(feature: Record) -> str:
     name = feature["name"]
     if feature.get("doubt") == "pose":
         return f"{reason({**feature, 'decision': 'fail', 'doubt': ''})}, if the pose is right"
+    if feature.get("doubt") == "symmetry":
+        return f"{reason({**feature, 'doubt': ''})}, if this is vessel {feature['as_vessel']}"
     if name in _NAMES:
         return _diameter(feature)
     if name == "offset" and feature.get("doubt") == "no limit":
@@ -42,7 +45,11 @@ def reason(feature: Record) -> str:
             feature
         )
     if name == "rms":
-        return f"RMS deviation of the scaled fit {_rms(feature)}, {feature['limit']}"
+        return f"RMS deviation after scaling {_rms(feature)}, allowed {feature['limit']}"
+    if name == "rigid":
+        return f"RMS deviation without scaling {_rms(feature)}, allowed {feature['limit']}"
+    if name == "size":
+        return _size(feature)
     if name == "leak":
         return _way(feature)
     if name == "zone":
@@ -56,7 +63,22 @@ def _rms(feature: Record) -> str:
         return "not known"
     if u is None:
         return f"{value:.1f} µm"
-    return f"{value:.1f} µm ({max(value - u, 0.0):.1f} to {value + u:.1f} µm, 95 %)"
+    return f"{value:.1f} µm (95 %: {max(value - u, 0.0):.1f} to {value + u:.1f} µm)"
+
+
+def _size(feature: Record) -> str:
+    """Word a size: how much the print is longer or shorter along an axis."""
+    axis, value, u = feature["of"], feature.get("value_um"), feature.get("u_um")
+    if value is None:
+        known = "not measured"
+    else:
+        percent, half = (100 * v / feature["designed_um"] for v in (value, u or 0.0))
+        ends = "unknown" if u is None else f"{half:.1f}"
+        known = f"{signed(percent)} ± {ends} % ({signed(value, 0)} µm)"
+    text = f"Size along {axis}: {known}, limit {feature['limit']}"
+    if feature.get("doubt") == "index":
+        return f"{text}: not proven, as depth rests on the refractive index; scan a depth standard"
+    return text + _end(feature)
 
 
 def _way(feature: Record) -> str:
@@ -92,59 +114,100 @@ def _diameter(feature: Record) -> str:
     half = "" if u is None else f" ± {100 * u / designed:.1f}"
     um = f"{signed(feature['value_um'], 0)}{'' if u is None else f' ± {u:.0f}'} µm"
     return (
-        f"{_place(feature)}: {_NAMES[feature['name']]} measured {percent}{half} % ({um}), "
+        f"{_place(feature)}: {_NAMES[feature['name']]} {percent}{half} % ({um}), "
         f"limit {feature['limit']}{_by_chance(feature) or _end(feature)}"
     )
 
 
 def _by_chance(feature: Record) -> str:
     """Say why a value beyond its limit by more than U is no fail; empty of all others."""
-    value, u, wide = feature["value_um"], feature.get("u_um"), feature.get("fail_um")
-    ends = feature.get("lower_um", -math.inf), feature.get("upper_um", math.inf)
-    beyond = max(ends[0] - value, value - ends[1])
-    if feature["decision"] != "undecided" or u is None or wide is None or beyond <= u:
+    u, wide = feature.get("u_um"), feature.get("fail_um")
+    if feature["decision"] != "undecided" or u is None or wide is None or _beyond(feature) <= u:
         return ""
     percent = 100 * wide / feature["designed_um"]
-    return f": beyond it, but one of many sections may err by ± {percent:.1f} %, so no fail yet"
+    return (
+        f": beyond the limit, but among many sections one may be off by ± {percent:.1f} % through "
+        "measurement noise alone, so undecided"
+    )
+
+
+def _beyond(feature: Record) -> float:
+    """Return how far a value lies beyond its limits, µm; below 0 within them."""
+    ends = feature.get("lower_um", -math.inf), feature.get("upper_um", math.inf)
+    return float(max(ends[0] - feature["value_um"], feature["value_um"] - ends[1]))
 
 
 def _end(feature: Record) -> str:
-    end = {"undecided": ": neither proven", "fail": ": proven beyond it"}.get(
-        feature["decision"], ""
-    )
+    """Say what was decided, and why where the value alone would say otherwise."""
+    if feature["decision"] == "pass":
+        return _passed(feature)
+    end = {"undecided": ": too close to the limit to decide", "fail": ": out of tolerance"}[
+        feature["decision"]
+    ]
     probability = feature.get("probability")
-    if not end or probability is None:
+    if probability is None:
         return end
-    return f"{end} (the vessel conforms with a probability of {100 * probability:.0f} %)"
+    return f"{end} (the vessel is within tolerance with a probability of {_percent(probability)})"
+
+
+def _passed(feature: Record) -> str:
+    """Explain the pass of a section whose interval reaches beyond its limit; else empty."""
+    probability, u = feature.get("probability"), feature.get("u_um")
+    if probability is None or u is None or _beyond(feature) + u <= 0:
+        return ""
+    odds = f"the vessel is within tolerance with a probability of {_percent(probability)}"
+    if _beyond(feature) <= 0:
+        return f" ({odds})"
+    return (
+        f": this single reading is beyond the limit by less than its own scatter; taken together "
+        f"with the other sections, {odds}"
+    )
+
+
+def _percent(probability: float) -> str:
+    if probability > _MOST_SURE:
+        return f"over {100 * _MOST_SURE:.1f} %"
+    return f"{100 * probability:.0f} %"
 
 
 def _sight(feature: Record) -> str:
-    vessel, stretches = f"Vessel {feature['vessel']}", feature.get("unseen_mm", ())
+    vessel, stretches = _vessel(feature), feature.get("unseen_mm", ())
     where = ", ".join(f"{first:.1f} to {last:.1f} mm" for first, last in stretches)
     if feature["name"] == "seen":
-        return f"{vessel}: not seen at {where}, so neither good nor bad there"
+        return f"{vessel}: not visible in the scan from {where} along, so it may be closed there"
     if feature["name"] == "gel_like":
         return (
-            f"{vessel}: the lumen looks partly like gel at {where} (a film, sediment, weak gel "
-            "or a reflection), so neither open nor closed there"
+            f"{vessel}: the lumen looks partly like gel from {where} along (a film, sediment, weak "
+            "gel or a reflection), so it may be closed there"
         )
     if feature["name"] == "measured":
-        return f"{vessel}: no wall found all round at {where}, so no diameter is known there"
+        return (
+            f"{vessel}: no complete wall found from {where} along, so the diameter wasn't measured "
+            "there"
+        )
     if feature["name"] == "unsure":
         return (
-            f"{vessel}: the axis that was found may not follow its lumen at {where}, so neither "
-            "good nor bad, open nor closed there; give --network to have it measured"
+            f"{vessel}: the axis found in the model may not follow the lumen from {where} along, "
+            "so the vessel wasn't measured there; give --network to have it measured"
         )
     if feature["decision"] == "fail":
         return f"{vessel}: closed"
     if feature["decision"] == "undecided":
-        return f"{vessel}: not seen from end to end, so neither open nor closed"
+        return f"{vessel}: not visible from end to end, so it may be closed"
     return f"{vessel}: open"
 
 
 def _place(feature: Record) -> str:
     at = feature.get("at_mm")
-    return f"Vessel {feature['vessel']}" + ("" if at is None else f", {at:.1f} mm along")
+    return _vessel(feature) + ("" if at is None else f", {at:.1f} mm along")
+
+
+def _vessel(feature: Record) -> str:
+    """Name a vessel, and those that it may be where the design is the same in several poses."""
+    names = sorted([feature["vessel"], *feature.get("or_vessels", ())])
+    if len(names) < 2:
+        return f"Vessel {names[0]}"
+    return f"Vessel {', '.join(map(str, names[:-1]))} or {names[-1]}"
 
 
 def _measured(feature: Record) -> str:

@@ -13,12 +13,13 @@ from registration.measuring.topology.compare import (
 )
 from registration.measuring.topology.grid import LumenGrid, lay_grid, scanned_with
 from registration.measuring.topology.leaks import LeakSearch, find_leaks
-from registration.measuring.topology.overlap import Agreement, Overlap, agreement, overlap
+from registration.measuring.topology.overlap import Agreement, Landed, Overlap, agreement, overlap
 
 __all__ = [
     "Agreement",
     "Betti",
     "Faults",
+    "Landed",
     "LeakSearch",
     "LumenGrid",
     "Overlap",

@@ -1,4 +1,4 @@
-"""Compute the volume overlap of designed and printed lumens; tell another part's scan by it."""
+"""Volume overlap of designed and printed lumens, and whether a scan is of another part."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
 from registration.measuring.gauging.deviation import near_lumen
 from registration.measuring.topology.grid import LumenGrid
-from registration.segmentation import Segmentation
+from registration.segmentation import GelEvidence, Segmentation, are_separable
 
 SAMPLES: Final = 100_000
 CLOSE_MM: Final = 0.25
@@ -20,11 +22,69 @@ CLOSE_MM: Final = 0.25
 designed gel."""
 GEL_REACH_MM: Final = 1.0
 """How far around lumens scanned without their construct gel is known to be designed."""
-MAX_FOREIGN: Final = 0.12
-MIN_OPEN: Final = 0.5
-"""Of 14 scans of right parts (up to 4 of 7 vessels missing, half in view, hard light, swollen,
-narrowed, leaks with debris) foreign was at most 0.07, and of 23 scans of other parts at least 0.18;
-of those the designed lumens were open to at most 0.39."""
+LEAST_LIT: Final = 0.3
+"""Of the designed lumens' volume: where light shows less, which part it is stays open."""
+BELOW_MM: Final = np.arange(1, 13) * 0.1
+FEWEST_BELOW: Final = 2
+"""Where gel is looked for below a place, beyond the widest lumen; how often it must be there."""
+LEAST_PLACES: Final = 50
+"""Random places in the designed lumens, or they say nothing."""
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """Logarithm of how much likelier numbers of a scan are of another part than of this one.
+
+    A sum of four terms, each growing with what speaks for another part. Rounded from a logistic
+    regression on the first 24 scans of ``benchmarks identity`` (three generators), of which right
+    ones reach -2.2, sound light given, and wrong ones that align at all begin at 2.3. To be fitted
+    again (``python -m benchmarks.identity.fit``) when all 500 have been measured.
+
+    Attributes
+    ----------
+    constant : float
+    foreign : float
+        Per e-fold of the hollow volume in designed gel over that of the designed lumens.
+    closed : float
+        Of the share of the designed lumens that is gel.
+    far : float
+        Per e-fold of the share of the scanned surface that lies far from the design.
+    scale : float
+        Of the largest fitted scale's distance from 1, which counts up to `MOST_SCALE`.
+    decisive : float
+        From which on the scan is another part's.
+    """
+
+    constant: float = -5.5
+    foreign: float = 1.0
+    closed: float = 3.5
+    far: float = 1.0
+    scale: float = 30.0
+    decisive: float = 1.5
+
+    def terms(self, foreign: float, opened: float, close: float, scale: float) -> FloatArray:
+        """Return the four quantities that the weights multiply."""
+        return np.array(
+            [
+                np.log(foreign + FOREIGN_FLOOR) - np.log(FOREIGN_FLOOR),
+                1.0 - opened,
+                np.log(1.0 - close + FAR_FLOOR) - np.log(FAR_FLOOR),
+                min(scale, MOST_SCALE),
+            ]
+        )
+
+    def of(self, foreign: float, opened: float, close: float, scale: float) -> float:
+        """Return the sum."""
+        weights = np.array([self.foreign, self.closed, self.far, self.scale])
+        return float(self.constant + weights @ self.terms(foreign, opened, close, scale))
+
+
+FOREIGN_FLOOR: Final = 0.02
+FAR_FLOOR: Final = 0.01
+"""Below these the shares are noise."""
+MOST_SCALE: Final = 0.1
+"""A wrong voxel size fits any scale, and speaks for no other part by that."""
+LIKELIHOOD: Final = Likelihood()
 
 
 @dataclass(frozen=True)
@@ -76,53 +136,115 @@ def overlap(grid: LumenGrid, near_mm: float) -> Overlap:
 class Agreement:
     """How far a scan's hollows are those of the design; NaN where nothing of it is in view.
 
+    Volumes count where light tells gel from nothing (`are_separable`) and comes back from gel
+    farther down: below the last of it, dark gel looks hollow.
+
     Attributes
     ----------
     foreign_share : float
         Of the volume that is free of gel within the part, what lies in designed gel.
+    foreign_ratio : float
+        The same volume over that of the designed lumens.
     designed_open : float
         Share of the designed lumens' volume that is free of gel.
     close_share : float
         Share of the scanned surface within `CLOSE_MM` of the design.
+    lit_share : float
+        Share of the designed lumens' volume in view where light tells.
+    scale_off : float
+        Largest distance of a fitted scale from 1.
     """
 
     foreign_share: float
+    foreign_ratio: float
     designed_open: float
     close_share: float
+    lit_share: float
+    scale_off: float
+
+    @property
+    def likelihood(self) -> float:
+        """Logarithm of the likelihood ratio of another part against this one; NaN if not known."""
+        return LIKELIHOOD.of(
+            self.foreign_ratio, self.designed_open, self.close_share, self.scale_off
+        )
 
     @property
     def other_part(self) -> bool:
         """Whether this is another part: its hollows lie where the design has none.
 
-        A part that lacks vessels has few hollows, but these are the design's.
+        A part that lacks vessels has few hollows, but these are the design's. Where light doesn't
+        tell gel from liquid nothing is proven.
         """
-        return self.foreign_share > MAX_FOREIGN and self.designed_open < MIN_OPEN
+        return self.lit_share >= LEAST_LIT and self.likelihood > LIKELIHOOD.decisive
 
 
-def agreement(
-    surface: ModelSurface,
-    network: VesselNetwork,
-    segmentation: Segmentation,
-    fit: Fit,
-    model_is_lumen: bool,
-) -> Agreement:
+@dataclass(frozen=True)
+class Landed:
+    """A scan that lies on its design.
+
+    Attributes
+    ----------
+    surface : ModelSurface
+    network : VesselNetwork
+    segmentation : Segmentation
+    evidence : GelEvidence
+        Of the segmentation.
+    fit : Fit
+    model_is_lumen : bool
+    depth_down : bool
+        Whether light runs towards the scan's larger z.
+    """
+
+    surface: ModelSurface
+    network: VesselNetwork
+    segmentation: Segmentation
+    evidence: GelEvidence
+    fit: Fit
+    model_is_lumen: bool
+    depth_down: bool
+
+    def lit(self, scanned: FloatArray) -> NDArray[np.bool_]:
+        """Whether gel and liquid are told apart at places (n, 3) of the scan, mm."""
+        told = are_separable(1.0, 0.0, self.evidence.scatter_at(scanned))
+        if self.segmentation.strength is None:
+            return told
+        gel = np.zeros(len(scanned), dtype=np.int64)
+        for deeper in BELOW_MM if self.depth_down else -BELOW_MM:
+            gel += self.segmentation.field.above_level(scanned + [0.0, 0.0, deeper]) > 0
+        return np.asarray(told & (gel >= FEWEST_BELOW))
+
+
+def agreement(landed: Landed) -> Agreement:
     """Compare hollows and surface of a scan with the design at random places, always the same."""
+    surface, fit, segmentation = landed.surface, landed.fit, landed.segmentation
     low, high = surface.bounds
-    margin = GEL_REACH_MM if model_is_lumen else 0.0
+    margin = GEL_REACH_MM if landed.model_is_lumen else 0.0
     size = high - low + 2 * margin
     places = low - margin + np.random.default_rng(0).random((SAMPLES, 3)) * size
-    value = segmentation.field.above_level(fit.invert(places))
-    places, free = places[np.isfinite(value)], value[np.isfinite(value)] < 0
+    scanned = fit.invert(places)
+    value = segmentation.field.above_level(scanned)
+    known = np.isfinite(value)
+    places, scanned, free = places[known], scanned[known], value[known] < 0
     # Positive in lumens and outside of the part, negative in gel.
-    depth = surface.query(places).distance * (-1.0 if model_is_lumen else 1.0)
-    lumen = (depth > 0) & near_lumen(places, network)
+    depth = surface.query(places).distance * (-1.0 if landed.model_is_lumen else 1.0)
+    inside = (depth > 0) & near_lumen(places, landed.network)
     gel = depth < -CLOSE_MM
-    if model_is_lumen:
+    if landed.model_is_lumen:
         gel &= depth > -GEL_REACH_MM
-    foreign, own = int((gel & free).sum()), int((lumen & free).sum())
-    scanned = fit.apply(segmentation.surface.vertices[segmentation.seen])
+    lit = landed.lit(scanned)
+    lumen = inside & lit
+    foreign, own = int((gel & lit & free).sum()), int((lumen & free).sum())
+    whole, told = int(inside.sum()), int(lumen.sum())
+    near = np.abs(
+        surface.query(fit.apply(segmentation.surface.vertices[segmentation.seen])).distance
+    )
+    enough = told >= LEAST_PLACES
     return Agreement(
-        foreign / (foreign + own) if foreign + own else float("nan"),
-        own / int(lumen.sum()) if lumen.any() else float("nan"),
-        float((np.abs(surface.query(scanned).distance) < CLOSE_MM).mean()),
+        foreign_share=foreign / (foreign + own) if foreign + own else float("nan"),
+        foreign_ratio=foreign / told if enough else float("nan"),
+        designed_open=own / told if enough else float("nan"),
+        close_share=float((near < CLOSE_MM).mean()),
+        lit_share=told / whole if whole >= LEAST_PLACES else float("nan"),
+        scale_off=float(np.abs(fit.scale - 1).max()),
     )

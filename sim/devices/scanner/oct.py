@@ -2,7 +2,9 @@
 
 Modelled
 --------
-- Ink scatters; liquid outside and in the lumens is dark.
+- FRESH prints: the ink is the gel. It scatters; liquid outside and in the lumens is dark.
+- Embedded prints: the ink has been melted out. Its place is dark, in gel that scatters and fills
+  the whole field of view.
 - Beer-Lambert attenuation straight down, so lumens throw brighter columns and deep gel fades.
 - Point spread (Gaussian): lateral of the light that comes back, not of what scatters it (an A-scan
   half in gel, half in a lumen is the mean of a faded one and a dark one); axial of the scatterers,
@@ -25,7 +27,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, ClassVar, Final, Literal
 
 import numba
 import numpy as np
@@ -76,6 +78,8 @@ class OctOptions:
         Geometric depth at which the volume begins: sensitivity rolls off from where it would be 0.
     placing : Placing
         How the part lies.
+    ink : "gel" or "lumen"
+        What the deposited ink is by the time of the scan: the part itself, or melted out.
     """
 
     voxel_mm: tuple[float, float, float] = (0.020, 0.030, 0.030)
@@ -89,6 +93,7 @@ class OctOptions:
     looks: int = 3
     start_mm: float = 0.0
     placing: Placing = field(default_factory=Placing)
+    ink: Literal["gel", "lumen"] = "gel"
 
     def __post_init__(self) -> None:
         for value in self.voxel_mm:
@@ -105,6 +110,14 @@ class OctOptions:
         """Sampling (dz, dy, dx), dz geometric too."""
         dz, dy, dx = self.voxel_mm
         return dz / self.refractive_index, dy, dx
+
+    @property
+    def reach_mm(self) -> float:
+        """Geometric depth in gel, from the field's top, at which gel is as bright as the noise."""
+        faintest = np.log(10) * self.signal_db / 10
+        slope, curve = 2 * self.attenuation_mm, self.roll_off_mm**-2
+        # Light falls by 2 µ z + (z / z0)² nepers.
+        return float((np.sqrt(slope**2 + 4 * curve * faintest) - slope) / (2 * curve))
 
     def shape(self, bounds_mm: FloatArray, seed: int) -> tuple[int, int, int]:
         """Voxels along z, y, x of a scan of what lies in a box (2, 3), mm."""
@@ -143,6 +156,7 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> ScannerOut
                 options.reflection,
                 NOISE_COUNTS,
                 options.start_mm,
+                0.0 if options.ink == "gel" else 1.0,
             ]
         ),
         options.lateral_sigma_mm,
@@ -179,12 +193,12 @@ def _render(
     """
     nz, ny, nx = shape
     dz, dy, dx = voxel
-    gel, attenuation, roll_off, reflection, noise, start = physics
+    gel, attenuation, roll_off, reflection, noise, start, around = physics
     out = np.empty((nz, ny, nx), dtype=np.uint16)
     ax, ay, az = to_ink[0, 0] * dx, to_ink[1, 0] * dx, to_ink[2, 0] * dx
     for y in numba.prange(ny):
         depth = np.zeros((nx, 4))
-        above = np.zeros((nx, 4))
+        above = np.full((nx, 4), around)
         base = np.empty((4, 3))
         for z in range(nz):
             for ray in range(4):
@@ -203,6 +217,7 @@ def _render(
                 for ray in range(4):
                     bx, by, bz = base[ray]
                     fill = lookup(ink, bx + x * ax, by + x * ay, bz + x * az) / 255.0
+                    fill = abs(around - fill)
                     depth[x, ray] += 0.5 * fill * dz
                     step = abs(fill - above[x, ray])
                     if fill > 0.0 or step > 0.0:

@@ -5,12 +5,13 @@ Modelled
 - Dose: plunger travel times plunger area, spread over `smoothing_mm` of written path (across
   travels, not across retractions), because the ink's and syringe's compliance smooths the single
   motor steps of the plunger.
-- Layered writing (all extruding moves horizontal, on at least two levels): a line is as high as
-  its level lies above the level below it, hangs *below* the tip, and is area / height wide: its
-  mean width, whatever its sides are like, so that its volume is kept; seen from above it is a
-  capsule (straight flanks, round ends). Its crest stands farther out (`BeadSection`).
-- Embedded writing (anything else): a round filament around the tip's path, its diameter from the
-  area.
+- Layered writing: a line is as high as its level lies above the level below it, hangs *below* the
+  tip, and is area / height wide: its mean width, whatever its sides are like, so that its volume is
+  kept; seen from above it is a capsule (straight flanks, round ends). Its crest stands farther out
+  (`BeadSection`).
+- Embedded writing: a round filament around the tip's path, its diameter from the area.
+- Which of the two is for the caller to say (`style`): level filaments at two depths move as layers
+  do. It is guessed (`writing_style`) only where nothing says it.
 - Lines that overlap are united: ink doesn't pile up.
 
 A pneumatic head's ink is laid likewise, by `sim.gcode.deposit.lay`. Faults of the ink
@@ -39,6 +40,7 @@ from sim.errors import DepositError
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults, Placed, Timeline, faulty_lines
 from sim.gcode.deposit.kernels import paint_filaments, paint_layers, stack_layers
 from sim.gcode.deposit.written import (
+    SMOOTHING_MM,
     Layering,
     Strands,
     Written,
@@ -125,7 +127,7 @@ def deposit(
     plunger_area_mm2: float,
     voxel_mm: float,
     *,
-    smoothing_mm: float = 1.0,
+    smoothing_mm: float = SMOOTHING_MM,
     style: Style | None = None,
     plunger_step_mm: float | None = None,
     faults: InkFaults = NO_FAULTS,
@@ -175,9 +177,11 @@ def deposit_of_heads(
     plunger_area_mm2: Sequence[float],
     voxel_mm: float,
     *,
-    smoothing_mm: float = 1.0,
+    smoothing_mm: float = SMOOTHING_MM,
     plunger_step_mm: Sequence[float] | None = None,
     faults: Sequence[InkFaults] | None = None,
+    style: Style | None = None,
+    layer_mm: float | None = None,
 ) -> tuple[Deposit, ...]:
     """Lay the ink of each head on one grid, so that voxels of two inks can be compared.
 
@@ -189,9 +193,9 @@ def deposit_of_heads(
     plunger_area_mm2, plunger_step_mm, faults : sequence
         Of each.
     voxel_mm : float, mm
-        Edge of a voxel; the style of all follows from the whole.
-    smoothing_mm : float, mm
-        As of `laid`.
+        Edge of a voxel.
+    smoothing_mm, style, layer_mm
+        As of `laid`, for all heads; a guessed style follows from the whole.
 
     Raises
     ------
@@ -206,9 +210,9 @@ def deposit_of_heads(
         written(motion, area, smoothing_mm, step)
         for motion, area, step in zip(executed, plunger_area_mm2, steps, strict=True)
     ]
-    chosen = _style_of([one.lines for one in each])
+    chosen = style or _style_of([one.lines for one in each], layer_mm)
     inks = [
-        _laid_of(one, motion, area, wrong, chosen)
+        _laid_of(one, motion, area, wrong, chosen, layer_mm)
         for one, motion, area, wrong in zip(
             each, executed, plunger_area_mm2, faults or [NO_FAULTS] * len(each), strict=True
         )
@@ -330,7 +334,7 @@ def laid(
     faults: InkFaults,
     plunger_area_mm2: float,
     *,
-    smoothing_mm: float = 1.0,
+    smoothing_mm: float = SMOOTHING_MM,
     style: Style | None = None,
     plunger_step_mm: float | None = None,
     layer_mm: float | None = None,
@@ -349,7 +353,7 @@ def laid(
     smoothing_mm : float, mm
         Length of path over which the plunger's steps are smoothed.
     style : "layered" or "embedded" or None
-        None decides from the motion, see the module.
+        None guesses it from the motion (`writing_style`).
     plunger_step_mm : float or None, mm
         One motor step of the plunger; None finds it from the motion. A move shorter than the path
         of 1.5 steps that got no step still writes when it goes straight on and writing goes on
@@ -424,7 +428,11 @@ def _style_of(lines: Sequence[Strands], layer_mm: float | None = None) -> Style:
 def writing_style(
     start_z_mm: FloatArray, end_z_mm: FloatArray, layer_mm: float | None = None
 ) -> Style:
-    """Layered when all is flat, on two levels or more; or on one where `layer_mm` is given."""
+    """Guess how a job of unknown origin writes: layered when level, on two levels or more.
+
+    On one level only where `layer_mm` is given. Level filaments are mistaken for layers: a recipe
+    or a map of lines that tells the style goes before this.
+    """
     flat = np.abs(end_z_mm - start_z_mm).max() < 1e-3
     known = layer_mm is not None or len(written_levels(end_z_mm)) > 1
     return "layered" if flat and known else "embedded"

@@ -325,6 +325,8 @@ def _joined(pieces: Strands, of: IntArray, pairs: IntArray) -> Strands:
 
 # Layer heights found in executed motion, and the heights of the lines printed there.
 
+SMOOTHING_MM: Final = 1.0
+"""Length of bead over which ink and syringe give way, so that single plunger steps even out."""
 LEVEL_TOLERANCE_MM = 5e-3
 """Written heights closer than this are one level (two steps of a usual z axis)."""
 _THICKER = 1.5
@@ -345,8 +347,8 @@ def _level_heights(levels: FloatArray, area_mm2: FloatArray, single_mm: float | 
         return np.array([single_mm])
     if len(gaps) == 0:
         raise DepositError(
-            "layered writing has a single level, so its line height is unknown; "
-            "use style='embedded' or write at least two layers"
+            "the print has a single layer, whose height is unknown; give it (--layer-um), or write "
+            "at least two layers"
         )
     values, counts = np.unique(np.round(gaps, 3), return_counts=True)
     usual = float(values[counts.argmax()])

@@ -107,7 +107,9 @@ def test_tree_stays_in_tissue_without_collisions(tissues, name, seed):
 def test_printable_tree_fits_the_real_gyrus():
     path = shared("gyrus_patch_fsaverage5.stl")
     tissue = load_tissue(path, "mm")
-    options = GrowthOptions(terminals=200, smallest_radius_mm=0.1, clearance_mm=0.1)
+    options = GrowthOptions(
+        terminals=200, smallest_radius_mm=0.1, clearance_mm=0.1, root_at_top=True
+    )
     tree = grow_tree(tissue, options)
     check(tree, tissue, options)
     np.testing.assert_array_equal(tree.proximal[0], tissue.top_vertex()[0])
@@ -382,12 +384,14 @@ def test_a_tree_stuck_in_a_lobe_gives_way_to_one_from_a_deep_root():
     ball = manifold3d.Manifold.sphere(3.0, 24).translate((5.0, 5.0, 14.0))
     mesh = (body + neck + ball).to_mesh()
     tissue = tissue_from_surface(np.asarray(mesh.vert_properties[:, :3], float), mesh.tri_verts)
-    options = GrowthOptions(terminals=60, smallest_radius_mm=0.15, clearance_mm=0.1)
+    options = GrowthOptions(
+        terminals=60, smallest_radius_mm=0.15, clearance_mm=0.1, root_at_top=True
+    )
     tree = grow_tree(tissue, options, attempts=1)
-    assert re.match(r"from the highest point only \d terminals fit, so", tree.notes[0])
+    assert re.match(r"from a root at the highest point only \d terminals fit, so", tree.notes[0])
     assert tree.proximal[0, 2] <= 10.0
     check(tree, tissue, options)
-    given = replace(options, root_point_mm=tuple(tissue.top_vertex()[0]))
+    given = replace(options, root_at_top=False, root_point_mm=tuple(tissue.top_vertex()[0]))
     with pytest.raises(NoRoomError, match=r"only \d of 60 terminals"):
         grow_tree(tissue, given, attempts=1)
 

@@ -154,7 +154,7 @@ def test_bash_itself_completes(tmp_path: Path):
         (
             ["print", "a.gcode", "--printer", "generic_marlin", "--port", "/dev/null", "--json"],
             3,
-            "--yes",
+            "--needle",
         ),
     ],
 )

@@ -42,6 +42,20 @@ def test_a_mesh_becomes_checked_gcode_in_the_middle_of_the_bed(cut: Shell) -> No
         assert lines["source"].max() == 9
 
 
+def test_a_part_stands_at_the_floor_clearance_of_its_bath_or_where_it_is_placed(cut: Shell) -> None:
+    assert cut.json("cube.stl", *UNIT, "--out", "cube.gcode")["place_mm"] == [98.5, 99.0, 1.0]
+    placed = cut.json("cube.stl", *UNIT, "--out", "cube.gcode", "--place", "50,60,2.5")
+    assert placed["place_mm"] == [50.0, 60.0, 2.5]
+    lines = Path("cube.gcode").read_text()
+    assert min(float(z) for z in re.findall(r"Z([\d.]+)", lines)) == pytest.approx(2.56)
+
+
+def test_a_place_out_of_reach_is_refused_with_one_that_is_not(cut: Shell) -> None:
+    said = "puts the part at x 199 to 202 mm, .* 0 to 200 mm; --place 98.5,99,1 centres it"
+    _, _, err = cut("cube.stl", *UNIT, "--out", "cube.gcode", "--place", "199,60,2.5")
+    assert re.search(said, err)
+
+
 def test_a_3mf_says_its_unit(cut: Shell) -> None:
     write_3mf(Path("cube.3mf"), block_solid(np.array([3.0, 2.0, 0.6])))
     assert cut("cube.3mf", "--out", "cube.gcode")[0] == 0

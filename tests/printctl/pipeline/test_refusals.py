@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
+from contextlib import nullcontext
 from copy import deepcopy
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,12 +21,14 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load, supported_diameter_mm
 from firmware_profiles.bead import BeadSection
+from printctl.checks.preflight.mounted import role_checks
 from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.machine.job.care import Care
 from printctl.machine.process.orders import Order
 from printctl.pipeline.heads import Filled
 from printctl.pipeline.lock import is_run_active, run_lock
 from printctl.pipeline.printability import embedded_limits
+from printctl.pipeline.refusals import refuse_before
 from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
 from printctl.pipeline.stages import lumens, printing
 from printctl.recipe import Recipe, parse_recipe
@@ -37,6 +40,8 @@ from tests.printctl.corrections.feedback.lab import TWO, recipe_of
 from tests.printctl.networks import network_recipe, vessels
 
 EMBEDDED = {"method": "embedded", "needle": "30g_50mm"}
+CORDS = EMBEDDED | {"writes": "cords"}
+FRESH = {"method": "fresh"}
 GELATIN = {"ink": "gelatin_sacrificial", "bath": "cell_matrix"}
 
 
@@ -153,6 +158,41 @@ def test_a_part_that_cannot_be_printed_is_refused_before_it_is_designed(
     with pytest.raises(error, match=why):
         toolpath_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("toolpath", "ink", "bath", "why"),
+    [
+        (EMBEDDED, "collagen_fresh", "cell_matrix", "solid cords, .* gelatin_sacrificial"),
+        (EMBEDDED, "gelatin_sacrificial", "gelatin_support", "bath that stays .*cell_matrix"),
+        (FRESH, "gelatin_sacrificial", "gelatin_support", r"structural ink \(.*collagen_fresh"),
+        (FRESH, "collagen_fresh", "cell_matrix", r"support bath \(shipped: gelatin_support\)"),
+        (CORDS, "gelatin_sacrificial", "cell_matrix", "use a structural ink"),
+        (CORDS, "collagen_fresh", "cell_matrix", None),
+        (CORDS, "collagen_fresh", "gelatin_support", None),
+        (EMBEDDED, "gelatin_sacrificial", "cell_matrix", None),
+    ],
+)
+def test_ink_and_bath_must_suit_what_is_printed(
+    tmp_path: Path, toolpath: dict[str, Any], ink: str, bath: str, why: str | None
+) -> None:
+    made = recipe(tmp_path, network(), toolpath=toolpath, printer={"ink": ink, "bath": bath})
+    with nullcontext() if why is None else pytest.raises(SafetyError, match=why):
+        refuse_before(made, tmp_path)
+
+
+def test_embedded_vessels_get_a_sacrificial_ink_and_a_matrix_where_none_is_named(
+    tmp_path: Path,
+) -> None:
+    made = recipe(tmp_path, network(), printer={})
+    assert (made.printer.ink, made.printer.bath) == ("gelatin_sacrificial", "cell_matrix")
+
+
+def test_an_ink_without_a_role_is_a_warning(tmp_path: Path) -> None:
+    unknown = load(Ink, "collagen_fresh").model_copy(update={"role": None})
+    (check,) = role_checks([unknown, unknown], load(Bath, "cell_matrix"), "vessels")
+    assert not check.refuses
+    assert "set role in the ink's profile" in check.sentence()
 
 
 def test_step_without_its_extra_is_refused_before_anything_is_designed(

@@ -32,6 +32,7 @@ from printctl.recipe.section_files import read_record
 from registration import read_scan
 from registration.files.writers import write_scan_zarr
 from registration.measuring.judging import Tolerances, VesselLimits, judge, judge_plain
+from registration.measuring.judging.tolerance import Override, symmetric
 from registration.scan import Scan
 from registration.wall_reference import WallCalibration
 from sim.gcode.motion.executed import ExecutedMotion
@@ -83,7 +84,7 @@ def test_a_print_without_a_recipe_is_scanned_with_its_sidecar(tmp_path: Path) ->
     strokes(area).save(tmp_path / "part.gcode.print" / "executed.npz")
     wanted = {"simulated": None, "voxel_um": (60, 60, 40), "seed": 3, "shrink_percent": 0.0}
     facts = scan_print(entry, StatedPrint(), wanted, None, said.append)
-    assert said[0].startswith("the scan will be ")
+    assert said[1].startswith("the scan will be ")
     path = Path(facts["scan"])
     assert path == tmp_path / "part.gcode.print" / "scan.tif"
     found = read_scan(path)
@@ -95,6 +96,20 @@ def test_a_print_without_a_recipe_is_scanned_with_its_sidecar(tmp_path: Path) ->
     tifffile.imwrite(bare, found.volume)
     bare.with_suffix(".json").write_text(Path(facts["sidecar"]).read_text())
     assert read_scan(bare).voxel_mm == found.voxel_mm
+
+
+def test_how_a_print_was_written_follows_from_its_map_or_is_a_guess_that_is_told(
+    tmp_path: Path,
+) -> None:
+    entry, said = printed(tmp_path / "part.gcode.print"), list[str]()
+    strokes().save(tmp_path / "part.gcode.print" / "executed.npz")
+    wanted = {"simulated": None, "voxel_um": (80, 80, 80), "seed": 3}
+    assert scan_print(entry, StatedPrint(), wanted, None, said.append)["modality"] == "OCT"
+    assert "--embedded: as filaments" in said[0]
+    np.savez(tmp_path / "part.map.npz", source=np.zeros(1), source_kind="vessel")
+    told = list[str]()
+    assert scan_print(entry, StatedPrint(), wanted, None, told.append)["modality"] == "micro-CT"
+    assert not any("--embedded" in one for one in told)
 
 
 def test_a_print_whose_motors_nobody_recorded_is_refused(tmp_path: Path) -> None:
@@ -306,7 +321,7 @@ def unfed(*numbers: int) -> dict[str, Any]:
     ("second", "more", "verdict_is", "words"),
     [
         (good(1), {}, "passed", ["1.20 (interval not known) times", "2 of 2 vessels pass"]),
-        (good(1), {"defects": [change(1, 1.0, 1.5)]}, "passed", ["No leak, and no bridge"]),
+        (good(1), {"defects": [change(1, 1.0, 1.5)]}, "passed", ["No leak or bridge"]),
         (good(1), {"scaled": {"rms_um": 130.0}}, "failed", []),
         (good(1, open=False), {}, "failed", ["Vessel 1: closed"]),
         (GONE, {"defects": [MISSING]}, "failed", ["Vessel 1 is missing"]),
@@ -321,9 +336,9 @@ def unfed(*numbers: int) -> dict[str, Any]:
         (good(1, open=False), {"ambiguity": {"flag": True}}, "undecided", ["if the pose is right"]),
         (good(1, open=False), {"ambiguity": SAME}, "failed", ["Vessel 1: closed"]),
         (good(1, open=None, unseen_mm=[[0.5, 0.9]]), {}, "undecided",
-         ["neither open nor closed", "not seen at 0.5 to 0.9 mm", "is fed isn't known"]),
+         ["not visible in the scan from 0.5 to 0.9 mm", "Perfusion not confirmed; if vessel 1"]),
         (vessel(1, np.full(20, -40.0), u_um=20.0), {"judging": CONFORMANCE}, "undecided",
-         ["measured −8.0 ± 4.0 %", "limit ±10 %: neither proven", "probability of 79 %"]),
+         ["−8.0 ± 4.0 %", "limit ±10 %: too close to the limit", "probability of 79 %"]),
         (good(1), {"agreement": OTHER, "scale": [1.08, 0.94, 0.95]}, "failed", ["66 %", "13 %"]),
     ],
 )  # fmt: skip
@@ -337,18 +352,68 @@ def test_a_print_is_judged_with_its_reasons(
     assert all(word in said for word in words), said
 
 
+HALF_TURN = {"lead": 1.0, "same": True, "mirrored": False, "motion": "a half turn about z",
+             "differs_um": 0.2}  # fmt: skip
+TURNED = {"flag": True, "doubts": ["the same"], "rivals": [HALF_TURN | {"vessels": [1, 0]}]}
+
+
+def test_of_a_symmetric_design_a_verdict_that_all_its_poses_share_stands() -> None:
+    found = judged(good(0), good(1), ambiguity=TURNED)
+    assert found["passed"]
+    assert any("vessels 0 and 1 can't be told apart" in one for one in found["reasons"])
+    narrow = judged(good(0), vessel(1, NARROW, u_um=8.0), ambiguity=TURNED)
+    assert (narrow["passed"], narrow["undecided"]) == (False, False)
+    assert narrow["reasons"][0].startswith("Vessel 0 or 1, ")
+    # A doubt beyond the symmetry stays one.
+    more = TURNED | {"doubts": ["the same", "The scan doesn't fix its turn about z"]}
+    assert judged(good(0), ambiguity=more)["undecided"]
+
+
+def test_vessels_that_would_swap_are_named_where_the_verdict_depends_on_it() -> None:
+    rows = [vessel(0, np.zeros(20), 500.0, u_um=8.0), vessel(1, np.zeros(20), 560.0, u_um=8.0)]
+    numbers = registration(*rows, ambiguity=TURNED, perfusion=FLOW)
+    found = verdict(judge_plain(numbers, 100.0, 10.0))
+    assert found["undecided"]
+    assert "500 and 560 µm wide" in found["reasons"][0]
+    assert found["reasons"][1].startswith("Vessel 1, 0.1 mm along: diameter +12.0")
+    assert found["reasons"][1].endswith("if this is vessel 0")
+
+
+def test_equal_vessels_with_tolerances_of_their_own_are_tried_both_ways() -> None:
+    wide = Override(frozenset({1}), frozenset(), {"diameter": symmetric(30.0)})
+    tolerances = Tolerances(VesselLimits(), overrides=(wide,))
+    for errors, outcome in (
+        ((0.0, 0.0), "pass"),
+        ((0.0, 80.0), "undecided"),
+        ((80.0,) * 2, "fail"),
+    ):
+        rows = [good(number, error) for number, error in enumerate(errors)]
+        judged_rows = judge(registration(*rows, ambiguity=TURNED, perfusion=FLOW), tolerances)
+        assert judged_rows["judging"]["decision"] == outcome, errors
+
+
+def test_a_pass_beyond_its_limit_explains_itself() -> None:
+    errors = np.clip(np.random.default_rng(1).normal(0.0, 20.0, 60), -45.0, 45.0)
+    errors[30] = -52.0
+    row = vessel(0, errors, noise_um=20.0, u_um=40.0, measured_interval_95_um=6.0)
+    found = judged(row, good(1), judging=CONFORMANCE)
+    assert found["passed"]
+    (said,) = (one for one in found["reasons"] if "−10.4 ± 8.0 %" in one)
+    assert "this single reading is beyond the limit by less than its own scatter" in said
+
+
 def not_judged(tolerances: Tolerances) -> list[str]:
     faces = {"outer_faces": {"scaled": {"p95_um": 21.2, "max_um": 508.0}}}
     numbers = registration(good(0), good(1), perfusion=FLOW, by_surface=faces)
     reasons = verdict(judge(numbers, tolerances))["reasons"]
-    return [reason for reason in reasons if reason.startswith("Not judged")]
+    return [reason for reason in reasons if reason.startswith("Not evaluated")]
 
 
 def test_a_pass_says_that_place_and_outer_faces_were_not_judged() -> None:
     (said,) = not_judged(Tolerances())
-    assert "where lumens lie (position_um)" in said
-    assert "outer faces (face_profile_um), of which 95 % lie within 21 µm" in said
-    assert said.endswith("the farthest place is 508 µm off")
+    assert "position of lumens (position_um)" in said
+    assert "outer faces (face_profile_um): 95 % within 21 µm" in said
+    assert said.endswith("largest deviation 508 µm")
 
 
 def test_places_that_stand_out_are_told_with_or_without_a_limit() -> None:
@@ -357,7 +422,9 @@ def test_places_that_stand_out_are_told_with_or_without_a_limit() -> None:
     faces = {"outer_faces": {"scaled": {"max_um": None}, "places": [pit, excess, pit, pit]}}
     numbers = registration(good(0), good(1), perfusion=FLOW, by_surface=faces)
     for tolerances in (Tolerances(), Tolerances(face_profile_um=500.0)):
-        (said,) = (r for r in verdict(judge(numbers, tolerances))["reasons"] if "Away" in r)
+        (said,) = (
+            r for r in verdict(judge(numbers, tolerances))["reasons"] if "Outer faces deviate" in r
+        )
         assert "gel missing by 350 µm over 0.8 mm² at x 1.0, y −2.0, z 2.6 mm" in said
         assert "gel in excess by 120 µm over 0.3 mm²" in said
         assert said.endswith("; 1 more")
@@ -373,7 +440,7 @@ def test_what_has_a_limit_is_not_called_unjudged() -> None:
 def test_unseen_vessel_beside_a_failure_is_a_failure() -> None:
     result = judged(good(0, -100.0), good(1, open=None))
     assert (result["passed"], result["undecided"]) == (False, False)
-    assert not any("Every vessel is fed" in reason for reason in result["reasons"])
+    assert not any("Every vessel is perfused" in reason for reason in result["reasons"])
 
 
 @pytest.mark.parametrize(("defect", "vessels"), [(LEAK, [1]), (BRIDGE, [0, 1])])
@@ -431,7 +498,7 @@ def test_the_worst_fails_are_listed_first() -> None:
     errors[30], errors[12] = -160.0, -90.0
     result = shifted([500.0] * 40, errors, 1.0)
     assert result["causes"] == []
-    fails = [one for one in result["reasons"] if "proven beyond" in one]
+    fails = [one for one in result["reasons"] if "out of tolerance" in one]
     assert [one.split(",")[0] for one in fails] == ["Vessel 30", "Vessel 12"]
 
 

@@ -62,7 +62,7 @@ JOBS: list[tuple[str, list[str]]] = [
     ("speed of e", ["G1 E1 F600"]),
     ("plunger behind where it begins", ["G1 E-1 F60"]),
     ("longest line as sent", ["M117 " + "a long text " * 8]),
-    ("moves below the planner's least", ["G1 X100.05 F600", "G1 X101"]),
+    ("moves of less than 6 motor steps", ["G1 X100.05 F600", "G1 X101"]),
     ("too_slow", ["G1 X101 F12"]),
     ("commands unknown to the firmware", ["M42 P4 S1"]),
     ("lines that are no command", ["hello"]),

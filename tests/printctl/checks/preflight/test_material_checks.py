@@ -357,16 +357,23 @@ def line(length: float, width: float = 0.15, height: float = 0.06) -> float:
     return length * width * height / AREA
 
 
-def test_a_step_of_the_plunger_longer_than_a_move_is_told() -> None:
-    """One step is 2.6 nL: 0.29 mm of a line of 150 by 60 µm."""
-    run = run_of_process_checks(f"G1 X20 E{line(10):.6f} F600", f"G1 X20.2 E{line(10.2):.6f}")
+def test_a_plunger_step_is_compared_with_the_bead_not_with_its_moves() -> None:
+    """One step is 2.6 nL: 0.29 mm of a bead of 150 by 60 µm, in however many moves."""
+    many = (f"G1 X{x / 10:.1f} E{line(x / 10 - 10):.6f} F600" for x in range(101, 201))
+    run = run_of_process_checks("G0 X10", *many)
+    assert names(run) == []
+    check = next(c for c in step_checks(run, PRINTER, SYRINGE) if c.check.startswith("bead length"))
+    assert check.value == pytest.approx(1 / 6400 * AREA / (0.15 * 0.06), rel=1e-3)
+    wide = load(Syringe, "hamilton_10ml")
+    run = run_of_process_checks(f"G1 X20 E{10 * 0.15 * 0.06 / wide.area_mm2:.6f} F600")
+    assert "bead length per plunger step" in names(run, syringe=wide)
+
+
+def test_beads_of_less_than_a_step_are_told_by_their_share_of_the_ink() -> None:
+    dots = (f"G0 Y{y}\nG1 X{20 + y % 2 / 10:.1f} E{line(10 + y / 10):.6f}" for y in range(1, 6))
+    run = run_of_process_checks(f"G1 X20 E{line(10):.6f} F600", *dots)
     (name,) = names(run)
-    assert name.startswith("line that one step of the plunger makes")
-    check = next(c for c in step_checks(run, PRINTER, SYRINGE) if not c.passed)
-    assert check.value == pytest.approx(1 / 6400 * AREA / (0.15 * 0.06), rel=1e-4)
-    assert check.limit == pytest.approx(0.2, abs=1e-9)
-    assert check.place == "line 4"
-    assert "1 of 2 moves" in check.remedy
+    assert name == "ink in beads of less than one plunger step"
 
 
 # --- idle needles against bath, ink and wall; timely raising and lowering of heads

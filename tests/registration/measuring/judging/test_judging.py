@@ -87,10 +87,10 @@ def test_a_section_whose_interval_was_withdrawn_is_undecided_and_fails_nothing()
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("unseen_mm", "at 1.0 to 1.4 mm"),
-        ("gel_like_mm", "partly like gel at 1.0 to 1.4 mm"),
-        ("unmeasured_mm", "at 1.0 to 1.4 mm"),
-        ("unsure_mm", "may not follow its lumen at 1.0 to 1.4 mm"),
+        ("unseen_mm", "not visible in the scan from 1.0 to 1.4 mm"),
+        ("gel_like_mm", "partly like gel from 1.0 to 1.4 mm"),
+        ("unmeasured_mm", "no complete wall found from 1.0 to 1.4 mm"),
+        ("unsure_mm", "may not follow the lumen from 1.0 to 1.4 mm"),
     ],
 )
 def test_what_wasnt_seen_or_measured_isnt_a_pass(name: str, said: str) -> None:
@@ -143,7 +143,7 @@ def test_features_have_limits_of_their_own() -> None:
     decisions = {f["name"]: f["decision"] for f in found["judging"]["features"]}
     assert decisions == {
         "section": "undecided", "narrowest": "undecided", "mean": "fail", "offset": "fail",
-        "open": "pass", "leak": "pass", "rms": "pass",
+        "open": "pass", "leak": "pass", "rms": "pass", "rigid": "pass",
     }  # fmt: skip
 
 

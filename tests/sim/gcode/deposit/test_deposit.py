@@ -8,7 +8,7 @@ import pytest
 
 from sim.errors import DepositError
 from sim.gcode.deposit.kernels import SUPERSAMPLE, paint_filaments, paint_layers
-from sim.gcode.deposit.lay import deposit
+from sim.gcode.deposit.lay import deposit, deposit_of_heads
 from sim.gcode.deposit.written import Strands, united
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.sim.motions import moved
@@ -85,6 +85,17 @@ def test_embedded_filament_has_the_diameter_of_its_dose() -> None:
     across = found.volume[round(middle[2]), round(middle[1]), :] > 127
     lean = np.cos(np.arctan2(0.5, 3.0))
     assert across.sum() * 0.03 == pytest.approx(2 * radius / lean, abs=0.035)
+
+
+def test_level_filaments_at_two_depths_are_round_where_the_caller_says_so() -> None:
+    ends = [(1.0, 1.0, 1.0), (5.0, 1.0, 1.0), (5.0, 3.0, 2.5), (1.0, 3.0, 2.5)]
+    volume = 4 * np.pi * 0.3**2
+    level = motion(ends, [volume, 0.0, volume])
+    (found,) = deposit_of_heads([level], [AREA], 0.03, style="embedded")
+    assert found.style == "embedded"
+    across = found.volume[:, :, found.volume.shape[2] // 2] > 127
+    assert across.any(axis=1).sum() * 0.03 == pytest.approx(4 * 0.3, abs=0.07)
+    assert across.any(axis=0).sum() * 0.03 == pytest.approx(4 * 0.3, abs=0.07)
 
 
 def test_retraction_and_prime_deposit_nothing() -> None:

@@ -1,0 +1,1 @@
+"""A stranger's first parts: generator, truth and judge that share no code with the product."""
