@@ -12,9 +12,9 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
-from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe, load, shipped
+from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
 from printctl.checks.set_up import Check, SetUp
 
 PARTS: Final[dict[str, type[Facts]]] = {
@@ -39,7 +39,18 @@ class NamedProfile:
 
 
 MadeFor = Mapping[str, tuple[NamedProfile, ...]]
-"""Part (a key of `PARTS`) to its profiles, one for each head; parts that weren't named are absent."""
+"""Part (a key of `PARTS`) to its profiles, one for each head; unnamed parts are absent."""
+
+
+class Loading(Protocol):
+    """What a head holds."""
+
+    @property
+    def syringe(self) -> Syringe: ...
+    @property
+    def ink(self) -> Ink: ...
+    @property
+    def needle(self) -> Needle | None: ...
 
 
 def profile_hash(facts: Facts) -> str:
@@ -48,29 +59,38 @@ def profile_hash(facts: Facts) -> str:
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def made_for(setup: SetUp) -> MadeFor:
-    """Return the record of a set-up."""
-    heads = [setup.load_of(number) for number in range(setup.printer.head_count)]
+def named(facts: Facts) -> NamedProfile:
+    """Return a profile's name and hash."""
+    return NamedProfile(facts.name, profile_hash(facts))
+
+
+def made_for(
+    printer: Printer,
+    loads: Sequence[Loading],
+    bath: Bath | None = None,
+    dish: Dish | None = None,
+) -> MadeFor:
+    """Return the record of a set-up; ``loads`` has what each head holds."""
     facts: dict[str, Sequence[Facts | None]] = {
-        "printer": [setup.printer],
-        "syringe": [] if setup.printer.airs else [one.syringe for one in heads],
-        "needle": [one.needle for one in heads],
-        "ink": [one.ink for one in heads],
-        "bath": [setup.bath],
-        "dish": [None if setup.standing is None else setup.standing.dish],
+        "printer": [printer],
+        "syringe": [] if printer.airs else [one.syringe for one in loads],
+        "needle": [one.needle for one in loads],
+        "ink": [one.ink for one in loads],
+        "bath": [bath],
+        "dish": [dish],
     }
     return {
-        part: tuple(NamedProfile(one.name, profile_hash(one)) for one in those if one is not None)
+        part: tuple(named(one) for one in those if one is not None)
         for part, those in facts.items()
         if those and None not in those
     }
 
 
-def header_lines(setup: SetUp) -> tuple[str, ...]:
+def header_lines(recorded: MadeFor) -> tuple[str, ...]:
     """Return the record's text, a line a profile, without the comment character."""
     return tuple(
         f"printctl {part}: {' '.join(one.name.split())} #{one.hash}"
-        for part, those in made_for(setup).items()
+        for part, those in recorded.items()
         for one in those
     )
 
@@ -87,19 +107,14 @@ def read_made_for(opening: bytes) -> MadeFor:
     return found
 
 
-def shipped_key(part: str, profile: NamedProfile) -> str | None:
-    """Return the name under which the recorded profile is shipped; None for one that isn't."""
-    model = PARTS[part]
-    hashes = ((key, profile_hash(load(model, key))) for key in shipped(model))
-    return next((key for key, digest in hashes if digest == profile.hash), None)
-
-
 def set_up_checks(recorded: MadeFor, setup: SetUp) -> list[Check]:
     """Compare what a job was made for with what is mounted: a refusal for each difference.
 
     A part that either side doesn't name isn't compared.
     """
-    mounted = made_for(setup)
+    dish = None if setup.standing is None else setup.standing.dish
+    heads = [setup.load_of(number) for number in range(setup.printer.head_count)]
+    mounted = made_for(setup.printer, heads, setup.bath, dish)
     return [
         _difference(part, of_job, of_mount)
         for part, of_job in recorded.items()
