@@ -43,14 +43,19 @@ MadeFor = Mapping[str, tuple[NamedProfile, ...]]
 
 
 class Loading(Protocol):
-    """What a head holds."""
+    """What a head holds; a needle that nobody named is None."""
 
     @property
-    def syringe(self) -> Syringe: ...
+    def syringe(self) -> Syringe:
+        """The syringe in it."""
+
     @property
-    def ink(self) -> Ink: ...
+    def ink(self) -> Ink:
+        """The ink in that."""
+
     @property
-    def needle(self) -> Needle | None: ...
+    def needle(self) -> Needle | None:
+        """The needle on it."""
 
 
 def profile_hash(facts: Facts) -> str:
