@@ -28,6 +28,7 @@ from printctl.calibration.patterns import (
     spiral_pattern,
     squares_pattern,
 )
+from printctl.checks.made_for import header_lines, made_for
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.checks.set_up import ProfileNames, set_up
 from printctl.errors import UsageError
@@ -206,6 +207,7 @@ def write_pattern_job(job: PatternJob) -> tuple[int, float, tuple[str, ...]]:
         relieve_ul=0.0,
         plunger_ul_s=ink.plunger_ul_s,
         flow_factor=ink.flow_factor,
+        header=header_lines(made_for(setup.printer, [setup.load_of(0)], setup.bath)),
     )
     place = np.array(job.at_mm) - middle
     gcode = write_gcode(pattern_path(made, ink), setup.printer, setup.syringe, place, options)

@@ -17,6 +17,7 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Facts, Printer, Syringe
 from printctl.calibration.estimate import Estimate
 from printctl.calibration.paths import CalibrationTest
+from printctl.checks.made_for import header_lines, made_for, named
 from printctl.checks.preflight import gcode_checks, refuse_failed, syringe_checks, warnings
 from printctl.errors import UsageError
 from sim.gcode.dry_run.run import dry_run
@@ -85,6 +86,7 @@ def make_test(job: Job) -> CalibrationOutput:
         flow_factor=job.flow_factor,
         flow_ul_s=flow,
         standing_doses=flow is not None,
+        header=header_lines({**made_for(job.printer, []), "syringe": (named(job.syringe),)}),
     )
     gcode = write_gcode(test.toolpath, job.printer, job.syringe, job.at_mm, options)
     run = dry_run(gcode.data, job.printer, job.at_mm)

@@ -21,6 +21,9 @@ from printctl.settings import opt, settings
 # Record of a preflight check (limit, value, passed); raise an exception for failed ones.
 
 
+Weight = Literal["refuses", "warns"]
+
+
 @dataclass(frozen=True)
 class Check:
     """A question asked of the G-code or the set-up, and its answer.
@@ -51,7 +54,7 @@ class Check:
     passed: bool
     place: str = ""
     remedy: str = ""
-    weight: Literal["refuses", "warns"] = "refuses"
+    weight: Weight = "refuses"
 
     @property
     def refuses(self) -> bool:

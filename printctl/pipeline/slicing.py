@@ -27,6 +27,7 @@ from design.toolpath.gcode import (
 from design.units import LengthUnit
 from firmware_profiles import Dish, Printer, steady_flow
 from kernels.arrays import FloatArray
+from printctl.checks.made_for import header_lines, made_for
 from printctl.checks.set_up import ABOVE_WALL_MM, HeadLoading
 from printctl.errors import UsageError
 from printctl.pipeline.heads import gcode_options, head_loads
@@ -373,6 +374,8 @@ def _writer(job: SliceJob, start: tuple[float, float, float]) -> GcodeOptions:
     needle = first.needle
     flow = None if head is None or needle is None else steady_flow(head, first.ink, needle).ul_s
     options = gcode_options(first.ink, start, FreshOptions.travel_speed_mm_s, flow)
+    header = header_lines(made_for(job.printer, job.loads, dish=job.dish))
+    options = replace(options, header=header)
     if not job.printer.heads:
         return options
     loads = head_loads(job.printer, job.loads)

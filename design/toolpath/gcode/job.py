@@ -113,6 +113,8 @@ class GcodeOptions:
     safe_z_mm : float or None, mm
         Height, printer's frame, below which no tip may be where heads are changed: the dish's wall
         and more. None where only what is written counts.
+    header : tuple of str
+        Comment lines before the first command, without the comment character.
     """
 
     start_mm: tuple[float, float, float] | None = None
@@ -126,6 +128,7 @@ class GcodeOptions:
     standing_doses: bool = False
     heads: tuple[HeadLoad, ...] = ()
     safe_z_mm: float | None = None
+    header: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         flow = "" if self.flow_ul_s is None else "flow_ul_s"

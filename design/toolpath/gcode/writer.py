@@ -411,7 +411,8 @@ class Writer:
         if first and self._begin is not None:
             known = self._options.start_mm is not None
             start = place_text(self._begin, self._printer) if known else None
-            header = _text_of(self._dialect.header(self._printer, start))
+            remarks = [f"{self._dialect.comment} {line}" for line in self._options.header]
+            header = _text_of([*remarks, *self._dialect.header(self._printer, start)])
         if last:
             footer = _text_of(self._dialect.footer())
         around = (header.count(b"\n"), footer.count(b"\n"))

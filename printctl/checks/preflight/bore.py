@@ -25,6 +25,12 @@ _FLATTEST: Final = 0.25
 """Height of the lines of a file with one level, in bores: the least that slicers lay."""
 _ROUNDED: Final = 0.95
 """Of the limit where the width is read from G-code: what rounding and compensation take."""
+_WIDEST: Final[dict[Style, tuple[str, float]]] = {
+    "layered": ("lines", 4.0),
+    "embedded": ("filaments", 25.0),
+}
+"""Widest line and thickest filament, in bores: beyond its face a tip can't flatten what it
+extrudes; a trunk of 4 mm by a 30G needle, where shipped designs have 11 bores at most."""
 
 
 def shipped_bores() -> dict[str, float]:
@@ -77,7 +83,7 @@ def line_checks(
     thinnest: float = THINNEST_BORE,
     style: Style | None = None,
 ) -> list[Check]:
-    """Check the lines of a G-code file, by their median along the way; none where nothing is laid.
+    """Check the median and the widest line of a G-code file; none where nothing is extruded.
 
     A pneumatic head's lines are as wide as its flow makes them, which `pneumatic_checks` judges.
 
@@ -101,7 +107,8 @@ def line_checks(
         return []
     along = length[np.abs(z[:, 1] - z[:, 0]) < _FLAT_MM].sum()
     guessed: Style = "embedded" if along < 0.9 * length.sum() else "layered"
-    if (style or guessed) == "embedded":
+    style = style or guessed
+    if style == "embedded":
         width = np.sqrt(4 / np.pi * area)
     else:
         width = _line_widths(area, z[:, 1], load_of_head, needle)
@@ -109,7 +116,36 @@ def line_checks(
     along = np.cumsum(length[order])
     middle = int(order[np.searchsorted(along, along[-1] / 2)])
     first = int(line[width <= width[middle]][0])
-    return [bore_check(float(width[middle]), needle, _ROUNDED * thinnest, f"line {first}")]
+    return [
+        bore_check(float(width[middle]), needle, _ROUNDED * thinnest, f"line {first}"),
+        *_widest_check(line, length, width, style, needle),
+    ]
+
+
+def _widest_check(
+    line: IntArray, length: FloatArray, width: FloatArray, style: Style, needle: Needle
+) -> list[Check]:
+    """Check the widest line; moves shorter than the bore are doses, not lines."""
+    lines = np.flatnonzero(length > needle.inner_mm)
+    if not len(lines):
+        return []
+    widest = int(lines[width[lines].argmax()])
+    what, bores = _WIDEST[style]
+    limit = bores * needle.inner_mm
+    return [
+        Check(
+            "widest line against the needle's bore",
+            float(width[widest]),
+            limit,
+            "mm",
+            bool(width[widest] <= limit),
+            f"line {int(line[widest])}, needle: inner_mm",
+            f"{what} are at most {bores:g} bores wide "
+            f"({needle.name}: {needle.inner_mm:g} mm); the file was probably made for another "
+            "syringe, or for a printer whose E isn't the plunger's travel in mm: name the syringe "
+            "that it was made for, or export it for this one",
+        )
+    ]
 
 
 def _laid(

@@ -16,7 +16,7 @@ from printctl.checks.preflight.firmware import firmware_checks
 from printctl.checks.preflight.heads import ABOUT_HEADS, check_each_head
 from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.preflight.pneumatic_checks import pressure_checks, valve_checks
-from printctl.checks.set_up import Check
+from printctl.checks.set_up import Check, Weight
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.gcode import code
 from sim.gcode.program.modal import MOVE
@@ -490,6 +490,12 @@ def _counted(code: str, name: str, findings: list[Finding]) -> Check:
     return Check(name, count, 0, "", not those, _line(first), remedy)
 
 
+_WARNED: Final = ("left_down",)
+"""Findings that may be meant so: a person decides."""
+
+
 def _other(finding: Finding) -> Check:
     name = {**SORTS, "empty_file": "files without a command"}.get(finding.code, finding.code)
-    return Check(name, finding.count, 0, "", False, _line(finding), finding.message)
+    weight: Weight = "warns" if finding.code in _WARNED else "refuses"
+    line = _line(finding)
+    return Check(name, finding.count, 0, "", False, line, finding.message, weight)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from firmware_profiles import Printer, ProfileError
 from printctl.checks.gcode_view.line_map import mapped_style
+from printctl.checks.made_for import read_made_for, set_up_checks
 from printctl.checks.preflight.bore import line_checks
 from printctl.checks.preflight.dish import PLACE_OPTION, dish_checks, floor_check, unknown_dish
 from printctl.checks.preflight.force import force_checks
@@ -45,6 +46,7 @@ def file_checks(
     job the map says where wells are.
     """
     checks = gcode_checks(run, setup.printer, PLACE_OPTION)
+    checks += set_up_checks(read_made_for(run.opening), setup)
     loads = [setup.load_of(k) for k in range(setup.printer.head_count)]
     ink_ul = written_ul(run, setup.printer, loads)
     wells = None if map_path is None else _wells(run, setup, loads, map_path)

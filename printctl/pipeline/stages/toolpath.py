@@ -45,6 +45,7 @@ from design.toolpath.gcode import (
 from design.toolpath.toolpath import save_toolpath
 from firmware_profiles import Bath, Printer, Syringe
 from kernels.arrays import FloatArray
+from printctl.checks.made_for import header_lines, made_for
 from printctl.checks.preflight import written_arrays
 from printctl.checks.set_up import ABOVE_WALL_MM
 from printctl.errors import UsageError
@@ -323,7 +324,8 @@ def machine(
     x, y, z = context.start_mm.tolist()
     travel = context.recipe.toolpath.travel_speed_mm_s
     options = gcode_options(context.ink, (x, y, z), travel, context.flow_ul_s)
-    options = replace(options, **head_options(context))
+    recorded = made_for(context.printer, context.loads, context.bath, context.dish)
+    options = replace(options, header=header_lines(recorded), **head_options(context))
     if ahead:
         options = replace(options, relieve_ul=relief_ul(context.loads[0]))
     return context.printer, context.syringe, context.place_mm, options

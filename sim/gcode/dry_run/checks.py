@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -29,8 +30,9 @@ def check(
     printer: Printer,
     extrudes: NDArray[np.bool_],
     file: GcodeFile,
+    others: Sequence[Finding],
 ) -> dict[str, Any]:
-    """All fields of `DryRun` that need no planner."""
+    """All fields of `DryRun` that need no planner; findings include ``others``."""
     named, refused = named_lines(file.others), file.refused
     moves = program.kind == MOVE
     speed = demanded_speed(program)
@@ -57,6 +59,7 @@ def check(
         *_offset(named),
         *head_findings(program, file.others, printer),
         *_too_long(program, size, printer),
+        *others,
     ]
     return {
         "speed_mm_s": speed,

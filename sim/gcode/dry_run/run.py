@@ -20,6 +20,7 @@ from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
 from kernels.arrays import FloatArray
 from sim.gcode.dry_run.checks import check
+from sim.gcode.dry_run.completeness import completeness_findings
 from sim.gcode.dry_run.feed import StarvedMotion, line_times, run_program, starvation
 from sim.gcode.heads import Heads, read_heads
 from sim.gcode.motion.executed import ExecutedMotion, executed_motion
@@ -155,6 +156,8 @@ class DryRun:
         Lines that aren't plain moves.
     findings : list of Finding
         What is wrong, each sort once with its first line; the caller decides what it refuses.
+    opening : bytes
+        Comment lines before the first command.
     """
 
     program: Program
@@ -178,6 +181,7 @@ class DryRun:
     longest_line: tuple[int, int]
     others: Lines
     findings: list[Finding]
+    opening: bytes
 
     @property
     def valve(self) -> Valve | None:
@@ -263,23 +267,34 @@ def dry_run(
     GcodeError
         When the bytes aren't text.
     """
-    program, gcode, file, axis_mm = read_written(gcode, printer, start_mm)
+    whole = gcode
+    program, gcode, file, axis_mm = read_written(whole, printer, start_mm)
     extrudes = extrusion_allowed(program, file.others, printer, cold_extrusion)
     times = line_times(program, gcode, printer)
     fed = run_program(program, printer, start_mm, extrudes, times)
-    checked = check(program, printer, extrudes, file)
+    valves = read_valves(program, file.others, printer)
+    doses = Valve.joined(valves).is_open if valves else program.pushed > 0
+    incomplete = completeness_findings(program, doses, gcode, whole, bool(valves))
+    checked = check(program, printer, extrudes, file, incomplete)
     return DryRun(
         program=program,
         executed=executed_motion(fed.log, printer),
         duration_s=fed.duration_s,
         merged_moves=fed.merged,
         starved=starvation(program, printer, start_mm, extrudes, times, fed),
-        valves=read_valves(program, file.others, printer),
+        valves=valves,
         heads=read_heads(program, file.others, printer, axis_mm),
         heats=heatings(file.others),
         others=file.others,
+        opening=_opening(whole, program),
         **checked,
     )
+
+
+def _opening(gcode: bytes, program: Program) -> bytes:
+    """Lines before the first command; none where there is no command."""
+    count = int(program.line[0]) - 1 if len(program) else 0
+    return b"\n".join(gcode.split(b"\n", count)[:count])
 
 
 # Mark each G-code row's plunger motion as allowed or barred by the cold-extrusion lock.

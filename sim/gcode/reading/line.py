@@ -104,6 +104,9 @@ SORTS: Final[dict[str, str]] = {
     "ambiguous": "words that firmwares read differently",
     "undeclared": "lines whose effect hangs on what the controller was left at",
     "too_many": "places where reading was given up",
+    "idle_e": "moves with an E word that extrude nothing",
+    "cut_off": "last lines that are cut off",
+    "left_down": "files that end with the tip in the print",
 }
 """Sort to what it is, in the plural."""
 

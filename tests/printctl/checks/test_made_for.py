@@ -1,0 +1,139 @@
+"""What a job was made for is written into it, and compared with what is mounted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import trimesh
+from typer.testing import CliRunner
+
+from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
+from printctl.checks.made_for import header_lines, made_for, profile_hash, read_made_for
+from printctl.checks.preflight import file_checks
+from printctl.checks.set_up import HeadLoading, SetUp
+from printctl.cli.main import app
+from sim.gcode.dry_run.run import dry_run
+
+PRINTER = load(Printer, "generic_marlin")
+INK = load(Ink, "collagen_fresh")
+NEEDLE = load(Needle, "fresh_150um")
+SYRINGE = load(Syringe, "hamilton_1ml")
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    folder = tmp_path_factory.mktemp("job")
+    trimesh.creation.box((2, 2, 0.3)).export(folder / "plate.stl")
+    out = folder / "plate.gcode"
+    words = ["slice", str(folder / "plate.stl"), "--unit", "mm", "--out", str(out)]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    return out.read_bytes()
+
+
+def failed(gcode: bytes, setup: SetUp) -> list[str]:
+    run = dry_run(gcode, setup.printer, (100.0, 100.0, 10.0))
+    return [check.sentence() for check in file_checks(run, setup) if check.refuses]
+
+
+def of_set_up(sentences: list[str]) -> list[str]:
+    return [text for text in sentences if "that the job was made for: " in text]
+
+
+def test_a_job_says_what_it_was_made_for(job: bytes) -> None:
+    recorded = read_made_for(job)
+    assert recorded == made_for(PRINTER, [HeadLoading(SYRINGE, INK, NEEDLE)])
+    assert [one.name for one in recorded["syringe"]] == ["Hamilton 1 mL gastight"]
+
+
+def test_the_same_set_up_is_accepted(job: bytes) -> None:
+    assert failed(job, SetUp(PRINTER, SYRINGE, INK, NEEDLE)) == []
+
+
+@pytest.mark.parametrize("name", ["bd_1ml", "bd_5ml", "hamilton_2_5ml"])
+def test_another_syringe_is_refused_with_both_names(job: bytes, name: str) -> None:
+    other = load(Syringe, name)
+    sentences = of_set_up(failed(job, SetUp(PRINTER, other, INK, NEEDLE)))
+    assert len(sentences) == 1
+    assert "'Hamilton 1 mL gastight'" in sentences[0]
+    assert repr(other.name) in sentences[0]
+
+
+def test_another_needle_or_ink_or_printer_is_refused(job: bytes) -> None:
+    others = [
+        SetUp(PRINTER, SYRINGE, INK, load(Needle, "25g")),
+        SetUp(PRINTER, SYRINGE, load(Ink, "alginate_fresh"), NEEDLE),
+        SetUp(load(Printer, "lulzbot_taz6_replistruder4"), SYRINGE, INK, NEEDLE),
+    ]
+    assert [len(of_set_up(failed(job, one))) for one in others] == [1, 1, 1]
+
+
+def test_a_profile_that_was_changed_since_is_refused(job: bytes) -> None:
+    changed = INK.model_copy(update={"flow_factor": INK.flow_factor * 0.9})
+    [sentence] = of_set_up(failed(job, SetUp(PRINTER, SYRINGE, changed, NEEDLE)))
+    assert "was changed after the job was made" in sentence
+
+
+def test_provenance_changes_no_hash() -> None:
+    assert profile_hash(INK.model_copy(update={"source": "a notebook"})) == profile_hash(INK)
+    assert profile_hash(INK) != profile_hash(INK.model_copy(update={"flow_factor": 1.25}))
+
+
+def test_a_file_without_a_record_is_compared_with_nothing(job: bytes) -> None:
+    bare = b"\n".join(line for line in job.split(b"\n") if not line.startswith(b"; printctl "))
+    assert of_set_up(failed(bare, SetUp(PRINTER, load(Syringe, "bd_1ml"), INK, NEEDLE))) == []
+
+
+def test_a_dish_is_recorded_where_it_is_known() -> None:
+    dish = load(Dish, "petri_60mm")
+    lines = header_lines(made_for(PRINTER, [HeadLoading(SYRINGE, INK, None)], dish=dish))
+    assert [line.split(":")[0] for line in lines] == [
+        "printctl printer", "printctl syringe", "printctl ink", "printctl dish",
+    ]  # fmt: skip
+
+
+def test_lines_for_a_narrower_syringe_are_refused_without_a_record(job: bytes) -> None:
+    bare = b"\n".join(line for line in job.split(b"\n") if not line.startswith(b"; printctl "))
+    sentences = failed(bare, SetUp(PRINTER, load(Syringe, "bd_5ml"), INK, NEEDLE))
+    assert any("widest line" in text for text in sentences)
+
+
+HEAD = b"G21\nG90\nM82\nM302 P1\nG92 X100 Y100 Z10 E0\nG0 Z1\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (b"G1 X110 E1 F600\nG0 X100\nG1 X110 Y101 E1\nG0 Z10\n", "E word that extrude nothing"),
+        (b"G1 X110 E0.1 F600\nG1 Y110 E0.2\nG1 X100 E0.", "cut off"),
+    ],
+)
+def test_a_file_that_isn_t_whole_is_refused(body: bytes, words: str) -> None:
+    sentences = failed(HEAD + body, SetUp(PRINTER, SYRINGE, INK, load(Needle, "22g")))
+    assert any(words in text for text in sentences)
+
+
+def test_a_tip_left_in_the_print_is_a_warning() -> None:
+    run = dry_run(HEAD + b"G1 X110 E0.05 F600\n", PRINTER, (100.0, 100.0, 10.0))
+    [check] = [one for one in file_checks(run, SetUp(PRINTER, SYRINGE, INK, NEEDLE))
+               if "tip in the print" in one.check]  # fmt: skip
+    assert not check.passed
+    assert not check.refuses
+    assert "add a lift at the end" in check.remedy
+
+
+def test_rounded_e_words_are_no_fault() -> None:
+    body = b"G1 X110 E0.05 F600\nG1 X110.01 E0.05\nG1 X120 E0.1\nG0 Z10\n"
+    run = dry_run(HEAD + body, PRINTER, (100.0, 100.0, 10.0))
+    assert {one.code for one in run.findings} == {"speed_z"}
+
+
+def path_of(name: str) -> Path:
+    return Path(__file__).parents[3].parent / "shared" / "cases" / name
+
+
+@pytest.mark.parametrize("name", ["dry_doses/open_close.gcode", "cut_off/trunc2.gcode"])
+def test_cases_from_the_field_are_refused(name: str) -> None:
+    if not path_of(name).is_file():
+        pytest.skip("the folder shared/ isn't here")
+    assert failed(path_of(name).read_bytes(), SetUp(PRINTER, SYRINGE, INK, load(Needle, "22g")))
