@@ -69,7 +69,7 @@ def scale_words(registration: Record) -> str:
         return ""
     halves = (registration.get("interval_95") or {}).get("scale") or [None] * 3
     each = [
-        f"{axis} {100 * one:.1f}" + ("" if half is None else f" ± {100 * half:.1f}") + " %"
+        f"{axis} not fitted" if half is None else f"{axis} {100 * one:.1f} ± {100 * half:.1f} %"
         for axis, one, half in zip("xyz", scale, halves, strict=True)
     ]
     return f"fitted size, of the design's: {', '.join(each)}"

@@ -164,7 +164,7 @@ def test_at_least_half_of_the_scanned_surface_must_fit() -> None:
     surface = ModelSurface.of(solid(manifold3d.Manifold.cube((4.0, 3.0, 2.0))))
     near, far = np.array([[1.0, 1.0, 0.9 * CLOSE_MM]]), np.array([[1.0, 1.0, 1.1 * CLOSE_MM]])
     _refuse_misfit(surface, np.concatenate([near, far]), HERE)
-    with pytest.raises(AlignmentError, match=r"only 33 % of .* \(needed: 50 %\)"):
+    with pytest.raises(AlignmentError, match=r"33 % of the scanned surface .*\(needed: 50 %\)"):
         _refuse_misfit(surface, np.concatenate([near, far, far]), HERE)
 
 

@@ -84,7 +84,10 @@ def test_vessel_thinner_than_the_needle_writes(tmp_path: Path) -> None:
     (tmp_path / "network.csv").write_text(HEADER + "0,0,1,2,4,1.5,14,4,1.5,0.05,0.05,artery,0\n")
     given = {"=": "replace", "network": "network.csv", "unit": "mm"}
     embedded = {"=": "replace", "method": "embedded", "needle": "30g"}
-    recipe = recipe_file(tmp_path, "planar_fresh", vasculature=given, toolpath=embedded)
+    mounted = {"ink": "gelatin_sacrificial", "bath": "cell_matrix"}
+    recipe = recipe_file(
+        tmp_path, "planar_fresh", vasculature=given, toolpath=embedded, printer=mounted
+    )
     _refused(recipe, tmp_path, 1, "0.100 mm", "needle", command=("toolpath",))
 
 

@@ -24,6 +24,7 @@ def size_features(numbers: Record, tolerances: Tolerances) -> list[Feature]:
     limit is the RMS tolerance. Lengths along the light of an OCT without a depth standard rest on
     the refractive index, whose interval alone is as wide as the usual limit: there a pass is
     simple acceptance (JCGM 106, 8.2), which its words state, and a fail is proven as elsewhere.
+    An axis that was too short to fit has no size; the rigid fit's RMS limits what it may be off.
 
     Parameters
     ----------
@@ -34,7 +35,9 @@ def size_features(numbers: Record, tolerances: Tolerances) -> list[Feature]:
     rule, sizes = tolerances.limits.rule, numbers.get("size_mm")
     features = []
     if sizes and math.isfinite(tolerances.size_percent):
-        features = [_along(numbers, axis, 1e3 * sizes[axis], tolerances) for axis in range(3)]
+        halves = numbers["interval_95"]["scale"]
+        fitted = [axis for axis in range(3) if halves[axis] is not None]
+        features = [_along(numbers, axis, 1e3 * sizes[axis], tolerances) for axis in fitted]
     limit, best_fit = tolerances.rigid_limit_um, not (numbers.get("frame") or {}).get("datums")
     if best_fit and math.isfinite(limit):
         interval = numbers.get("rms_interval_95_um", 0.0)
@@ -45,17 +48,13 @@ def size_features(numbers: Record, tolerances: Tolerances) -> list[Feature]:
 
 def _along(numbers: Record, axis: int, size_um: float, tolerances: Tolerances) -> Feature:
     """Judge the size along one axis."""
-    half = numbers["interval_95"]["scale"][axis]
+    off = (numbers["scale"][axis] - 1) * size_um
+    u = numbers["interval_95"]["scale"][axis] * size_um
     along_light = numbers["lay"]["depth_axis"] == AXES[axis]
     by_index = along_light and bool(numbers.get("depth_from_index"))
     limit = max(tolerances.size_percent / 100 * size_um, tolerances.rms_um)
-    known = half is not None
-    off = (numbers["scale"][axis] - 1) * size_um if known else None
-    u = half * size_um if known else None
-    decision: Decision = "undecided"
-    if off is not None and u is not None:
-        decision = _decided(tolerances.limits.rule, off, u, limit)
-    accepted = by_index and decision == "undecided" and (off is None or abs(off) <= limit)
+    decision = _decided(tolerances.limits.rule, off, u, limit)
+    accepted = by_index and decision == "undecided" and abs(off) <= limit
     return Feature(
         "size",
         "pass" if accepted else decision,
