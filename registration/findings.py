@@ -37,7 +37,7 @@ from registration.measuring.gauging import (
     without_resistance,
 )
 from registration.measuring.gauging.perfusion import perfusion
-from registration.measuring.gauging.resolution import without_unresolved
+from registration.measuring.gauging.resolution import edge_blur_mm, resolved_um, without_unresolved
 from registration.measuring.topology import (
     Faults,
     LeakSearch,
@@ -50,6 +50,7 @@ from registration.measuring.topology import (
     overlap,
     scanned_with,
 )
+from registration.measuring.topology.gel_paths import LEAST_MM
 from registration.segmentation import GelEvidence, Segmentation
 
 RIM_BLURS = 3.0
@@ -154,6 +155,7 @@ def inspect(case: Inspection) -> Findings:
         flow = _perfusion(case, traces, vessels, not hidden)
         rigid = overlap(scanned_with(grid, field, case.alignment.rigid), near)
         leaks = leaking.result()
+    blur_mm = edge_blur_mm(case.segmentation)
     through = [*closures, *leaks.defects]
     changes = [*changes, *leaks.swellings]
     defects = (*through, *drop_edge_changes(changes, through, traces))
@@ -171,7 +173,14 @@ def inspect(case: Inspection) -> Findings:
         overlap_rigid=rigid,
         overlap_scaled=overlap(grid, near),
         perfusion=flow,
-        contrast=ContrastGauge(liquid, untold / max(seen, 1), leaks.examined, leaks.unresolved),
+        contrast=ContrastGauge(
+            liquid,
+            untold / max(seen, 1),
+            leaks.examined,
+            leaks.unresolved,
+            1e3 * blur_mm,
+            max(resolved_um(blur_mm), 1e3 * LEAST_MM),
+        ),
     )
 
 

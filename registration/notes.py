@@ -146,10 +146,10 @@ def contrast_notes(contrast: ContrastGauge) -> list[str]:
             f"{level}; in the rest of it none could be told from chance."
         )
     if contrast.unresolved:
-        many = "1 place looks" if contrast.unresolved == 1 else f"{contrast.unresolved} places look"
+        many = "1 place lacks" if contrast.unresolved == 1 else f"{contrast.unresolved} places lack"
         notes.append(
-            f"{many} like a leak with gel left in it, of a width that this scan can't tell from "
-            "none: the gel's own texture looks so. Smaller voxels tell more."
+            f"{many} gel as a narrow leak does, but no opening runs through as far as this scan "
+            "resolves: voids between printed lines look the same. Scan with smaller voxels to tell."
         )
     return notes
 

@@ -230,7 +230,12 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
             "likelihood": report.agreement.likelihood,
             "other_part": report.agreement.other_part,
         },
-        "contrast": {"liquid": report.contrast.liquid, "untold": report.contrast.untold},
+        "contrast": {
+            "liquid": report.contrast.liquid,
+            "untold": report.contrast.untold,
+            "blur_um": report.contrast.blur_um,
+            "leak_um": report.contrast.leak_um,
+        },
         "needed_voxel_um": report.needed_voxel_um,
         "perfusion": None if report.perfusion is None else _perfusion_dict(report.perfusion),
         "frame": _frame_dict(report.frame),

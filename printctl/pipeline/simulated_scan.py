@@ -38,6 +38,9 @@ LEAST_DEEPER: Final = 0.02
 """Share of the vessels beyond light's reach that is worth a note."""
 _BYTES_PER_VOXEL: Final = 2
 _FINEST_DEPOSIT_MM: Final = 0.02
+_CT_BLUR_VOXELS: Final = 0.625
+"""Standard deviation of a micro-CT's point spread: spot and detector are chosen to go with the
+voxel, so that it resolves (FWHM) about one and a half."""
 _DEPOSIT_PER_SCAN_VOXEL: Final = 0.625
 """The deposit is laid somewhat finer than it is scanned, so that its own voxels don't show."""
 
@@ -188,7 +191,12 @@ def _options(part: SimulatedScan, gel: bool = True) -> OctOptions | MicroCtOptio
             ink="gel" if gel else "lumen",
         )
     placing = Placing(tilt_deg=5.0, rotation_deg=180.0, margin_mm=1.0, shrink=(left, left, left))
-    return MicroCtOptions(voxel_mm=dx, placing=placing, ink="gel" if gel else "lumen")
+    return MicroCtOptions(
+        voxel_mm=dx,
+        sigma_mm=_CT_BLUR_VOXELS * dx,
+        placing=placing,
+        ink="gel" if gel else "lumen",
+    )
 
 
 def reach_notes(

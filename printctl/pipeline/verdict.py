@@ -263,9 +263,22 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
     if not any(f["name"] == "leak" for f in features) and not pose_in_doubt(
         registration["ambiguity"]
     ):  # in doubt none is listed
-        out.append(("pass", "No leak or bridge between vessels found"))
+        out.append(("pass", f"No leak or bridge between vessels found{_leak_limit(registration)}"))
     rms = [f for f in features if f["name"] == "rms" and f["decision"] == "pass"]
     return [*out, *(("pass", reason(f)) for f in rms)]
+
+
+def _leak_limit(registration: Record) -> str:
+    """Say how narrow a leak may be without showing in this scan."""
+    contrast = registration.get("contrast") or {}
+    if not contrast.get("leak_um"):
+        return ""
+    voxel = (registration.get("measured_by") or {}).get("voxel_um")
+    by = f"voxel {' × '.join(f'{v:.3g}' for v in voxel)} µm, " if voxel else ""
+    return (
+        f"; ones narrower than {contrast['leak_um']:.0f} µm can't be resolved in this scan "
+        f"({by}edge blur {contrast['blur_um']:.0f} µm)"
+    )
 
 
 def _unfollowed(registration: Record) -> list[Finding]:

@@ -44,13 +44,19 @@ class ContrastGauge:
     examined : float
         Share of the designed gel, clear of walls, that was examined for leaks and bridges.
     unresolved : int
-        Places that look like a leak, with gel left in it: too thin for this scan to tell.
+        Places that lack gel as a leak does, but aren't open all along as far as the scan tells.
+    blur_um : float, µm
+        Standard deviation of the scan's walls, smoothing included; NaN where not known.
+    leak_um : float, µm
+        Narrower leaks may not show.
     """
 
     liquid: float
     untold: float
     examined: float
     unresolved: int = 0
+    blur_um: float = float("nan")
+    leak_um: float = float("nan")
 
 
 def liquid_level(traces: tuple[VesselTrace, ...], evidence: GelEvidence, fit: Fit) -> float:

@@ -11,6 +11,8 @@ import numpy as np
 
 from kernels.arrays import FloatArray
 from registration.measuring.gauging.trace import VesselTrace
+from registration.segmentation import Segmentation
+from registration.segmentation.working import probe
 
 LEAST_KEPT: Final = 0.75
 """Of the step from gel to liquid that must be left on an open lumen's axis: a wall lies at 0.5, and
@@ -26,6 +28,28 @@ def kept_depth(radius_mm: FloatArray, blur_mm: float) -> FloatArray:
     centre.
     """
     return np.asarray(1 - np.exp(-(radius_mm**2) / (2 * max(blur_mm, 1e-9) ** 2)))
+
+
+def edge_blur_mm(segmentation: Segmentation) -> float:
+    """Return the standard deviation of all that blurs a scan's walls, mm; NaN without a wall.
+
+    Instrument, voxels and smoothing together: across a wall blurred by σ the signal changes by its
+    step over √(2 π) σ per length. Rough walls make it larger in places: the median counts.
+    """
+    field, surface = segmentation.field, segmentation.surface.vertices
+    around = 0.5 * float(field.voxel_mm.min()) * segmentation.outward
+    change = field.above_level(surface - around) - field.above_level(surface + around)
+    slope = change[segmentation.seen] / float(field.voxel_mm.min())
+    gel = probe(field.values) * field.sign - field.level
+    if not (np.isfinite(slope).any() and (gel > 0).any()):
+        return math.nan
+    step, steepness = 2 * float(np.median(gel[gel > 0])), float(np.nanmedian(slope))
+    return step / (math.sqrt(2 * math.pi) * steepness) if steepness > 0 else math.nan
+
+
+def resolved_um(blur_mm: float) -> float:
+    """Return the diameter, µm, of the narrowest channel that a blur leaves visible."""
+    return 2e3 * blur_mm / WIDEST_BLUR
 
 
 def without_unresolved(traces: Sequence[VesselTrace], blur_mm: float) -> tuple[VesselTrace, ...]:

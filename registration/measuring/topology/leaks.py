@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 from scipy.special import stdtrit
 
 from design.geometry.polyline import arc_lengths
@@ -335,6 +336,44 @@ def _farthest(node: int, middle: FloatArray, swollen: FloatArray, grid: LumenGri
     return SwollenJoint(node, float(out[worst]), swollen[worst])
 
 
+# Tell a way that is open from a row of closed voids, which lacks as much gel on average.
+#
+# A channel as wide as the scan resolves lies below the gel's level all along it. Gel between voids,
+# or a channel narrower than that, rises above it somewhere, and nothing there can tell the two.
+
+
+def is_open(way: LeakPath, scene: Scene, field: GelField, fit: Fit) -> bool:
+    """Return whether what the scan shows free of gel runs through from end to end of a way.
+
+    Only through gel by design: beside a joint its lumens would join the ends.
+    """
+    step = float(field.voxel_mm.min()) / 2
+    along = arc_lengths(way.path)
+    even = np.linspace(0.0, along[-1], int(along[-1] / step) + 2)
+    path = np.stack([np.interp(even, along, way.path[:, k]) for k in range(3)], axis=1)
+    path = path[_is_gel(path, scene)]
+    if len(path) < 2:
+        return False
+    reach = LEAST_MM / 2 + scene.grid.step_mm
+    sides = [
+        np.arange(low, high + step, step)
+        for low, high in zip(path.min(axis=0) - reach, path.max(axis=0) + reach, strict=True)
+    ]
+    places = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
+    away, nearest = cKDTree(path).query(places)
+    free = (field.above_level(fit.invert(places.reshape(-1, 3))) < 0).reshape(away.shape)
+    label, _ = ndimage.label(free & (away <= reach) & _is_gel(places, scene))
+    first, last = label[nearest <= 1], label[nearest >= len(path) - 2]
+    return bool(set(first[first > 0].tolist()) & set(last.tolist()))
+
+
+def _is_gel(places: FloatArray, scene: Scene) -> BoolArray:
+    """Which places (..., 3), mm, are gel by design, clear of walls."""
+    index = np.round((places - scene.grid.origin_mm) / scene.grid.step_mm).astype(np.int64)
+    index = np.clip(index[..., ::-1], 0, np.array(scene.gel.shape) - 1)
+    return np.asarray(scene.gel[tuple(np.moveaxis(index, -1, 0))])
+
+
 THINNEST_MM = LEAST_MM / 3
 """No way is thinner, nor a faint one by the lower end of its interval."""
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
@@ -355,7 +394,8 @@ class Leaks:
     examined : float
         Share of the designed gel, clear of walls, in which they could be told.
     unresolved : int
-        Faint ones left out, whose width may be below `THINNEST_MM`: gel's own texture looks so.
+        Ways left out that the scan doesn't show to be open: closed voids, and gel's own texture,
+        look like them.
     """
 
     defects: tuple[Defect, ...]
@@ -414,11 +454,17 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     mean, scatter = averaged(grid, search.evidence, search.fit)
     separable = are_separable(1.0, search.liquid, scatter.astype(np.float64))
     scene = Scene(grid, gel, mean, separable, search.liquid, clear)
-    ways = [_measured(way, scene, search) for way in find_gel_paths(scene, search.false_alarm)]
+    found = [
+        (way, _measured(way, scene, search)) for way in find_gel_paths(scene, search.false_alarm)
+    ]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
-    ways = [f for f in ways if f[1] > THINNEST_MM and (f[0].significance > SURE or f[1] > f[2])]
-    told = [f for f in ways if not f[0].faint or f[1] - f[2] > THINNEST_MM]
-    unresolved, ways = len(ways) - len(told), told
+    found = [
+        (way, (moved, size, error))
+        for way, (moved, size, error) in found
+        if size > THINNEST_MM and (way.significance > SURE or size > error)
+    ]
+    ways = [one for way, one in found if _is_told(way, *one[1:], scene, search)]
+    unresolved = len(found) - len(ways)
     swollen = [swelling(way, search.network, search.field, search.fit, clear) for way, *_ in ways]
     swellings = [
         _swollen(way, one, search, traces)
@@ -444,6 +490,19 @@ def _measured(way: LeakPath, scene: Scene, search: LeakSearch) -> tuple[LeakPath
             return (way, *outlined)
     size, error, shift = width(way.path, scene, search.evidence, search.fit)
     return replace(way, path=way.path + shift), size, error
+
+
+def _is_told(way: LeakPath, size: float, error: float, scene: Scene, search: LeakSearch) -> bool:
+    """Return whether a way is more likely one than gel with voids.
+
+    Single places of speckle tell less than the mean along a way does: where that lacks enough gel
+    it counts whatever they show.
+    """
+    if way.faint and size - error <= THINNEST_MM:
+        return False
+    if search.evidence.speckled and not way.faint:
+        return True
+    return is_open(way, scene, search.field, search.fit)
 
 
 def _voxels(way: LeakPath, scene: Scene) -> IntArray:
