@@ -9,8 +9,8 @@ spread as a Gaussian about its mean surface (roughness, point spread and voxel: 
 
 where E is the energy of a line that the wall sends back, mm of gel. Without a line d₀ is told to a
 micrometre. A line of E below s looks like a wall that lies E further into the liquid. What tells of
-it is light above gel's just behind walls that face the light, where a line is strongest. It grows as E³,
-so that walls which show none there may still have a line of a fifth of s.
+it is light above gel's just behind walls that face the light, where a line is strongest. It grows
+as E³, so that walls which show none there may still have a line of a fifth of s.
 """
 
 from __future__ import annotations
