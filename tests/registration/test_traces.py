@@ -364,4 +364,12 @@ def test_walls_are_found_whatever_the_law_of_speckle(speckle: Literal["one look"
     assert found is not None
     assert found.place_mm == pytest.approx(PLACE, abs=0.002)
     assert found.error_mm < 0.002
-    assert found.line_mm[0] < 0.002
+
+
+@pytest.mark.parametrize("line_mm", [0.0, 0.003, 0.006])
+def test_a_line_as_smooth_as_its_wall_shows_nothing_but_lies_in_its_interval(line_mm: float):
+    found = wall_profile(traces(lined(line_mm)), lined(line_mm))
+    assert found is not None
+    line, unknown = found.line_mm
+    assert found.place_mm == pytest.approx(PLACE - line_mm, abs=0.002)
+    assert abs(line - line_mm) < 2 * unknown < 0.006

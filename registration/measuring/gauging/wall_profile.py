@@ -9,8 +9,8 @@ spread as a Gaussian about its mean surface (roughness, point spread and voxel: 
 
 where E is the energy of a line that the wall sends back, mm of gel. Without a line d₀ is told to a
 micrometre. A line of E below s looks like a wall that lies E further into the liquid. What tells of
-it is light above gel's just behind walls that face the light, where a line is strongest: walls that
-show none there have none elsewhere.
+it is light above gel's just behind walls that face the light, where a line is strongest. It grows
+as E³, so that walls which show none there may still have a line of a fifth of s.
 """
 
 from __future__ import annotations
@@ -48,12 +48,14 @@ SLANT = np.sqrt(0.5)
 """Walls whose normal has more than this along the light face it, or face away."""
 FACING = 0.8
 """The same for walls whose line is looked for."""
-LINE = 2.3, 0.8
-"""Energy of the mean wall's line over s times the light above gel's behind walls that face the
-light; and its standard deviation among scans: 1.5 to 3.3 on 50 scans of three generators (lines
-of level walls alone, of level walls and ledges, coherent with speckle or not)."""
-UNSEEN = 0.07
-"""Of s: standard uncertainty of the energy where no such light is seen."""
+LINE, LINE_SPREAD = 0.9, 0.4
+"""Light above gel's behind walls that face the light over (E / s)³, E of the mean wall and s of
+those, and its relative standard deviation among scans. To first order in E / s a line passes for a
+wall that lies elsewhere, to second for a smoother one; only the third shows. 0.8 to 1.6 on five
+scans of one generator (E / s 0.4 to 0.6); walls in FRESH, rough by layers (0.3), show next to
+nothing, as this says."""
+LINES = np.linspace(0.0, 1.5, 601)
+"""E / s that a line may have; any is as likely before its light is looked at."""
 
 
 @dataclass(frozen=True)
@@ -66,25 +68,27 @@ class WallProfile:
         Of the mean surface beyond the measured walls, into the gel, if walls have no line.
     error_mm : float, mm
         Its standard uncertainty: groups of sections, and walls of three directions.
-    spread_mm : float, mm
-        s of the module.
+    facing_mm : float, mm
+        s of the module, of walls that face the light.
     excess, excess_error : float
-        Light above gel's behind walls that face the light, of gel's, and its standard error.
+        Light above gel's behind them, of gel's, and its standard error.
     """
 
     place_mm: float
     error_mm: float
-    spread_mm: float
+    facing_mm: float
     excess: float
     excess_error: float
 
     @property
     def line_mm(self) -> tuple[float, float]:
         """Energy of the mean wall's line and its standard uncertainty, mm."""
-        part, spread = LINE
-        seen = self.spread_mm * max(self.excess, 0.0)
-        chance = self.spread_mm * np.hypot(part * self.excess_error, UNSEEN)
-        return part * seen, float(np.hypot(spread * seen, chance))
+        shown = LINE * LINES**3
+        error = np.hypot(self.excess_error, LINE_SPREAD * shown)
+        likely = np.exp(-(((self.excess - shown) / error) ** 2) / 2) / error
+        mean = np.average(LINES, weights=likely)
+        spread = np.sqrt(np.average((LINES - mean) ** 2, weights=likely))
+        return self.facing_mm * float(mean), self.facing_mm * float(spread)
 
 
 def with_told_walls(
@@ -140,15 +144,22 @@ def wall_profile(traces: Sequence[VesselTrace], segmentation: Segmentation) -> W
     groups = np.array_split(np.arange(len(parts)), GROUPS)
     whole = np.concatenate(parts)
     fitted = _fitted(whole)
-    excess = _excess(whole, fitted)
+    seen = {way: _excess(_towards(whole, way), fitted) for way in (-1, 1)}
+    way, excess = max(seen.items(), key=lambda item: item[1])
     others, other_excess = [], []
     for group in groups:
         rest = np.concatenate([parts[k] for k in range(len(parts)) if k not in group])
         others.append(_fitted(rest)[0])
-        other_excess.append(_excess(rest, fitted))
+        other_excess.append(_excess(_towards(rest, way), fitted))
+    if not np.isfinite([excess, *other_excess]).all():
+        return None
     chance = np.sqrt((GROUPS - 1) * np.array([np.var(others), np.var(other_excess)]))
+    # Walls along the light have no line: what they show is uneven light.
+    along = _excess(whole[np.abs(whole[:, 1]) < np.sqrt(1 - FACING**2)], fitted)
+    unsure = np.hypot(chance[1], along if np.isfinite(along) else 0.0)
+    spread = np.exp(_fitted(_towards(whole, way))[1])
     error = float(np.hypot(chance[0], _by_direction(whole)))
-    return WallProfile(fitted[0], error, float(np.exp(fitted[1])), excess, float(chance[1]))
+    return WallProfile(fitted[0], error, float(spread), excess, float(unsure))
 
 
 def _measured(trace: VesselTrace) -> NDArray[np.int64]:
@@ -226,23 +237,25 @@ def _by_direction(samples: FloatArray) -> float:
     return float(np.std(places, ddof=1) / np.sqrt(len(places))) if len(places) > 1 else 0.0
 
 
-def _excess(samples: FloatArray, fitted: FloatArray) -> float:
-    """Return light above gel's from s to 2 s and two bins behind walls that face the light.
+def _towards(samples: FloatArray, way: int) -> FloatArray:
+    """Samples of the walls that face the light, or (the other `way`) away from it."""
+    return samples[way * samples[:, 1] > FACING]
 
-    Of floors or roofs, whichever show more: a line lies up to half a voxel beside its wall, and
-    shows where that is within the gel.
+
+def _excess(samples: FloatArray, fitted: FloatArray) -> float:
+    """Return light above gel's from s to 2 s and two bins behind walls; -inf where few are.
+
+    A line lies up to half a voxel beside its wall, and shows where that is within the gel: of
+    floors and roofs, on those that show more.
     """
-    depth, facing, share = samples.T
+    depth, _, share = samples.T
     place, spread = fitted[0], np.exp(fitted[1])
     behind = (depth > place + spread) & (depth < place + 2 * spread + 2 * BIN_MM)
     gel = depth > min(place + 4 * spread, REACH_MM / 2)
-    out = [0.0]
-    for side in (facing < -FACING, facing > FACING):
-        here, usual = side & behind, side & gel
-        if min(np.count_nonzero(here), np.count_nonzero(usual)) >= FEWEST_BEHIND:
-            step = ndtr((depth[here] - place) / spread).mean()
-            out.append(float(share[here].mean() / max(share[usual].mean(), 1e-6) - step))
-    return max(out)
+    if min(np.count_nonzero(behind), np.count_nonzero(gel)) < FEWEST_BEHIND:
+        return -np.inf
+    step = ndtr((depth[behind] - place) / spread).mean()
+    return float(share[behind].mean() / max(share[gel].mean(), 1e-6) - step)
 
 
 def _fitted(samples: FloatArray) -> FloatArray:
