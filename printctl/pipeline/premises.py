@@ -1,4 +1,4 @@
-"""What a verdict rests on: size, resolution, contrast, and whether the scan shows this part."""
+"""Premises of a verdict: size, resolution, contrast, and whether the scan shows this part."""
 
 from __future__ import annotations
 

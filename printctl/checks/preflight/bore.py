@@ -118,8 +118,14 @@ def line_checks(
     first = int(line[width <= width[middle]][0])
     return [
         bore_check(float(width[middle]), needle, _ROUNDED * thinnest, f"line {first}"),
-        *_widest_check(line, length, width, style, needle),
+        *_widest_check(line, length, _least_widths(area, z[:, 1], width), style, needle),
     ]
+
+
+def _least_widths(area: FloatArray, z: FloatArray, width: FloatArray) -> FloatArray:
+    """Widths that the file proves, mm: of a single level nobody knows how high its lines are."""
+    round_mm: FloatArray = np.sqrt(4 / np.pi * area)
+    return np.minimum(width, round_mm) if len(written_levels(z)) == 1 else width
 
 
 def _widest_check(

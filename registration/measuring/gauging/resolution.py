@@ -1,4 +1,4 @@
-"""Which lumens a scan's blur would leave visible, and the voxels that the others need."""
+"""Lumens that a scan's blur leaves visible, and the voxels that the others need."""
 
 from __future__ import annotations
 

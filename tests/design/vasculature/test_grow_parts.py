@@ -151,7 +151,11 @@ def joints_of(tree):
 
 def test_branch_points_keep_away_from_the_surface(box):
     depth = [
-        -box.grid.distance(joints_of(grow_tree(box, GrowthOptions(terminals=200, penalty=penalty))))
+        -box.grid.distance(
+            joints_of(
+                grow_tree(box, GrowthOptions(terminals=200, penalty=penalty, root_at_top=True))
+            )
+        )
         for penalty in (None, DepthPenalty((0.0, 2.0), (5.0, 1.0)))
     ]
     assert np.percentile(depth[0], 20) < 1.6

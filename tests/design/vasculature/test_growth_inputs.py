@@ -20,7 +20,7 @@ from design.vasculature import (
     tree_to_network,
 )
 from design.vasculature.growth.root import search_root
-from design.vasculature.growth.tree import EFFORT
+from design.vasculature.growth.tree import EFFORT, _mouth_reach
 from design.vasculature.growth.trunk import trunk_of
 from design.vasculature.viscosity import relative_viscosity
 from tests.design.geometry.oracles import segment_segment
@@ -271,7 +271,12 @@ def slab():
 def test_the_cheapest_candidate_wins_and_the_note_says_so(slab):
     options = GrowthOptions(terminals=150, root_candidates=10)
     tree = grow_tree(slab, options)
-    found = search_root(slab, options, lambda t, o: grow_tree(t, o, attempts=EFFORT.probes))
+    found = search_root(
+        slab,
+        options,
+        lambda t, o: grow_tree(t, o, attempts=EFFORT.probes),
+        _mouth_reach(slab, options),
+    )
     costs = []
     for point, way in zip(found.points, found.directions, strict=True):
         placed = replace(

@@ -240,7 +240,8 @@ def whole(segments):
 
 @pytest.fixture
 def growth(box):
-    growth = TreeGrowth.open(box, GrowthOptions(terminals=TERMINALS), Surroundings(), 1.7, 0)
+    options = GrowthOptions(terminals=TERMINALS, root_at_top=True)
+    growth = TreeGrowth.open(box, options, Surroundings(), 1.7, 0)
     growth.start()
     growth.grow()
     growth.audit()

@@ -246,7 +246,7 @@ def check_of(area_mm2: float, needle: str, rise_mm: float, layer_mm: float = 0.0
         z, e = 10 + k * layer_mm, e + 20 * per_mm
         lines += [f"G1 X50 Z{z:g} F1200", f"G1 X70 Z{z + rise_mm:g} E{e:.6f} F300"]
     run = dry_run("\n".join(lines).encode(), PRINTER, (50, 50, 10))
-    (check,) = line_checks(run, PRINTER, HeadLoading(SYRINGE, INK, load(Needle, needle)))
+    check, *_ = line_checks(run, PRINTER, HeadLoading(SYRINGE, INK, load(Needle, needle)))
     return check
 
 
