@@ -279,7 +279,9 @@ def context_lumens_stage(folder: Path, layers: list[Strokes], part: Fresh | Embe
     (folder / "part.gcode").write_bytes(gcode(layers))
     return SimpleNamespace(
         folder=folder,
-        recipe=SimpleNamespace(toolpath=part),
+        recipe=SimpleNamespace(toolpath=part, print_scale=1.0),
+        tissue=SimpleNamespace(grid=None),
+        stand=SimpleNamespace(),  # as on a plate, where nothing is planned again
         printer=load(Printer, "generic_marlin"),
         syringe=SimpleNamespace(inner_mm=BORE_MM),
         ink=SimpleNamespace(

@@ -30,7 +30,7 @@ GOOD = SetUp(
 
 
 def failing(lines: list[str], mounted: SetUp = GOOD) -> list[Check]:
-    run = dry_run("\n".join(lines).encode(), mounted.printer, START)
+    run = dry_run("".join(f"{line}\n" for line in lines).encode(), mounted.printer, START)
     return [check for check in file_checks(run, mounted) if not check.passed]
 
 
@@ -71,9 +71,9 @@ JOBS: list[tuple[str, list[str]]] = [
     ("warmest setting of the ink", ["M104 S37"]),
     ("coldest setting of the ink", ["M104 S1"]),
     ("warmest setting of the bath", ["M190 S30"]),
-    ("lowest tip above the dish's floor", ["G0 Z0.5 F240"]),
+    ("lowest tip above the dish's floor", ["G0 Z0.5 F240", "G0 Z20"]),
     ("needle to the dish's wall", ["G0 Z48 F240", "G0 X139.5 F600"]),
-    ("highest writing", ["G1 X101 E0.1 F600"]),
+    ("highest writing", ["G1 X105 E0.06 F600", "G0 Z25 F240"]),
     ("the firmware's own switch-off", ["M85 S0"]),
     ("the firmware's own switch-off, above", ["G4 S700"]),
 ]
@@ -93,7 +93,7 @@ def test_a_job_that_is_wrong_in_one_thing_is_told_of_that_alone(
 
 
 def test_z_lowest_is_told_beside_the_floor_it_means() -> None:
-    names = [check.check for check in failing([*HEAD, *BODY, "G0 Z-1 F240"])]
+    names = [check.check for check in failing([*HEAD, *BODY, "G0 Z-1 F240", "G0 Z20"])]
     assert names == ["z, lowest", "lowest tip above the dish's floor"]
 
 
