@@ -1,4 +1,4 @@
-"""How often another part's scan is told, and a right one's is taken for another's.
+"""Rates of missed and false mismatches between a scan and its design.
 
 Numbers of each scan are kept in ``PRINTCTL_IDENTITY`` (a file, one JSON object a line; else in
 the temporary folder), so that a broken-off benchmark goes on where it was. ``python -m

@@ -19,8 +19,10 @@ WRONG: Final = 0.15
 """No print shrinks or swells by so much: the scan's voxels are wrong, or it shows another part."""
 FLAT: Final = 2.0
 """Of the widest lumen: along an axis that is no longer, the scale is that of diameters."""
-LEAST_LIT: Final = 0.9
+WELL_LIT: Final = 0.9
+"""Of the designed lumens' volume; where light shows less, vessels that it leaves open say so."""
 MOST_UNTOLD: Final = 0.1
+"""Of the vessels' sections whose liquid looks like gel; more is named as the scan's contrast."""
 
 
 def mismatch(registration: Record) -> Finding | None:
@@ -137,7 +139,7 @@ def _dim(registration: Record) -> list[Finding]:
         if oct_scan
         else "scan longer, or with a contrast agent"
     )
-    if lit is not None and lit < LEAST_LIT:
+    if lit is not None and lit < WELL_LIT:
         why = "too little light comes back from there" if oct_scan else "the noise is too high"
         return [
             (

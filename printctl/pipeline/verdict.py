@@ -61,22 +61,7 @@ def verdict(registration: Record) -> dict[str, Any]:
     if (wrong := mismatch(registration)) is not None:
         return {"passed": False, "undecided": wrong[0] == "undecided", "reasons": [wrong[1]]}
     features = registration["judging"]["features"]
-    missing = {f["vessel"] for f in registration.get("findings", ()) if f["kind"] == "missing"}
-    worst_first = [
-        f
-        for f in sorted(_worth_saying(features), key=_beyond, reverse=True)
-        # Of a lumen that isn't there nothing else is worth saying.
-        if f["name"] == "open" or f.get("vessel") not in missing
-    ]
-    throughout = _throughout(registration)
-    of_features: list[Finding] = []
-    for f in worst_first:
-        text = reason(f)
-        if f["name"] == "open" and f["decision"] == "fail" and f["vessel"] in missing:
-            text = f"Vessel {f['vessel']} is missing: no lumen was found along it"
-        elif f["name"] == "section" and f["vessel"] in throughout:
-            text = f"{text}; {throughout[f['vessel']]}"
-        of_features.append((f["decision"], text))
+    worst_first, of_features = _of_features(registration, features)
     causes = _common_causes(registration, worst_first)
     pose = _pose(registration)
     others: list[Finding] = [
@@ -112,6 +97,29 @@ def verdict(registration: Record) -> dict[str, Any]:
         "causes": causes,
         "reasons": reasons,
     }
+
+
+def _of_features(
+    registration: Record, features: Sequence[Record]
+) -> tuple[list[Record], list[Finding]]:
+    """Return the features that don't pass, the worst first, and a finding for each."""
+    missing = {f["vessel"] for f in registration.get("findings", ()) if f["kind"] == "missing"}
+    worst_first = [
+        f
+        for f in sorted(_worth_saying(features), key=_beyond, reverse=True)
+        # Of a lumen that isn't there nothing else is worth saying.
+        if f["name"] == "open" or f.get("vessel") not in missing
+    ]
+    throughout = _throughout(registration)
+    of_features: list[Finding] = []
+    for f in worst_first:
+        text = reason(f)
+        if f["name"] == "open" and f["decision"] == "fail" and f["vessel"] in missing:
+            text = f"Vessel {f['vessel']} is missing: no lumen was found along it"
+        elif f["name"] == "section" and f["vessel"] in throughout:
+            text = f"{text}; {throughout[f['vessel']]}"
+        of_features.append((f["decision"], text))
+    return worst_first, of_features
 
 
 AS_SOLID: Final = (

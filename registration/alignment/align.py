@@ -185,9 +185,9 @@ def _refuse_misfit(surface: ModelSurface, points: FloatArray, fit: Fit) -> None:
     close = np.abs(residuals(surface, points, fit)) < CLOSE_MM
     if close.mean() < 0.5:
         raise AlignmentError(
-            f"the scan doesn't match the design: {100 * close.mean():.0f} % of the scanned surface "
-            f"lies within {1e3 * CLOSE_MM:.0f} µm of it in the best pose (needed: 50 %), with a "
-            f"fitted size of {' × '.join(f'{100 * one:.0f}' for one in fit.scale)} % of the "
-            "design's along x, y, z; check which part was scanned, the voxel size (--voxel-um) and "
+            f"no pose fits: in the best one {100 * close.mean():.0f} % of the scanned surface lies "
+            f"within {1e3 * CLOSE_MM:.0f} µm of the design (needed: 50 %), with a fitted size of "
+            f"{' × '.join(f'{100 * one:.0f}' for one in fit.scale)} % of the design's along x, y, "
+            "z; check which part was scanned, the voxel size (--voxel-um) and "
             "the model's unit"
         )

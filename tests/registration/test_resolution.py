@@ -1,4 +1,4 @@
-"""What a blur leaves of a lumen, and the voxels that it needs."""
+"""Depth of a lumen's profile under blur, and the voxels that it needs."""
 
 import numpy as np
 import pytest

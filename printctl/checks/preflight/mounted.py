@@ -24,7 +24,7 @@ from firmware_profiles import (
 )
 from firmware_profiles.materials import BathRole
 from printctl.checks.preflight.firmware import widest_push_check
-from printctl.checks.set_up import Check
+from printctl.checks.set_up import Check, Weight
 from printctl.run_folder.manifest import Manifest
 from sim.gcode.deposit.lay import Style
 from sim.gcode.dry_run.run import DryRun
@@ -199,8 +199,8 @@ STAYING: Final = ("structural", "cell_laden")
 _ROLES: Final = {"ink": "structural, cell_laden or sacrificial", "bath": "support or matrix"}
 
 
-def _role_check(name: str, remedy: str, severity: Literal["refuses", "warns"] = "refuses") -> Check:
-    return Check(name, 0, 0, "", False, "role", remedy, severity)
+def _role_check(name: str, remedy: str, weight: Weight = "refuses") -> Check:
+    return Check(name, 0, 0, "", False, "role", remedy, weight)
 
 
 def _fitting_inks(stay: bool, bath: Bath) -> str:

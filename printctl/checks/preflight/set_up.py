@@ -46,7 +46,8 @@ def file_checks(
     job the map says where wells are.
     """
     checks = gcode_checks(run, setup.printer, PLACE_OPTION)
-    checks += set_up_checks(read_made_for(run.opening), setup)
+    recorded = read_made_for(run.opening)
+    checks += set_up_checks(recorded, setup)
     loads = [setup.load_of(k) for k in range(setup.printer.head_count)]
     ink_ul = written_ul(run, setup.printer, loads)
     wells = None if map_path is None else _wells(run, setup, loads, map_path)
@@ -63,7 +64,7 @@ def file_checks(
         checks += head_checks(run, setup.printer, setup.standing, [one.needle for one in loads])
     else:
         checks += _of_head(run, setup.printer, setup, loads[0], ink_ul, style)
-    if map_path is not None and map_path.is_file():
+    if not recorded and map_path is not None and map_path.is_file():
         syringes = [one.syringe for one in loads]
         checks += made_for_checks(map_path.parent, setup.printer, syringes)
     if setup.bath is not None:

@@ -29,16 +29,20 @@ FEWEST_BELOW: Final = 2
 """Where gel is looked for below a place, beyond the widest lumen; how often it must be there."""
 LEAST_PLACES: Final = 50
 """Random places in the designed lumens, or they say nothing."""
+MOST_OPEN: Final = 0.6
+"""Share of the designed lumens that may be hollow in another part's scan: of 30 scans of other
+parts that could be aligned at most 0.53 (``benchmarks identity``). Where more is hollow no gel
+contradicts the design; what else is hollow is gel that is missing, as of a print that stopped."""
 
 
 @dataclass(frozen=True)
 class Likelihood:
     """Logarithm of how much likelier numbers of a scan are of another part than of this one.
 
-    A sum of four terms, each growing with what speaks for another part. Rounded from a logistic
-    regression on the first 24 scans of ``benchmarks identity`` (three generators), of which right
-    ones reach -2.2, sound light given, and wrong ones that align at all begin at 2.3. To be fitted
-    again (``python -m benchmarks.identity.fit``) when all 500 have been measured.
+    A sum of four terms, each growing with what speaks for another part. Weights were set by hand
+    near a logistic regression on 24 pairs of scans from ``benchmarks identity`` (three generators).
+    Of its first 37 pairs right parts reach -2.4, and of 31 wrong ones that could be aligned one
+    lies below 1.5. To be fitted again (``python -m benchmarks.identity.fit``) on all 500.
 
     Attributes
     ----------
@@ -171,12 +175,13 @@ class Agreement:
 
     @property
     def other_part(self) -> bool:
-        """Whether this is another part: its hollows lie where the design has none.
+        """Whether this is another part: gel in the designed lumens, and lumens in the designed gel.
 
-        A part that lacks vessels has few hollows, but these are the design's. Where light doesn't
-        tell gel from liquid nothing is proven.
+        Either alone is a defect: clogged lumens, or gel that is missing. Where light doesn't tell
+        gel from liquid nothing is proven.
         """
-        return self.lit_share >= LEAST_LIT and self.likelihood > LIKELIHOOD.decisive
+        contradicted = self.lit_share >= LEAST_LIT and self.designed_open <= MOST_OPEN
+        return contradicted and self.likelihood > LIKELIHOOD.decisive
 
 
 @dataclass(frozen=True)

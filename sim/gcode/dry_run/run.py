@@ -9,6 +9,7 @@ count as nothing; a wait for the user likewise.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
@@ -294,7 +295,7 @@ def dry_run(
 def _opening(gcode: bytes, program: Program) -> bytes:
     """Lines before the first command; none where there is no command."""
     count = int(program.line[0]) - 1 if len(program) else 0
-    return b"\n".join(gcode.split(b"\n", count)[:count])
+    return b"\n".join(re.split(rb"\r\n|\n|\r", gcode, maxsplit=count)[:count])
 
 
 # Mark each G-code row's plunger motion as allowed or barred by the cold-extrusion lock.

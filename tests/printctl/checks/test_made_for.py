@@ -1,4 +1,4 @@
-"""What a job was made for is written into it, and compared with what is mounted."""
+"""Record of a job's set-up: written into the job, compared with what is mounted."""
 
 from __future__ import annotations
 
@@ -44,6 +44,12 @@ def test_a_job_says_what_it_was_made_for(job: bytes) -> None:
     recorded = read_made_for(job)
     assert recorded == made_for(PRINTER, [HeadLoading(SYRINGE, INK, NEEDLE)])
     assert [one.name for one in recorded["syringe"]] == ["Hamilton 1 mL gastight"]
+
+
+@pytest.mark.parametrize("end", [b"\r\n", b"\r"])
+def test_any_line_end_keeps_the_record(job: bytes, end: bytes) -> None:
+    other = SetUp(PRINTER, load(Syringe, "bd_1ml"), INK, NEEDLE)
+    assert len(of_set_up(failed(job.replace(b"\n", end), other))) == 1
 
 
 def test_the_same_set_up_is_accepted(job: bytes) -> None:
