@@ -30,7 +30,7 @@ from registration.measuring.gauging import (
 )
 from registration.measuring.gauging.face_places import FacePlace, ScannedFaces
 from registration.measuring.gauging.sections import Planes, cut_sections, oval_conductance
-from registration.measuring.gauging.vessels import Oval, ovality
+from registration.measuring.gauging.vessels import Oval, ovality, unmeasured_stations
 from registration.report.sections import place_rows
 from registration.segmentation import GelField, Segmentation, Strength
 from tests.design.networks import network, polyline
@@ -102,15 +102,35 @@ def test_beside_a_sibling_at_a_narrow_angle_no_diameter_is_measured() -> None:
     assert find_changes(traces, 1.0) == []
 
 
+LONG = polyline([[0.0, 0, 0], [4.8, 0, 0]], 0.3)
+LOW, HIGH = np.array([-0.3, -0.9, -0.9]), np.array([4.9, 3.1, 0.9])
+
+
+def as_designed(design: VesselNetwork) -> Segmentation:
+    """A design as printed exactly, from `LOW` to `HIGH`, mm."""
+    axes = [np.arange(a, b, 0.04) for a, b in zip(LOW, HIGH, strict=True)]
+    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
+    away = lumen_distance(design, np.stack([x, y, z], axis=-1))
+    return segmented(np.clip(0.5 + away / 0.24, 0, 1), 0.04, LOW)
+
+
+def test_no_wall_is_missed_where_the_design_has_none() -> None:
+    """Sections beside a right angle run along the other leg, where there is no wall all round."""
+    bent = polyline([[0.0, 0, 0], [3, 0, 0], [3.0, 2.9, 0]], 0.3)
+    traces = trace_vessels(bent, as_designed(bent), HERE, 0.1)
+    surface = ModelSurface.of(solid(lumens(bent)))
+    (trace,) = with_designed_walls(traces, HERE, surface, True)
+    assert unmeasured_stations(traces[0]).any()
+    assert not unmeasured_stations(trace).any()
+    straight = with_designed_walls(traces, HERE, ModelSurface.of(solid(lumens(LONG))), True)[0]
+    assert unmeasured_stations(straight).any()  # a wall that the design has is missed
+
+
 @pytest.mark.parametrize("is_lumen", [True, False])
 def test_a_kink_is_compared_with_the_designed_surface(is_lumen: bool) -> None:
     """Across a kink of 70 degrees the design is wider than the network's diameter, and no bulge."""
     kinked = polyline([[0.0, 0, 0], [3, 0, 0], [4.0, 2.8, 0]], 0.3)
-    low, high = np.array([-0.3, -0.9, -0.9]), np.array([4.9, 3.1, 0.9])
-    axes = [np.arange(a, b, 0.04) for a, b in zip(low, high, strict=True)]
-    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-    away = lumen_distance(kinked, np.stack([x, y, z], axis=-1))
-    found = segmented(np.clip(0.5 + away / 0.24, 0, 1), 0.04, low)
+    low, high, found = LOW, HIGH, as_designed(kinked)
     model = lumens(kinked)
     if not is_lumen:
         block = manifold3d.Manifold.cube(tuple(high - low)).translate(tuple(low))

@@ -20,7 +20,13 @@ from registration.alignment.uncertainty import (
     section_errors,
 )
 from registration.measuring.gauging.defect import Defect
-from registration.measuring.gauging.sections import RAYS, Planes, Sections, oval_conductance
+from registration.measuring.gauging.sections import (
+    LEAST_MET,
+    RAYS,
+    Planes,
+    Sections,
+    oval_conductance,
+)
 from registration.measuring.gauging.trace import VesselTrace, stations
 from registration.segmentation import Segmentation
 
@@ -415,7 +421,7 @@ def _gauge(
         gauged_fraction=float(counted.mean()),
         unseen_mm=stretches(~trace.seen, trace.spacing),
         gel_like_mm=stretches(trace.gel_like, trace.spacing),
-        unmeasured_mm=stretches(_unmeasured(trace), trace.spacing),
+        unmeasured_mm=stretches(unmeasured_stations(trace), trace.spacing),
         sections=int(counted.sum()),
         along_mm=trace.along[counted],
         diameter_um=1e3 * trace.diameter[counted],
@@ -446,12 +452,15 @@ def _stretch(trace: VesselTrace, fit: Fit) -> float:
     return float(np.linalg.norm(way * fit.scale, axis=1).sum() / max(length, 1e-12))
 
 
-def _unmeasured(trace: VesselTrace) -> BoolArray:
+def unmeasured_stations(trace: VesselTrace) -> BoolArray:
     """Stations that should have a diameter and have none.
 
-    A single one at the brink of a junction is left to the junction: its rim is rounded.
+    A section may lack as much of the wall that the design has there as one with a diameter may
+    lack: in a sharp bend the plane runs along the next leg, and there is no wall all round. A
+    single station at the brink of a junction is left to the junction: its rim is rounded.
     """
-    missing = trace.seen & trace.own & ~trace.counted
+    lacking = np.isfinite(trace.wall).mean(axis=1) - trace.sections.met
+    missing = trace.seen & trace.own & ~trace.counted & (lacking > 1 - LEAST_MET)
     if not trace.counted.any():
         return np.asarray(missing)
     before = np.concatenate([[False], trace.own[:-1]])
