@@ -42,6 +42,8 @@ PATCH_MM = 1.0
 """Gel is uneven over about this length: only columns so wide err independently."""
 SMOOTH_MM = 0.1
 """The response changes over no less: standard deviation of its average."""
+HALVINGS = 12
+"""Of the range that a can lie in: far below its error."""
 LEAST = 0.02
 """Of the most: deeper, noise would be taken for gel."""
 STEEP_MM, STEEP = 0.2, 0.5
@@ -85,14 +87,14 @@ def depth_response(
     coarse = bin_mean(signal, (fz, fy, fx), False)
     down = coarse if depth_down else coarse[::-1]
     size = voxel * (fz, fy, fx)
-    fades, response = 0.0, np.ones(len(down))
+    response = np.ones(len(down))
     for _ in range(ROUNDS):
         gel = _gel(down, response, noise / np.sqrt(fz * fy * fx), size)
         known = _known(down, gel.sure, noise, round(STEEP_MM / float(size[0])))
         if np.count_nonzero(known) < 2:
             return np.ones(len(signal), dtype=np.float32)
-        fades, likely = _regressed(down, gel, known, fades, size)
-        response = _response(down, gel, known, likely, float(size[0]))
+        level = _levels_without_gel(down, gel, known, size)
+        response = _response(level, known, float(size[0]))
     response = response if depth_down else response[::-1]
     rows = (np.arange(len(signal)) + 0.5) / fz - 0.5
     return np.interp(rows, np.arange(len(response)), response).astype(np.float32)
@@ -121,25 +123,39 @@ def _known(down: Float32Array, sure: BoolArray, noise: float, reach: int) -> Boo
     return known
 
 
-def _regressed(
-    down: Float32Array, gel: Gel, known: BoolArray, fades: float, size: FloatArray
-) -> tuple[float, float]:
-    """Regression of ln I on G, 1/mm, a Gauss-Newton step on from `fades`, and the likeliest value.
+def _levels_without_gel(
+    down: Float32Array, gel: Gel, known: BoolArray, size: FloatArray
+) -> FloatArray:
+    """Fit ln I on G by maximum likelihood, and return R of each known depth.
 
-    Ratios to the last prediction, not logarithms: noise in the dark has none.
+    Speckle's scatter grows with what comes back: a gamma likelihood with a logarithmic link, which
+    is concave (McCullagh & Nelder 1989, 8.3), and takes noise in the dark, which has no logarithm.
+    Its R is the mean of I exp(a G); its score, the sum of (G - its mean) (I exp(a G) / R - 1),
+    grows with a. Beyond what a can be the nearer end is the likeliest.
     """
     sure, above, back = gel.sure[known], gel.above[known], down[known]
     count = sure.sum(axis=(1, 2))
     usual = np.where(sure, above, 0).sum(axis=(1, 2)) / count
     apart = np.where(sure, above - usual[:, None, None], 0)
-    mean = _level(back, sure, above, fades)
-    ratio = np.where(sure, back / (mean[:, None, None] * np.exp(-fades * above)) - 1, 0)
-    square = max(float((apart**2).sum()), 1e-12)
-    fades -= float((apart * ratio).sum()) / square
-    variance = float((_columns((apart * ratio).sum(axis=0), size) ** 2).sum()) / square**2
-    whole = _without_instrument(_level(back, sure, above, 0.0), usual, count)
-    trust = whole**2 / 12 / (whole**2 / 12 + variance)
-    return fades, trust * fades + (1 - trust) * whole / 2
+
+    def scores(fades: float) -> tuple[FloatArray, FloatArray]:
+        # Relative to the mean G, so that no exponential leaves the numbers' range.
+        unfaded = np.where(sure, back * np.exp(fades * apart), 0)
+        level = unfaded.sum(axis=(1, 2), dtype=np.float64) / count
+        return apart * (unfaded / level[:, None, None]), level
+
+    most = _without_instrument(scores(0.0)[1], usual, count)
+    low, high = 0.0, most
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if scores(middle)[0].sum() > 0 else (middle, high)
+    score, _ = scores(low)
+    information = max(float((apart * score).sum()), 1e-12)
+    excess = (score - apart).sum(axis=0)
+    variance = float((_columns(excess, size) ** 2).sum()) / information**2
+    trust = most**2 / 12 / (most**2 / 12 + variance)
+    likely = trust * low + (1 - trust) * most / 2
+    return np.asarray(scores(likely)[1] * np.exp(likely * usual))
 
 
 def _columns(values: FloatArray, size: FloatArray) -> FloatArray:
@@ -161,19 +177,12 @@ def _without_instrument(mean: FloatArray, usual: FloatArray, count: NDArray[np.i
     return max(-float((count * away * np.log(mean)).sum()) / max(square, 1e-12), 1e-3)
 
 
-def _level(back: Float32Array, sure: BoolArray, above: FloatArray, fades: float) -> FloatArray:
-    """R of each depth, (nz,), where gel fades so."""
-    left = np.where(sure, np.exp(-fades * above), 0).sum(axis=(1, 2))
-    return np.asarray(np.where(sure, back, 0).sum(axis=(1, 2), dtype=np.float64) / left)
-
-
-def _response(
-    down: Float32Array, gel: Gel, known: BoolArray, fades: float, step_mm: float
-) -> FloatArray:
-    """Response at every depth, (nz,); beyond the gel as at its last."""
+def _response(level: FloatArray, known: BoolArray, step_mm: float) -> FloatArray:
+    """Response at every depth, (nz,), by the known ones' levels; beyond the gel as at its last."""
     rows = np.flatnonzero(known)
-    level = np.log(_level(down[known], gel.sure[known], gel.above[known], fades))
     smooth = gaussian_filter1d(
-        np.interp(np.arange(len(down)), rows, level), SMOOTH_MM / step_mm, mode="nearest"
+        np.interp(np.arange(len(known)), rows, np.log(level)),
+        SMOOTH_MM / step_mm,
+        mode="nearest",
     )
     return np.asarray(np.exp(np.maximum(smooth - smooth.max(), np.log(LEAST))))

@@ -256,6 +256,22 @@ def test_response_is_told_from_what_the_gel_takes(depth_down: bool) -> None:
     assert np.ptp(off) < 0.35  # of 1.6 that the instrument takes, beside 1.8 that the gel does
 
 
+def test_response_of_thick_gel_with_a_sloping_side() -> None:
+    """Little gel above one side: a regression that steps by its slope at 0 never came back."""
+    shape, foot_mm, fades = (160, 40, 240), 3.6, 1.3
+    z, _, x = np.meshgrid(*(np.arange(n) for n in shape), indexing="ij")
+    deep = (z * STEP_MM > TOP_MM) & (z * STEP_MM < foot_mm)
+    share = (deep & (x > 50 - 0.3 * z) & (x < shape[2] - 8)).astype(float)
+    depth = np.clip((STEP_MM * np.arange(shape[0]) - TOP_MM) / (foot_mm - TOP_MM), 0, None)
+    truth = 0.5 ** (depth**1.5)
+    above = (np.cumsum(share, axis=0) - 0.5 * share) * STEP_MM
+    mean = (share + 0.02 * (1 - share)) * np.exp(-fades * above) * truth[:, None, None]
+    scan = (mean + NOISE) * np.random.default_rng(3).gamma(2.0, 0.5, shape) - NOISE
+    found = depth_response(scan.astype(np.float32), NOISE, working(), True)
+    rows = np.s_[round(TOP_MM / STEP_MM) + 4 : round(foot_mm / STEP_MM) - 4]
+    assert np.ptp(np.log(found[rows] / truth[rows])) < 0.1
+
+
 FloatVolume = NDArray[np.float32]
 
 
