@@ -329,6 +329,15 @@ class Scene:
         """Share of the designed gel that was examined."""
         return float(self.told[self.gel].mean()) if self.gel.any() else 0.0
 
+    def is_gel(self, places: FloatArray) -> BoolArray:
+        """Which places (..., 3), mm, are gel by design, clear of walls; none beyond the grid is."""
+        index = np.round((places - self.grid.origin_mm) / self.grid.step_mm).astype(np.int64)
+        size = np.array(self.gel.shape)
+        index = index[..., ::-1]
+        within = ((index >= 0) & (index < size)).all(axis=-1)
+        index = np.clip(index, 0, size - 1)
+        return np.asarray(within & self.gel[tuple(np.moveaxis(index, -1, 0))])
+
 
 def designed_gel(
     grid: LumenGrid, surface: ModelSurface, model_is_lumen: bool, clear_mm: float

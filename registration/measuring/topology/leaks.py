@@ -153,10 +153,7 @@ def _areas(
     first, second = across_tangents(tangent).swapaxes(0, 1)
     places = centre[:, None] + flat[:, :1] * first[:, None] + flat[:, 1:] * second[:, None]
     share = evidence.fine_at(fit.invert(places.reshape(-1, 3))).reshape(places.shape[:2])
-    grid = scene.grid
-    index = np.round((places - grid.origin_mm) / grid.step_mm).astype(np.int64)[..., ::-1]
-    index = np.clip(index, 0, np.array(grid.free.shape) - 1)
-    counts = scene.gel[tuple(np.moveaxis(index, -1, 0))] & np.isfinite(share)
+    counts = scene.is_gel(places) & np.isfinite(share)
     known = np.where(counts, share, np.nan)
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -351,7 +348,7 @@ def is_open(way: LeakPath, scene: Scene, field: GelField, fit: Fit) -> bool:
     along = arc_lengths(way.path)
     even = np.linspace(0.0, along[-1], int(along[-1] / step) + 2)
     path = np.stack([np.interp(even, along, way.path[:, k]) for k in range(3)], axis=1)
-    path = path[_is_gel(path, scene)]
+    path = path[scene.is_gel(path)]
     if len(path) < 2:
         return False
     reach = LEAST_MM / 2 + scene.grid.step_mm
@@ -362,16 +359,9 @@ def is_open(way: LeakPath, scene: Scene, field: GelField, fit: Fit) -> bool:
     places = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
     away, nearest = cKDTree(path).query(places)
     free = (field.above_level(fit.invert(places.reshape(-1, 3))) < 0).reshape(away.shape)
-    label, _ = ndimage.label(free & (away <= reach) & _is_gel(places, scene))
+    label, _ = ndimage.label(free & (away <= reach) & scene.is_gel(places))
     first, last = label[nearest <= 1], label[nearest >= len(path) - 2]
     return bool(set(first[first > 0].tolist()) & set(last.tolist()))
-
-
-def _is_gel(places: FloatArray, scene: Scene) -> BoolArray:
-    """Which places (..., 3), mm, are gel by design, clear of walls."""
-    index = np.round((places - scene.grid.origin_mm) / scene.grid.step_mm).astype(np.int64)
-    index = np.clip(index[..., ::-1], 0, np.array(scene.gel.shape) - 1)
-    return np.asarray(scene.gel[tuple(np.moveaxis(index, -1, 0))])
 
 
 THINNEST_MM = LEAST_MM / 3
