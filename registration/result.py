@@ -63,7 +63,7 @@ class RegistrationReport:
     uncertainty : Uncertainty
         95 % intervals of the scaled fit.
     cross_check_um : float or None, µm
-        How far another program's pose carries any corner of the part from ours; None where that
+        How far another program's pose moves the surface out of ours, at most; None where that
         program (small_gicp) isn't installed.
     rigid, scaled : Deviation
         Of the seen scanned surface, to the design, after each fit.

@@ -27,7 +27,10 @@ REACH_MM = 0.5
 def cross_check(
     surface: ModelSurface, spread: FloatArray, points: FloatArray, fit: Fit
 ) -> float | None:
-    """Largest displacement of a part's corner from ours by small_gicp's pose, µm.
+    """How far small_gicp's pose moves the design's surface out of itself, at most, µm.
+
+    A motion that leaves the surface where it is, as a turn of a straight channel about its axis,
+    is no difference: a scan can't tell it.
 
     Parameters
     ----------
@@ -61,9 +64,8 @@ def cross_check(
         rotation_epsilon=1e-6,
         translation_epsilon=1e-6,
     ).T_target_source
-    corners = np.stack(np.meshgrid(*surface.bounds.T, indexing="ij"), axis=-1).reshape(-1, 3)
-    moved = corners @ pose[:3, :3].T + pose[:3, 3] - corners
-    return 1e3 * float(np.linalg.norm(moved, axis=1).max())
+    moved = spread @ pose[:3, :3].T + pose[:3, 3]
+    return 1e3 * float(np.abs(surface.query(moved).distance).max())
 
 
 def _off(middle: FloatArray) -> FloatArray:

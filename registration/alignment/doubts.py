@@ -108,10 +108,10 @@ def rival_doubts(rivals: Iterable[AlternativePose], limit: float) -> list[str]:
     ]
 
 
-CROSS_UM = 20.0
-"""Two programs differ by less about where the corners of a well-seen part lie: by 1 to 11 µm in 25
-scans of four generators whose walls were told rightly, by 29 and more in 13 others, nearly all with
-false walls."""
+CROSS_UM = 15.0
+"""Two programs differ by less about where a well-seen surface lies: by 1 to 11 µm at the corners in
+25 scans of four generators whose walls were told rightly, by 29 and more (17 at a face) in 13
+others, nearly all with false walls."""
 LEAST_SEEN = 0.5
 """Share of the scanned surface that light must reach: levels are told from there alone."""
 
@@ -129,9 +129,9 @@ def later_doubts(cross_um: float | None, seen: float) -> tuple[str, ...]:
     out = []
     if cross_um is not None and cross_um > CROSS_UM:
         out.append(
-            f"Another program (small_gicp), asked for the same pose, carries a corner of the part "
-            f"{cross_um:.0f} µm from ours (limit {CROSS_UM:g} µm): one of the two is wrong; look "
-            "at the contours in the raw scan, and scan with more light or contrast."
+            f"A second registration program (small_gicp) places the design up to {cross_um:.0f} µm "
+            f"away from this pose (limit {CROSS_UM:g} µm), so one of the two is wrong; compare the "
+            "contours with the raw scan, and scan with more light or contrast."
         )
     if seen < LEAST_SEEN:
         out.append(

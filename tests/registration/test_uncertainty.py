@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from design.geometry.surface import Surface
 from design.solids import block_solid
+from design.solids.solid import Solid
 from registration.alignment import Fit, Uncertainty, cross_check
 from registration.alignment.distance import ModelSurface
 from registration.alignment.fit import FitFreedom, refine
@@ -211,6 +213,18 @@ def test_a_right_pose_is_found_again_and_a_wrong_one_with_how_far_it_is_off() ->
     assert cross_check(model_surface(), spread(), scanned(), PLACE) < 2.0
     wrong = replace(PLACE, shift=PLACE.shift + np.array([0.0, 0.05, 0.0]))
     assert cross_check(model_surface(), spread(), scanned(), wrong) == pytest.approx(50.0, abs=3.0)
+
+
+def test_a_turn_that_no_scan_of_a_round_channel_shows_is_no_difference() -> None:
+    """Seen points at random fix the turn about its axis by their noise alone."""
+    pytest.importorskip("small_gicp")
+    rng = np.random.default_rng(1)
+    tube = trimesh.creation.cylinder(0.25, 9.0, sections=180)
+    surface = ModelSurface.of(Solid(tube.vertices, tube.faces.astype(np.int32)))
+    points = surface_points(surface)
+    seen = points[rng.choice(len(points), 20_000)] + rng.normal(0, 0.003, (20_000, 3))
+    upright = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
+    assert cross_check(surface, points, upright.invert(seen), upright) < 10.0
 
 
 def test_without_the_program_nothing_is_said(monkeypatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,17 @@ from tests.system.first_part.faults import Fault
 from tests.system.first_part.parts import Part
 from tests.system.first_part.remedies import proposed
 
+Door = Callable[[Path], program.Outcome]
 BORDER_PERCENT = 1.5
 """A section this near to its limit may be judged either way."""
 
 MAX_REMEDIES = 4
 
 
-def sound_case(part: Part, folder: Path) -> dict[str, Any]:
-    """Run a sound part and return what is right and wrong about it."""
+def sound_case(part: Part, folder: Path, door: Door = program.run) -> dict[str, Any]:
+    """Run a sound part by a door and return what is right and wrong about it."""
     recipe = part.write(folder)
-    outcome = program.run(recipe)
+    outcome = door(recipe)
     found: dict[str, Any] = {"exit": outcome.code, "verdict": outcome.verdict}
     if outcome.verdict in ("refused", "error"):
         found["message"] = outcome.text.strip().splitlines()[-6:]

@@ -15,9 +15,9 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from tests.system.first_part import program
+from tests.system.first_part import page, program
 from tests.system.first_part.faults import FAULTS, drawn_for
-from tests.system.first_part.judge import fault_case, sound_case
+from tests.system.first_part.judge import Door, fault_case, sound_case
 from tests.system.first_part.parts import draw
 
 
@@ -32,7 +32,9 @@ def main() -> None:
     parser.add_argument("--fault", action="append", help="only this one; again for more")
     parser.add_argument("--small", action="store_true", help="parts of a few CPU seconds")
     parser.add_argument("--keep", action="store_true", help="keep scans and other large files")
+    parser.add_argument("--door", choices=("command", "page"), default="command")
     given = parser.parse_args()
+    door = page.run if given.door == "page" else program.run
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "results.jsonl"
     done = {
@@ -48,7 +50,7 @@ def main() -> None:
     for seed, index, fault in wanted:
         row = done.get((seed, index, fault))
         if row is None:
-            row = case(seed, index, fault, given.out, given.small)
+            row = case(seed, index, fault, given.out, given.small, door)
             with path.open("a") as file:
                 file.write(json.dumps(row) + "\n")
             print(json.dumps(row), flush=True)
@@ -58,8 +60,10 @@ def main() -> None:
     print(json.dumps(summary(rows), indent=1), file=sys.stdout)
 
 
-def case(seed: int, index: int, fault: str, out: Path, small: bool = False) -> dict[str, Any]:
-    """Run one case and return its line."""
+def case(
+    seed: int, index: int, fault: str, out: Path, small: bool = False, door: Door = program.run
+) -> dict[str, Any]:
+    """Run one case and return its line; sound parts by that door."""
     row: dict[str, Any] = {"seed": seed, "index": index, "fault": fault}
     began = time.monotonic()
     planted = next((one for one in FAULTS if one.name == fault), None)
@@ -68,7 +72,7 @@ def case(seed: int, index: int, fault: str, out: Path, small: bool = False) -> d
     row["name"] = part.name + (f"_F{FAULTS.index(planted)}" if planted else "")
     try:
         folder = out / row["name"]
-        row |= fault_case(planted, part, folder) if planted else sound_case(part, folder)
+        row |= fault_case(planted, part, folder) if planted else sound_case(part, folder, door)
     except Exception:
         row |= {"outcome": "broken case", "error": traceback.format_exc().splitlines()[-4:]}
     row["seconds"] = round(time.monotonic() - began)
