@@ -120,6 +120,8 @@ def _changes(recipe: Recipe, check: LumenCheck) -> Iterator[Change]:
             for factor in (1.25, 1.5):
                 width = round(factor * part.smallest_diameter_mm, 3)
                 yield _grown(recipe, smallest_diameter_mm=width)
+    if any(leak.wall_mm is not None and leak.wall_mm <= 0 for leak in check.leaks):
+        return  # lines make no wall that the design lacks
     for factor in (0.8, 0.65):
         line = round(factor * making.line_um)
         finer = making.model_copy(update={"line_um": float(line)})

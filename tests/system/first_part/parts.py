@@ -320,8 +320,10 @@ def _clear(rows: list[Any], mesh: trimesh.Trimesh, wall: float, beyond: float) -
         track = place[parent] * (1 - share) + place[child] * share
         room = radius[child] + wall
         keep = np.ones(len(track), bool)
-        for end in (child, parent):
+        for end, other in ((child, parent), (parent, child)):
             if degree[end] == 1:  # a mouth: the face may slant by 40 degrees
+                if not _opens_in_a_face(mesh, place[other], place[end], radius[child] + wall):
+                    return False
                 keep &= np.linalg.norm(track - place[end], axis=1) > beyond + 1.8 * room
         inside = track[keep]
         if len(inside) and walls.depth(inside).min() < room:
@@ -338,6 +340,20 @@ def _clear(rows: list[Any], mesh: trimesh.Trimesh, wall: float, beyond: float) -
                 b = b[np.linalg.norm(b - joint, axis=1) > 2 * room]
             if len(a) and len(b) and np.linalg.norm(a[:, None] - b, axis=2).min() < room:
                 return False
+    return True
+
+
+def _opens_in_a_face(mesh: trimesh.Trimesh, start: Points, end: Points, radius: float) -> bool:
+    """Return whether all of a round channel leaves the part through faces that it meets alike."""
+    way = (end - start) / np.linalg.norm(end - start)
+    start = (start + end) / 2  # the other end may be a mouth as well
+    first = np.linalg.svd(way[None])[2][1]
+    second = np.cross(way, first)
+    for angle in np.arange(0, 2 * np.pi, np.pi / 6):
+        rim = start + radius * (np.cos(angle) * first + np.sin(angle) * second)
+        lengths, faces = hits(mesh, rim, way)
+        if len(lengths) != 1 or mesh.face_normals[faces[0]] @ way < np.cos(np.radians(50)):
+            return False
     return True
 
 
