@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
+from registration.alignment import LEAST_SEEN
 from registration.json_ready import Record
 from registration.measuring.judging import Decision, reason, worst_decision
 
@@ -31,6 +32,13 @@ def mismatch(registration: Record) -> Finding | None:
         return "fail", _other_part(registration)
     if not _off_axes(registration, WRONG):
         return None
+    lit = (registration.get("agreement") or {}).get("surface_lit")
+    if lit is not None and lit < LEAST_SEEN:
+        return "undecided", (
+            f"Gel can't be told from liquid: light reached {100 * lit:.0f} % of the scanned "
+            f"surface (limit {100 * LEAST_SEEN:.0f} %), so neither the part's size nor its lumens "
+            "are known; scan with more light or contrast, or fill the lumens with a clearer liquid"
+        )
     return "undecided", (
         f"Wrong voxel size, or the scan of another part: {scale_words(registration)} (limit "
         f"±{100 * WRONG:.0f} %). Check the voxel size{_voxel(registration)} and which part was "
@@ -70,11 +78,14 @@ def scale_words(registration: Record) -> str:
     if not scale:
         return ""
     halves = (registration.get("interval_95") or {}).get("scale") or [None] * 3
-    each = [
-        f"{axis} not fitted" if half is None else f"{axis} {100 * one:.1f} ± {100 * half:.1f} %"
-        for axis, one, half in zip("xyz", scale, halves, strict=True)
-    ]
+    each = [_of_axis(*one) for one in zip("xyz", scale, halves, strict=True)]
     return f"fitted size, of the design's: {', '.join(each)}"
+
+
+def _of_axis(axis: str, scale: float, half: float | None) -> str:
+    if half is not None:
+        return f"{axis} {100 * scale:.1f} ± {100 * half:.1f} %"
+    return f"{axis} not fitted" if scale == 1 else f"{axis} {100 * scale:.1f} %, interval not known"
 
 
 def _off_axes(registration: Record, limit: float) -> bool:

@@ -335,6 +335,8 @@ def _trace(
     apart &= neighbours.free_wall(vessel, centre, tangent, radius + border) == 1.0
     # Within a junction there is no gel around to send light back.
     seen = _in_field(segmentation, fit.invert(rim.reshape(-1, 3)), inside)
+    # Where the rim lies in a junction's lumen no wall is asked for, but a view of the axis is.
+    seen &= np.isfinite(segmentation.field.above_level(planes.centre))
     seen &= _reached(segmentation, planes) | ~apart
     ways = np.where(free[:, None], [along - mouths[0], length - mouths[1] - along], np.inf)
     to_end = np.asarray(ways.min(axis=0))

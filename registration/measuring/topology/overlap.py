@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
-from registration.alignment import Fit
+from registration.alignment import LEAST_SEEN, Fit
 from registration.alignment.distance import ModelSurface
 from registration.measuring.gauging.deviation import near_lumen
 from registration.measuring.topology.grid import LumenGrid
@@ -157,6 +157,8 @@ class Agreement:
         Share of the designed lumens' volume in view where light tells.
     scale_off : float
         Largest distance of a fitted scale from 1.
+    surface_lit : float
+        Share of the scanned surface that light reached.
     """
 
     foreign_share: float
@@ -165,6 +167,7 @@ class Agreement:
     close_share: float
     lit_share: float
     scale_off: float
+    surface_lit: float
 
     @property
     def likelihood(self) -> float:
@@ -180,7 +183,8 @@ class Agreement:
         Either alone is a defect: clogged lumens, or gel that is missing. Where light doesn't tell
         gel from liquid nothing is proven.
         """
-        contradicted = self.lit_share >= LEAST_LIT and self.designed_open <= MOST_OPEN
+        lit = self.lit_share >= LEAST_LIT and self.surface_lit >= LEAST_SEEN
+        contradicted = lit and self.designed_open <= MOST_OPEN
         return contradicted and self.likelihood > LIKELIHOOD.decisive
 
 
@@ -252,4 +256,5 @@ def agreement(landed: Landed) -> Agreement:
         close_share=float((near < CLOSE_MM).mean()),
         lit_share=told / whole if whole >= LEAST_PLACES else float("nan"),
         scale_off=float(np.abs(fit.scale - 1).max()),
+        surface_lit=float(segmentation.seen.mean()),
     )
