@@ -157,6 +157,8 @@ class Agreement:
         Share of the designed lumens' volume in view where light tells.
     scale_off : float
         Largest distance of a fitted scale from 1.
+    explained : bool
+        The scan fits the design as far as it was printed, or with layers that were shifted.
     """
 
     foreign_share: float
@@ -165,6 +167,7 @@ class Agreement:
     close_share: float
     lit_share: float
     scale_off: float
+    explained: bool = False
 
     @property
     def likelihood(self) -> float:
@@ -180,7 +183,9 @@ class Agreement:
         Either alone is a defect: clogged lumens, or gel that is missing. Where light doesn't tell
         gel from liquid nothing is proven.
         """
-        contradicted = self.lit_share >= LEAST_LIT and self.designed_open <= MOST_OPEN
+        contradicted = (
+            not self.explained and self.lit_share >= LEAST_LIT and self.designed_open <= MOST_OPEN
+        )
         return contradicted and self.likelihood > LIKELIHOOD.decisive
 
 
@@ -199,6 +204,8 @@ class Landed:
     model_is_lumen : bool
     depth_down : bool
         Whether light runs towards the scan's larger z.
+    explained : bool
+        See `Agreement`.
     """
 
     surface: ModelSurface
@@ -208,6 +215,7 @@ class Landed:
     fit: Fit
     model_is_lumen: bool
     depth_down: bool
+    explained: bool = False
 
     def lit(self, scanned: FloatArray) -> NDArray[np.bool_]:
         """Whether gel and liquid are told apart at places (n, 3) of the scan, mm."""
@@ -252,4 +260,5 @@ def agreement(landed: Landed) -> Agreement:
         close_share=float((near < CLOSE_MM).mean()),
         lit_share=told / whole if whole >= LEAST_PLACES else float("nan"),
         scale_off=float(np.abs(fit.scale - 1).max()),
+        explained=landed.explained,
     )
