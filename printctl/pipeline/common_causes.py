@@ -13,6 +13,10 @@ from registration.json_ready import Record
 
 ALIKE: Final = 0.25
 """Scatter of the lumens' deviations, of their mean, within which one number describes them all."""
+FEWEST_ALIKE: Final = 3
+"""Lumens of a layered print that are one cause."""
+THROUGHOUT: Final = 0.8
+"""Of a vessel's sections that are off to one side: the vessel is, not a place of it."""
 
 
 def print_faults(registration: Record) -> list[Finding]:
@@ -53,8 +57,8 @@ def _shifted(registration: Record, shift: Record) -> Finding:
 
 def of_lumens(registration: Record) -> bool:
     """Whether the lumens alone were scanned, as of an embedded print."""
-    surfaces = registration.get("by_surface")
-    return bool(surfaces) and surfaces.get("outer_faces") is None
+    surfaces = registration.get("by_surface") or {}
+    return "outer_faces" in surfaces and surfaces["outer_faces"] is None
 
 
 def common_causes(registration: Record, worst: Sequence[Record]) -> list[str]:
@@ -73,8 +77,10 @@ def common_causes(registration: Record, worst: Sequence[Record]) -> list[str]:
     }
     for side, word in ((-1, "narrower"), (1, "wider")):
         alike = [rows[v] for v, value in off.items() if v in rows and side * value > 0]
-        alike = [row for row in alike if side * row["error_percent"] > 0]
-        if alike and 2 * len(alike) >= len(rows):
+        alike = [row for row in alike if side * row["error_percent"] > 0 and _all_along(row, side)]
+        # Of one or two vessels, only what fills them says why: a filament's own volume.
+        few = 1 if of_lumens(registration) else FEWEST_ALIKE
+        if len(alike) >= few and 2 * len(alike) > len(rows):
             many = (
                 ("All" if len(alike) == len(rows) else f"{len(alike)} of")
                 + f" {len(rows)} lumens are"
@@ -85,16 +91,27 @@ def common_causes(registration: Record, worst: Sequence[Record]) -> list[str]:
     return []
 
 
+def _all_along(row: Record, side: int) -> bool:
+    """Whether a vessel is off to one side along its length: a width, not a place."""
+    off = np.array(row["diameter_um"]) - np.array(row["designed_along_um"])
+    known = off[np.isfinite(off)]
+    return len(known) > 0 and float((side * known > 0).mean()) >= THROUGHOUT
+
+
 def _alike(registration: Record, rows: Sequence[Record], text: str) -> list[str]:
     """Say what one number describes of these lumens; nothing where none does."""
     measured = np.array([row["measured_um"] for row in rows])
     designed = np.array([row["designed_um"] for row in rows])
-    half = np.array([row.get("measured_interval_95_um") or 0.0 for row in rows])
+    half = np.array([row.get("measured_interval_95_um") or np.nan for row in rows])
+    if np.isnan(half).any():
+        return []
     part = _part_scale(registration)
     share = np.log(measured / designed)
+    percent = f"{100 * abs(np.expm1(np.median(share))):.1f} %"
     if abs(np.log(part) - share.mean()) <= ALIKE * abs(share.mean()):
         word = "shrank" if part < 1 else "swelled"
-        return [f"{text} throughout, as the whole part {word} (by {100 * abs(part - 1):.1f} %)"]
+        shrunk = f"as the whole part {word} (by {100 * abs(part - 1):.1f} %)"
+        return [f"{text} throughout, by {percent}, {shrunk}"]
     if of_lumens(registration):
         factor = _mean(share - np.log(part), half / measured)
         if factor is None:
@@ -102,16 +119,21 @@ def _alike(registration: Record, rows: Sequence[Record], text: str) -> list[str]
         # A filament of volume V per length has the diameter 2 √(V/π).
         flow, u = np.exp(2 * factor[0]), 2 * factor[1]
         return [
-            f"{text} by the common factor {np.exp(factor[0]):.3f}: the ink's flow was "
+            f"{text} by one common factor, {np.exp(factor[0]):.3f}: the ink's flow was "
             f"{100 * flow:.0f} ± {max(100 * flow * u, 1):.0f} % of the planned (wrong syringe, "
             "steps/mm or flow rate?)"
         ]
-    walls = _mean(measured - designed * part, half)
-    if walls is None:
+    walls = _mean(measured - designed, half)
+    if walls is not None:
+        by = f"{abs(walls[0]):.0f} ± {walls[1]:.0f} µm, whatever their diameter"
+    elif _mean(share, half / measured) is not None:
+        by = f"{percent}, each by as much of its diameter"
+    else:
         return []
-    lines = "wider" if walls[0] < 0 else "narrower"
+    lines = "wider" if share.mean() < 0 else "narrower"
+    size = f"{100 * (part - 1):+.1f} %".replace("-", "\N{MINUS SIGN}")
     return [
-        f"{text} by {abs(walls[0]):.0f} ± {walls[1]:.0f} µm, whatever their diameter: the printed "
+        f"{text} by {by}, and the whole part is off by {size}, so it isn't shrinkage: the printed "
         f"lines are {lines} than planned; check the ink's flow (syringe, steps/mm, flow rate) and "
         "the line width"
     ]

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, Final
 
-from printctl.pipeline.common_causes import common_causes, print_faults
+from printctl.pipeline.common_causes import THROUGHOUT, common_causes, print_faults
 from printctl.pipeline.premises import Finding, mismatch, premises
 from registration.json_ready import Record
 from registration.measuring.judging import (
@@ -21,8 +21,6 @@ from registration.report.gauging_sections import pressure_words
 
 MOST_REASONS: Final = 10
 """Of features, the worst; the page's tables have all."""
-THROUGHOUT: Final = 0.8
-"""Of a vessel's sections that fail: the vessel is off, not a place of it."""
 _OF_PLACE: Final = ("position_um", "profile_um")
 """Zones that an axis may not leave, or a wall."""
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")

@@ -245,9 +245,9 @@ class Misfit:
     def _shifted(self, plain: Alignment | None) -> Explanation | None:
         """The design with a band of layers moved aside."""
         shift = self._likeliest(plain)
+        if shift is None:
+            return None
         for _ in range(ROUNDS):
-            if shift is None:
-                return None
             found = self._aligned(self._with(shift))
             if found is None:
                 return None
@@ -352,7 +352,8 @@ def _best_band(places: FloatArray, under: _Under) -> tuple[float, LayerShift]:
     rest each take the shift that suits them best.
     """
     z = places[:, 2]
-    edges = np.linspace(*np.percentile(z, (0.5, 99.5)), SLABS + 1)
+    low, high = np.percentile(z, (0.5, 99.5))
+    edges = np.linspace(low, high, SLABS + 1)
     slab = np.clip(np.searchsorted(edges, z, side="right") - 1, 0, SLABS - 1)
     shifts = np.array(list(_shifts()))
     table = np.array(
