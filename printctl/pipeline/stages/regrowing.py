@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from rich.console import Console
 
-from design.errors import DesignError, GrowthError, NoRoomError
+from design.errors import DesignError, GrowthError, NoRoomError, RootError, ThinTissueError
 from printctl.pipeline.context import RunContext
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
@@ -57,7 +57,8 @@ def with_what_fits(
         Grow the recipe's network; raises `DesignError`.
     """
     part = context.recipe.vasculature
-    if context.trial or not isinstance(part, Growth) or context.stand is not None:
+    of_room = isinstance(error, NoRoomError | RootError | ThinTissueError)
+    if context.trial or not of_room or not isinstance(part, Growth) or context.stand is not None:
         return error
     trials = _Trials(context, grow, time.monotonic(), took_s)
     fits = [one.text for one in (trials.most_terminals(), trials.widest()) if one is not None]
