@@ -35,6 +35,10 @@ class TissueError(DesignError):
     """A tissue that can't be used."""
 
 
+class ThinTissueError(TissueError):
+    """A tissue too thin for the vessels that are asked for."""
+
+
 class NetworkError(DesignError):
     """A vessel network that can't be used."""
 

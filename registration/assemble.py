@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
 from registration.alignment import Alignment, may_lie_otherwise
+from registration.alignment.as_printed import AsPrinted
 from registration.alignment.uncertainty import ScanErrors
 from registration.findings import Findings
 from registration.measuring.gauging import hausdorff_p95_um, summarise
@@ -71,6 +72,8 @@ class RegistrationParts:
         At the options' places: 1 for gel, 0 for none, NaN where it can't be told.
     agreement : Agreement
         Whether the scan is of this part at all.
+    printed : AsPrinted
+        What became of the print, as far as that explains a misfit.
     """
 
     segmentation: Segmentation
@@ -88,6 +91,7 @@ class RegistrationParts:
     errors: ScanErrors
     gel_at: FloatArray | None
     agreement: Agreement
+    printed: AsPrinted
 
 
 def assemble(
@@ -143,6 +147,7 @@ def assemble(
         defects=listed,
         topology=findings.topology,
         agreement=parts.agreement,
+        as_printed=parts.printed,
         overlap_rigid=findings.overlap_rigid,
         overlap_scaled=findings.overlap_scaled,
         perfusion=findings.perfusion,

@@ -13,11 +13,12 @@ from design.solids.solid import Solid
 from kernels import helper_thread, keep_freed_memory
 from kernels.arrays import FloatArray
 from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
+from registration.alignment.as_printed import AsPrinted, Explanation, Misfit
 from registration.alignment.distance import ModelSurface
 from registration.alignment.symmetry import moved_vessels
 from registration.alignment.uncertainty import ScanErrors, scan_errors
 from registration.assemble import FitDeviations, RegistrationParts, assemble
-from registration.errors import RegistrationError
+from registration.errors import AlignmentError, RegistrationError
 from registration.findings import Findings, Inspection, inspect
 from registration.measuring.gauging import (
     ScannedSurface,
@@ -63,12 +64,13 @@ class PreparedScan:
     Attributes
     ----------
     scan : Scan
+    model : Solid
     network : VesselNetwork
     options : RegistrationOptions
     segmentation : Segmentation
         Of the scan.
     surface : ModelSurface
-        The model.
+        Of the model.
     is_lumen : bool
         The model is the lumens, not the gel around them.
     errors : ScanErrors
@@ -78,6 +80,7 @@ class PreparedScan:
     """
 
     scan: Scan
+    model: Solid
     network: VesselNetwork
     options: RegistrationOptions
     segmentation: Segmentation
@@ -111,7 +114,7 @@ class PreparedScan:
         is_lumen = _model_is_lumen(surface, network)
         section_mm = options.section_mm or thinnest / 4
         return PreparedScan(
-            scan, network, options, segmentation, surface, is_lumen, errors, section_mm
+            scan, model, network, options, segmentation, surface, is_lumen, errors, section_mm
         )
 
 
@@ -125,8 +128,8 @@ def _check_sizes(scan: Scan, model: Solid, thinnest_mm: float) -> None:
         return
     raise RegistrationError(
         f"the scan is {_sizes(extent)} mm and the model {_sizes(part)} mm, with lumens from "
-        f"{thinnest_mm:.3g} mm: they don't fit each other; check --voxel-um (in micrometres) and "
-        "the units of model and network"
+        f"{thinnest_mm:.3g} mm: they don't fit each other; check the voxel size (--voxel-um, "
+        "or scan.voxel_um in a recipe; µm) and the units of model and network"
     )
 
 
@@ -247,7 +250,7 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
         gel_evidence, segmentation.field, segmentation.strength, case.scan.depth_down
     )
     lying = _laid(case)
-    measured = _measured(case, lying.alignment, other)
+    measured = _measured(case, lying, other)
     findings = _inspected(case, lying.alignment, measured.scaled, evidence.result())
     return RegistrationParts(
         segmentation,
@@ -273,8 +276,10 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
                 lying.alignment.scaled,
                 case.is_lumen,
                 case.scan.depth_down,
+                lying.printed.is_known,
             )
         ),
+        lying.printed,
     )
 
 
@@ -290,16 +295,22 @@ def _gel_at(case: PreparedScan, fit: Fit, evidence: GelEvidence) -> FloatArray |
 
 @dataclass(frozen=True)
 class _Lying:
-    """How the part lies: its pose, its outer faces where it has any, and the report's frame."""
+    """How the part lies: its pose, its outer faces where it has any, and the report's frame.
+
+    `surface` is what it was aligned to: the design as it was `printed`.
+    """
 
     alignment: Alignment
+    surface: ModelSurface
+    printed: AsPrinted
     faces: tuple[Face, ...]
     frame: Frame
 
 
 def _laid(case: PreparedScan) -> _Lying:
     """Find the pose, and lay the part's frame on the print."""
-    alignment = align_prepared(case)
+    found = _aligned_as_printed(case)
+    alignment = found.alignment
     faces = (
         ()
         if case.is_lumen
@@ -308,7 +319,29 @@ def _laid(case: PreparedScan) -> _Lying:
     part = None if case.is_lumen else case.surface
     ground = Ground(case.network, case.segmentation, faces, case.errors, case.section_mm, part)
     frame = find_frame(case.options.datums, alignment, ground)
-    return _Lying(replace(alignment, rigid=frame.fit), faces, frame)
+    return _Lying(replace(alignment, rigid=frame.fit), found.surface, found.printed, faces, frame)
+
+
+def _aligned_as_printed(case: PreparedScan) -> Explanation:
+    """Find the pose; where much doesn't fit, of the design as far as it was printed."""
+    segmentation = case.segmentation
+    misfit = Misfit(
+        case.model,
+        case.surface,
+        segmentation.surface.vertices[segmentation.seen],
+        segmentation.field,
+        case.is_lumen,
+        lambda surface: align_prepared(replace(case, surface=surface)),
+        case.options.alignment,
+    )
+    try:
+        plain = align_prepared(case)
+    except AlignmentError:
+        explained = misfit.explained(None)
+        if explained is None:
+            raise
+        return explained
+    return misfit.explained(plain) or Explanation(plain, case.surface, AsPrinted())
 
 
 def align_prepared(case: PreparedScan) -> Alignment:
@@ -354,12 +387,14 @@ class _Measured:
     places: Future[tuple[FacePlace, ...]]
 
 
-def _measured(case: PreparedScan, alignment: Alignment, other: Executor) -> _Measured:
+def _measured(case: PreparedScan, lying: _Lying, other: Executor) -> _Measured:
+    alignment = lying.alignment
     surface, segmentation = case.surface, case.segmentation
     spread, scanned = surface_points(surface), ScannedSurface.of(segmentation)
     points = segmentation.surface.vertices[segmentation.seen]
     rigid = other.submit(_both_ways, case, scanned, alignment.rigid, spread)
-    cross_um = other.submit(cross_check, surface, spread, points, alignment.scaled)
+    drawn = spread if lying.surface is surface else surface_points(lying.surface)
+    cross_um = other.submit(cross_check, lying.surface, drawn, points, alignment.scaled)
     scaled = _both_ways(case, scanned, alignment.scaled, spread)
     places = other.submit(_places, case, alignment.scaled, scaled)
     return _Measured(rigid, scaled, cross_um, len(spread), places)

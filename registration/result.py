@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from design.geometry.surface import Surface
 from kernels.arrays import FloatArray
 from registration.alignment import AXES, AlternativePose, Uncertainty
+from registration.alignment.as_printed import AsPrinted
 from registration.alignment.uncertainty import quantity, terms
 from registration.json_ready import json_ready
 from registration.measuring.gauging import ContrastGauge, Defect, Deviation, Perfusion, VesselGauge
@@ -103,6 +104,8 @@ class RegistrationReport:
         How the lumens hang together.
     agreement : Agreement
         Of the scan's hollows and surface with the design: whether it is of this part at all.
+    as_printed : AsPrinted
+        Where the print ended early or layers were shifted: the pose is that of the rest.
     overlap_rigid, overlap_scaled : Overlap
         Dice and volume ratio of the lumens after each fit.
     perfusion : Perfusion or None
@@ -161,6 +164,7 @@ class RegistrationReport:
     defects: tuple[Defect, ...]
     topology: Topology
     agreement: Agreement
+    as_printed: AsPrinted
     overlap_rigid: Overlap
     overlap_scaled: Overlap
     perfusion: Perfusion | None
@@ -230,6 +234,7 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
             "likelihood": report.agreement.likelihood,
             "other_part": report.agreement.other_part,
         },
+        "as_printed": _as_printed_dict(report.as_printed),
         "contrast": {
             "liquid": report.contrast.liquid,
             "untold": report.contrast.untold,
@@ -335,6 +340,21 @@ def _rival_dict(rival: AlternativePose) -> dict[str, Any]:
         "differs_at_mm": np.round(rival.place_mm, 3).tolist(),
         "seen_there": rival.seen,
         "vessels": list(rival.vessels),
+    }
+
+
+def _as_printed_dict(printed: AsPrinted) -> dict[str, Any]:
+    shift = printed.shift
+    return {
+        "ends_mm": printed.ends_mm,
+        "missing_mm": printed.missing_mm,
+        "shift": shift
+        and {
+            "from_mm": shift.from_mm,
+            "to_mm": shift.to_mm,
+            "shift_um": (1e3 * shift.shift_mm).round(1).tolist(),
+            "interval_95_um": (1e3 * shift.interval_mm).round(1).tolist(),
+        },
     }
 
 

@@ -77,6 +77,7 @@ class RunContext:
     siblings: Sequence[RunContext] = ()
     printed: bool = False
     rehearsal_speed: float | None = None
+    trial: bool = False
 
     def digests(self, names: Sequence[str]) -> dict[str, str]:
         """SHA-256 of each of the user's files, named relative to the recipe, that is there."""

@@ -7,9 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, Final
 
-import numpy as np
-
-from kernels.arrays import FloatArray
+from printctl.pipeline.common_causes import THROUGHOUT, common_causes, print_faults
 from printctl.pipeline.premises import Finding, mismatch, premises
 from registration.json_ready import Record
 from registration.measuring.judging import (
@@ -23,12 +21,6 @@ from registration.report.gauging_sections import pressure_words
 
 MOST_REASONS: Final = 10
 """Of features, the worst; the page's tables have all."""
-FEWEST_ALIKE: Final = 3
-"""Vessels off to one side, half of all at least, that are one cause."""
-ALIKE: Final = 0.25
-"""Spread of their shifts, of the shift, within which one size tells it for all."""
-THROUGHOUT: Final = 0.8
-"""Of a vessel's sections that fail: the vessel is off, not a place of it."""
 _OF_PLACE: Final = ("position_um", "profile_um")
 """Zones that an axis may not leave, or a wall."""
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")
@@ -50,7 +42,7 @@ def verdict(registration: Record) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``passed``, ``undecided`` (bool), ``causes`` (list of str: what most lumens have in common),
+        ``passed``, ``undecided`` (bool), ``causes`` (list of str: what explains most of the rest),
         ``reasons`` (list of str; causes first, then fails, the worst first).
 
     Raises
@@ -59,10 +51,17 @@ def verdict(registration: Record) -> dict[str, Any]:
         When it wasn't judged: an older version wrote it.
     """
     if (wrong := mismatch(registration)) is not None:
-        return {"passed": False, "undecided": wrong[0] == "undecided", "reasons": [wrong[1]]}
+        return {
+            "passed": False,
+            "undecided": wrong[0] == "undecided",
+            "causes": [wrong[1]],
+            "reasons": [wrong[1]],
+        }
     features = registration["judging"]["features"]
     worst_first, of_features = _of_features(registration, features)
-    causes = _common_causes(registration, worst_first)
+    faults = print_faults(registration)
+    alike = common_causes(registration, worst_first)
+    causes = [text for _, text in faults] + alike
     pose = _pose(registration)
     others: list[Finding] = [
         *_proven(registration, features),
@@ -75,9 +74,12 @@ def verdict(registration: Record) -> dict[str, Any]:
     # A doubtful pose comes before all that follows from it.
     leading = [one for one in pose if one[0] != "pass"]
     first = premises(registration)
-    whole = worst_decision(decision for decision, _ in [*first, *leading, *of_features, *others])
-    reasons = [text for decision, text in first if decision != "pass"]
-    reasons += causes + [
+    whole = worst_decision(
+        decision for decision, _ in [*faults, *first, *leading, *of_features, *others]
+    )
+    reasons = [text for _, text in faults]
+    reasons += [text for decision, text in first if decision != "pass"]
+    reasons += alike + [
         text
         for decision in _ORDER
         # No table has the others: none of them is left out.
@@ -177,26 +179,6 @@ def _beyond(feature: Record) -> float:
     return abs(value / limit) if limit else abs(value)
 
 
-def _common_causes(registration: Record, worst: Sequence[Record]) -> list[str]:
-    """Say what is one shift of most lumens: how much, and whether the whole part shares it."""
-    rows = {r["vessel"]: r for r in registration["vessels"] if r.get("measured_um")}
-    off = {
-        f["vessel"]: f["value_um"] for f in worst if f["name"] in ("section", "mean", "narrowest")
-    }
-    for side, word in ((-1, "narrower"), (1, "wider")):
-        alike = [rows[v] for v, value in off.items() if v in rows and side * value > 0]
-        alike = [row for row in alike if side * row["error_percent"] > 0]
-        if len(alike) >= max(FEWEST_ALIKE, len(rows) / 2):
-            percent = np.array([row["error_percent"] for row in alike])
-            um = np.array([row["measured_um"] - row["designed_um"] for row in alike])
-            whole = "All" if len(alike) == len(rows) else f"{len(alike)} of"
-            return [
-                f"{whole} {len(rows)} lumens are {word} than designed throughout: "
-                f"{_shift(percent, um)}{_since(registration, float(np.median(percent)))}"
-            ]
-    return []
-
-
 def _throughout(registration: Record) -> dict[int, str]:
     """Say of vessels that fail nearly all along that they do: a width, not a place."""
     out = {}
@@ -208,34 +190,6 @@ def _throughout(registration: Record) -> dict[int, str]:
             word = "narrower" if off < 0 else "wider"
             out[row["vessel"]] = f"it is {word} nearly all along, by {abs(off):.1f} % in the mean"
     return out
-
-
-def _shift(percent: FloatArray, um: FloatArray) -> str:
-    """Say a common shift in the unit in which the lumens agree best."""
-    spread = [float(np.ptp(np.percentile(v, [16, 84])) / abs(np.median(v))) for v in (percent, um)]
-    of_percent = f"by {abs(np.median(percent)):.1f} %"
-    of_um = f"by {abs(np.median(um)):.0f} µm"
-    if min(spread) > 2 * ALIKE:
-        low, high = np.percentile(np.abs(percent), [5, 95])
-        return f"{of_percent} in the middle, {low:.1f} to {high:.1f} %"
-    if spread[1] < spread[0]:
-        return f"{of_um}, whatever their width"
-    return f"{of_percent}, each by as much of its width"
-
-
-def _since(registration: Record, percent: float) -> str:
-    """Say whether the part as a whole is off by as much."""
-    scale = registration.get("scale")
-    if not scale:
-        return ""
-    part = 100 * (float(np.mean(scale)) - 1)
-    if part * percent > 0 and abs(part - percent) <= ALIKE * abs(percent):
-        word = "shrank" if percent < 0 else "swelled"
-        return f", as the whole part {word} (by {abs(part):.1f} %)"
-    return (
-        f"; the whole part is off by {part:+.1f} %, so it isn't shrinkage: the walls stand "
-        f"elsewhere (width of the lines, flow of the ink)"
-    ).replace("-", "\N{MINUS SIGN}")
 
 
 def _some(findings: Sequence[Finding], decision: Decision) -> list[str]:

@@ -176,8 +176,8 @@ def _refuse_mirrored(lead: float) -> None:
     if lead > MIRROR_LEAD:
         raise AlignmentError(
             f"the scan fits the model better as its mirror image (by a factor of {lead:.1f} where "
-            f"the two differ, limit {MIRROR_LEAD}); one axis runs the other way: flip the scan's x "
-            "or y axis, or set depth_down"
+            f"the two differ, limit {MIRROR_LEAD}); one axis runs the other way: give --mirrored, "
+            "--depth-up or --depth-down (scan.mirrored, scan.depth_down in a recipe)"
         )
 
 
@@ -188,6 +188,6 @@ def _refuse_misfit(surface: ModelSurface, points: FloatArray, fit: Fit) -> None:
             f"no pose fits: in the best one {100 * close.mean():.0f} % of the scanned surface lies "
             f"within {1e3 * CLOSE_MM:.0f} µm of the design (needed: 50 %), with a fitted size of "
             f"{' × '.join(f'{100 * one:.0f}' for one in fit.scale)} % of the design's along x, y, "
-            "z; check which part was scanned, the voxel size (--voxel-um) and "
-            "the model's unit"
+            "z; check which part was scanned, the voxel size (--voxel-um; scan.voxel_um in a "
+            "recipe) and the model's unit (--unit)"
         )

@@ -105,8 +105,8 @@ def sparse_levels(values: FloatArray) -> Levels:
     if len(dark) < 100:
         raise SegmentationError(
             f"no lumen stands out: {len(dark)} of {len(values)} sampled voxels lie six standard "
-            "deviations from the gel; check the scan, or say lumens='bright' if they are filled "
-            "with contrast agent"
+            "deviations from the gel; check the scan, and whether lumens are filled with contrast "
+            "agent (--filled; scan.filled: true in a recipe)"
         )
     half = (gel + float(np.percentile(dark, 2))) / 2
     return _levels(dark[dark < half], values[values > half])

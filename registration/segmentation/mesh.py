@@ -298,7 +298,7 @@ def surface_mesh(
     if not kept.any():
         raise SegmentationError(
             f"nothing but specks below {speck_mm:g} mm between gel and lumen; check the scan, and "
-            "whether lumens are dark or bright in it"
+            "whether lumens are brighter than the gel in it (--filled; scan.filled in a recipe)"
         )
     number = np.cumsum(kept) - 1
     faces = number[faces[kept[faces[:, 0]]]].astype(np.int32)

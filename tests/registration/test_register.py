@@ -146,7 +146,7 @@ def scan(voxel_mm: float) -> Scan:
 
 @pytest.mark.parametrize(("voxel_mm", "extent"), [(2e-5, "0.0012"), (4.0, "240")])
 def test_a_scan_in_a_wrong_unit_is_refused_with_both_sizes(voxel_mm: float, extent: str) -> None:
-    with pytest.raises(RegistrationError, match=f"the scan is {extent} × .*check --voxel-um"):
+    with pytest.raises(RegistrationError, match=f"the scan is {extent} × .*--voxel-um"):
         register_scan(scan(voxel_mm), ladder_construct(), ladder())
 
 

@@ -148,8 +148,8 @@ def _lowest(conditions: FlowConditions, free_outlets: IntArray) -> float:
         given.append(conditions.inlet_pressure_pa)
     if not given:
         raise FlowError(
-            "every inlet and outlet has a flow, so no pressure is determined; give "
-            "inlet_pressure_pa, or leave one outlet to outlet_pressure_pa"
+            "every inlet and outlet has a flow, so no pressure is determined; give the inlet a "
+            "pressure, or leave one outlet to the pressure of the outlets"
         )
     return min(given)
 

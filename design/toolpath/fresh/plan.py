@@ -136,8 +136,9 @@ class FreshLayers:
             levels = adaptive_levels(self._solids, height, adaptive)
         if len(levels) < 2:
             raise ToolpathError(
-                f"solid is {high - low:g} mm high, less than half a layer of {height:g} mm "
-                "(layer_height_mm); check the part's unit or write thinner layers"
+                f"solid is {high - low:g} mm high, less than half a layer of {height:g} mm; "
+                "check the part's unit or write thinner layers (--layer-um; toolpath.layer_um in a "
+                "recipe)"
             )
         return levels
 
@@ -172,8 +173,9 @@ class FreshLayers:
         if not self._tally.moves:
             raise ToolpathError(
                 f"no place of the solid is as wide as {options.least_line:g} of a line of "
-                f"{options.line_width_mm:g} mm (line_width_mm); check the part's unit or use a "
-                "finer needle"
+                f"{options.line_width_mm:g} mm; check the part's unit, or write narrower lines "
+                "with a finer needle (--line-um, --needle; toolpath.line_um, toolpath.needle in a "
+                "recipe)"
             )
 
     def _measured_every(self) -> int:

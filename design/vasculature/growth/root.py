@@ -14,7 +14,7 @@ from design.errors import (
     GrowthError,
     NoRoomError,
     RootError,
-    TissueError,
+    ThinTissueError,
     TrunkWallError,
 )
 from design.tissue import Tissue
@@ -62,7 +62,7 @@ def stem(
 
     Raises
     ------
-    TissueError
+    ThinTissueError
         When the tissue nowhere holds the children of the root.
     RootError
         When the direction misses the tissue, or is too shallow for the children, too short for
@@ -70,7 +70,7 @@ def stem(
     """
     child = root_radius * 0.5 ** (1.0 / options.murray_exponent)
     if tissue.grid.deepest_mm < child + wall_mm:
-        raise TissueError(
+        raise ThinTissueError(
             f"tissue is too thin for these vessels: {tissue.grid.deepest_mm:.3g} mm deep at most, "
             f"and the first branches need {child + wall_mm:.3g} mm (radius {child:.3g} and "
             f"{wall_mm:.3g} to the surface); ask for fewer terminals, a smaller "

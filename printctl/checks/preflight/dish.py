@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Bath, Dish, Needle
+from firmware_profiles import Bath, Dish, Needle, load, shipped
 from kernels.arrays import FloatArray
 from printctl.checks.set_up import HUB_MM, WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.gcode.dry_run.run import DryRun
@@ -178,6 +178,30 @@ def dish_checks(
     return checks
 
 
+def _higher_dishes(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> str:
+    """Name the shipped dishes that hold the bath and let the needle pass, the lowest first."""
+    if _risen_mm(run, standing, needle, ink_ul) <= standing.dish.wall_mm:
+        return ""
+    tips, moves, lines = tips_of(run), run.program.kind == MOVE, _Lines(run)
+    fit = []
+    for name in shipped(Dish):
+        other = replace(standing, dish=load(Dish, name))
+        walls = [check(tips, moves, other, needle, lines) for check in (wall_check, hub_check)]
+        holds = _risen_mm(run, other, needle, ink_ul) <= other.dish.wall_mm
+        if holds and all(one.passed for one in walls):
+            fit.append((other.dish.wall_mm, name))
+    if not fit:
+        return "; no shipped dish holds this bath and lets the needle pass"
+    names = ", ".join(f"{name} ({wall:g} mm)" for wall, name in sorted(fit))
+    return f", or take a higher dish: {names}"
+
+
+def _risen_mm(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> float:
+    """Depth of the bath with needle and ink in it, mm."""
+    deepest = standing.floor_mm + (standing.bath_mm or 0.0) - float(run.low_mm[2])
+    return standing.risen_mm(needle, deepest, ink_ul)
+
+
 @dataclass(frozen=True)
 class _Lines(PlaceNames):
     """Line of the file of each row."""
@@ -203,7 +227,7 @@ def _depth(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> 
     row = int(heights.argmax()) if written.any() else -1
     top = float(heights[row]) if row >= 0 else standing.floor_mm
     deepest = surface - float(run.low_mm[2])
-    risen = standing.risen_mm(needle, deepest, ink_ul)
+    risen = _risen_mm(run, standing, needle, ink_ul)
     return [
         Check(
             "depth of the bath with ink and needle in it, below the dish's wall",
@@ -212,7 +236,7 @@ def _depth(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> 
             "mm",
             risen <= dish.wall_mm,
             standing.bath_key,
-            f"{dish.name} would run over; fill less or take a higher dish",
+            f"{dish.name} would run over; fill less{_higher_dishes(run, standing, needle, ink_ul)}",
         ),
         Check(
             "highest writing, below the bath's surface",

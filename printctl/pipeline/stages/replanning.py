@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 from rich.console import Console
 
@@ -19,6 +19,7 @@ from printctl.checks.lumens.walls import with_walls
 from printctl.errors import PrintctlError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stages import solid, tissue, toolpath, vasculature
+from printctl.pipeline.stages.regrowing import Change, grown
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.recipe.growth import Growth
@@ -28,13 +29,6 @@ from printctl.run_folder.manifest import Manifest
 TRIAL_S: Final = 60.0
 """Time for all trials; one isn't begun where the job itself took a third of it to plan."""
 STAGES: Final = (tissue.STAGE, vasculature.STAGE, solid.STAGE, toolpath.STAGE)
-
-
-class Change(NamedTuple):
-    """A change of the recipe, as it is told to the user."""
-
-    text: str
-    recipe: Recipe
 
 
 def quiet(fraction: float, note: str = "") -> None:
@@ -97,6 +91,7 @@ def _holds(context: RunContext, recipe: Recipe, passes: Callable[[RunContext], b
             Manifest.load(folder),
             StageBars(Console(quiet=True)),
             ink_changes=context.ink_changes,
+            trial=True,
         )
         for stage in STAGES:
             stage.work(trial, quiet)
@@ -115,11 +110,11 @@ def _changes(recipe: Recipe, check: LumenCheck) -> Iterator[Change]:
             for factor in (1.0, 1.5, 2.5):
                 wall = round(factor * check.line_mm / recipe.print_scale, 2)
                 if wall > part.clearance_mm:
-                    yield _grown(recipe, clearance_mm=wall)
+                    yield grown(recipe, clearance_mm=wall)
         if closed and part.smallest_diameter_mm is not None:
             for factor in (1.25, 1.5):
                 width = round(factor * part.smallest_diameter_mm, 3)
-                yield _grown(recipe, smallest_diameter_mm=width)
+                yield grown(recipe, smallest_diameter_mm=width)
     if any(leak.wall_mm is not None and leak.wall_mm <= 0 for leak in check.leaks):
         return  # lines make no wall that the design lacks
     for factor in (0.8, 0.65):
@@ -133,10 +128,4 @@ def _default_root(recipe: Recipe, part: Growth) -> Iterator[Change]:
     named = [key for key in ("root", "root_mm", "root_direction") if getattr(part, key, None)]
     if named:
         text = f"remove vasculature.{', '.join(named)} (the root then lies inside a face)"
-        yield _grown(recipe, text, **dict.fromkeys(named))
-
-
-def _grown(recipe: Recipe, text: str = "", **keys: Any) -> Change:
-    text = text or ", ".join(f"vasculature.{key}: {value:g}" for key, value in keys.items())
-    part = recipe.vasculature.model_copy(update=keys)
-    return Change(text, recipe.model_copy(update={"vasculature": part}))
+        yield grown(recipe, text, **dict.fromkeys(named))

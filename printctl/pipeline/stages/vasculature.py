@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from design.errors import DesignError
 from design.hemodynamics import scaled_network
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from design.network_files.json_format import write_network_npz
 from printctl.pipeline import network_sources
 from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.regrowing import with_what_fits
 from printctl.progress import Report
 from printctl.recipe.forest import Forest
 from printctl.recipe.growth import (
@@ -47,7 +50,14 @@ def depends(context: RunContext) -> Any:
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Make the network; write it in the print's size, which later stages read."""
-    network, more = make_network(context)
+    begin = time.monotonic()
+    try:
+        network, more = make_network(context)
+    except DesignError as error:
+        told = with_what_fits(context, error, time.monotonic() - begin, make_network)
+        if told is error:
+            raise
+        raise told from error
     for note in more.get("notes", ()):
         context.bars.remark("vasculature", note)
     scale, names = context.recipe.print_scale, [NETWORK]

@@ -370,7 +370,10 @@ def face_zone(
     smooth = _gaussian(middle, count)
     off = smooth @ mean
     drawn = smooth @ np.random.default_rng(0).standard_normal((len(count), DRAWS))
-    drawn *= _noise(middle, off[:, None]) / max(_noise(middle, drawn), 1e-12)
+    noise = _noise(middle, off[:, None])
+    if not np.isfinite(noise):
+        return characteristic
+    drawn *= noise / max(_noise(middle, drawn), 1e-12)
     worst = int(np.abs(off).argmax())
     normal = face.normal if face.normal is not None else frame.fit.rotation @ errors.beam
     zone = Zone(
@@ -407,6 +410,7 @@ def _noise(middle: FloatArray, off: FloatArray) -> float:
     """Standard deviation of filtered heights (n, k), by second differences along the axes.
 
     Robust. Places stand so far apart that they share no noise through the filter; a slope has none.
+    NaN where no three of them lie so in a row.
     """
     tree = cKDTree(middle)
     noises = []
@@ -414,7 +418,8 @@ def _noise(middle: FloatArray, off: FloatArray) -> float:
         (ahead_mm, ahead), (back_mm, back) = tree.query(middle + way), tree.query(middle - way)
         both = np.maximum(ahead_mm, back_mm) < 0.75 * CELL_MM
         noises.append((off[ahead] - 2 * off + off[back])[both] / np.sqrt(6))
-    return float(np.median(np.abs(np.concatenate(noises))) / NORMAL_QUARTILE)
+    every = np.concatenate(noises)
+    return float(np.median(np.abs(every)) / NORMAL_QUARTILE) if len(every) else float("nan")
 
 
 def _shared(place: FloatArray, normal: FloatArray, frame: Frame, errors: ScanErrors) -> float:

@@ -159,6 +159,8 @@ class Agreement:
         Largest distance of a fitted scale from 1.
     surface_lit : float
         Share of the scanned surface that light reached.
+    explained : bool
+        The scan fits the design as far as it was printed, or with layers that were shifted.
     """
 
     foreign_share: float
@@ -168,6 +170,7 @@ class Agreement:
     lit_share: float
     scale_off: float
     surface_lit: float
+    explained: bool = False
 
     @property
     def likelihood(self) -> float:
@@ -184,7 +187,7 @@ class Agreement:
         gel from liquid nothing is proven.
         """
         lit = self.lit_share >= LEAST_LIT and self.surface_lit >= LEAST_SEEN
-        contradicted = lit and self.designed_open <= MOST_OPEN
+        contradicted = not self.explained and lit and self.designed_open <= MOST_OPEN
         return contradicted and self.likelihood > LIKELIHOOD.decisive
 
 
@@ -203,6 +206,8 @@ class Landed:
     model_is_lumen : bool
     depth_down : bool
         Whether light runs towards the scan's larger z.
+    explained : bool
+        See `Agreement`.
     """
 
     surface: ModelSurface
@@ -212,6 +217,7 @@ class Landed:
     fit: Fit
     model_is_lumen: bool
     depth_down: bool
+    explained: bool = False
 
     def lit(self, scanned: FloatArray) -> NDArray[np.bool_]:
         """Whether gel and liquid are told apart at places (n, 3) of the scan, mm."""
@@ -257,4 +263,5 @@ def agreement(landed: Landed) -> Agreement:
         lit_share=told / whole if whole >= LEAST_PLACES else float("nan"),
         scale_off=float(np.abs(fit.scale - 1).max()),
         surface_lit=float(segmentation.seen.mean()),
+        explained=landed.explained,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -463,10 +464,13 @@ def test_many_reasons_are_counted(count: int, more: str) -> None:
     assert any(reason.startswith(more) for reason in result["reasons"])
 
 
+KNOWN = {"u_um": 8.0, "measured_interval_95_um": 8.0}
+
+
 def shifted(sizes: list[float], errors: list[float], scale: float) -> dict[str, Any]:
     """Verdict on straight vessels of those diameters, each off by so much all along."""
     rows = [
-        vessel(n, np.full(20, error), designed_um=size, u_um=8.0)
+        vessel(n, np.full(20, error), designed_um=size, **KNOWN)
         for n, (size, error) in enumerate(zip(sizes, errors, strict=True))
     ]
     return judged(*rows, scale=[scale] * 3, judging=CONFORMANCE)
@@ -479,8 +483,8 @@ SIZES = [300.0, 400.0, 500.0, 600.0, 700.0, 800.0] * 5
     ("errors", "scale", "said"),
     [
         ([-0.15 * s for s in SIZES], 0.86, ("by 15.0 %", "as the whole part shrank (by 14.0 %)")),
-        ([-80.0] * 30, 0.99, ("by 80 µm, whatever their width", "isn't shrinkage")),
-        ([80.0] * 30, 0.99, ("wider than designed throughout", "by 80 µm")),
+        ([-80.0] * 30, 0.99, ("80 ± 8 µm, whatever their diameter", "isn't shrinkage")),
+        ([80.0] * 30, 0.99, ("wider than designed by 80", "lines are narrower")),
     ],
 )
 def test_one_shift_of_all_lumens_is_one_sentence(
@@ -491,6 +495,55 @@ def test_one_shift_of_all_lumens_is_one_sentence(
     assert result["reasons"][0] == cause
     assert all(text in cause for text in said)
     assert sum(" mm along: diameter" in one for one in result["reasons"]) == MOST_REASONS
+
+
+def of_lumens(sizes: list[float], factor: float, **more: Any) -> dict[str, Any]:
+    """Verdict on the lumens of an embedded print, all wider by one factor."""
+    rows = [
+        vessel(n, np.full(20, (factor - 1) * size), designed_um=size, **KNOWN)
+        for n, size in enumerate(sizes)
+    ]
+    alone = {"lumens": None, "outer_faces": None}
+    return judged(*rows, scale=[0.99] * 3, judging=CONFORMANCE, by_surface=alone, **more)
+
+
+@pytest.mark.parametrize("sizes", [[442.0, 578.0, 574.0], [500.0]])
+def test_lumens_wider_by_one_factor_tell_the_flow_of_the_ink(sizes: list[float]) -> None:
+    (cause,) = of_lumens(sizes, 0.99 * 2.5**0.5)["causes"]
+    flow, interval = map(int, re.findall(r"flow was (\d+) ± (\d+) % of the planned", cause)[0])
+    assert abs(flow - 250) <= interval <= 10
+    assert "wrong syringe" in cause
+
+
+def test_lumens_within_tolerance_blame_no_flow() -> None:
+    assert of_lumens([442.0, 578.0, 574.0], 1.02)["causes"] == []
+
+
+@pytest.mark.parametrize(("um", "passed"), [(400.0, False), (60.0, True)])
+def test_shifted_layers_are_named_first_and_fail_beyond_the_limit(um: float, passed: bool) -> None:
+    shift = {
+        "from_mm": 1.2, "to_mm": None, "shift_um": [-um, 1.0], "interval_95_um": [2.0, 2.0],
+    }  # fmt: skip
+    result = judged(good(0), as_printed={"ends_mm": None, "shift": shift}, judging=CONFORMANCE)
+    assert result["passed"] is passed
+    assert result["reasons"][0] == result["causes"][0]
+    named = f"Layers from z = 1.20 mm up are shifted sideways by x −{um:.0f} ± 2 µm, y +1 ± 2 µm"
+    assert result["causes"][0].startswith(named)
+
+
+def test_a_print_that_ended_early_fails_for_that_first() -> None:
+    ended = {"ends_mm": 1.2, "missing_mm": 1.8, "shift": None}
+    result = judged(good(0), as_printed=ended)
+    assert (result["passed"], result["undecided"]) == (False, False)
+    assert result["reasons"][0].startswith(
+        "The print ends at z = 1.20 mm, 1.80 mm below the top of the design"
+    )
+
+
+def test_a_scan_of_another_part_has_the_same_keys_in_its_verdict() -> None:
+    other = judged(good(0), agreement=OTHER)
+    assert other.keys() == judged(good(0)).keys()
+    assert other["causes"] == other["reasons"]
 
 
 def test_the_worst_fails_are_listed_first() -> None:

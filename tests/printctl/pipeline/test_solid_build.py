@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from itertools import pairwise
 from math import dist
@@ -17,7 +18,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 from rich.console import Console
 
-from design.errors import DesignError, SolidError, TissueError
+from design.errors import DesignError, GrowthError, SolidError, TissueError
 from design.network import VesselNetwork
 from design.network_files.swc import write_network_swc
 from design.solids import block_solid, find_crossings, surface_genus
@@ -338,6 +339,24 @@ def design(folder: Path, **vasculature: Any) -> dict[str, Any]:
 def test_a_part_without_vessels_is_refused_by_size_and_place(tmp_path: Path, grow: str) -> None:
     with pytest.raises(TissueError, match=r"part of 216 mm³ around \(20, 0, 0\)"):
         design(tmp_path, grow=grow, terminals=4)
+
+
+def test_a_tree_without_room_names_what_was_grown_and_grows(tmp_path: Path) -> None:
+    part = {"shape": "block", "size_mm": [8, 8, 4]}
+    vessels = {"grow": "tree", "terminals": 24, "smallest_diameter_mm": 0.6, "clearance_mm": 0.4}
+    data = {"schema": 1, "name": "crowded", "tissue": part, "vasculature": vessels}
+
+    def made(terminals: int) -> dict[str, Any]:
+        recipe = parse_recipe(
+            data | {"vasculature": vessels | {"terminals": terminals}}, "crowded.yaml"
+        )
+        options = RunOptions(until="vasculature")
+        return run_recipe(recipe, tmp_path, tmp_path / str(terminals), Console(quiet=True), options)
+
+    with pytest.raises(GrowthError, match=r"only \d+ of 24 terminals .* it fits: ") as refused:
+        made(24)
+    fits = int(re.findall(r"vasculature\.terminals: (\d+)", str(refused.value))[0])
+    assert made(fits)["network"]["terminals"] == fits
 
 
 def test_with_an_inlet_each_both_are_supplied_and_the_manifest_says_by_how_much(

@@ -220,6 +220,20 @@ def test_depth_of_the_bath_covers_the_part_and_spares_the_hub() -> None:
     assert named(deep, "deepest tip").refuses  # 13 mm below the surface, 12.7 mm long
 
 
+@pytest.mark.parametrize(
+    ("bath_mm", "dishes"),
+    [
+        (12.5, "take a higher dish: petri_100mm (14 mm), box_80mm (60 mm)"),
+        (70.0, "no shipped dish holds this bath"),
+    ],
+)
+def test_a_bath_too_deep_names_the_shipped_dishes_that_hold_it(bath_mm: float, dishes: str) -> None:
+    run = run_of("G92 E0", "G1 Z2 F60", "G1 X105 E0.01 F600")
+    check = named(dish_checks(run, standing(bath_mm=bath_mm), NEEDLE), "depth of the bath")
+    assert check.refuses
+    assert dishes in check.remedy
+
+
 # --- all of it ----------------------------------------------------------------------------------
 
 
