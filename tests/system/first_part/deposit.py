@@ -259,7 +259,8 @@ def deposit_of(
     steps_per_mm: dict[str, float],
 ) -> Deposit:
     """Return the ink of a file, moved by ``shift_mm`` into the part's frame."""
-    strokes = read_strokes(gcode.read_text(), bore_mm, 1 / steps_per_mm["x"], 1 / steps_per_mm["e"])
+    text, step_mm = gcode.read_text(), 1 / steps_per_mm["x"]
     if layer_mm is None:
-        return filaments(strokes, shift_mm)
-    return layers(strokes, shift_mm, layer_mm)
+        return filaments(read_strokes(text, bore_mm, step_mm, 1 / steps_per_mm["e"]), shift_mm)
+    # A short line of a layer may get no whole step: over a millimetre they even out.
+    return layers(read_strokes(text, bore_mm, step_mm), shift_mm, layer_mm)
