@@ -152,6 +152,8 @@ class ScanErrors:
         Of the place of all walls alike, by reflections no brighter than gel.
     line_mm : float, mm
         Of the place of walls in sections, where their profile has told it (`gauging.wall_profile`).
+    blur_part : float
+        Relative standard uncertainty of the blur, where it isn't part of `line_mm`.
     reference : WallCalibration or None
         What the walls were moved by (`Scan.walls`).
     """
@@ -166,6 +168,7 @@ class ScanErrors:
     beam: FloatArray
     faint_mm: float = 0.0
     line_mm: float = 0.0
+    blur_part: float = BLUR_PART
     reference: WallCalibration | None = None
 
     @property
@@ -378,7 +381,7 @@ def section_errors(
     # A stretch s of depth scales the area by |w|^(s), w the beam's part in the plane.
     in_depth = ((across @ errors.beam) ** 2).sum(axis=1)
     radius = np.maximum(diameter / 2, errors.blur_mm)
-    curved = 2 * BLUR_PART * errors.blur_mm**2 / radius
+    curved = 2 * errors.blur_part * errors.blur_mm**2 / radius
     shared = np.column_stack(
         [
             np.full(len(diameter), 2 * errors.level_mm),

@@ -25,6 +25,7 @@ from scipy.special import ndtr
 
 from kernels.arrays import FloatArray
 from registration.alignment.uncertainty import ScanErrors
+from registration.measuring.gauging.round_walls import with_round_walls
 from registration.measuring.gauging.trace import VesselTrace
 from registration.segmentation import Segmentation
 
@@ -96,13 +97,20 @@ def with_told_walls(
 ) -> tuple[tuple[VesselTrace, ...], ScanErrors, float]:
     """Return sections with walls where their profile tells, the errors left, and where walls lie.
 
-    The last is how much further into the gel than the field says, mm. Without a profile nothing
+    The last is how much further into the gel than the field says, mm. A scan without speckle tells
+    its walls otherwise (`round_walls`). Without a profile nothing
     changes: half of the most that reflections may be is off (`GelField.faint_mm`). A reference's
     offset is made by the same instrument on diameters moved so: it stands beyond the profile's
     place, and leaves nothing of what isn't known of the line; of a single scan of it the chance of
     its own profile is left too.
     """
     field = segmentation.field
+    if segmentation.strength is None:
+        traces, error = with_round_walls(traces, field)
+        if error is not None:
+            level = errors.level_mm if errors.reference is not None else 0.0
+            errors = replace(errors, level_mm=level, blur_part=0.0, line_mm=error)
+        return traces, errors, field.wall_mm
     profile = wall_profile(traces, segmentation)
     if profile is None:
         return traces, errors, field.wall_mm

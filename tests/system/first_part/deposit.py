@@ -1,10 +1,10 @@
-"""Ink that a G-code file deposits: round filaments, or lines with round sides in layers."""
+"""Ink that a G-code file deposits: round filaments, or lines with upright sides in layers."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 
 CELL_MM = 0.4
 """Side of a bucket of the spatial index."""
+
+EVEN_MM = 1.0
+"""Ink and syringe give way: a shorter move gets the mean dose of so much path about its middle."""
 
 MIN_DOSE_UL_MM = 1e-6
 """Less ink on a millimetre is a travel."""
@@ -32,15 +35,28 @@ class Strokes:
     line: NDArray[np.int64]
     """Line of the file, from 1."""
 
+    def evened(self, stretch: NDArray[np.int64]) -> Strokes:
+        """Return moves with doses evened out along each stretch without a retraction."""
+        length = np.linalg.norm(self.end - self.start, axis=1)
+        path, pushed = (np.concatenate([[0.0], np.cumsum(one)]) for one in (length, self.volume_ul))
+        middle, half = (path[:-1] + path[1:]) / 2, np.maximum(length, EVEN_MM) / 2
+        first = path[np.searchsorted(stretch, stretch)]
+        last = path[np.searchsorted(stretch, stretch, side="right")]
+        low, high = np.maximum(middle - half, first), np.minimum(middle + half, last)
+        dose = (np.interp(high, path, pushed) - np.interp(low, path, pushed)) / (high - low)
+        return replace(self, volume_ul=dose * length)
 
-def read_strokes(text: str, bore_mm: float, step_mm: float = 0.0) -> Strokes:
+
+def read_strokes(
+    text: str, bore_mm: float, step_mm: float = 0.0, plunger_step_mm: float = 0.0
+) -> Strokes:
     """Return moves that push ink: absolute or relative X, Y, Z and E, G92, and arcs.
 
-    ``step_mm`` rounds X and Y to whole motor steps.
+    X and Y are rounded to whole steps of ``step_mm``, and E to whole steps of the plunger.
     """
     area = math.pi * bore_mm**2 / 4
     place, plunger = [0.0, 0.0, 0.0], 0.0
-    furthest = 0.0  # what was drawn back comes out first
+    furthest, drawn_back = 0.0, 0  # what was drawn back comes out first
     absolute, absolute_e = True, True
     rows: list[tuple[Any, ...]] = []
     for number, raw in enumerate(text.splitlines(), 1):
@@ -63,20 +79,24 @@ def read_strokes(text: str, bore_mm: float, step_mm: float = 0.0) -> Strokes:
             pushed_to = plunger
             if "E" in words:
                 pushed_to = words["E"] + (0.0 if absolute_e else plunger)
+            if plunger_step_mm:
+                pushed_to = round(pushed_to / plunger_step_mm) * plunger_step_mm
             pushed = max(pushed_to - max(plunger, furthest), 0.0)
+            drawn_back += pushed_to < plunger
             furthest, plunger = max(furthest, pushed_to), pushed_to
             path = [place, target] if code in ("G0", "G1") else _arc(place, target, words, code)
             lengths = [math.dist(a, b) for a, b in pairwise(path)]
             total = sum(lengths)
             if total > 0 and pushed * area / total > MIN_DOSE_UL_MM:
                 for (a, b), length in zip(pairwise(path), lengths, strict=True):
-                    rows.append((*a, *b, pushed * area * length / total, number))
+                    rows.append((*a, *b, pushed * area * length / total, number, drawn_back))
             place = target
-    table = np.array(rows, dtype=np.float64).reshape(-1, 8)
+    table = np.array(rows, dtype=np.float64).reshape(-1, 9)
     if step_mm:
         for columns in ((0, 1), (3, 4)):
             table[:, columns] = np.round(table[:, columns] / step_mm) * step_mm
-    return Strokes(table[:, :3], table[:, 3:6], table[:, 6], table[:, 7].astype(np.int64))
+    line, stretch = table[:, 7:].astype(np.int64).T
+    return Strokes(table[:, :3], table[:, 3:6], table[:, 6], line).evened(stretch)
 
 
 def _words(raw: str) -> dict[str, Any]:
@@ -116,9 +136,9 @@ def _arc(
 
 @dataclass(frozen=True)
 class Deposit:
-    """Ink as capsules: a level core of half width ``flat`` swept by a ball of radius ``ball``.
+    """Ink as lines: round ones of radius ``ball``, or slabs of half sizes ``flat`` and ``ball``.
 
-    Modelled: the dose of each move, spread evenly over it. Not modelled: lag, sagging, swelling.
+    Modelled: the dose of each move, evened out along the path. Not modelled: sagging, swelling.
     """
 
     start: Array
@@ -165,13 +185,10 @@ def capsules(start: Array, end: Array, radius: Array) -> Deposit:
 
 
 def layers(strokes: Strokes, shift_mm: Iterable[float], height_mm: float) -> Deposit:
-    """Return lines with round sides, hung below the tip, of area (w - h) h + pi h^2 / 4."""
+    """Return lines with upright sides, hung below the tip, of the mean width area / height."""
     length = np.linalg.norm(strokes.end - strokes.start, axis=1)
-    area = strokes.volume_ul / length
-    width = (area - math.pi * height_mm**2 / 4) / height_mm + height_mm
-    thin = width < height_mm
-    ball = np.where(thin, np.sqrt(area / math.pi), height_mm / 2)
-    flat = np.where(thin, 0.0, (width - height_mm) / 2)
+    flat = strokes.volume_ul / length / height_mm / 2
+    ball = np.full(len(length), height_mm / 2)
     return _indexed(strokes, flat, ball, np.array(list(shift_mm)), height_mm / 2)
 
 
@@ -224,18 +241,26 @@ def _covers(points, grow, start, end, flat, ball, heads, entries, low, shape, ou
             share = (px * dx + py * dy + pz * dz) / max(dx * dx + dy * dy + dz * dz, 1e-18)
             share = min(max(share, 0.0), 1.0)
             ox, oy, oz = px - share * dx, py - share * dy, pz - share * dz
-            aside = max(math.sqrt(ox * ox + oy * oy) - flat[m], 0.0)
             reach = ball[m] + grow
-            if aside * aside + oz * oz <= reach * reach:
+            if flat[m] > 0.0:
+                inside = math.hypot(ox, oy) <= flat[m] + grow and abs(oz) <= reach
+            else:
+                inside = ox * ox + oy * oy + oz * oz <= reach * reach
+            if inside:
                 out[n] = True
                 break
 
 
 def deposit_of(
-    gcode: Path, shift_mm: Iterable[float], bore_mm: float, layer_mm: float | None, step_mm: float
+    gcode: Path,
+    shift_mm: Iterable[float],
+    bore_mm: float,
+    layer_mm: float | None,
+    steps_per_mm: dict[str, float],
 ) -> Deposit:
     """Return the ink of a file, moved by ``shift_mm`` into the part's frame."""
-    strokes = read_strokes(gcode.read_text(), bore_mm, step_mm)
+    text, step_mm = gcode.read_text(), 1 / steps_per_mm["x"]
     if layer_mm is None:
-        return filaments(strokes, shift_mm)
-    return layers(strokes, shift_mm, layer_mm)
+        return filaments(read_strokes(text, bore_mm, step_mm, 1 / steps_per_mm["e"]), shift_mm)
+    # A short line of a layer may get no whole step: over a millimetre they even out.
+    return layers(read_strokes(text, bore_mm, step_mm), shift_mm, layer_mm)

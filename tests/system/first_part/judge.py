@@ -93,10 +93,12 @@ def _coverage(outcome: program.Outcome, recipe: dict[str, Any]) -> dict[str, Any
             continue
         own = vessels[one["vessel"]]
         right = [truth.local_diameter(deposit, own, along, embedded) for along in one["along_mm"]]
-        known = [d for d in right if d is not None]
+        pairs = zip(right, one["diameter_um"], strict=True)
+        known = [(d, found) for d, found in pairs if d is not None and found]
         if len(known) < 0.8 * len(right):
             continue
-        mean = 1000 * truth.shrunk(sum(known) / len(known), shrink)
+        mean = 1000 * truth.shrunk(sum(d for d, _ in known) / len(known), shrink)
+        measured = sum(found for _, found in known) / len(known)
         covered += abs(measured - mean) <= half
         rows.append([one["vessel"], round(mean, 1), round(measured, 1), round(half, 1)])
     return {"covered": covered, "intervals": len(rows), "vessels": rows}

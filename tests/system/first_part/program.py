@@ -104,11 +104,11 @@ def printed(folder: Path, recipe: dict[str, Any], gcode: Path | None = None) -> 
     place = place_mm(folder, recipe)
     printer = recipe["printer"]
     syringe = shipped("syringes", printer["syringe"])["inner_mm"]
-    steps = shipped("printers", printer["profile"])["steps_per_mm"]["x"]
+    steps = shipped("printers", printer["profile"])["steps_per_mm"]
     layer = recipe["toolpath"].get("layer_um", 60) / 1000
     if recipe["toolpath"]["method"] == "embedded":
         layer = None
-    return deposit_of(gcode or folder / "part.gcode", -place, syringe, layer, 1 / steps)
+    return deposit_of(gcode or folder / "part.gcode", -place, syringe, layer, steps)
 
 
 def place_mm(folder: Path, recipe: dict[str, Any]) -> NDArray[np.float64]:

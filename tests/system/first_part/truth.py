@@ -48,8 +48,13 @@ class Vessel:
         step = self.points[k + 1] - self.points[k]
         length = float(np.linalg.norm(step))
         share = (along - self.along[k]) / length
-        radius = self.radius[k] * (1 - share) + self.radius[k + 1] * share
-        return self.points[k] + share * step, step / length, float(radius)
+        radius = float(self.radius[k] * (1 - share) + self.radius[k + 1] * share)
+        # Where the line bends, a section lies across the chord over one radius.
+        chord = self._place(along + radius / 2) - self._place(along - radius / 2)
+        return self.points[k] + share * step, chord / np.linalg.norm(chord), radius
+
+    def _place(self, along: float) -> Array:
+        return np.array([np.interp(along, self.along, axis) for axis in self.points.T])
 
 
 @dataclass
