@@ -122,7 +122,9 @@ def inspect(case: Inspection) -> Findings:
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm, part)
     traces = with_designed_walls(traces, fit, case.surface, case.model_is_lumen)
     traces = with_mouths(traces, case.segmentation, fit, part)
-    traces, errors, wall_mm = with_told_walls(traces, case.segmentation, case.errors)
+    traces, errors, wall_mm = with_told_walls(
+        traces, case.segmentation, case.errors, case.model_is_lumen
+    )
     margin = _margin(case)
     grid = _grid(case, margin)
     evidence = case.evidence

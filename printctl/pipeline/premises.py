@@ -28,7 +28,10 @@ MOST_UNTOLD: Final = 0.1
 
 def mismatch(registration: Record) -> Finding | None:
     """Say why nothing else in the registration means anything; None where it does."""
-    if (registration.get("agreement") or {}).get("other_part"):
+    other = (registration.get("agreement") or {}).get("other_part")
+    if (coarse := _too_coarse(registration)) and (other or _off_axes(registration, WRONG)):
+        return coarse[0]
+    if other:
         return "fail", _other_part(registration)
     if not _off_axes(registration, WRONG):
         return None

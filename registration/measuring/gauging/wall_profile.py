@@ -93,12 +93,13 @@ class WallProfile:
 
 
 def with_told_walls(
-    traces: tuple[VesselTrace, ...], segmentation: Segmentation, errors: ScanErrors
+    traces: tuple[VesselTrace, ...], segmentation: Segmentation, errors: ScanErrors, cast: bool
 ) -> tuple[tuple[VesselTrace, ...], ScanErrors, float]:
     """Return sections with walls where their profile tells, the errors left, and where walls lie.
 
     The last is how much further into the gel than the field says, mm. A scan without speckle tells
-    its walls otherwise (`round_walls`). Without a profile nothing
+    its walls otherwise (`round_walls`); lumens that are `cast` in a bath are round, those that
+    layers leave free have steps, and err by level and blur as well. Without a profile nothing
     changes: half of the most that reflections may be is off (`GelField.faint_mm`). A reference's
     offset is made by the same instrument on diameters moved so: it stands beyond the profile's
     place, and leaves nothing of what isn't known of the line; of a single scan of it the chance of
@@ -107,9 +108,11 @@ def with_told_walls(
     field = segmentation.field
     if segmentation.strength is None:
         traces, error = with_round_walls(traces, field)
-        if error is not None:
+        if error is not None and cast:
             level = errors.level_mm if errors.reference is not None else 0.0
             errors = replace(errors, level_mm=level, blur_part=0.0, line_mm=error)
+        elif error is not None:
+            errors = replace(errors, line_mm=error)
         return traces, errors, field.wall_mm
     profile = wall_profile(traces, segmentation)
     if profile is None:
