@@ -24,6 +24,12 @@ from tests.system.first_part.truth import Vessel
 Recipe = dict[str, Any]
 
 MAX_TRIES = 8
+OF_LAYERS = ("leak", "shifted_layer")
+"""Faults that are planted by editing layers."""
+
+
+class UnplannedError(Exception):
+    """The sound part can't be printed: nothing can be planted in it."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,8 @@ def _clog(part: Part, folder: Path) -> program.Outcome:
 def _design(part: Part, folder: Path) -> tuple[Path, int]:
     """Plan the part without printing it; return its run folder and the job's middle command."""
     outcome = program.run(part.write(folder), "--until", "lumens")
+    if outcome.code:
+        raise UnplannedError(outcome.text)
     lines = (outcome.folder / "part.gcode").read_text().splitlines()
     commands = sum(1 for one in lines if one and not one.startswith(";"))
     return outcome.folder, commands // 2
@@ -156,15 +164,31 @@ def _leak(part: Part, folder: Path) -> program.Outcome:
 
 
 def _narrow(part: Part, folder: Path) -> program.Outcome:
-    """Write twice the ink around a vessel's middle third; embedded, half the ink in it."""
+    """Write twice the ink around a vessel's middle third; embedded, a network half as wide."""
+    if part.style.method == "embedded":
+        run, _ = _design(part, folder)
+        rows = (run / "network.csv").read_text().splitlines()
+        columns = rows[0].split(",")
+        thin = [rows[0]]
+        for row in rows[1:]:
+            words = dict(zip(columns, row.split(","), strict=True))
+            words |= {key: str(0.7 * float(words[key])) for key in ("radius0_mm", "radius1_mm")}
+            thin.append(",".join(words.values()))
+        recipe = copy.deepcopy(part.recipe)
+        recipe["vasculature"] = {"network": "thin.csv"}
+        recipe["name"] = "thin"
+        (folder / "thin.csv").write_text("\n".join(thin) + "\n")
+        (folder / "thin.yaml").write_text(yaml.safe_dump(recipe, sort_keys=False))
+        made = program.run(folder / "thin.yaml")
+        if not (made.folder / "scan.tif").is_file():
+            raise UnplannedError(made.text)
+        return register(made.folder / "scan.tif", run, folder)
 
     def edit(text: str, run: Path) -> str:
         vessel, place = _vessel(part, run)
         length = float(vessel.along[-1])
         (low, _, radius), (high, _, _) = vessel.at(length / 3), vessel.at(2 * length / 3)
-        fresh = part.style.method == "fresh"
-        reach = radius + (0.2 if fresh else 0.0)
-        return rewritten(text, between(low + place, high + place, reach), 2.0 if fresh else 0.5)
+        return rewritten(text, between(low + place, high + place, radius + 0.2), 2.0)
 
     return _edited(part, folder, edit)
 
@@ -202,7 +226,7 @@ def _wrong_voxel(part: Part, folder: Path) -> program.Outcome:
     made = program.run(part.write(folder))
     scan = made.folder / "scan.tif"
     if not scan.is_file():
-        return made
+        raise UnplannedError(made.text)
     with tifffile.TiffFile(scan) as file:
         volume, facts = file.asarray(), json.loads(file.pages[0].description)
     facts["voxel_mm"] = [1.25 * one for one in facts["voxel_mm"]]
@@ -260,6 +284,6 @@ def drawn_for(fault: Fault, seed: int, index: int) -> Part:
     """Return a small part into which this fault can be planted."""
     for offset in range(50):
         part = draw(seed, index + 1000 * offset, small=True)
-        if fault.name != "leak" or part.style.method == "fresh":
+        if fault.name not in OF_LAYERS or part.style.method == "fresh":
             return part
     raise RuntimeError(f"no part for {fault.name}")
