@@ -11,9 +11,17 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from scipy.special import ndtr
 
 from kernels.arrays import FloatArray
-from registration.measuring.gauging import Defect, VesselTrace, printed_network, without_gel_like
+from registration.alignment.distance import ModelSurface
+from registration.measuring.gauging import (
+    Defect,
+    VesselTrace,
+    printed_network,
+    trace_vessels,
+    without_gel_like,
+)
 from registration.measuring.gauging.changes import _defects, _Series
 from registration.measuring.gauging.perfusion import fed_vessels, perfusion
+from registration.measuring.gauging.round_walls import RoundWalls
 from registration.measuring.gauging.sections import (
     RAYS,
     Planes,
@@ -31,6 +39,7 @@ from tests.registration.phantom import (
     as_designed,
     block,
     ladder,
+    ladder_construct,
     traces,
 )
 from tests.registration.test_defects import plug
@@ -81,6 +90,16 @@ def test_what_closes_sections_stays_an_occlusion() -> None:
     trace = found(with_film(0.9, at=4.05))[CHANNEL]
     assert not trace.sections.open.all()
     assert not trace.gel_like.any()
+
+
+def test_an_axis_out_of_view_is_not_seen_though_it_lies_in_a_junction() -> None:
+    """Around a vessel's first stations is another's lumen: no wall that could be out of view."""
+    whole = block()
+    seen_mm = 1.5
+    values = whole.field.values[:, :, : round((seen_mm + 0.4) / VOXEL)]
+    half = replace(whole, field=replace(whole.field, values=np.ascontiguousarray(values)))
+    for trace in trace_vessels(ladder(), half, IDENTITY, 0.1, ModelSurface.of(ladder_construct())):
+        assert not trace.seen[trace.centre[:, 0] > seen_mm].any()
 
 
 def at_the_mouth(content: Callable[[FloatArray], FloatArray]) -> VesselTrace:
@@ -373,3 +392,17 @@ def test_a_line_as_smooth_as_its_wall_shows_nothing_but_lies_in_its_interval(lin
     line, unknown = found.line_mm
     assert found.place_mm == pytest.approx(PLACE - line_mm, abs=0.002)
     assert abs(line - line_mm) < 2 * unknown < 0.006
+
+
+@pytest.mark.parametrize("radius", [4.0, 6.0, 12.0])
+def test_a_round_lumen_is_as_wide_as_its_blurred_section_says(radius: float) -> None:
+    """By a blur and a level that aren't the wall's middle: the disc itself is drawn and blurred."""
+    y, x = np.mgrid[-40:41, -40:41]
+    away = np.hypot(x, y)
+    sharp = np.clip(away - radius + 0.5, 0, 1)
+    grey = -1.2 + 3.0 * gaussian_filter(sharp, 3.0, truncate=6)
+    row = grey[40, 40:]
+    found = float(np.interp(0.0, row, np.arange(41.0)))
+    walls = RoundWalls(liquid=-1.2, gel=1.8, blur_mm=3.0)
+    assert walls.radius(np.array([found]))[0] == pytest.approx(radius, abs=0.08)
+    assert abs(found - radius) > 0.05

@@ -104,3 +104,15 @@ def test_a_scan_that_is_too_coarse_or_too_dark_says_so_first() -> None:
     found = verdict(judge(dark, Tolerances()))
     assert found["undecided"]
     assert "in 80 % of the designed lumens' volume" in found["reasons"][0]
+
+
+def test_another_part_is_never_claimed_of_a_scan_that_shows_too_little() -> None:
+    agreement = {"other_part": True, "foreign_share": 0.6, "designed_open": 0.3, "close_share": 0.1}
+    coarse = sized([1.27] * 3, [0.001] * 3, needed_voxel_um=170.0, agreement=agreement)
+    found = verdict(judge(coarse, Tolerances()))
+    assert found["undecided"]
+    assert found["reasons"][0].startswith("The scan is too coarse")
+    dark = sized([1.22] * 3, [None] * 3, agreement={"other_part": False, "surface_lit": 0.43})
+    found = verdict(judge(dark, Tolerances()))
+    assert found["undecided"]
+    assert "light reached 43 % of the scanned surface (limit 50 %)" in found["reasons"][0]
