@@ -15,7 +15,7 @@ import numpy as np
 from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
-from registration.measuring.gauging.sections import RAYS, REACH
+from registration.measuring.gauging.sections import LEAST_MET, RAYS, REACH
 from registration.measuring.gauging.trace import VesselTrace
 
 NEAR_MM = 1e-4
@@ -41,14 +41,34 @@ def with_designed_walls(
         return ()
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    centre = np.concatenate([trace.centre for trace in traces])
+    centre = np.concatenate([_middles(trace, fit, surface, is_lumen) for trace in traces])
     across = np.concatenate([trace.planes.across for trace in traces]) @ fit.rotation.T
     reach = REACH * np.concatenate([trace.radius for trace in traces])
     walls = cast_rays(surface, is_lumen, centre, circle @ across, reach)
     ends = np.cumsum([len(trace.along) for trace in traces])[:-1]
     return tuple(
-        replace(trace, wall=wall) for trace, wall in zip(traces, np.split(walls, ends), strict=True)
+        _compared(trace, wall) for trace, wall in zip(traces, np.split(walls, ends), strict=True)
     )
+
+
+def _middles(trace: VesselTrace, fit: Fit, surface: ModelSurface, is_lumen: bool) -> FloatArray:
+    """Return where the scan's rays start, (n, 3), part frame, mm; the axis where that is in gel.
+
+    Beside a bend or a joint a section is no circle: what its rays miss, and so its width, depends
+    on where they start.
+    """
+    aside = (trace.sections.shift[:, None] @ trace.planes.across)[:, 0]
+    aside[~trace.sections.closed_outline] = 0.0
+    middles = fit.apply(trace.planes.centre + aside)
+    free = surface.query(middles).distance * (-1.0 if is_lumen else 1.0)
+    return np.where((free > NEAR_MM)[:, None], middles, trace.centre)
+
+
+def _compared(trace: VesselTrace, wall: FloatArray) -> VesselTrace:
+    """Return the trace with its designed walls; open sections without any all round don't count."""
+    whole = np.isfinite(wall).mean(axis=1) >= LEAST_MET
+    comparable = whole | trace.short | ~trace.sections.open
+    return replace(trace, wall=wall, counted=trace.counted & comparable)
 
 
 def cast_rays(
