@@ -125,16 +125,23 @@ def section(deposit: Deposit, vessel: Vessel, along: float, of_ink: bool) -> flo
 CROSS = ndimage.generate_binary_structure(2, 1)
 
 
+TAPER_STEPS = 40
+
+
 def drawn(vessels: list[Vessel]) -> Deposit:
-    """Return the designed lumens: round pieces with round ends."""
-    pieces = [
-        (*a, *b, (first + second) / 2)
-        for vessel in vessels
-        for (a, b), (first, second) in zip(
-            pairwise(vessel.points), pairwise(vessel.radius), strict=True
-        )
-    ]
-    table = np.array(pieces)
+    """Return the designed lumens: round pieces with round ends, a taper in short steps."""
+    tables = []
+    for vessel in vessels:
+        places = np.unique(np.concatenate([
+            np.linspace(a, b, TAPER_STEPS + 1 if first != second else 2)
+            for (a, b), (first, second) in zip(
+                pairwise(vessel.along), pairwise(vessel.radius), strict=True
+            )
+        ]))  # fmt: skip
+        points = np.array([np.interp(places, vessel.along, axis) for axis in vessel.points.T]).T
+        radius = np.interp((places[:-1] + places[1:]) / 2, vessel.along, vessel.radius)
+        tables.append(np.column_stack([points[:-1], points[1:], radius]))
+    table = np.concatenate(tables)
     return capsules(table[:, :3], table[:, 3:6], table[:, 6])
 
 
