@@ -37,6 +37,10 @@ WITHIN = 10
 """Places from the axis to the wall."""
 BEYOND = np.linspace(0.0, 2.5, 6)
 """Places behind the wall, in blurs of the field: 2.5 of them show 0.98 and more of the gel."""
+GRID = 0.01
+"""Of the coarsest voxel: standard uncertainty of a wall's place by how voxels average, which the
+fit takes for a Gaussian. 53 vessels of one print by voxels of 40 µm erred by 0.9 µm RMS where all
+else explained 0.6; not tuned on others."""
 STEPS = 8
 """Of Newton's method, which starts within a blur of a root without inflection in between."""
 
@@ -129,7 +133,7 @@ def with_round_walls(
     error = np.hypot(spread, ROOT_TWO_PI * walls.blur_mm * np.sqrt(np.mean(unexplained**2)))
     return (
         tuple(_measured(trace, walls, field.wall_mm) for trace in traces),
-        float(np.sqrt(np.mean(error**2))),
+        float(np.hypot(np.sqrt(np.mean(error**2)), GRID * field.voxel_mm.max())),
     )
 
 
