@@ -117,9 +117,18 @@ def set_up_checks(recorded: MadeFor, setup: SetUp) -> list[Check]:
 
     A part that either side doesn't name isn't compared.
     """
+    return differences(recorded, record_of(setup))
+
+
+def record_of(setup: SetUp) -> MadeFor:
+    """Return the record of a job that is made for a set-up."""
     dish = None if setup.standing is None else setup.standing.dish
     heads = [setup.load_of(number) for number in range(setup.printer.head_count)]
-    mounted = made_for(setup.printer, heads, setup.bath, dish)
+    return made_for(setup.printer, heads, setup.bath, dish)
+
+
+def differences(recorded: MadeFor, mounted: MadeFor) -> list[Check]:
+    """Return a refusal for each part that both records name differently."""
     return [
         _difference(part, of_job, of_mount)
         for part, of_job in recorded.items()

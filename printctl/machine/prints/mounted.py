@@ -1,0 +1,122 @@
+"""The parts that a command uses: those named, else those mounted; and what files were confirmed."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from firmware_profiles import load
+from printctl.checks.made_for import MadeFor, header_lines, profile_hash
+from printctl.checks.set_up import NONE, Check
+from printctl.errors import SafetyError, UsageError
+from printctl.machine.job.job import Job
+from printctl.machine.job.syringes import plunger_travel
+from printctl.machine.records.folders import data_folder
+from printctl.machine.records.mounting import PARTS, load_mounting
+
+ASSUMED: Final = {"syringe": "hamilton_1ml", "ink": "collagen_fresh", "needle": "30g"}
+"""Parts of a recipe, dry run or simulated print that names none."""
+_CONFIRMED: Final = "confirmed.txt"
+
+
+def with_mounted(
+    printer: str, named: Mapping[str, str | None], *, refuse: bool = True
+) -> dict[str, str | None]:
+    """Return what is named, and what is mounted on the printer for parts that aren't.
+
+    Raises
+    ------
+    SafetyError
+        When another profile is mounted than the one named.
+    """
+    kept = load_mounting(printer).parts
+    there = {part: getattr(kept, part) or None for part in named}
+    refused = [
+        f"--{part} names {name!r}, and {there[part]!r} is mounted on {printer}; leave --{part} "
+        f"out, or enter what is mounted: printctl mount --printer {printer} --{part} {name}"
+        for part, name in named.items()
+        if refuse and name is not None and there[part] and not _same(part, name, str(there[part]))
+    ]
+    if refused:
+        raise SafetyError("\n".join(refused))
+    return {part: name or there[part] for part, name in named.items()}
+
+
+def _same(part: str, name: str, other: str) -> bool:
+    if name == other or NONE in (name, other):
+        return name == other
+    first, second = (profile_hash(load(PARTS[part], one)) for one in (name, other))
+    return first == second
+
+
+def refuse_unknown(printer: str, parts: Mapping[str, str | None], needed: Iterable[str]) -> None:
+    """Raise `UsageError` for parts that are neither named nor mounted."""
+    missing = [part for part in needed if not parts[part]]
+    if missing:
+        options = " ".join(f"--{part} PROFILE" for part in missing)
+        raise UsageError(
+            f"{' and '.join(missing)} unknown: nothing was named, and nothing is mounted on "
+            f"{printer}; add {options}, or enter it once: printctl mount --printer {printer} "
+            f"{options}"
+        )
+
+
+def or_assumed(
+    parts: Mapping[str, str | None], assumed: Iterable[str] = ("syringe", "ink")
+) -> tuple[dict[str, str | None], list[str]]:
+    """Fill in the usual parts where none is known; return a note that says which, or none."""
+    taken = {part: ASSUMED[part] for part in assumed if not parts[part]}
+    return {**parts, **taken}, assumed_notes(taken)
+
+
+def assumed_notes(taken: Mapping[str, str]) -> list[str]:
+    """Return a line that says which parts were assumed; none where all were named."""
+    if not taken:
+        return []
+    said = ", ".join(f"{part} {name}" for part, name in taken.items())
+    return [f"assumed {said}, as no other was named"]
+
+
+def left_check(job: Job, reload_at: tuple[int, ...], left_ul: float, area_mm2: float) -> Check:
+    """Compare the ink pushed before the first change of syringe with what the syringe holds."""
+    travel = plunger_travel(job.lines[: reload_at[0]] if reload_at else job.lines)
+    needed = max(travel) * area_mm2
+    return Check(
+        "ink that the job takes, of what is in the syringe",
+        needed,
+        left_ul,
+        "µL",
+        needed <= left_ul,
+        "",
+        "the syringe would run dry; put in a full one and enter it (printctl mount --fill-ul), or "
+        "print a smaller part",
+    )
+
+
+def is_confirmed(sha256: str, mounted: MadeFor) -> bool:
+    """Whether a person has confirmed a file without a record for this set-up."""
+    try:
+        return _line(sha256, mounted) in (data_folder() / _CONFIRMED).read_text().splitlines()
+    except FileNotFoundError:
+        return False
+
+
+def keep_confirmed(sha256: str, mounted: MadeFor) -> None:
+    """Remember that a person has confirmed a file for this set-up."""
+    data_folder().mkdir(parents=True, exist_ok=True)
+    with (data_folder() / _CONFIRMED).open("a", encoding="utf-8") as handle:
+        handle.write(_line(sha256, mounted) + "\n")
+
+
+def _line(sha256: str, mounted: MadeFor) -> str:
+    set_up = hashlib.sha256("\n".join(header_lines(mounted)).encode()).hexdigest()[:16]
+    return f"{sha256} {set_up}"
+
+
+def unconfirmed(name: str, mounted: MadeFor) -> str:
+    """Return what a person has to confirm of a file without a record."""
+    parts = ", ".join(
+        line.removeprefix("printctl ").partition(" #")[0] for line in header_lines(mounted)
+    )
+    return f"{name} doesn't record the set-up it was made for. Mounted: {parts}"
