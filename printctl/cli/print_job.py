@@ -24,6 +24,7 @@ from printctl.machine.job.syringes import usable_mm, with_reloads
 from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
 from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
 from printctl.machine.prints.mounted import (
+    ASSUMED,
     is_confirmed,
     keep_confirmed,
     left_check,
@@ -184,20 +185,19 @@ def _parts(
         **{"syringe": syringe, "ink": ink, "needle": mounted.needle},
         **{"bath": mounted.bath, "dish": mounted.dish},
     }
-    parts = with_mounted(printer, named, refuse=real)
+    known = with_mounted(printer, named, refuse=real)
     if real:
-        refuse_unknown(printer, parts, ("syringe", "ink"))
-    else:
-        parts, notes = or_assumed(parts)
-        cli.print_notes(notes)
+        refuse_unknown(printer, known, ASSUMED)
+    parts, notes = or_assumed(known)
+    cli.print_notes(notes)
     depth, centre = mounted.bath_depth, mounted.dish_centre
     if parts["dish"] and parts["dish"] == kept.parts.dish:
         depth = depth or kept.parts.depth_mm
         if centre is None and kept.parts.dish_centre_mm is not None:
             centre = "{!r},{!r}".format(*kept.parts.dish_centre_mm)
-    others = {part: parts[part] for part in ("needle", "bath", "dish")}
+    others = {part: parts[part] or None for part in ("needle", "bath", "dish")}
     names = replace(mounted, **others, bath_depth=depth, dish_centre=centre)
-    return str(parts["syringe"]), str(parts["ink"]), names
+    return parts["syringe"], parts["ink"], names
 
 
 def _confirm_set_up(file: Path, sha256: str, mounted: MadeFor, for_mounted: bool) -> None:

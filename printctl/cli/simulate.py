@@ -19,6 +19,7 @@ from printctl.machine.control.connecting import ASIDE_MM
 from printctl.machine.errors import LinkError
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import parse_job
+from printctl.machine.prints.mounted import ASSUMED, or_assumed
 from printctl.pipeline.bead_choices import BeadChoices, BeadOptions
 from printctl.settings import opt, three_numbers
 from sim.gcode.dry_run.run import dry_run
@@ -59,8 +60,8 @@ def simulate(
     *,
     file: cli.GcodeArg,
     printer: cli.PrinterOption = "generic_marlin",
-    syringe: cli.SyringeOption = "hamilton_1ml",
-    ink: cli.InkOption = "collagen_fresh",
+    syringe: str | None = opt("Syringe profile.", show_default=ASSUMED["syringe"]),
+    ink: str | None = opt("Ink profile.", show_default=ASSUMED["ink"]),
     names: ProfileNames,
     start: cli.StartOption = None,
     out: Path | None = opt(
@@ -81,7 +82,8 @@ def simulate(
     have_kernels("simulate")
     profile = load(Printer, printer)
     tip = read_start_position(file, profile, start)
-    mounted = set_up(profile, syringe, ink, tip, names)
+    parts, assumed = or_assumed({"syringe": syringe, "ink": ink})
+    mounted = set_up(profile, parts["syringe"], parts["ink"], tip, names)
     gcode = cli.read_gcode_file(file)
     run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
@@ -127,6 +129,6 @@ def simulate(
     ]
     cli.print_result(facts, [*lines, *predicted])
     if not wants_json():
-        cli.print_notes([*warnings(checks), *notes])
+        cli.print_notes([*assumed, *warnings(checks), *notes])
     if refusal:
         raise refusal

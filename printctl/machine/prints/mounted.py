@@ -15,15 +15,17 @@ from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.records.folders import data_folder
 from printctl.machine.records.mounting import PARTS, load_mounting
 
-ASSUMED: Final = {"syringe": "hamilton_1ml", "ink": "collagen_fresh", "needle": "30g"}
-"""Parts of a recipe, dry run or simulated print that names none."""
+ASSUMED: Final = {"syringe": "hamilton_1ml", "ink": "collagen_fresh"}
+"""Parts of a dry run, a simulated print or a sliced file that names none."""
 _CONFIRMED: Final = "confirmed.txt"
 
 
 def with_mounted(
-    printer: str, named: Mapping[str, str | None], *, refuse: bool = True
+    printer: str, named: Mapping[str, str | None], *, refuse: bool = True, keys: str = "--{}"
 ) -> dict[str, str | None]:
     """Return what is named, and what is mounted on the printer for parts that aren't.
+
+    ``keys`` says where a part is named, for messages.
 
     Raises
     ------
@@ -33,8 +35,9 @@ def with_mounted(
     kept = load_mounting(printer).parts
     there = {part: getattr(kept, part) or None for part in named}
     refused = [
-        f"--{part} names {name!r}, and {there[part]!r} is mounted on {printer}; leave --{part} "
-        f"out, or enter what is mounted: printctl mount --printer {printer} --{part} {name}"
+        f"{keys.format(part)} is {name!r}, and {there[part]!r} is mounted on {printer}; use what "
+        f"is mounted, or change it and enter that: printctl mount --printer {printer} --{part} "
+        f"{name}"
         for part, name in named.items()
         if refuse and name is not None and there[part] and not _same(part, name, str(there[part]))
     ]
@@ -50,24 +53,26 @@ def _same(part: str, name: str, other: str) -> bool:
     return first == second
 
 
-def refuse_unknown(printer: str, parts: Mapping[str, str | None], needed: Iterable[str]) -> None:
+def refuse_unknown(
+    printer: str, parts: Mapping[str, str | None], needed: Iterable[str], *, keys: str = "--{}"
+) -> None:
     """Raise `UsageError` for parts that are neither named nor mounted."""
     missing = [part for part in needed if not parts[part]]
     if missing:
         options = " ".join(f"--{part} PROFILE" for part in missing)
         raise UsageError(
-            f"{' and '.join(missing)} unknown: nothing was named, and nothing is mounted on "
-            f"{printer}; add {options}, or enter it once: printctl mount --printer {printer} "
-            f"{options}"
+            f"{' and '.join(missing)} unknown: neither named nor mounted on {printer}; name it "
+            f"({', '.join(map(keys.format, missing))}), or enter it once: printctl mount --printer "
+            f"{printer} {options}"
         )
 
 
 def or_assumed(
-    parts: Mapping[str, str | None], assumed: Iterable[str] = ("syringe", "ink")
-) -> tuple[dict[str, str | None], list[str]]:
+    parts: Mapping[str, str | None], usual: Mapping[str, str] = ASSUMED
+) -> tuple[dict[str, str], list[str]]:
     """Fill in the usual parts where none is known; return a note that says which, or none."""
-    taken = {part: ASSUMED[part] for part in assumed if not parts[part]}
-    return {**parts, **taken}, assumed_notes(taken)
+    taken = {part: name for part, name in usual.items() if not parts[part]}
+    return {part: name or "" for part, name in parts.items()} | taken, assumed_notes(taken)
 
 
 def assumed_notes(taken: Mapping[str, str]) -> list[str]:
