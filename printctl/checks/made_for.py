@@ -16,6 +16,7 @@ from typing import Final, Protocol
 
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
 from printctl.checks.set_up import Check, SetUp
+from printctl.errors import SafetyError
 
 PARTS: Final[dict[str, type[Facts]]] = {
     "printer": Printer,
@@ -25,7 +26,7 @@ PARTS: Final[dict[str, type[Facts]]] = {
     "bath": Bath,
     "dish": Dish,
 }
-_LINE: Final = re.compile(rb"[;(/' \t]*printctl (\w+): (.*) #([0-9a-f]{12})[) \t\r]*\Z")
+_LINE: Final = re.compile(rb"[#;(/' \t]*printctl (\w+): (.*) #([0-9a-f]{12})[) \t\r]*\Z")
 _PROVENANCE: Final = frozenset({"name", "source", "licence", "starting_values", "calibrated"})
 """Keys that change nothing of what a job does."""
 
@@ -125,6 +126,13 @@ def record_of(setup: SetUp) -> MadeFor:
     dish = None if setup.standing is None else setup.standing.dish
     heads = [setup.load_of(number) for number in range(setup.printer.head_count)]
     return made_for(setup.printer, heads, setup.bath, dish)
+
+
+def refuse_other(recorded: MadeFor, mounted: MadeFor) -> None:
+    """Raise `SafetyError` where a measurement was made with another set-up."""
+    failed = [check.sentence() for check in differences(recorded, mounted)]
+    if failed:
+        raise SafetyError("\n".join(["the measurement is of another set-up:", *failed]))
 
 
 def differences(recorded: MadeFor, mounted: MadeFor) -> list[Check]:

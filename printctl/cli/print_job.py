@@ -195,8 +195,14 @@ def _parts(
         depth = depth or kept.parts.depth_mm
         if centre is None and kept.parts.dish_centre_mm is not None:
             centre = "{!r},{!r}".format(*kept.parts.dish_centre_mm)
-    others = {part: parts[part] or None for part in ("needle", "bath", "dish")}
-    names = replace(mounted, **others, bath_depth=depth, dish_centre=centre)
+    names = replace(
+        mounted,
+        needle=parts["needle"] or None,
+        bath=parts["bath"] or None,
+        dish=parts["dish"] or None,
+        bath_depth=depth,
+        dish_centre=centre,
+    )
     return parts["syringe"], parts["ink"], names
 
 

@@ -212,9 +212,9 @@ class Knowledge:
         mounted = replace(self.mounted, **given)
         if {"needle", "dish"} & set(given) and "floor_mm" not in given:
             mounted = replace(mounted, floor_mm=None)
-        for name in ("bath_level_mm", "bath_depth_mm"):
-            if {"dish", "bath"} & set(given) and name not in given:
-                mounted = replace(mounted, **{name: None})
+        if {"dish", "bath"} & set(given):
+            level, depth = given.get("bath_level_mm"), given.get("bath_depth_mm")
+            mounted = replace(mounted, bath_level_mm=level, bath_depth_mm=depth)
         self.profiles = read_mounted_profiles(mounted)
         if mounted.needle and mounted.needle != self.mounted.needle and self.needle_known:
             self.homed = (self.homed[0], self.homed[1], False)
