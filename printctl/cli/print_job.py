@@ -20,7 +20,7 @@ from printctl.errors import SafetyError
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
-from printctl.machine.job.syringes import usable_mm, with_reloads
+from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
 from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
 from printctl.machine.prints.mounted import (
@@ -40,6 +40,7 @@ from printctl.machine.records.mounting import Mounting, load_mounting
 from printctl.machine.records.states import Status
 from printctl.observe.observer_launch import end_idle_observer, ensure_observer
 from printctl.observe.records import ORDER_FILE
+from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.progress import StageBars
 from printctl.recipe.making import CarePart
 from printctl.settings import of, opt, settings
@@ -104,6 +105,7 @@ def print_job(
     how: CareOptions,
     prime_ul: float = of(CarePart, "prime_ul"),
     reload: bool = of(CarePart, "reload"),
+    reload_min: float | None = of(CarePart, "reload_min", "--reload-min", metavar="MINUTES"),
     accept_crossings: bool = opt(
         "Print although the needle's shaft passes through written vessels; the journal keeps it.",
         False,
@@ -144,17 +146,19 @@ def print_job(
         shaft = file_shaft(file, run, set_for, accepted=accept_crossings)
         line_map = file.with_suffix(".map.npz")
         checks = [*file_checks(run, set_for, line_map, real=real), *shaft.checks]
-        checks, at, heads = with_reloads(checks, job, usable, wanted=reload)
+        changes = CarePart(reload=reload, reload_min=reload_min)
+        plan = plan_syringes(checks, job, usable, set_for.inks, run.duration_s, changes)
+        checks = plan.checks
         if real and (left_ul := kept.left_ul(profile)) is not None:
-            checks.append(left_check(job, at, left_ul, set_for.syringe.area_mm2))
+            checks.append(left_check(job, plan.reload_at, left_ul, set_for.syringe.area_mm2))
         refuse_failed(checks)
         if real and not read_made_for(run.opening):
             _confirm_set_up(file, order.sha256, record_of(set_for), for_mounted)
         cli.print_notes(warnings(checks))
         care = replace(
             care,
-            reload_at=at,
-            reload_heads=heads,
+            reload_at=plan.reload_at,
+            reload_heads=plan.reload_heads,
             accepted=shaft.accepted,
             start_mm=tip,
             set_up=("--syringe", syringe, "--ink", ink, *mounted.words()),

@@ -7,9 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, load
-from printctl.checks.preflight import file_checks, placed_failures, warnings
+from printctl.checks.preflight import (
+    PrintTime,
+    file_checks,
+    placed_failures,
+    viability_checks,
+    warnings,
+)
 from printctl.checks.preflight.shaft import file_shaft
-from printctl.checks.set_up import ProfileNames, refusal_of, set_up
+from printctl.checks.set_up import ProfileNames, refusal_of, set_up, shortest_budget
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command, wants_json
 from printctl.cli.kernels_ready import have_kernels
@@ -87,7 +93,11 @@ def simulate(
     gcode = cli.read_gcode_file(file)
     run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
-    checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
+    checks = [
+        *file_checks(run, mounted, file.with_suffix(".map.npz")),
+        *shaft.checks,
+        *viability_checks(PrintTime(run.duration_s), shortest_budget(mounted.inks)),
+    ]
     at = None if place is None else three_numbers(place, "--place")
     choices = BeadChoices(**vars(bead), out=out, place_mm=at)
     found: list[dict[str, Any]] = []
