@@ -11,7 +11,7 @@ from firmware_profiles import Printer, load
 from printctl.checks.made_for import MadeFor
 from printctl.checks.set_up import Check
 from printctl.machine.control.station_status import StationState
-from printctl.machine.prints.mounted import is_confirmed, unconfirmed
+from printctl.machine.prints.mounted import is_confirmed
 from printctl.machine.process.orders import ASIDE_MM
 from printctl.web.job.aftercare import checklist
 from printctl.web.job.machine import Machine
@@ -141,15 +141,13 @@ def _unknown_parts(machine: Machine, set_up: JobSetUp) -> Iterator[Refusal]:
             )
 
 
-def record_refusal(
-    job: str, machine: Machine | None, sha256: str, mounted: MadeFor
-) -> Iterator[Refusal]:
+def record_refusal(machine: Machine | None, sha256: str, mounted: MadeFor) -> Iterator[Refusal]:
     """Yield a file that doesn't record its set-up, until a person has confirmed it for this one."""
     if machine is None or machine.simulated or is_confirmed(sha256, mounted):
         return
     yield Refusal(
         "set-up that the file was made for",
-        f"{unconfirmed(job, mounted)}; confirm that it was made for that",
+        "not recorded in the file; confirm that it was made for what is mounted",
         "for_mounted",
     )
 

@@ -194,8 +194,8 @@ class JobService:
         if checked is not None:
             refusals += ink_refusals(machine, checked)
             if not checked.facts["recorded"]:
-                name, sha256 = entry_of(self.core.workspace, job).name, checked.facts["sha256"]
-                refusals += record_refusal(name, machine, sha256, record_of(set_up.mounted()))
+                mounted = record_of(set_up.mounted())
+                refusals += record_refusal(machine, checked.facts["sha256"], mounted)
             refusals += [check_refusal(one) for one in checked.checks if one.refuses]
         return Readiness(
             job=job,

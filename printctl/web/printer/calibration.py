@@ -13,6 +13,7 @@ from pydantic import ConfigDict, Field
 from design.files import write_text
 from firmware_profiles import Printer, Syringe
 from printctl import calibration
+from printctl.checks.made_for import header_lines, read_made_for
 from printctl.errors import PrintctlError
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.part_change import Name, NameOrNone
@@ -126,6 +127,7 @@ class Read(Body):
     rows: Annotated[tuple[tuple[_Cell, ...], ...], Field(min_length=1, max_length=MOST_ROWS)]
     printer: NameOrNone = ""
     syringe: NameOrNone = ""
+    job: str = Field(default="", description="The test's, whose set-up it was made with.")
     density_g_cm3: Annotated[float, Field(gt=0.1, le=20)] = 0.998
     density_error: Annotated[float, Field(ge=0, le=5)] = 0.001
     part_mm: tuple[MM, MM] = (20.0, 20.0)
@@ -239,6 +241,9 @@ class Calibrating:
                 f"each row has {len(columns)} columns: {', '.join(columns)}; fill in or leave out"
             )
         table = io.StringIO()
+        if read.job:
+            test = self._core.workspace.job_file(read.job).read_bytes()
+            table.writelines(f"# {line}\n" for line in header_lines(read_made_for(test[:4096])))
         csv.writer(table, lineterminator="\n").writerows([columns, *read.rows])
         folder = self._core.workspace.root / "records" / "calibrations"
         path = folder / f"{wizard.name}_{datetime.now():%Y%m%d}.csv"

@@ -262,7 +262,7 @@ function Remedy(all) {
       save=${(next) => keep(all, { [one.about]: next })} />
       ${all.ready?.machine?.mounted[one.about] === "" && form.set_up[one.about]
         && post(`${chosen(form, one.about)} is mounted`, "/printer/mount", { [one.about]: chosen(form, one.about) })}`,
-    for_mounted: () => html`<${Kept} kind="flag" label="The file was made for these parts" value=${false}
+    for_mounted: () => html`<${Kept} kind="flag" label="It was made for what is mounted" value=${false}
       save=${() => send("POST", `/jobs/${part(job)}/for-mounted`, {}).then(refresh)} />`,
     operator: () => html`<${Kept} label="Operator's name" value=${record.operator} maxlength="200" autocomplete="name"
       save=${(operator) => write(all, { operator })} />`,

@@ -34,9 +34,9 @@ const names = (list, name) => (list ?? [{ name }]).map((one) => one.name);
 function Wizard({ wizard, status, onBack }) {
   const profiles = useGet(wizard.printed ? "/printer/profiles" : null);
   const parts = useGet(wizard.printed ? "/printer/parts" : null);
-  const [used, setUsed] = useState({ printer: status.printer, syringe: status.parts.syringe });
+  const [{ rows, made, tested }, keep] = useKept(`calibration.${wizard.name}`, { rows: [], made: null, tested: null });
+  const [used, setUsed] = useState(tested ?? { printer: status.printer, syringe: status.parts.syringe });
   const [density, setDensity] = useState(0.998);
-  const [{ rows, made }, keep] = useKept(`calibration.${wizard.name}`, { rows: [], made: null });
   const [result, setResult] = useState(null);
   const weighs = wizard.name === "weigh";
   const { printer, syringe } = used;
@@ -45,15 +45,15 @@ function Wizard({ wizard, status, onBack }) {
     if (!syringe) throw new Error("Choose the syringe that is mounted.");
     if (!status.position_mm) throw new Error("Where the tip stands isn't known: home it, or say where it is.");
     const test = await post(`calibrations/${wizard.name}/job`, { ...used, at_mm: status.position_mm });
-    keep({ rows: test.rows, made: test });
+    keep({ rows: test.rows, made: test, tested: used });
   };
   const read = () => {
     const filled = rows.map((row) => row.map((cell) => cell.trim())).filter((row) => row.at(-1));
     if (!filled.length) throw new Error(`Fill in the last column, ${wizard.columns.at(-1)}.`);
-    return { rows: filled, ...used, ...(weighs && density ? { density_g_cm3: density } : {}) };
+    return { rows: filled, ...used, ...(made ? { job: made.job } : {}), ...(weighs && density ? { density_g_cm3: density } : {}) };
   };
   const again = () => {
-    keep({ rows: [], made: null });
+    keep({ rows: [], made: null, tested: null });
     setResult(null);
   };
   return html`<${Card} title=${wizard.title} aria-label=${wizard.title}
@@ -74,7 +74,7 @@ function Wizard({ wizard, status, onBack }) {
       </${Note}>`}`}
     <div class="columns">
       <${Sheet} wizard=${wizard} rows=${rows} tip=${status.position_mm}
-        onRows=${(next) => keep({ rows: next, made })} />
+        onRows=${(next) => keep({ rows: next, made, tested })} />
       <div class="stack">
         ${weighs && html`<${Field} kind="number" label="Density" unit="g/cm³" min=${0.1} max=${20} value=${density}
           onChange=${setDensity} />`}
