@@ -114,7 +114,10 @@ def test_more_ink_than_the_syringe_holds(tmp_path: Path) -> None:
     _refused(recipe, tmp_path, 3, "µL", "1000", "syringe", command=("toolpath",))
 
 
-MOUNTED = ("--needle", "30g_50mm", "--bath", "gelatin_support", "--dish", "box_80mm")
+MOUNTED = (
+    *("--needle", "30g_50mm", "--bath", "gelatin_support", "--dish", "box_80mm"),
+    *("--syringe", "hamilton_1ml", "--ink", "collagen_fresh", "--for-mounted"),
+)
 
 
 def test_missing_port(tmp_path: Path) -> None:
@@ -178,7 +181,7 @@ def job(tmp_path: Path) -> Path:
     lines = ["G21", "G90", "M82", "M302 P1", "G92 X100 Y100 Z5 E0"]
     lines += [f"G1 X{100 + 5 * (k % 2)} E{0.005 * k:.4f} F3000" for k in range(1, 5001)]
     path = tmp_path / "job.gcode"
-    path.write_text("\n".join([*lines, "M400"]) + "\n")
+    path.write_text("\n".join([*lines, "G0 Z30 F600", "M400"]) + "\n")
     return path
 
 

@@ -121,7 +121,5 @@ def _line(sha256: str, mounted: MadeFor) -> str:
 
 def unconfirmed(name: str, mounted: MadeFor) -> str:
     """Return what a person has to confirm of a file without a record."""
-    parts = ", ".join(
-        line.removeprefix("printctl ").partition(" #")[0] for line in header_lines(mounted)
-    )
-    return f"{name} doesn't record the set-up it was made for. Mounted: {parts}"
+    parts = (f"{part} {', '.join(one.name for one in those)}" for part, those in mounted.items())
+    return f"{name} doesn't record the set-up it was made for. Mounted: {'; '.join(parts)}"
