@@ -129,7 +129,7 @@ def _job(folder: Path) -> Path:
         for k in range(1, MOVES + 1)
     ]
     path = folder / "job.gcode"
-    path.write_text("\n".join([*lines, "G0 Z30 F600", "M400"]) + "\n")
+    path.write_text("\n".join([*lines, "G0 Z30 F300", "M400"]) + "\n")
     return path
 
 
