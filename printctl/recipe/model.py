@@ -86,7 +86,6 @@ class Recipe(Part):
     plate: PlatePart | None = None
     scan: ScanPart | None = None
     registration: RegistrationPart = RegistrationPart()
-    _named: frozenset[str] = frozenset({"syringe", "ink"})
 
     @model_validator(mode="before")
     @classmethod
@@ -118,16 +117,19 @@ class Recipe(Part):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _note_what_is_named(cls, data: Any, make: ModelWrapValidatorHandler[Recipe]) -> Recipe:
+    def _an_ink_that_suits_isn_t_set(
+        cls, data: Any, make: ModelWrapValidatorHandler[Recipe]
+    ) -> Recipe:
+        """Count an ink that the recipe doesn't name as its default."""
         recipe = make(data)
         if isinstance(data, dict) and isinstance(printer := data.get("printer") or {}, dict):
-            recipe._named = frozenset(printer)
+            recipe.printer.model_fields_set.intersection_update(printer)
         return recipe
 
     @property
     def assumed_parts(self) -> dict[str, str]:
         """Syringe, ink and needle that it takes by default, as it names none."""
-        part, named = self.printer, self._named
+        part, named = self.printer, self.printer.model_fields_set
         usual = {} if part.heads else {"syringe": part.syringe, "ink": part.ink}
         taken = {name: value for name, value in usual.items() if name not in named}
         if "needle" in self.toolpath.model_fields_set or any(one.needle for one in part.heads):

@@ -1,4 +1,4 @@
-"""What is mounted on each printer and how full its syringe is, kept between prints.
+"""Mounted parts of each printer, and the ink left in its syringe, kept between prints.
 
 One file per printer in the user's data folder, which the command line, the page and the machine's
 processes share. A simulated station has a file of its own, in its folder.
