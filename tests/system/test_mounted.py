@@ -6,12 +6,13 @@ import json
 from pathlib import Path
 
 import pytest
+import yaml
 
 from firmware_profiles import Ink, Syringe, load
 from firmware_profiles.load import shipped_text
 from tests.printctl.machine.link.layered import layered
 from tests.sim_process import printer_process
-from tests.system.cli import called
+from tests.system.cli import called, recipe_file
 
 AREA = load(Syringe, "hamilton_1ml").area_mm2
 PRINTER = ("--printer", "generic_marlin")
@@ -116,3 +117,22 @@ def test_changes_of_syringe_count_in_the_cells_time(tmp_path: Path) -> None:
     told = refused(3, *words, "--reload", "--reload-min", "60", cwd=tmp_path)
     assert "print time with 1 changes of syringe, of what the cells have" in told
     assert "limit 90" in told
+
+
+def test_a_run_on_a_real_port_keeps_to_what_is_mounted(tmp_path: Path) -> None:
+    coarse = {"=": "replace", "method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400}
+    part = {"port": "/dev/ttyNONE9"}
+    scan = {"=": "replace", "file": "later.tif", "voxel_um": [10, 10, 10]}
+    recipe = recipe_file(tmp_path, "planar_fresh", toolpath=coarse, printer=part, scan=scan)
+    words = ("run", recipe, "--until", "print", "--yes", "--out", tmp_path / "run")
+    called("mount", *PRINTER, "--syringe", "hamilton_5ml", cwd=tmp_path)
+    told = refused(3, *words, cwd=tmp_path)
+    assert "syringe in the recipe is 'hamilton_1ml', and 'hamilton_5ml' is mounted" in told
+    called("mount", "--syringe", "none", cwd=tmp_path)
+    assert "ttyNONE9" in refused(4, *words, cwd=tmp_path)
+    data = yaml.safe_load(recipe.read_text())
+    del data["printer"]["syringe"]
+    recipe.write_text(yaml.safe_dump(data))
+    told = refused(2, *words, cwd=tmp_path)
+    assert "note: assumed syringe hamilton_1ml, as the recipe names no other" in told
+    assert "syringe unknown: neither named nor mounted on generic_marlin" in told
