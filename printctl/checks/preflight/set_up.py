@@ -23,7 +23,6 @@ from printctl.checks.preflight.ink import (
 from printctl.checks.preflight.mounted import (
     bath_checks,
     chemistry_check,
-    made_for_checks,
     role_checks,
     syringe_checks,
     writes_of_job,
@@ -55,8 +54,7 @@ def file_checks(
         checks = [
             replace(one, weight="refuses") if one.check == LEFT_DOWN else one for one in checks
         ]
-    recorded = read_made_for(run.opening)
-    checks += set_up_checks(recorded, setup)
+    checks += set_up_checks(read_made_for(run.opening), setup)
     loads = [setup.load_of(k) for k in range(setup.printer.head_count)]
     ink_ul = written_ul(run, setup.printer, loads)
     wells = None if map_path is None else _wells(run, setup, loads, map_path)
@@ -73,9 +71,6 @@ def file_checks(
         checks += head_checks(run, setup.printer, setup.standing, [one.needle for one in loads])
     else:
         checks += _of_head(run, setup.printer, setup, loads[0], ink_ul, style)
-    if not recorded and map_path is not None and map_path.is_file():
-        syringes = [one.syringe for one in loads]
-        checks += made_for_checks(map_path.parent, setup.printer, syringes)
     if setup.bath is not None:
         checks += bath_checks(setup.bath)
         writes = None if map_path is None else writes_of_job(map_path.parent, style)

@@ -72,15 +72,9 @@ def or_assumed(
 ) -> tuple[dict[str, str], list[str]]:
     """Fill in the usual parts where none is known; return a note that says which, or none."""
     taken = {part: name for part, name in usual.items() if not parts[part]}
-    return {part: name or "" for part, name in parts.items()} | taken, assumed_notes(taken)
-
-
-def assumed_notes(taken: Mapping[str, str]) -> list[str]:
-    """Return a line that says which parts were assumed; none where all were named."""
-    if not taken:
-        return []
     said = ", ".join(f"{part} {name}" for part, name in taken.items())
-    return [f"assumed {said}, as no other was named"]
+    notes = [f"assumed {said}, as no other was named"] if taken else []
+    return {part: name or "" for part, name in parts.items()} | taken, notes
 
 
 def left_check(job: Job, reload_at: tuple[int, ...], left_ul: float, area_mm2: float) -> Check:
