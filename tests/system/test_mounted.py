@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from firmware_profiles import Ink, Syringe, load
+from firmware_profiles import Ink, Printer, Syringe, load
 from firmware_profiles.load import shipped_text
 from tests.printctl.machine.link.layered import layered
 from tests.sim_process import printer_process
@@ -117,6 +117,16 @@ def test_changes_of_syringe_count_in_the_cells_time(tmp_path: Path) -> None:
     told = refused(3, *words, "--reload", "--reload-min", "60", cwd=tmp_path)
     assert "print time with 1 changes of syringe, of what the cells have" in told
     assert "limit 90" in told
+
+
+def test_a_profile_of_ones_own_is_one_printer_by_any_path(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(shipped_text(Printer, "generic_marlin"))
+    called("mount", "--printer", "mine.yaml", *FILLED, cwd=tmp_path)
+    (tmp_path / "data/mounted/broken.json").write_text("{")
+    shown = called("mount", "--printer", tmp_path / "mine.yaml", cwd=tmp_path / "data")
+    assert "hamilton_1ml, 60 µL left" in shown.stdout
+    assert shown.stdout == called("mount", cwd=tmp_path).stdout
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["data", "mine.yaml"]
 
 
 def test_a_run_on_a_real_port_keeps_to_what_is_mounted(tmp_path: Path) -> None:

@@ -12,8 +12,7 @@ from printctl.checks.set_up import NONE, Check
 from printctl.errors import SafetyError, UsageError
 from printctl.machine.job.job import Job
 from printctl.machine.job.syringes import plunger_travel
-from printctl.machine.records.folders import data_folder
-from printctl.machine.records.mounting import PARTS, load_mounting
+from printctl.machine.records.mounting import PARTS, load_mounting, mounted_folder
 
 ASSUMED: Final = {"syringe": "hamilton_1ml", "ink": "collagen_fresh"}
 """Parts of a dry run, a simulated print or a sliced file that names none."""
@@ -96,15 +95,15 @@ def left_check(job: Job, reload_at: tuple[int, ...], left_ul: float, area_mm2: f
 def is_confirmed(sha256: str, mounted: MadeFor) -> bool:
     """Whether a person has confirmed a file without a record for this set-up."""
     try:
-        return _line(sha256, mounted) in (data_folder() / _CONFIRMED).read_text().splitlines()
+        return _line(sha256, mounted) in (mounted_folder() / _CONFIRMED).read_text().splitlines()
     except FileNotFoundError:
         return False
 
 
 def keep_confirmed(sha256: str, mounted: MadeFor) -> None:
     """Remember that a person has confirmed a file for this set-up."""
-    data_folder().mkdir(parents=True, exist_ok=True)
-    with (data_folder() / _CONFIRMED).open("a", encoding="utf-8") as handle:
+    mounted_folder().mkdir(parents=True, exist_ok=True)
+    with (mounted_folder() / _CONFIRMED).open("a", encoding="utf-8") as handle:
         handle.write(_line(sha256, mounted) + "\n")
 
 

@@ -126,31 +126,37 @@ def as_kept(profile: str) -> str:
     return str(Path(profile).resolve()) if profile.endswith((".yaml", ".yml")) else profile
 
 
+def mounted_folder() -> Path:
+    """Folder of what is mounted, and of the files that were confirmed for it."""
+    return data_folder() / "mounted"
+
+
 def mounting_file(printer: str, simulated_in: Path | None = None) -> Path:
     """Path of a printer's file; a simulated station's is in its folder."""
     if simulated_in is not None:
         return simulated_in / _SIMULATED_FILE
-    key = as_kept(printer)
-    name = (
-        key
-        if key == printer
-        else f"{Path(key).stem}-{hashlib.sha256(key.encode()).hexdigest()[:8]}"
-    )
-    return data_folder() / "mounted" / f"{name}.json"
+    name = as_kept(printer)
+    if name.endswith((".yaml", ".yml")):
+        name = f"{Path(name).stem}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return mounted_folder() / f"{name}.json"
 
 
 def load_mounting(printer: str, simulated_in: Path | None = None) -> Mounting:
     """Return what is kept of a printer; nothing is known where no file is, or it can't be read."""
     key = as_kept(printer)
+    kept = _read(mounting_file(printer, simulated_in))
+    return kept if kept is not None and kept.printer == key else Mounting(key)
+
+
+def _read(path: Path) -> Mounting | None:
     try:
-        data = json.loads(mounting_file(printer, simulated_in).read_text(encoding="utf-8"))
-        kept = Mounting(**{**data, "parts": MountedParts.from_dict(data["parts"])})
+        data = json.loads(path.read_text(encoding="utf-8"))
+        return Mounting(**{**data, "parts": MountedParts.from_dict(data["parts"])})
     except FileNotFoundError:
-        return Mounting(key)
+        return None
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
-        log.exception("what is mounted on %s can't be read, and counts as unknown", printer)
-        return Mounting(key)
-    return kept if kept.printer == key else Mounting(key)
+        log.exception("%s can't be read; what is mounted counts as unknown", path)
+        return None
 
 
 def save_mounting(kept: Mounting, simulated_in: Path | None = None) -> None:
@@ -162,9 +168,8 @@ def save_mounting(kept: Mounting, simulated_in: Path | None = None) -> None:
 
 def all_mountings() -> list[Mounting]:
     """Return what is known of every printer that something was mounted on."""
-    names = (json.loads(path.read_text(encoding="utf-8"))["printer"]
-             for path in sorted((data_folder() / "mounted").glob("*.json")))  # fmt: skip
-    return [load_mounting(name) for name in names]
+    every = (_read(path) for path in sorted(mounted_folder().glob("*.json")))
+    return [one for one in every if one is not None]
 
 
 def after_print(
