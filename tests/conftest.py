@@ -47,6 +47,12 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture(autouse=True)
+def nothing_mounted() -> None:
+    """Forget what an earlier test mounted."""
+    shutil.rmtree(os.path.join(os.environ["PRINTCTL_DATA"], "mounted"), ignore_errors=True)
+
+
+@pytest.fixture(autouse=True)
 def closed_pages(request: pytest.FixtureRequest) -> Iterator[None]:
     """Close what a browser test has opened: a page left open goes on drawing and asking."""
     if "browser" not in request.fixturenames:

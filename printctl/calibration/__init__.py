@@ -38,7 +38,7 @@ if TYPE_CHECKING:
         gap_between,
     )
     from printctl.calibration.weighing import FlowWeighing, Weighing, fit_flow, fit_weighing
-    from printctl.calibration.writing import Job, make_test
+    from printctl.calibration.writing import Job, make_test, record_of_test
 
 __all__ = [
     "Backlash",
@@ -70,6 +70,7 @@ __all__ = [
     "make_test",
     "offset_result",
     "read_readings",
+    "record_of_test",
     "weighing_result",
     "weighing_test",
 ]

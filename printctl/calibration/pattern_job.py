@@ -187,7 +187,8 @@ def pattern_job(
             "weigh its flow instead: printctl calibrate weigh"
         )
     mounted = set_up(printer, machine.syringe, machine.ink, at_mm, placed)
-    used = PatternSetUp(*machine, ink.flow_factor, ink.swell_factor)
+    recorded = header_lines(made_for(printer, [mounted.load_of(0)]))
+    used = PatternSetUp(*machine, ink.flow_factor, ink.swell_factor, recorded)
     made = pattern_of(name, bead, own, placed.dish, machine.needle)
     return PatternJob(path, WrittenPattern(made, used, at_mm), mounted, at_mm)
 

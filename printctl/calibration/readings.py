@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from printctl.checks.made_for import MadeFor, read_made_for
 from printctl.errors import UsageError
 
 
@@ -26,12 +27,16 @@ class Readings:
         Of each column of numbers, the finest that stands in it: 0.01 for 12.30, 1 for 12.
     facts : dict of str to float
         What the lines ``# key=value`` say, as `printctl calibrate` wrote them.
+    recorded : MadeFor
+        Set-up of the test, as its lines ``# printctl part: name`` have it; empty in a sheet of
+        one's own.
     """
 
     numbers: dict[str, NDArray[np.float64]]
     words: dict[str, list[str]]
     facts: dict[str, float]
     last_digit: dict[str, float] = field(default_factory=dict)
+    recorded: MadeFor = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.numbers.values())))
@@ -74,6 +79,7 @@ def read_readings(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] =
         {name: [row.get(name, "") for _, row in rows] for name in words},
         facts,
         {name: min(_last_digit(row[name]) for _, row in rows) for name in numbers},
+        read_made_for("\n".join(lines).encode()),
     )
 
 

@@ -23,7 +23,13 @@ from printctl.calibration.lag import Lag, LagPattern, fit_lag
 from printctl.calibration.readings import Readings
 from printctl.calibration.touches import fit_backlash, fit_level, fit_offset, gap_between
 from printctl.calibration.weighing import fit_flow, fit_weighing
-from printctl.calibration.writing import MeasuredValue, measured_key, save_measured
+from printctl.calibration.writing import (
+    MeasuredValue,
+    measured_key,
+    record_of_test,
+    save_measured,
+)
+from printctl.checks.made_for import refuse_other
 from printctl.errors import UsageError
 
 
@@ -53,7 +59,7 @@ class Result:
     unwritten: tuple[str, ...] = ()
     table: Sequence[str] = ()
 
-    def save(self, path: Path, profile: Facts | None = None) -> str:
+    def save(self, path: Path, profile: Facts | None = None, *, accept_change: bool = False) -> str:
         """Write a measured copy of the profile, or of another one; return what was changed.
 
         Raises
@@ -64,7 +70,7 @@ class Result:
         held = self.profile if profile is None else profile
         if held is None or not self.measured:
             raise UsageError(f"{path} isn't written: this print tells nothing that a profile holds")
-        return save_measured(path, held, self.measured)
+        return save_measured(path, held, self.measured, accept_change=accept_change)
 
 
 def weighing_result(
@@ -86,6 +92,7 @@ def weighing_result(
     ------
     UsageError
     """
+    refuse_other(data.recorded, record_of_test(printer, syringe))
     weighing = fit_weighing(
         data.numbers["travel_mm"],
         data.numbers["mass_mg"],
@@ -125,6 +132,7 @@ def flow_result(
     head = printer.pneumatic
     if head is None:
         raise UsageError(f"{printer.name} has no pneumatic head; weigh travel_mm and mass_mg")
+    refuse_other(data.recorded, record_of_test(printer, None, ink, needle))
     weighing = fit_flow(
         data.numbers["open_s"], data.numbers["mass_mg"], *density_g_cm3, data.last_digit["mass_mg"]
     )

@@ -16,6 +16,7 @@ from typing import Final, Protocol
 
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
 from printctl.checks.set_up import Check, SetUp
+from printctl.errors import SafetyError
 
 PARTS: Final[dict[str, type[Facts]]] = {
     "printer": Printer,
@@ -25,7 +26,7 @@ PARTS: Final[dict[str, type[Facts]]] = {
     "bath": Bath,
     "dish": Dish,
 }
-_LINE: Final = re.compile(rb"[;(/' \t]*printctl (\w+): (.*) #([0-9a-f]{12})[) \t\r]*\Z")
+_LINE: Final = re.compile(rb"[#;(/' \t]*printctl (\w+): (.*) #([0-9a-f]{12})[) \t\r]*\Z")
 _PROVENANCE: Final = frozenset({"name", "source", "licence", "starting_values", "calibrated"})
 """Keys that change nothing of what a job does."""
 
@@ -117,9 +118,25 @@ def set_up_checks(recorded: MadeFor, setup: SetUp) -> list[Check]:
 
     A part that either side doesn't name isn't compared.
     """
+    return differences(recorded, record_of(setup))
+
+
+def record_of(setup: SetUp) -> MadeFor:
+    """Return the record of a job that is made for a set-up."""
     dish = None if setup.standing is None else setup.standing.dish
     heads = [setup.load_of(number) for number in range(setup.printer.head_count)]
-    mounted = made_for(setup.printer, heads, setup.bath, dish)
+    return made_for(setup.printer, heads, setup.bath, dish)
+
+
+def refuse_other(recorded: MadeFor, mounted: MadeFor) -> None:
+    """Raise `SafetyError` where a measurement was made with another set-up."""
+    failed = [check.sentence() for check in differences(recorded, mounted)]
+    if failed:
+        raise SafetyError("\n".join(["the measurement is of another set-up:", *failed]))
+
+
+def differences(recorded: MadeFor, mounted: MadeFor) -> list[Check]:
+    """Return a refusal for each part that both records name differently."""
     return [
         _difference(part, of_job, of_mount)
         for part, of_job in recorded.items()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
@@ -138,6 +138,14 @@ def budget_of(ink: Ink, minutes: float | None = None, source: str | None = None)
         return None
     key = f"{ink.name}: viability_min"
     return Budget(ink.viability_min, ink.viability_source, key, ink.calibrated)
+
+
+def shortest_budget(
+    inks: Iterable[Ink], minutes: float | None = None, source: str | None = None
+) -> Budget | None:
+    """Return the least time of several inks' cells, as `budget_of`; None where nobody knows."""
+    budgets = [budget_of(ink, minutes, source) for ink in {one.name: one for one in inks}.values()]
+    return min((one for one in budgets if one), key=lambda one: one.minutes, default=None)
 
 
 # Dish at its position on the printer; distance of needle and hub to its wall in one move.
@@ -270,6 +278,11 @@ class SetUp:
     heads: tuple[HeadLoading, ...] = ()
     thinnest_bore: float = THINNEST_BORE
     absent: tuple[str, ...] = ()
+
+    @property
+    def inks(self) -> list[Ink]:
+        """What each head writes."""
+        return [self.load_of(number).ink for number in range(self.printer.head_count)]
 
     def load_of(self, number: int) -> HeadLoading:
         """What a head holds; the same in each where nobody said it of each."""

@@ -13,15 +13,31 @@ from typing import Annotated, Literal, cast, get_args
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl import calibration
 from printctl.calibration.paths import Axis
+from printctl.checks.made_for import refuse_other
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command
 from printctl.errors import UsageError
+from printctl.machine.prints.mounted import refuse_unknown, with_mounted
 from printctl.settings import arg, numbers_of, opt, three_numbers
 
 Csv = Annotated[Path | None, arg("Readings to fit, a CSV file.")]
+PrinterName = Annotated[str | None, opt("Profile of the printer that is calibrated.")]
 Gcode = Annotated[Path | None, opt("Write the test's G-code here, and a CSV to fill in beside it.")]
 At = Annotated[str, opt("Where the tip stands, printer's frame, mm.", metavar="X,Y,Z")]
 Write = Annotated[Path | None, opt("Write a profile with the result to this file.")]
+AcceptChange = Annotated[bool, opt("Write a constant although it changes by more than 20 %.")]
+
+
+def machine_parts(
+    printer: str | None, needed: Sequence[str], **named: str | None
+) -> dict[str, str]:
+    """Return the printer and its parts, named or mounted; those ``needed`` must be known."""
+    if printer is None:
+        raise UsageError("--printer is missing; a calibration holds for one machine, so name its "
+                         "profile")  # fmt: skip
+    parts = with_mounted(printer, named)
+    refuse_unknown(printer, parts, needed)
+    return {"printer": printer, **{part: name or "" for part, name in parts.items()}}
 
 
 def read_csv_argument(path: Path | None, *numbers: str, word: str = "") -> calibration.Readings:
@@ -56,19 +72,21 @@ def write_test(job: calibration.Job) -> None:
     )
 
 
-def finish(result: calibration.Result, write: Path | None = None) -> None:
+def finish(
+    result: calibration.Result, write: Path | None = None, accept_change: bool = False
+) -> None:
     """Print a result, and write a measured copy of its profile where one is wanted."""
     left = () if write is None else result.unwritten
     print_estimates(result.lines, [*result.notes, *left])
     if write is not None:
-        cli.print_note(f"wrote {write}: {result.save(write)}")
+        cli.print_note(f"wrote {write}: {result.save(write, accept_change=accept_change)}")
 
 
 @json_command
 def backlash(
     readings: Csv = None,
-    printer: cli.PrinterOption = "generic_marlin",
-    syringe: cli.SyringeOption = "hamilton_1ml",
+    printer: PrinterName = None,
+    syringe: cli.SyringeOption = None,
     axis: str = opt("x, y, z or e.", "x"),
     targets: str = opt("From the tip's place, mm.", "2,4,6,8,10"),
     overshoot: float = opt("mm", 1.0, min=0.01),
@@ -88,7 +106,8 @@ def backlash(
             )
         )
         return
-    machine, filled = load(Printer, printer), load(Syringe, syringe)
+    parts = machine_parts(printer, ["syringe"], syringe=syringe)
+    machine, filled = load(Printer, parts["printer"]), load(Syringe, parts["syringe"])
     if axis not in get_args(Axis):
         raise UsageError(f"--axis {axis!r} is none of x, y, z, e")
     test = calibration.backlash_test(
@@ -105,10 +124,12 @@ def backlash(
 @json_command
 def lag(
     readings: Csv = None,
-    printer: cli.PrinterOption = "generic_marlin",
-    syringe: cli.SyringeOption = "hamilton_1ml",
-    ink: cli.InkOption = "collagen_fresh",
-    needle: str | None = opt("The one mounted: a lag is written for it alone."),
+    printer: PrinterName = None,
+    syringe: cli.SyringeOption = None,
+    ink: cli.InkOption = None,
+    needle: str | None = opt(
+        "A lag is written for this needle alone.", show_default="what is mounted"
+    ),
     slow: float = opt("mm/s", 4.0, min=0.01),
     fast: float = opt("mm/s", 16.0, min=0.01),
     length: float = opt("Of each stretch, mm.", 40.0, min=1),
@@ -119,27 +140,31 @@ def lag(
     at: At = "40,100,1",
     gcode: Gcode = None,
     write: Write = None,
+    accept_change: AcceptChange = False,
 ) -> None:
     """Pressure lag (K, τ) and flow factor: CSV with x_mm along the line and width_mm there.
 
     With --gcode it writes the G-code of the test: one line, slow and fast in turn, whose width
     follows the pressure late.
     """
-    material = load(Ink, ink)
+    named = {"syringe": syringe, "ink": ink, "needle": needle}
+    parts = machine_parts(printer, ["syringe", "ink"], **named)
+    machine, filled = load(Printer, parts["printer"]), load(Syringe, parts["syringe"])
+    material = load(Ink, parts["ink"])
+    tip = load(Needle, parts["needle"]) if parts["needle"] else None
     line = calibration.LagPattern(
         slow, fast, length, width, layer, "round" if round_bead else "flat"
     )
     if gcode is not None:
         test = calibration.lag_test(line, lines, material)
-        mounted = (load(Printer, printer), load(Syringe, syringe))
+        place = three_numbers(at, "--at")
         # As a print does: what is found then multiplies the factor that the ink has.
-        write_test(
-            calibration.Job(gcode, test, *mounted, three_numbers(at, "--at"), material.flow_factor)
-        )
+        factor = material.flow_factor
+        write_test(calibration.Job(gcode, test, machine, filled, place, factor, material, tip))
         return
     data = read_csv_argument(readings, "x_mm", "width_mm")
-    tip = None if needle is None else load(Needle, needle)
-    finish(calibration.lag_result(data, line, material, tip, load(Syringe, syringe)), write)
+    refuse_other(data.recorded, calibration.record_of_test(machine, filled, material, tip))
+    finish(calibration.lag_result(data, line, material, tip, filled), write, accept_change)
 
 
 @json_command
@@ -166,8 +191,8 @@ def offset(
 @json_command
 def weigh(
     readings: Csv = None,
-    printer: cli.PrinterOption = "generic_marlin",
-    syringe: cli.SyringeOption = "hamilton_1ml",
+    printer: PrinterName = None,
+    syringe: cli.SyringeOption = None,
     density: float = opt("Of what is weighed, g/cm³.", 0.998),
     density_error: float = opt("Half of its 95 % interval, g/cm³.", 0.001, min=0),
     mend: str = opt("What --write changes: bore (syringe) or steps (printer).", "steps"),
@@ -175,18 +200,21 @@ def weigh(
     repeats: int = opt("Of each dose.", 4, min=1),
     flow: float = opt("Of the test, µL/s.", 2.0, min=0.001),
     wait: float = opt("To change vials, s.", 30.0, min=0),
-    ink: str = opt("What a pneumatic head is weighed with.", "collagen_fresh"),
-    needle: str = opt("The same, its needle.", "30g"),
+    ink: str | None = opt("What a pneumatic head is weighed with.", show_default="what is mounted"),
+    needle: str | None = opt("The same, its needle.", show_default="what is mounted"),
     at: At = "100,100,50",
     gcode: Gcode = None,
     write: Write = None,
+    accept_change: AcceptChange = False,
 ) -> None:
     """Steps per µL, by weight: CSV with travel_mm and mass_mg of each dose.
 
     Of a pneumatic head the flow at its pressure: open_s and mass_mg; --doses over --flow is how
     long the valve opens.
     """
-    machine, filled = load(Printer, printer), load(Syringe, syringe)
+    named = {"syringe": syringe, "ink": ink, "needle": needle}
+    parts = machine_parts(printer, ["syringe"], **named)
+    machine, filled = load(Printer, parts["printer"]), load(Syringe, parts["syringe"])
     volumes = numbers_of(doses, "--doses") * repeats
     head, known = machine.pneumatic, (density, density_error)
     if gcode is not None:
@@ -195,14 +223,15 @@ def weigh(
         return
     if head is not None:
         data = read_csv_argument(readings, "open_s", "mass_mg")
-        used = load(Ink, ink), load(Needle, needle)
-        finish(calibration.flow_result(data, known, machine, *used), write)
+        refuse_unknown(parts["printer"], parts, ["ink", "needle"])
+        used = load(Ink, parts["ink"]), load(Needle, parts["needle"])
+        finish(calibration.flow_result(data, known, machine, *used), write, accept_change)
         return
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
     data = read_csv_argument(readings, "travel_mm", "mass_mg")
     what: Literal["bore", "steps"] = "bore" if mend == "bore" else "steps"
-    finish(calibration.weighing_result(data, known, machine, filled, what), write)
+    finish(calibration.weighing_result(data, known, machine, filled, what), write, accept_change)
 
 
 @json_command

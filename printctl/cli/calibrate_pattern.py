@@ -20,7 +20,12 @@ from printctl.calibration.pattern_job import (
 from printctl.calibration.patterns import COLUMNS, WrittenPattern, read_pattern
 from printctl.checks.set_up import ProfileNames
 from printctl.cli import options as cli
-from printctl.cli.calibrate_measured import Write, print_estimates
+from printctl.cli.calibrate_measured import (
+    AcceptChange,
+    Write,
+    machine_parts,
+    print_estimates,
+)
 from printctl.cli.declare import command, json_command, wants_json
 from printctl.errors import UsageError
 from printctl.settings import arg, numbers_of, of, opt, three_numbers
@@ -46,12 +51,12 @@ def pattern(
         "lines, spiral, joint, bridge, comb or squares."
     ),
     output: Path = opt("The G-code; .csv, .json, .svg stand beside it.", ..., "--output", "-o"),
-    needle: str = opt("Needle profile.", ...),
-    printer: str = opt(
-        "Printer profile, shipped or a .yaml.", "generic_marlin", "--printer", "--profile"
+    needle: str | None = opt("Needle profile.", show_default="what is mounted"),
+    printer: str | None = opt(
+        "Printer profile, shipped or a .yaml.", None, "--printer", "--profile"
     ),
-    syringe: cli.SyringeOption = "hamilton_1ml",
-    ink: cli.InkOption = "collagen_fresh",
+    syringe: cli.SyringeOption = None,
+    ink: cli.InkOption = None,
     bath: str | None = of(ProfileNames, "bath"),
     dish: str | None = of(ProfileNames, "dish"),
     dish_centre: str | None = of(ProfileNames, "dish_centre"),
@@ -79,8 +84,11 @@ def pattern(
         "another pattern",
     )
     place, shape = three_numbers(at, "--at"), LineShape(width, layer, round_bead)
-    machine = PatternMachine(printer, syringe, ink, needle)
-    placed = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
+    held = {"syringe": syringe, "ink": ink, "needle": needle}
+    parts = machine_parts(printer, tuple(held), **held, bath=bath, dish=dish)
+    machine = PatternMachine(*(parts[part] for part in PatternMachine._fields))
+    bath, dish = parts["bath"] or None, parts["dish"] or None
+    placed = ProfileNames(machine.needle, bath, dish, dish_centre, bath_depth)
     job = pattern_job(output, name, own, shape, machine, placed, place)
     lines, seconds, notes = write_pattern_job(job)
     start, made = ",".join(f"{value:g}" for value in job.at_mm), job.written.pattern
@@ -117,6 +125,7 @@ def widths(
     flow_factor: float | None = opt("Weighed; the swelling is told then.", min=0.2, max=5),
     ink: str | None = opt("For --write; the one it was printed with if not."),
     write: Write = None,
+    accept_change: AcceptChange = False,
 ) -> None:
     """Widths of a calibration print, and what they say of the ink.
 
@@ -152,9 +161,9 @@ def widths(
         cli.print_lines(*answer.table)
     print_estimates(answer.lines, [*notes, *answer.notes])
     if write is not None:
-        cli.print_note(
-            f"wrote {write}: {answer.save(write, load(Ink, ink or written.mounted.ink))}"
-        )
+        written.mounted.refuse_other(ink)
+        held = load(Ink, ink or written.mounted.ink)
+        cli.print_note(f"wrote {write}: {answer.save(write, held, accept_change=accept_change)}")
 
 
 def _pattern(file: Path, named: Path | None) -> WrittenPattern:

@@ -129,6 +129,7 @@ COMMANDS: dict[str, str] = {
     "slice": "slice:slice_mesh",
     "simulate": "simulate:simulate",
     "print": "print_job:print_job",
+    "mount": "mount:mount",
     "station": "station:station",
     "status": "running_print:status",
     "stop": "running_print:stop",

@@ -69,8 +69,11 @@ CameraFile = Annotated[
 
 # A print's set-up.
 PrinterOption = Annotated[str, opt("Printer profile: a shipped name or a .yaml file.")]
-SyringeOption = Annotated[str, opt("Syringe profile: a shipped name or a .yaml file.")]
-InkOption = Annotated[str, opt("Ink profile.")]
+_MOUNTED = {"show_default": "what is mounted"}
+SyringeOption = Annotated[
+    str | None, opt("Syringe profile: a shipped name or a .yaml file.", **_MOUNTED)
+]
+InkOption = Annotated[str | None, opt("Ink profile.", **_MOUNTED)]
 StartOption = Annotated[
     str | None,
     opt(

@@ -3,29 +3,44 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from firmware_profiles import Printer, load
+from printctl.checks.made_for import MadeFor, read_made_for, record_of
 from printctl.checks.preflight import file_checks, refuse_failed, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command
 from printctl.cli.simulate import read_start_position
+from printctl.errors import SafetyError
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
-from printctl.machine.job.syringes import usable_mm, with_reloads
+from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
 from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
+from printctl.machine.prints.mounted import (
+    ASSUMED,
+    is_confirmed,
+    keep_confirmed,
+    left_check,
+    or_assumed,
+    refuse_unknown,
+    unconfirmed,
+    with_mounted,
+)
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
 from printctl.machine.process.starting import find_or_start, running
+from printctl.machine.records.mounting import Mounting, load_mounting
 from printctl.machine.records.states import Status
 from printctl.observe.observer_launch import end_idle_observer, ensure_observer
 from printctl.observe.records import ORDER_FILE
+from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.progress import StageBars
 from printctl.recipe.making import CarePart
 from printctl.settings import of, opt, settings
@@ -80,8 +95,8 @@ def print_job(
         "network host: moonraker://HOST:PORT, octoprint://HOST:PORT, duet://HOST.",
         ...,
     ),
-    syringe: cli.SyringeOption = "hamilton_1ml",
-    ink: cli.InkOption = "collagen_fresh",
+    syringe: cli.SyringeOption = None,
+    ink: cli.InkOption = None,
     mounted: ProfileNames,
     start: cli.StartOption = None,
     folder: Path | None = opt("For the journal; FILE.print by default."),
@@ -90,9 +105,13 @@ def print_job(
     how: CareOptions,
     prime_ul: float = of(CarePart, "prime_ul"),
     reload: bool = of(CarePart, "reload"),
+    reload_min: float | None = of(CarePart, "reload_min", "--reload-min", metavar="MINUTES"),
     accept_crossings: bool = opt(
         "Print although the needle's shaft passes through written vessels; the journal keeps it.",
         False,
+    ),
+    for_mounted: bool = opt(
+        "Confirm that a file which doesn't record its set-up was made for what is mounted.", False
     ),
     host_key: cli.HostKeyOption = None,
     yes: cli.YesFlag = False,
@@ -102,6 +121,9 @@ def print_job(
     The print runs in a process of its own and goes on when this command ends. Ctrl-C asks: detach,
     stop or kill.
 
+    Parts that aren't named are those entered with `printctl mount`; on a simulated port the usual
+    ones are assumed where none are mounted.
+
     Exit code 1 when all lines were taken but it isn't proved that all was made: another program
     wrote to the printer.
     """
@@ -110,6 +132,8 @@ def print_job(
     refuse_unsent(profile, str(file))
     tip = read_start_position(file, profile, start)
     place = folder if folder is not None else file.with_name(file.name + ".print")
+    kept, real = load_mounting(printer), port != SIMULATED
+    syringe, ink, mounted = _parts(printer, kept, real, syringe, ink, mounted)
     loads = loads_of(profile, syringe, ink, mounted.needle)
     usable = [usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
     care = how.care(of_each(profile, syringe, "--syringe"), usable)
@@ -120,15 +144,21 @@ def print_job(
         set_for = set_up(profile, syringe, ink, tip, mounted)
         run, job = dry_run(cli.read_gcode_file(file), profile, tip), load_job(file, profile)
         shaft = file_shaft(file, run, set_for, accepted=accept_crossings)
-        line_map, real = file.with_suffix(".map.npz"), port != SIMULATED
+        line_map = file.with_suffix(".map.npz")
         checks = [*file_checks(run, set_for, line_map, real=real), *shaft.checks]
-        checks, at, heads = with_reloads(checks, job, usable, wanted=reload)
+        changes = CarePart(reload=reload, reload_min=reload_min)
+        plan = plan_syringes(checks, job, usable, set_for.inks, run.duration_s, changes)
+        checks = plan.checks
+        if real and (left_ul := kept.left_ul(profile)) is not None:
+            checks.append(left_check(job, plan.reload_at, left_ul, set_for.syringe.area_mm2))
         refuse_failed(checks)
+        if real and not read_made_for(run.opening):
+            _confirm_set_up(file, order.sha256, record_of(set_for), for_mounted)
         cli.print_notes(warnings(checks))
         care = replace(
             care,
-            reload_at=at,
-            reload_heads=heads,
+            reload_at=plan.reload_at,
+            reload_heads=plan.reload_heads,
             accepted=shaft.accepted,
             start_mm=tip,
             set_up=("--syringe", syringe, "--ink", ink, *mounted.words()),
@@ -144,6 +174,57 @@ def print_job(
     facts = {"state": done.state.value, "proved": done.proved, "lines": done.lines_done}
     facts |= {"message": done.message, "folder": str(place)}
     cli.print_result(facts, [f"{done.state.value}: {done.message}", str(place)], done.proved)
+
+
+def _parts(
+    printer: str,
+    kept: Mounting,
+    real: bool,
+    syringe: str | None,
+    ink: str | None,
+    mounted: ProfileNames,
+) -> tuple[str, str, ProfileNames]:
+    """Return syringe, ink and the other parts: named, mounted, or on a simulated port assumed."""
+    named = {
+        **{"syringe": syringe, "ink": ink, "needle": mounted.needle},
+        **{"bath": mounted.bath, "dish": mounted.dish},
+    }
+    known = with_mounted(printer, named, refuse=real)
+    if real:
+        refuse_unknown(printer, known, ASSUMED)
+    parts, notes = or_assumed(known)
+    cli.print_notes(notes)
+    depth, centre = mounted.bath_depth, mounted.dish_centre
+    if parts["dish"] and parts["dish"] == kept.parts.dish:
+        depth = depth or kept.parts.depth_mm
+        if centre is None and kept.parts.dish_centre_mm is not None:
+            centre = "{!r},{!r}".format(*kept.parts.dish_centre_mm)
+    names = replace(
+        mounted,
+        needle=parts["needle"] or None,
+        bath=parts["bath"] or None,
+        dish=parts["dish"] or None,
+        bath_depth=depth,
+        dish_centre=centre,
+    )
+    return parts["syringe"], parts["ink"], names
+
+
+def _confirm_set_up(file: Path, sha256: str, mounted: MadeFor, for_mounted: bool) -> None:
+    """Have a person confirm, once, the set-up of a file that doesn't record it."""
+    if is_confirmed(sha256, mounted):
+        return
+    words = unconfirmed(file.name, mounted)
+    if not for_mounted:
+        answer = ""
+        if sys.stdin.isatty():
+            question = f"{words}. Was it made for that? Type yes to confirm: "
+            answer = cli.messages().input(question, markup=False)
+        if answer.strip().lower() != "yes":
+            raise SafetyError(
+                f"{words}; if it was made for that, add --for-mounted (asked once for each file)"
+            )
+    keep_confirmed(sha256, mounted)
 
 
 def _print(order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool) -> Status:

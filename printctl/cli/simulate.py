@@ -7,9 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, load
-from printctl.checks.preflight import file_checks, placed_failures, warnings
+from printctl.checks.preflight import (
+    PrintTime,
+    file_checks,
+    placed_failures,
+    viability_checks,
+    warnings,
+)
 from printctl.checks.preflight.shaft import file_shaft
-from printctl.checks.set_up import ProfileNames, refusal_of, set_up
+from printctl.checks.set_up import ProfileNames, refusal_of, set_up, shortest_budget
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command, wants_json
 from printctl.cli.kernels_ready import have_kernels
@@ -19,6 +25,7 @@ from printctl.machine.control.connecting import ASIDE_MM
 from printctl.machine.errors import LinkError
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import parse_job
+from printctl.machine.prints.mounted import ASSUMED, or_assumed
 from printctl.pipeline.bead_choices import BeadChoices, BeadOptions
 from printctl.settings import opt, three_numbers
 from sim.gcode.dry_run.run import dry_run
@@ -59,8 +66,8 @@ def simulate(
     *,
     file: cli.GcodeArg,
     printer: cli.PrinterOption = "generic_marlin",
-    syringe: cli.SyringeOption = "hamilton_1ml",
-    ink: cli.InkOption = "collagen_fresh",
+    syringe: str | None = opt("Syringe profile.", show_default=ASSUMED["syringe"]),
+    ink: str | None = opt("Ink profile.", show_default=ASSUMED["ink"]),
     names: ProfileNames,
     start: cli.StartOption = None,
     out: Path | None = opt(
@@ -81,11 +88,16 @@ def simulate(
     have_kernels("simulate")
     profile = load(Printer, printer)
     tip = read_start_position(file, profile, start)
-    mounted = set_up(profile, syringe, ink, tip, names)
+    parts, assumed = or_assumed({"syringe": syringe, "ink": ink})
+    mounted = set_up(profile, parts["syringe"], parts["ink"], tip, names)
     gcode = cli.read_gcode_file(file)
     run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
-    checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
+    checks = [
+        *file_checks(run, mounted, file.with_suffix(".map.npz")),
+        *shaft.checks,
+        *viability_checks(PrintTime(run.duration_s), shortest_budget(mounted.inks)),
+    ]
     at = None if place is None else three_numbers(place, "--place")
     choices = BeadChoices(**vars(bead), out=out, place_mm=at)
     found: list[dict[str, Any]] = []
@@ -127,6 +139,6 @@ def simulate(
     ]
     cli.print_result(facts, [*lines, *predicted])
     if not wants_json():
-        cli.print_notes([*warnings(checks), *notes])
+        cli.print_notes([*assumed, *warnings(checks), *notes])
     if refusal:
         raise refusal

@@ -14,11 +14,13 @@ from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import PrinterOption, gcode_to_write, print_notes, print_result
 from printctl.errors import UsageError
+from printctl.machine.prints.mounted import ASSUMED, or_assumed
 from printctl.pipeline import slicing
 from printctl.recipe.making import Fresh
 from printctl.settings import arg, of, opt, three_numbers
 
 _LINES_UM = (10.0, 5000.0)
+_NEEDLE = "fresh_150um"
 
 
 @json_command
@@ -32,11 +34,15 @@ def slice_mesh(
     unit: LengthUnit | None = opt("Of the meshes; a 3MF says it itself."),
     printer: PrinterOption = "generic_marlin",
     heads: str | None = opt("Head of each mesh, counted from 0, like 0,1,1; if not given 0,1,..."),
-    syringe: str = opt("Syringe profile; of several heads: left,right.", "hamilton_1ml"),
-    ink: str = opt("Ink profile; of several heads: left,right.", "collagen_fresh"),
-    needle: str = opt(
+    syringe: str | None = opt(
+        "Syringe profile; of several heads: left,right.", show_default=ASSUMED["syringe"]
+    ),
+    ink: str | None = opt(
+        "Ink profile; of several heads: left,right.", show_default=ASSUMED["ink"]
+    ),
+    needle: str | None = opt(
         "Needle profile, of several heads: left,right; what a pneumatic head lays needs it.",
-        "fresh_150um",
+        show_default=_NEEDLE,
     ),
     thinnest_bore: float = of(ProfileNames, "thinnest_bore"),
     bath: str = opt("Bath profile: its floor clearance is kept below the part.", "gelatin_support"),
@@ -69,7 +75,10 @@ def slice_mesh(
     profile = load(Printer, printer)
     filling = Filling(infill, infill_percent * 1e-2)
     chosen = slicing.head_of_each(heads, len(models), profile)
-    loads, widths = loads_of(profile, syringe, ink, needle), _lines_mm(profile, line_um)
+    usual = ASSUMED | {"needle": _NEEDLE}
+    parts, notes = or_assumed({"syringe": syringe, "ink": ink, "needle": needle}, usual)
+    loads = loads_of(profile, parts["syringe"], parts["ink"], parts["needle"])
+    widths = _lines_mm(profile, line_um)
     refuse_failed([
         bore_check(width, one.needle, thinnest_bore, "--line-um")
         for width, one in zip(widths, loads, strict=True)
@@ -90,12 +99,12 @@ def slice_mesh(
     stands_in = None if dish is None else load(Dish, dish)
     at = None if place is None else three_numbers(place, "--place")
     with freed_memory_returned():
-        parts = slicing.assemble(models, chosen, modifiers, filling, unit)
+        pieces = slicing.assemble(models, chosen, modifiers, filling, unit)
         job = slicing.SliceJob(
-            parts, profile, loads, widths, how, stands_in, load(Bath, bath).floor_clearance_mm, at
+            pieces, profile, loads, widths, how, stands_in, load(Bath, bath).floor_clearance_mm, at
         )
         written = slicing.slice_parts(job, out)
-    print_notes(slicing.job_notes(job, written))
+    print_notes([*notes, *slicing.job_notes(job, written)])
     facts = slicing.job_facts(job, written, models, out)
     low, high = facts["layer_um"]
     span = "" if high - low < 0.01 else f" of {low:.4g} to {high:.4g} µm"

@@ -75,6 +75,9 @@ def run_recipe(
         from printctl.pipeline.refusals import refuse_before  # a design needs none of it
 
         refuse_before(recipe, recipe_folder)
+        if recipe.assumed_parts:
+            taken = ", ".join(f"{part} {name}" for part, name in recipe.assumed_parts.items())
+            console.print(f"note: assumed {taken}, as the recipe names no other", markup=False)
     elif recipe.plate is None:
         from printctl.pipeline.run_stages import run_design  # loads the design's stages alone
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, ModelWrapValidatorHandler, Tag, model_validator
 
 from printctl.recipe.anatomy import AnatomyPart
 from printctl.recipe.forest import Forest
@@ -114,6 +114,27 @@ class Recipe(Part):
             heads = [ink | one if isinstance(one, dict) else one for one in printer["heads"]]
             return data | {"printer": {"bath": "cell_matrix", **printer, "heads": heads}}
         return data | {"printer": {**ink, "bath": "cell_matrix", **printer}}
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _an_ink_that_suits_isn_t_set(
+        cls, data: Any, make: ModelWrapValidatorHandler[Recipe]
+    ) -> Recipe:
+        """Count an ink that the recipe doesn't name as its default."""
+        recipe = make(data)
+        if isinstance(data, dict) and isinstance(printer := data.get("printer") or {}, dict):
+            recipe.printer.model_fields_set.intersection_update(printer)
+        return recipe
+
+    @property
+    def assumed_parts(self) -> dict[str, str]:
+        """Syringe, ink and needle that it takes by default, as it names none."""
+        part, named = self.printer, self.printer.model_fields_set
+        usual = {} if part.heads else {"syringe": part.syringe, "ink": part.ink}
+        taken = {name: value for name, value in usual.items() if name not in named}
+        if "needle" in self.toolpath.model_fields_set or any(one.needle for one in part.heads):
+            return taken
+        return {**taken, "needle": self.toolpath.needle}
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Recipe:

@@ -114,7 +114,10 @@ def test_more_ink_than_the_syringe_holds(tmp_path: Path) -> None:
     _refused(recipe, tmp_path, 3, "µL", "1000", "syringe", command=("toolpath",))
 
 
-MOUNTED = ("--needle", "30g_50mm", "--bath", "gelatin_support", "--dish", "box_80mm")
+MOUNTED = (
+    *("--needle", "30g_50mm", "--bath", "gelatin_support", "--dish", "box_80mm"),
+    *("--syringe", "hamilton_1ml", "--ink", "collagen_fresh", "--for-mounted"),
+)
 
 
 def test_missing_port(tmp_path: Path) -> None:
@@ -178,7 +181,7 @@ def job(tmp_path: Path) -> Path:
     lines = ["G21", "G90", "M82", "M302 P1", "G92 X100 Y100 Z5 E0"]
     lines += [f"G1 X{100 + 5 * (k % 2)} E{0.005 * k:.4f} F3000" for k in range(1, 5001)]
     path = tmp_path / "job.gcode"
-    path.write_text("\n".join([*lines, "M400"]) + "\n")
+    path.write_text("\n".join([*lines, "G0 Z30 F300", "M400"]) + "\n")
     return path
 
 
@@ -222,7 +225,7 @@ class Terminal:
 
 def test_detach_leaves_it_printing_and_stop_ends_it_in_order(job: Path, port: str) -> None:
     first = Terminal(job, port)
-    first.expect(r"[1-9]\d* of 5006 lines")
+    first.expect(r"[1-9]\d* of 5007 lines")
     first.type("\x03")
     first.expect("detach")
     first.type("d\n")
@@ -230,7 +233,7 @@ def test_detach_leaves_it_printing_and_stop_ends_it_in_order(job: Path, port: st
     assert first.exit_code() == 1
 
     again = Terminal(job, port)
-    again.expect(r"[1-9]\d* of 5006 lines")
+    again.expect(r"[1-9]\d* of 5007 lines")
     again.type("\x03")
     again.expect("stop")
     again.type("s\n")
@@ -238,12 +241,12 @@ def test_detach_leaves_it_printing_and_stop_ends_it_in_order(job: Path, port: st
     assert again.exit_code() == 4
     left = attach(job.with_name("job.gcode.print")).status
     assert left.position_known
-    assert 0 < left.lines_done < 5006
+    assert 0 < left.lines_done < 5007
 
 
 def test_kill_halts_the_printer(job: Path, port: str) -> None:
     terminal = Terminal(job, port)
-    terminal.expect(r"[1-9]\d* of 5006 lines")
+    terminal.expect(r"[1-9]\d* of 5007 lines")
     terminal.type("\x03")
     terminal.expect("kill")
     terminal.type("k\n")

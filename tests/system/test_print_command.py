@@ -27,7 +27,8 @@ from tests.system.cli import called, printctl, recipe_file
 START = (60.0, 60.0, 90.0)
 PLACE = np.array([80.0, 80.0, 40.0])
 TIP = ",".join(f"{value:g}" for value in START)
-MOUNTED = ("--needle", "30g_50mm", "--bath", "gelatin_support", "--dish", "box_80mm")
+FILLED = ("--syringe", "hamilton_1ml", "--ink", "collagen_fresh", "--for-mounted")
+MOUNTED = (*FILLED, "--needle", "30g_50mm", "--bath", "gelatin_support", "--dish", "box_80mm")
 """What a print on a port that isn't the simulated one must name."""
 UNSEEN = "whether the shaft passes through written vessels wasn't looked at"
 
@@ -128,7 +129,7 @@ def _job(folder: Path) -> Path:
         for k in range(1, MOVES + 1)
     ]
     path = folder / "job.gcode"
-    path.write_text("\n".join([*lines, "M400"]) + "\n")
+    path.write_text("\n".join([*lines, "G0 Z30 F300", "M400"]) + "\n")
     return path
 
 
@@ -143,7 +144,7 @@ def test_every_line_is_executed_once(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["state"] == "done"
     motion = ExecutedMotion.load(tmp_path / "done.npz")
-    assert len(motion) == MOVES
+    assert len(motion) == MOVES + 1  # and a lift
     np.testing.assert_array_equal(np.diff(motion.line), 1)
     np.testing.assert_allclose(motion.plunger_end[-1], 0.01 * MOVES, atol=1 / 6400)
 
@@ -156,7 +157,7 @@ def test_port_that_goes_away_ends_with_the_last_line_known(tmp_path: Path) -> No
         )  # fmt: skip
     assert done.returncode == 4, done.stderr
     assert "Traceback" not in done.stderr
-    assert f"of {MOVES + 6} lines taken" in done.stderr
+    assert f"of {MOVES + 7} lines taken" in done.stderr
     assert "journal" in done.stderr
 
 
@@ -171,7 +172,7 @@ def test_simulated_port_needs_no_set_up(tmp_path: Path) -> None:
 def test_a_port_that_is_not_simulated_needs_needle_bath_and_dish(tmp_path: Path) -> None:
     done = called(
         "print", _job(tmp_path), "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", "--yes",
-        cwd=tmp_path,
+        *FILLED, cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 3, done.stderr
     for option in ("--needle", "--bath", "--dish"):
@@ -179,7 +180,7 @@ def test_a_port_that_is_not_simulated_needs_needle_bath_and_dish(tmp_path: Path)
     none = ("--needle", "none", "--bath", "none", "--dish", "none")  # an air print
     done = called(
         "print", tmp_path / "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9",
-        "--yes", *none, cwd=tmp_path,
+        "--yes", *FILLED, *none, cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 4, done.stderr
 

@@ -15,8 +15,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from kernels.arrays import FloatArray
 from printctl.calibration.patterns.plan import Bead, Pattern, Question, Stroke
+from printctl.checks.made_for import made_for, read_made_for, refuse_other
+from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
 
 VERSION: Final = 1
@@ -37,6 +40,8 @@ class PatternSetUp:
         Of the ink, by which the G-code's plunger is driven.
     swell_factor : float or None
         Of the ink, as its profile had it.
+    recorded : tuple of str
+        Names and hashes of the profiles, as in the G-code's header; empty in files of before.
     """
 
     printer: str
@@ -45,6 +50,14 @@ class PatternSetUp:
     needle: str
     flow_factor: float
     swell_factor: float | None
+    recorded: tuple[str, ...] = ()
+
+    def refuse_other(self, ink: str | None = None) -> None:
+        """Raise `SafetyError` where a profile was changed since, or ``ink`` is another one."""
+        syringe, of_ink, needle = self.syringe, ink or self.ink, self.needle
+        filled = HeadLoading(load(Syringe, syringe), load(Ink, of_ink), load(Needle, needle))
+        recorded = read_made_for("\n".join(f"; {one}" for one in self.recorded).encode())
+        refuse_other(recorded, made_for(load(Printer, self.printer), [filled]))
 
 
 @dataclass(frozen=True)
@@ -136,7 +149,7 @@ def _text(written: WrittenPattern, more: dict[str, Any] | None = None) -> str:
         _KEY: VERSION,
         **(more or {}),
         "name": pattern.name,
-        "mounted": asdict(written.mounted),
+        "mounted": {key: value for key, value in asdict(written.mounted).items() if value != ()},
         "bead": asdict(pattern.bead),
         "size_mm": _rounded(pattern.size_mm),
         **({} if written.at_mm is None else {"at_mm": _rounded(written.at_mm)}),
@@ -180,7 +193,8 @@ def _read(data: dict[str, Any]) -> WrittenPattern:
     )
     x, y = data["size_mm"]
     pattern = Pattern(data["name"], Bead(**data["bead"]), (x, y), tuple(strokes), questions)
-    mounted = PatternSetUp(**data["mounted"])
+    recorded = tuple(data["mounted"].get("recorded", ()))
+    mounted = PatternSetUp(**{**data["mounted"], "recorded": recorded})
     if data.get("at_mm") is None:
         return WrittenPattern(pattern, mounted)
     at_x, at_y, at_z = map(float, data["at_mm"])
@@ -238,6 +252,7 @@ def speed_at(stroke: Stroke, x_mm: FloatArray) -> FloatArray:
 
 def _table(written: WrittenPattern, rows: Iterable[list[str]]) -> str:
     text = io.StringIO()
+    text.writelines(f"# {line}\n" for line in written.mounted.recorded)
     text.write(f"# pattern={written.number}\n# {HINTS[written.pattern.name]}\n")
     columns = list(COLUMNS[written.pattern.name])
     csv.writer(text, lineterminator="\n").writerows([columns, *rows])

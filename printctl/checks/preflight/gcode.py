@@ -490,12 +490,12 @@ def _counted(code: str, name: str, findings: list[Finding]) -> Check:
     return Check(name, count, 0, "", not those, _line(first), remedy)
 
 
-_WARNED: Final = ("left_down",)
-"""Findings that may be meant so: a person decides."""
+LEFT_DOWN: Final = SORTS["left_down"]
+"""Name of the check of a file's last move; it warns where nothing moves yet."""
 
 
 def _other(finding: Finding) -> Check:
     name = {**SORTS, "empty_file": "files without a command"}.get(finding.code, finding.code)
-    weight: Weight = "warns" if finding.code in _WARNED else "refuses"
+    weight: Weight = "warns" if name == LEFT_DOWN else "refuses"
     line = _line(finding)
     return Check(name, finding.count, 0, "", False, line, finding.message, weight)

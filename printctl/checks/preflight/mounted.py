@@ -15,7 +15,6 @@ from firmware_profiles import (
     Ink,
     Needle,
     Printer,
-    ProfileError,
     Syringe,
     load,
     profile_doubts,
@@ -46,46 +45,6 @@ def profile_checks(*profiles: Facts) -> list[Check]:
         for doubt in profile_doubts(facts)
         if doubt.grave
     ]
-
-
-SAME_AREA: Final = 0.02
-"""Relative difference of two syringes' cross-sections that is no other amount of ink."""
-
-
-def made_for_checks(folder: Path, printer: Printer, syringes: Sequence[Syringe]) -> list[Check]:
-    """Whether each head's syringe lays the ink that a run's G-code was made for.
-
-    Plunger moves are lengths: a wider syringe lays more ink by the same moves. Nothing for a folder
-    that isn't a run's, or where no plunger moves.
-    """
-    recipe = Manifest.load(folder).facts.get("recipe")
-    if printer.pneumatic or not isinstance(recipe, dict):
-        return []
-    part = recipe.get("printer", {})
-    names = [head.get("syringe") for head in part.get("heads") or ()] or [part.get("syringe")]
-    checks = []
-    for name, syringe in zip(names, syringes, strict=False):
-        if not name:
-            continue
-        try:
-            made_for = load(Syringe, name)
-        except ProfileError:  # of a file that has gone; the run itself tells its name
-            continue
-        ratio = syringe.area_mm2 / made_for.area_mm2
-        checks.append(
-            Check(
-                "ink laid, of what the job was made for",
-                ratio,
-                1.0,
-                "times",
-                abs(ratio - 1.0) <= SAME_AREA,
-                "syringe: inner_mm",
-                f"the job's plunger moves are for {name} ({made_for.inner_mm:g} mm inside), and "
-                f"{syringe.name} has {syringe.inner_mm:g} mm; take that syringe, or make the "
-                "design with this one",
-            )
-        )
-    return checks
 
 
 # Check needle length, ink and bath chemistry, and filament support, without G-code.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from firmware_profiles import Printer, ProfileError
@@ -12,42 +13,48 @@ from printctl.checks.made_for import read_made_for, set_up_checks
 from printctl.checks.preflight.bore import line_checks
 from printctl.checks.preflight.dish import PLACE_OPTION, dish_checks, floor_check, unknown_dish
 from printctl.checks.preflight.force import force_checks
-from printctl.checks.preflight.gcode import gcode_checks
+from printctl.checks.preflight.gcode import LEFT_DOWN, gcode_checks
 from printctl.checks.preflight.heads import check_each_head, head_checks
 from printctl.checks.preflight.ink import (
-    PrintTime,
     temperature_checks,
-    viability_checks,
     volumes,
     written_ul,
 )
 from printctl.checks.preflight.mounted import (
     bath_checks,
     chemistry_check,
-    made_for_checks,
     role_checks,
     syringe_checks,
     writes_of_job,
 )
 from printctl.checks.preflight.steps import step_checks
 from printctl.checks.preflight.wells import Wells, read_wells, well_checks
-from printctl.checks.set_up import Check, HeadLoading, SetUp, budget_of
+from printctl.checks.set_up import Check, HeadLoading, SetUp
 from printctl.errors import UsageError
 from sim.gcode.deposit.lay import Style
 from sim.gcode.dry_run.run import DryRun
 
 
 def file_checks(
-    run: DryRun, setup: SetUp, map_path: Path | None = None, *, real: bool = False
+    run: DryRun,
+    setup: SetUp,
+    map_path: Path | None = None,
+    *,
+    real: bool = False,
+    lifted: bool = False,
 ) -> list[Check]:
-    """Every check of a dry run, passed or not.
+    """Every check of a dry run, passed or not, but for the print time's (`plan_syringes`).
 
-    What isn't named can't be checked: a warning, or before a ``real`` print a refusal. Of a plate's
-    job the map says where wells are.
+    What isn't named can't be checked: a warning, or before a ``real`` print a refusal. A file that
+    leaves the needle in the print is refused where it must be ``lifted``, as before a real print.
+    Of a plate's job the map says where wells are.
     """
     checks = gcode_checks(run, setup.printer, PLACE_OPTION)
-    recorded = read_made_for(run.opening)
-    checks += set_up_checks(recorded, setup)
+    if real or lifted:
+        checks = [
+            replace(one, weight="refuses") if one.check == LEFT_DOWN else one for one in checks
+        ]
+    checks += set_up_checks(read_made_for(run.opening), setup)
     loads = [setup.load_of(k) for k in range(setup.printer.head_count)]
     ink_ul = written_ul(run, setup.printer, loads)
     wells = None if map_path is None else _wells(run, setup, loads, map_path)
@@ -64,9 +71,6 @@ def file_checks(
         checks += head_checks(run, setup.printer, setup.standing, [one.needle for one in loads])
     else:
         checks += _of_head(run, setup.printer, setup, loads[0], ink_ul, style)
-    if not recorded and map_path is not None and map_path.is_file():
-        syringes = [one.syringe for one in loads]
-        checks += made_for_checks(map_path.parent, setup.printer, syringes)
     if setup.bath is not None:
         checks += bath_checks(setup.bath)
         writes = None if map_path is None else writes_of_job(map_path.parent, style)
@@ -104,7 +108,6 @@ def _of_head(
     checks = [
         *syringe_checks(run, printer, load.syringe),
         *step_checks(run, printer, load.syringe),
-        *viability_checks(PrintTime(run.duration_s), budget_of(load.ink)),
         *temperature_checks(run, load.ink, setup.bath),
     ]
     if load.needle is not None:

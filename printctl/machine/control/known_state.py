@@ -9,9 +9,10 @@ from typing import Any, Final
 
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, ProfileError, Syringe, load
 from printctl.checks.gate import Bounds, Limit, PrinterSituation
-from printctl.machine.control.station_status import MountedParts, Place
+from printctl.machine.control.station_status import Place
 from printctl.machine.errors import Refused
 from printctl.machine.job.syringes import usable_mm
+from printctl.machine.records.mounting import PARTS, MountedParts, Mounting
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,6 @@ def heat_limits(profiles: MountedProfiles, part_in_dish: bool) -> dict[str, Limi
 
 MAX_MM: Final = 1e6
 """Beyond it a length is none of a printer's; a whole number may be too large for a float."""
-_NAMES: Final = ("needle", "syringe", "ink", "dish", "bath")
 _UNKNOWN: Final = (False, False, False)
 
 
@@ -155,15 +155,18 @@ class Knowledge:
         x, y, z = (name in axes or old for name, old in zip("xyz", self.homed, strict=True))
         self.homed = x, y, z
 
-    def put_in(self, syringe: str, used_mm: float) -> None:
-        """Record a change of syringe in a print, and the travel used up of the new one since.
+    @property
+    def mounting(self) -> Mounting:
+        """What outlives the connection."""
+        return Mounting("", self.mounted, self.plunger_mm, self.part_in_dish)
 
-        Without a name it is one like the last.
-        """
-        if syringe:
-            with suppress(Refused):  # its profile may have gone since the change
-                self.mount({"syringe": syringe})
-        self.plunger_mm = used_mm
+    def take_over(self, kept: Mounting) -> None:
+        """Record what is kept, or what a print left behind."""
+        if kept.parts != self.mounted:
+            with suppress(Refused):  # a syringe's profile may have gone since the change
+                self.profiles = read_mounted_profiles(kept.parts)
+                self.mounted = kept.parts
+        self.plunger_mm, self.part_in_dish = kept.plunger_mm, kept.part_in_dish
 
     def count_anew(self, old: Place, new: Place, axes: set[str]) -> None:
         """Record that the printer calls the tip's place ``new`` now, which it called ``old``.
@@ -200,8 +203,8 @@ class Knowledge:
                 f"{', '.join(MountedParts.__dataclass_fields__)}, plunger_mm"
             )
         used = _used(parts.pop("plunger_mm", 0.0 if parts.get("syringe") else self.plunger_mm))
-        given: dict[str, Any] = {name: _name(name, parts[name]) for name in _NAMES if name in parts}
-        for name in ("floor_mm", "bath_level_mm"):
+        given: dict[str, Any] = {name: _name(name, parts[name]) for name in PARTS if name in parts}
+        for name in ("floor_mm", "bath_level_mm", "bath_depth_mm"):
             if name in parts:
                 given[name] = _mm(name, parts[name])
         if "dish_centre_mm" in parts:
@@ -209,8 +212,9 @@ class Knowledge:
         mounted = replace(self.mounted, **given)
         if {"needle", "dish"} & set(given) and "floor_mm" not in given:
             mounted = replace(mounted, floor_mm=None)
-        if {"dish", "bath"} & set(given) and "bath_level_mm" not in given:
-            mounted = replace(mounted, bath_level_mm=None)
+        if {"dish", "bath"} & set(given):
+            level, depth = given.get("bath_level_mm"), given.get("bath_depth_mm")
+            mounted = replace(mounted, bath_level_mm=level, bath_depth_mm=depth)
         self.profiles = read_mounted_profiles(mounted)
         if mounted.needle and mounted.needle != self.mounted.needle and self.needle_known:
             self.homed = (self.homed[0], self.homed[1], False)

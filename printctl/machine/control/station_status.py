@@ -1,4 +1,4 @@
-"""Data classes of a station's status and its mounted parts, as sent to clients."""
+"""Data classes of a station's status, as sent to clients."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from printctl.machine.control.heat import Temperature
+from printctl.machine.records.mounting import MountedParts
 
 Place = tuple[float, float, float]
 
@@ -28,46 +29,6 @@ NO_PRINTER: Final = "no printer is connected; connect one first (page Printer)"
 """Told wherever something is asked of a station that isn't there."""
 OPEN: Final = frozenset({StationState.READY, StationState.BUSY, StationState.PRINTING})
 """States in which the printer answers."""
-
-
-@dataclass(frozen=True)
-class MountedParts:
-    """What the user said is on the printer; nobody can check it.
-
-    Attributes
-    ----------
-    needle, syringe, ink, dish, bath : str
-        Profiles, by name or path; empty for nothing there, or nobody said.
-    dish_centre_mm : (x, y) or None, mm
-        Printer's frame, as the printer counts now.
-    floor_mm : float or None, mm
-        Height of the tip when it touches the dish's floor; None until it was touched off.
-    bath_level_mm : float or None, mm
-        Height of the bath's surface, printer's frame; None where nobody said it.
-    """
-
-    needle: str = ""
-    syringe: str = ""
-    ink: str = ""
-    dish: str = ""
-    bath: str = ""
-    dish_centre_mm: tuple[float, float] | None = None
-    floor_mm: float | None = None
-    bath_level_mm: float | None = None
-
-    @property
-    def touch_off_due(self) -> bool:
-        """Whether a needle is above a dish whose floor it hasn't touched."""
-        return bool(self.needle and self.dish) and self.floor_mm is None
-
-    @staticmethod
-    def from_dict(data: dict[str, Any]) -> MountedParts:
-        """Read a JSON object; keys of later versions are ignored."""
-        known = {name: data[name] for name in MountedParts.__dataclass_fields__ if name in data}
-        centre = known.get("dish_centre_mm")
-        return MountedParts(
-            **{**known, "dish_centre_mm": None if centre is None else tuple(centre)}
-        )
 
 
 @dataclass(frozen=True)

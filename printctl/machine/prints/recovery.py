@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
+from printctl.checks.made_for import header_lines, read_made_for
 from printctl.machine.control.firmware import mode_lines
 from printctl.machine.errors import LinkError
 from printctl.machine.job.coordinates import (
@@ -50,6 +51,8 @@ from sim.gcode.reading import code_of, is_motion
 
 CLEARANCE_MM: Final = 5.0
 TRAVEL_MM_S: Final = 20.0
+_OPENING_BYTES: Final = 4096
+"""Of a file, in which the record of its set-up stands."""
 _PLACE_WORD: Final = re.compile(rb"(?P<begin> (?P<axis>[XYZ])=?)(?P<mm>[-\d.]+)(?= |$)")
 _NO_SETUP: Final = frozenset(
     (b"G0", b"G1", b"G2", b"G3", b"G4", b"G10", b"G11", b"G28", b"G29", b"G92")
@@ -134,9 +137,11 @@ def plan_recovery(
     from_touch_off = replace(at, **{axis: at.place()[axis] - mm for axis, mm in shift})
     text = grown_text(job, data)
     way_in = _way_in(job, replace(start, at=from_touch_off), printer, retreat, frame)
+    title, _, way_in = way_in.partition(b"\n")
+    recorded = (f"; {line}".encode() for line in header_lines(read_made_for(data[:_OPENING_BYTES])))
     return Recovery(
         begin=begin,
-        gcode=way_in + rest_lines(job, text, begin, frame),
+        gcode=b"\n".join([title, *recorded, way_in + rest_lines(job, text, begin, frame)]),
         steps=(
             *manual_steps(printer, frame),
             *describe_rest(job, history, start, printer, ul_per_mm),

@@ -32,6 +32,7 @@ from printctl.machine.process.plug import Plug
 from printctl.machine.process.socket_server import Guest, Server, forget, listen, refusal
 from printctl.machine.process.vocabulary import WORDS, Asked, Idle, Reply, Values, read_values
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.mounting import Mounting, as_kept, save_mounting
 from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import Status
 from printctl.processes import ignore_signals
@@ -91,6 +92,7 @@ class Machine:
         self.address = ""
         self._record: ContactRecord | None = None
         self._facts: tuple[object, ...] = ()
+        self._mounting: Mounting | None = None
         self.standby: Standby | None = None
         self.idle: IdleCommands | None = None
         self.streamer: Streamer | None = None
@@ -363,19 +365,31 @@ class Machine:
         """Return a station's record as it would be saved now."""
         if self._record is None:
             return None
-        return replace(
-            self._record,
-            status=status.to_dict(),
-            plunger_mm=self.known.plunger_mm,
-            part_in_dish=self.known.part_in_dish,
-        )
+        return replace(self._record, status=status.to_dict())
 
     def _save_changes(self, status: StationStatus) -> None:
-        known = self.known
-        facts = status.state, status.mounted, known.plunger_mm, known.part_in_dish
-        if facts != self._facts and (record := self.kept(status)) is not None:
+        facts = status.state, status.mounted
+        record = self.kept(status)
+        if record is None:
+            return
+        if facts != self._facts:
             self._facts = facts
             save_station(record, self.plug.folder)
+        self._save_mounting(status)
+
+    def _save_mounting(self, status: StationStatus) -> None:
+        """Keep what is mounted; how full the syringe is isn't known if this process dies now."""
+        plug, kept = self.plug, replace(self.known.mounting, printer=as_kept(self.plug.profile))
+        if status.state is StationState.PRINTING:
+            kept = replace(kept, plunger_mm=None)
+        if not plug.simulated:
+            kept = replace(kept, holder=str(plug.folder.resolve()))
+        if kept != self._mounting:
+            self._mounting = kept
+            try:
+                save_mounting(kept, plug.folder if plug.simulated else None)
+            except OSError:  # a full disk mustn't end a station that holds a needle in a gel
+                log.exception("what is mounted can't be kept")
 
     def write_down(self, sort: str, **values: Any) -> None:
         """Add to the journal; a full disk mustn't keep a needle from being lifted."""

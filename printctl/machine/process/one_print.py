@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_profiles import Printer, ProfileError
+from firmware_profiles import Printer, ProfileError, load
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.looking import refuse_park
@@ -30,7 +30,7 @@ from printctl.machine.families import refuse_unsent
 from printctl.machine.job.job import Job, load_job
 from printctl.machine.network.host import KEY_FILE_VARIABLE
 from printctl.machine.ports.clock import RealClock
-from printctl.machine.ports.detection import runs_files
+from printctl.machine.ports.detection import SIMULATED, runs_files
 from printctl.machine.ports.wire_log import FILE, LoggedTransport, WireLog
 from printctl.machine.process.contact import hold_folder
 from printctl.machine.process.host_print import run_host_print
@@ -40,8 +40,14 @@ from printctl.machine.process.outcome import resumable
 from printctl.machine.process.plug import Plug
 from printctl.machine.records.folders import archive_journal, remember_folder
 from printctl.machine.records.journal import Journal, new_print_id, origin, this_user
-from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
-from printctl.machine.records.replay import read_journal
+from printctl.machine.records.mounting import (
+    Mounting,
+    after_print,
+    load_mounting,
+    save_mounting,
+)
+from printctl.machine.records.record import JOURNAL, ContactRecord, load_record, reported_port
+from printctl.machine.records.replay import grown_in, read_journal
 from printctl.machine.records.states import LinkState, Status
 
 _AFTERMATH_S: Final = 5.0
@@ -52,15 +58,49 @@ log = logging.getLogger(__name__)
 
 def serve_print(order: Order) -> Status:
     """Run one print in this process, on a port of its own; return its last status."""
-    with contact_of(order) as contact:
+    with contact_of(order) as contact, _mounted(order, contact) as used_mm:
         if runs_files(order.port):
             contact.status = run_host_print(order, contact, _begin_journal)
             return contact.status
+        if used_mm is not None:
+            order = replace(order, care=replace(order.care, used_mm=used_mm))
         plug = Plug(order.printer, order.port, order.folder, order.baud)
         machine = Machine(plug, Knowledge(plug.printer))
         machine.take_signals()
         contact.status = run_print(machine, order, contact)
     return contact.status
+
+
+@contextmanager
+def _mounted(order: Order, contact: PrintContact) -> Iterator[float | None]:
+    """Keep what a print leaves in the printer's syringe; give the travel that is used up, mm.
+
+    It isn't known while the print goes on, nor afterwards where this process dies, or went on with
+    a print that another one began.
+    """
+    if reported_port(order.folder, order.port) == SIMULATED:
+        yield None
+        return
+    kept = load_mounting(order.printer)
+    began = replace(kept, plunger_mm=None, holder=str(order.folder.resolve()))
+    _keep(began)
+    try:
+        yield None if order.resume else kept.plunger_mm
+        if contact.begun and contact.status.ended:
+            printer = load(Printer, order.printer)
+            job = grown_in(order.folder, load_job(order.job, printer))
+            before = began if order.resume else replace(kept, holder=began.holder)
+            _keep(after_print(before, printer, job, order.folder, contact.status))
+    finally:
+        if not contact.begun:
+            _keep(kept)
+
+
+def _keep(kept: Mounting) -> None:
+    try:
+        save_mounting(kept)
+    except OSError:
+        log.exception("what is mounted can't be kept")
 
 
 # --- its contact file ----------------------------------------------------------------------------

@@ -44,6 +44,7 @@ from printctl.machine.process.socket_server import refusal
 from printctl.machine.process.station_print import print_here
 from printctl.machine.process.vocabulary import WORDS, Idle
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.mounting import Mounting, load_mounting
 from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import LinkState, PrintEnded, Status
 
@@ -91,7 +92,7 @@ def serve_station(plug: Plug) -> StationStatus:
 
 
 def _first_record(plug: Plug) -> ContactRecord:
-    """Return the record of a station that isn't open yet, with what the last one here knew."""
+    """Return the record of a station that isn't open yet, with what is kept of its printer."""
     record = ContactRecord(
         pid=os.getpid(),
         address="",
@@ -103,17 +104,11 @@ def _first_record(plug: Plug) -> ContactRecord:
         started=time.time(),
         sim_speed=plug.sim_speed if plug.simulated else None,
     )
-    with contextlib.suppress(NoLink):
-        before = load_station(plug.folder)
-        # Heights hung on a count that the printer may have lost.
-        mounted = replace(last_status(before).mounted, floor_mm=None, bath_level_mm=None)
-        return replace(  # a station that dies before it is open has learnt nothing else
-            record,
-            status=replace(last_status(record), mounted=mounted).to_dict(),
-            plunger_mm=before.plunger_mm,
-            part_in_dish=before.part_in_dish,
-        )
-    return record
+    return replace(record, status=replace(last_status(record), mounted=_kept(plug).parts).to_dict())
+
+
+def _kept(plug: Plug) -> Mounting:
+    return load_mounting(plug.profile, plug.folder if plug.simulated else None)
 
 
 def _last_record(first: ContactRecord, folder: Path) -> ContactRecord:
@@ -130,8 +125,9 @@ def _failed(record: ContactRecord, message: str, error: str) -> StationStatus:
 
 def _open(plug: Plug, record: ContactRecord) -> tuple[ContactRecord, StationStatus]:
     refuse_unsent(plug.printer)
-    known = Knowledge(plug.printer, last_status(record).mounted)
-    known.plunger_mm, known.part_in_dish = record.plunger_mm, record.part_in_dish
+    kept = _kept(plug)
+    known = Knowledge(plug.printer, kept.parts)
+    known.take_over(kept)
     with ExitStack() as parting:
         journal = Journal(plug.folder / STATION_JOURNAL)
         parting.callback(journal.close)

@@ -10,17 +10,17 @@ from typing import Final
 from firmware_profiles import Printer, ProfileError, load
 from printctl.machine.control.station_status import Place, StationState
 from printctl.machine.control.streamer import Streamer
-from printctl.machine.errors import BY_NAME, JournalError, LinkError, Refused
+from printctl.machine.errors import BY_NAME, LinkError, Refused
 from printctl.machine.job.job import Job, load_job
-from printctl.machine.job.syringes import Filling, plunger_travel
 from printctl.machine.process.machine import Machine, Request
 from printctl.machine.process.one_print import contact_of, run_print
 from printctl.machine.process.orders import Order, check_homing, check_start, leaves_motors_on
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.simulated import record_for, write_note
 from printctl.machine.process.socket_server import refusal
+from printctl.machine.records.mounting import after_print
 from printctl.machine.records.record import JOURNAL
-from printctl.machine.records.replay import grown_in, read_journal
+from printctl.machine.records.replay import grown_in
 from printctl.machine.records.states import LinkState, Status
 from sim.gcode.motion.executed import ExecutedMotion
 
@@ -119,25 +119,7 @@ def _learn(machine: Machine, here: _Print, status: Status) -> None:
         known.count_anew(here.at or here.declared, here.declared, {"x", "y", "z"})
     if not status.position_known or not leaves_motors_on(job, done, known.printer):
         known.lose_position()
-    travel = plunger_travel(job.lines[:done])
-    made = min(status.lines_executed, done)
-    filling = _last_filling(folder)
-    if filling is not None:
-        begun = travel[min(filling.done, made)]
-        known.put_in(filling.name, filling.used_mm + travel[made] - begun)
-    elif known.plunger_mm is not None:  # without the relief of a stop: so much is left at least
-        known.plunger_mm += travel[made]
-    wrote = max(travel) > 0 or any(line.startswith(b"M106") for line in job.lines[:done])
-    if wrote and known.mounted.dish:
-        known.part_in_dish = True
-
-
-def _last_filling(folder: Path) -> Filling | None:
-    """Return what was put in at the print's last change of syringe; None where there was none."""
-    try:
-        return read_journal(folder / JOURNAL).filled.get(None)
-    except JournalError:
-        return None
+    known.take_over(after_print(known.mounting, known.printer, job, folder, status))
 
 
 def _remember_executed(machine: Machine, here: _Print, status: Status) -> None:

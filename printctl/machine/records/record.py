@@ -20,7 +20,7 @@ SIM_ADDRESS = "sim.address"
 
 
 _PRINTS_OWN: Final = ("job", "retreat", "care", "refused", "print_id", "session", "key_file")
-_STATIONS_OWN: Final = ("plunger_mm", "part_in_dish", "sim_speed")
+_STATIONS_OWN: Final = ("sim_speed",)
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,6 @@ class ContactRecord:
         Random, of this process's work on the print: another one goes on with it under another.
     key_file : str
         Path of the file with a network host's key; the key itself is written nowhere.
-    plunger_mm : float or None, mm
-        Of the syringe that is mounted at a station.
     sim_speed : float or None
         Of a station's simulated printer, times real time; None for another.
     """
@@ -71,8 +69,6 @@ class ContactRecord:
     print_id: str = ""
     session: str = ""
     key_file: str = ""
-    plunger_mm: float | None = None
-    part_in_dish: bool = False
     sim_speed: float | None = None
 
     def save(self, folder: Path, name: str = RECORD) -> None:
@@ -119,7 +115,9 @@ def read_contact(path: Path, absent: str) -> ContactRecord:
         ``absent`` when there is no such file; or it can't be read.
     """
     try:
-        return ContactRecord(**{"job": "", **json.loads(path.read_text(encoding="utf-8"))})
+        data = json.loads(path.read_text(encoding="utf-8"))
+        known = {key: data[key] for key in ContactRecord.__dataclass_fields__ if key in data}
+        return ContactRecord(**{"job": "", **known})
     except FileNotFoundError as exc:
         raise NoLink(absent) from exc
     except (ValueError, TypeError, OSError) as exc:

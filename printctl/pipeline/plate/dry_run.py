@@ -15,22 +15,19 @@ from design.files import write_text
 from kernels.arrays import BoolArray
 from printctl.checks.preflight import (
     Check,
-    PrintTime,
     bath_checks,
     compare_well_moves,
     gcode_checks,
     read_wells,
     refuse_failed,
     shaft_checks,
-    viability_checks,
-    viability_facts,
     volumes,
     warnings,
     well_checks,
 )
 from printctl.errors import PrintctlError
 from printctl.machine.job.job import parse_job
-from printctl.machine.job.syringes import usable_mm, with_reloads
+from printctl.machine.job.syringes import usable_mm
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun, relative
@@ -38,6 +35,7 @@ from printctl.pipeline.plate_plan import Well
 from printctl.pipeline.run_options import SIMULATED_PORT
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import dry_run as alone
+from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
@@ -78,26 +76,24 @@ def check_job(run: PlateRun, report: Report) -> tuple[dict[str, Any], Sequence[s
     report(0.4, "looking at each well")
     of_line = _well_of_line(whole.folder / LINE_MAP)
     times = well_times(run, checked, of_line)
-    checks, reload_at, reload_heads = with_reloads(
+    planned = plan_syringes(
         _checks(run, checked, of_line, times),
         parse_job(data, GCODE, whole.printer),
         [usable_mm(whole.syringe, whole.printer)],
-        wanted=whole.recipe.printer.care.reload,
+        [one.ink for one in whole.loads],
+        checked.duration_s,
+        whole.recipe.printer.care,
         by="say printer.care.reload: true",
     )
-    care, budget = whole.recipe.printer.care, alone.shortest_budget(whole)
-    time = PrintTime(checked.duration_s, len(reload_at), care.reload_min)
     report(0.8, "looking at the needle's shaft")
     clearance = alone.shaft(whole, checked)
-    checks += [*viability_checks(time, budget), *_shaft(run, clearance)]
+    checks = [*planned.checks, *_shaft(run, clearance)]
     summary = {
         "duration_s": checked.duration_s,
-        **viability_facts(time, budget),
-        **alone.ink_facts(whole, checked, reload_at, reload_heads),
+        **planned.facts,
+        **alone.ink_facts(whole, checked, planned.reload_at, planned.reload_heads),
         **alone.shaft_facts(clearance),
         "merged_moves": checked.merged_moves,
-        "reload_at": list(reload_at),
-        "reload_heads": list(reload_heads),
         "checks": [check.as_dict() for check in checks],
         "wells": times,
     }

@@ -12,13 +12,10 @@ from design.files import write_text
 from firmware_profiles import Printer
 from printctl.checks.bead import PLAYED
 from printctl.checks.preflight import (
-    Budget,
     Check,
     PlacedDish,
-    PrintTime,
     accepted_text,
     bath_checks,
-    budget_of,
     check_each_head,
     chemistry_check,
     dish_checks,
@@ -39,20 +36,19 @@ from printctl.checks.preflight import (
     syringe_checks,
     temperature_checks,
     unknown_dish,
-    viability_checks,
-    viability_facts,
     warnings,
     written_ul,
 )
 from printctl.checks.preflight.bore import line_checks
 from printctl.machine.job.job import parse_job
-from printctl.machine.job.syringes import usable_mm, with_reloads
+from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import SIMULATED
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import predicting
 from printctl.pipeline.stages.toolpath import of_heads
+from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
@@ -189,26 +185,23 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     data = (context.folder / GCODE).read_bytes()
     run = dry_run(data, context.printer, (x, y, z))
     machines = [context.printer.of_head(k) for k in range(context.printer.head_count)]
-    checks, reload_at, reload_heads = with_reloads(
+    planned = plan_syringes(
         all_checks(context, run),
         parse_job(data, GCODE, context.printer),
         [usable_mm(one.syringe, of) for one, of in zip(context.loads, machines, strict=True)],
-        wanted=context.recipe.printer.care.reload,
+        [one.ink for one in context.loads],
+        run.duration_s,
+        context.recipe.printer.care,
         by="say printer.care.reload: true",
     )
-    care = context.recipe.printer.care
-    time = PrintTime(run.duration_s, len(reload_at), care.reload_min)
-    budget = shortest_budget(context)
     clearance = shaft(context, run)
-    checks += [*viability_checks(time, budget), *allowed_shaft(context, clearance)]
+    checks = [*planned.checks, *allowed_shaft(context, clearance)]
     summary = {
         "duration_s": run.duration_s,
-        **viability_facts(time, budget),
-        **ink_facts(context, run, reload_at, reload_heads),
+        **planned.facts,
+        **ink_facts(context, run, planned.reload_at, planned.reload_heads),
         **shaft_facts(clearance),
         "merged_moves": run.merged_moves,
-        "reload_at": list(reload_at),
-        "reload_heads": list(reload_heads),
         "checks": [check.as_dict() for check in checks],
     }
     report(0.5, "predicting what will lie in the bath")
@@ -219,14 +212,6 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     for text in warnings(checks):
         context.bars.remark("dry run", text)
     return summary, [CHECKS, *files]
-
-
-def shortest_budget(context: RunContext) -> Budget | None:
-    """How long the cells have; of several inks those that have least time."""
-    care = context.recipe.printer.care
-    inks = {one.ink.name: one.ink for one in context.loads}.values()
-    budgets = [budget_of(ink, care.viability_min, care.viability_source) for ink in inks]
-    return min((one for one in budgets if one), key=lambda one: one.minutes, default=None)
 
 
 def ink_facts(

@@ -5,22 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from firmware_profiles import Printer, load
-from printctl.checks.set_up import options_of
+from printctl.checks.set_up import options_of, refuse_failed
 from printctl.errors import PrinterFailedError
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
-from printctl.machine.job.job import GrownText, grown_text, parse_job
+from printctl.machine.job.job import GrownText, grown_text, load_job, parse_job
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import SIMULATED, named_port
 from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
+from printctl.machine.prints.mounted import left_check, refuse_unknown, with_mounted
 from printctl.machine.process.client import PrintClient
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import is_complete_record, simulated_printer
 from printctl.machine.process.starting import find_or_start, finished, stop_and_leave
+from printctl.machine.records.mounting import load_mounting
 from printctl.machine.records.replay import grown_in
 from printctl.observe.observer_launch import (
     ObserverError,
@@ -151,6 +153,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
     def port() -> str:
         if part.port != SIMULATED:
+            refuse_other_mounted(context)
             name = named_port(part.port, load(Printer, part.profile))
             confirm(name, context.bars, context.assume_yes)
             observe_from_start(context, folder)
@@ -194,6 +197,32 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if part.port != SIMULATED:
         return summary, []
     return {**summary, **executed_facts(context)}, [EXECUTED]
+
+
+_KEYS: Final = "{} in the recipe"
+
+
+def refuse_other_mounted(context: RunContext) -> None:
+    """Raise where another part is mounted than the recipe names, or one that it only assumes.
+
+    SafetyError, or UsageError for a part that is neither named nor mounted.
+    """
+    recipe, printer = context.recipe, context.recipe.printer.profile
+    if recipe.printer.heads:
+        return
+    part, assumed = recipe.printer, recipe.assumed_parts
+    named = {
+        **{"syringe": part.syringe, "ink": part.ink, "needle": recipe.toolpath.needle},
+        **{"bath": part.bath, "dish": part.dish},
+    }
+    with_mounted(printer, named, keys=_KEYS)
+    known = with_mounted(printer, named | dict.fromkeys(assumed), keys=_KEYS)
+    refuse_unknown(printer, known, assumed, keys=_KEYS)
+    left_ul = load_mounting(printer).left_ul(context.printer)
+    if left_ul is not None:
+        job = load_job(context.folder / GCODE, context.printer)
+        reload_at, area_mm2 = tuple(planned_reloads(context)), context.syringe.area_mm2
+        refuse_failed([left_check(job, reload_at, left_ul, area_mm2)])
 
 
 def observe_from_start(context: RunContext, folder: Path) -> None:

@@ -7,32 +7,27 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
+from printctl.checks.made_for import read_made_for
 from printctl.checks.preflight import (
     Check,
-    PrintTime,
     SetUp,
     file_checks,
     ink_use,
-    viability_checks,
-    viability_facts,
     volumes,
 )
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.errors import UsageError
 from printctl.failures import message_and_code
 from printctl.machine.job.job import parse_job
-from printctl.machine.job.syringes import with_reloads
 from printctl.pipeline.job_table import make_table
+from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import lower_priority
 from registration.report.gcode import GcodeJob
 from sim.gcode.dry_run.run import DryRun, dry_run
-
-_BUDGET: Final = "print time"
-"""How the names of the checks begin that `file_checks` makes without changes of syringe."""
 
 
 def check_job(gcode: Path, set_up: JobSetUp, table_file: Path) -> dict[str, Any]:
@@ -46,35 +41,34 @@ def check_job(gcode: Path, set_up: JobSetUp, table_file: Path) -> dict[str, Any]
     run = dry_run(data, mounted.printer, set_up.start_mm)
     job = parse_job(data, gcode.name, mounted.printer)
     shaft = file_shaft(gcode, run, mounted, accepted=set_up.accept_crossings)
-    results = [*file_checks(run, mounted, gcode.with_suffix(".map.npz")), *shaft.checks]
-    checks, at, heads = with_reloads(
-        [one for one in results if _BUDGET not in one.check],
+    line_map = gcode.with_suffix(".map.npz")
+    results = [*file_checks(run, mounted, line_map, lifted=True), *shaft.checks]
+    plan = plan_syringes(
+        results,
         job,
         set_up.usable_mm(mounted),
-        wanted=set_up.care.reload,
+        mounted.inks,
+        run.duration_s,
+        set_up.care,
         by="allow changes of syringe",
     )
-    budget = set_up.budget(mounted)
-    time = PrintTime(run.duration_s, len(at), set_up.care.reload_min)
-    checks += viability_checks(time, budget)
     loads = [mounted.load_of(k) for k in range(mounted.printer.head_count)]
     view = _view(gcode, data, mounted)
     table = make_table(job, run, volumes(run, mounted.printer, loads), view)
     table.save(table_file)
     return {
         "sha256": hashlib.sha256(data).hexdigest(),
-        "checks": [_with_accepted(one, shaft.accepted).as_dict() for one in checks],
+        "checks": [_with_accepted(one, shaft.accepted).as_dict() for one in plan.checks],
         "accepted": list(shaft.accepted),
-        "reload_at": list(at),
-        "reload_heads": list(heads),
+        "recorded": bool(read_made_for(run.opening)),
         "duration_s": run.duration_s,
         "commands": len(job),
         "layers": table.layer_count,
         "vessels": table.vessel_count,
         "passes": table.passes,
         "ink_ul": float(table.ink_ul[-1]),
-        **_ink_of_check(run, mounted, len(at)),
-        **viability_facts(time, budget),
+        **_ink_of_check(run, mounted, len(plan.reload_at)),
+        **plan.facts,
     }
 
 

@@ -73,9 +73,7 @@ class StationPrinting:
         status = self._status()
         if status is None or status.state in (StationState.CLOSED, StationState.LOST):
             return None
-        mounted, depth = status.mounted, None
-        if mounted.bath_level_mm is not None and mounted.floor_mm is not None:
-            depth = mounted.bath_level_mm - mounted.floor_mm
+        mounted = status.mounted
         return Machine(
             profile=status.profile,
             port=status.port,
@@ -85,7 +83,7 @@ class StationPrinting:
             tip_mm=status.position_mm if status.position_trusted else None,
             mounted={part: getattr(mounted, part) for part in PARTS},
             dish_centre_mm=mounted.dish_centre_mm,
-            bath_depth_mm=depth,
+            bath_depth_mm=mounted.depth_mm,
             ul_left=status.ul_left,
             touch_off_due=mounted.touch_off_due,
         )

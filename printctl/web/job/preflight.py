@@ -23,7 +23,7 @@ from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import run_worker
 from printctl.web.workspace import Workspace, file_hash
 
-_VERSION: Final = 3
+_VERSION: Final = 4
 _LONGEST_S: Final = 900.0
 _REFUSED_AGAIN_S: Final = 60.0
 """So long a job that can't be used is refused without another look at it."""

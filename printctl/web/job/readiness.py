@@ -7,8 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from firmware_profiles import Printer, load
+from printctl.checks.made_for import MadeFor
 from printctl.checks.set_up import Check
 from printctl.machine.control.station_status import StationState
+from printctl.machine.prints.mounted import is_confirmed
 from printctl.machine.process.orders import ASIDE_MM
 from printctl.web.job.aftercare import checklist
 from printctl.web.job.machine import Machine
@@ -32,6 +35,7 @@ Action = Literal[
     "accept_crossings",
     "operator",
     "tick",  # `about` is the point
+    "for_mounted",  # confirm that the file was made for what is mounted
 ]
 """What the page can do about a refusal."""
 _SHAFT: Final = "vessels that the needle's shaft passes through"
@@ -110,6 +114,7 @@ def machine_refusals(machine: Machine | None, set_up: JobSetUp) -> Iterator[Refu
                 "mount",
                 part,
             )
+    yield from _unknown_parts(machine, set_up)
     if machine.touch_off_due and not machine.simulated:
         yield Refusal(
             "needle's touch-off",
@@ -118,6 +123,33 @@ def machine_refusals(machine: Machine | None, set_up: JobSetUp) -> Iterator[Refu
             "touch_off",
         )
     yield from _tip(machine, set_up)
+
+
+def _unknown_parts(machine: Machine, set_up: JobSetUp) -> Iterator[Refusal]:
+    """Yield parts that nobody entered; what several heads hold can't be entered at a station."""
+    same = machine.profile == set_up.printer  # another one is refused by itself
+    if machine.simulated or not same or load(Printer, machine.profile).heads:
+        return
+    for part in ("syringe", "needle", "ink"):
+        if not machine.mounted.get(part):
+            checked = getattr(set_up, part) or "none"
+            yield Refusal(
+                part,
+                f"which one is mounted isn't known ({checked} was checked); enter what is mounted",
+                "mount",
+                part,
+            )
+
+
+def record_refusal(machine: Machine | None, sha256: str, mounted: MadeFor) -> Iterator[Refusal]:
+    """Yield a file that doesn't record its set-up, until a person has confirmed it for this one."""
+    if machine is None or machine.simulated or is_confirmed(sha256, mounted):
+        return
+    yield Refusal(
+        "set-up that the file was made for",
+        "not recorded in the file; confirm that it was made for what is mounted",
+        "for_mounted",
+    )
 
 
 def _not_ready(machine: Machine) -> Refusal:

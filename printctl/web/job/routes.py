@@ -166,6 +166,8 @@ def _jobs(service: JobService) -> APIRouter:
         start_mm = given.start_mm or service.set_up(job).start_mm
         return service.to_start(who, job, start_mm)
 
+    confirm = "Confirm that a file without a record was made for what is mounted"
+    routes.post("/jobs/{job}/for-mounted", summary=confirm)(service.confirm_set_up)
     routes.get("/jobs/{job}/record", summary="What is written down")(service.record)
     routes.patch("/jobs/{job}/record", summary="Write down; changes are kept")(service.write_down)
     return routes

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from firmware_profiles import Printer, ProfileError, Syringe, load
+from printctl.checks.made_for import record_of
 from printctl.checks.set_up import SetUp, of_each
 from printctl.errors import PrintctlError, SafetyError
 from printctl.machine.control.station_status import NO_PRINTER
@@ -20,6 +21,7 @@ from printctl.machine.job.job import load_job
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.prints.follow import retreat_for
 from printctl.machine.prints.mends import MendStrokes, mend_strokes
+from printctl.machine.prints.mounted import keep_confirmed
 from printctl.machine.process.orders import Order
 from printctl.machine.process.starting import running
 from printctl.machine.records.record import load_record
@@ -49,6 +51,7 @@ from printctl.web.job.readiness import (
     homing_refusals,
     ink_refusals,
     machine_refusals,
+    record_refusal,
     record_refusals,
 )
 from printctl.web.job.record import PrintRecord, Records
@@ -190,6 +193,9 @@ class JobService:
             usable = False
         if checked is not None:
             refusals += ink_refusals(machine, checked)
+            if not checked.facts["recorded"]:
+                mounted = record_of(set_up.mounted())
+                refusals += record_refusal(machine, checked.facts["sha256"], mounted)
             refusals += [check_refusal(one) for one in checked.checks if one.refuses]
         return Readiness(
             job=job,
@@ -200,6 +206,13 @@ class JobService:
             machine=machine,
             preflight=None if checked is None else report(job, checked),
         )
+
+    def confirm_set_up(self, who: Asking, job: JobId) -> None:
+        """Keep that the job's file was made for its set-up, which it doesn't record itself."""
+        self.core.controls.require(who)
+        set_up = self._resolved(self.set_up(job))
+        sha256 = self._checked(job, set_up).facts["sha256"]
+        keep_confirmed(sha256, record_of(set_up.mounted()))
 
     def record(self, job: JobId) -> PrintRecord:
         """What is written down for the job's next print, or for the one that goes on."""

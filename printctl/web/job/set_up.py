@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from design.files import write_text
 from firmware_profiles import Facts, Printer, ProfileError, load
 from firmware_profiles.tools import THINNEST_BORE
-from printctl.checks.set_up import Budget, ProfileNames, SetUp, budget_of, set_up
+from printctl.checks.set_up import Budget, ProfileNames, SetUp, set_up, shortest_budget
 from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
 from printctl.machine.job.coordinates import declared_start
@@ -93,10 +93,8 @@ class JobSetUp(BaseModel):
 
     def budget(self, mounted: SetUp) -> Budget | None:
         """How long the cells have; of several inks those that have least time."""
-        printer, care = mounted.printer, self.care
-        inks = {one.ink.name: one.ink for one in map(mounted.load_of, range(printer.head_count))}
-        budgets = [budget_of(i, care.viability_min, care.viability_source) for i in inks.values()]
-        return min((one for one in budgets if one), key=lambda one: one.minutes, default=None)
+        care = self.care
+        return shortest_budget(mounted.inks, care.viability_min, care.viability_source)
 
 
 def recipe_of(folder: Path) -> Recipe | None:

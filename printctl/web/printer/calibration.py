@@ -13,8 +13,10 @@ from pydantic import ConfigDict, Field
 from design.files import write_text
 from firmware_profiles import Printer, Syringe
 from printctl import calibration
+from printctl.checks.made_for import header_lines, read_made_for
 from printctl.errors import PrintctlError
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.printer.part_change import Name, NameOrNone
 from printctl.web.printer.service import PrinterService
 from printctl.web.rest import Asking, Body
 
@@ -104,8 +106,8 @@ class CalibrationRequest(Body):
 
     model_config = ConfigDict(frozen=True)
 
-    printer: str = Field(description="Profile.")
-    syringe: str = "hamilton_1ml"
+    printer: Name = Field(description="Profile.")
+    syringe: Name = Field(description="Profile.")
     at_mm: tuple[MM, MM, MM] = Field(description="Where the tip stands, mm.")
     doses_ul: _Doses = (20.0, 40.0, 60.0)
     repeats: Annotated[int, Field(ge=1, le=20)] = 4
@@ -123,8 +125,9 @@ class Read(Body):
     model_config = ConfigDict(frozen=True)
 
     rows: Annotated[tuple[tuple[_Cell, ...], ...], Field(min_length=1, max_length=MOST_ROWS)]
-    printer: str = "generic_marlin"
-    syringe: str = "hamilton_1ml"
+    printer: NameOrNone = ""
+    syringe: NameOrNone = ""
+    job: str = Field(default="", description="The test's, whose set-up it was made with.")
     density_g_cm3: Annotated[float, Field(gt=0.1, le=20)] = 0.998
     density_error: Annotated[float, Field(ge=0, le=5)] = 0.001
     part_mm: tuple[MM, MM] = (20.0, 20.0)
@@ -135,7 +138,8 @@ class Save(Body):
 
     read: Read
     mend: Mend
-    copy_name: Annotated[str, Field(min_length=1, max_length=64)]
+    copy_name: Name
+    accept_change: bool = Field(default=False, description="Although it changes by over 20 %.")
 
 
 @dataclass(frozen=True)
@@ -216,11 +220,14 @@ class Calibrating:
         data = self._readings(BY_NAME["weigh"], body.read)
         weighed = self._weighed(data, body.read, "steps" if body.mend == "printer" else "bore")
         kind = Printer if body.mend == "printer" else Syringe
-        return {"message": weighed.save(self._store.new_file(kind, body.copy_name))}
+        path = self._store.new_file(kind, body.copy_name)
+        return {"message": weighed.save(path, accept_change=body.accept_change)}
 
     def _weighed(
         self, data: calibration.Readings, read: Read, mend: Literal["bore", "steps"] = "steps"
     ) -> calibration.Result:
+        if not (read.printer and read.syringe):
+            raise BadRequestError("choose the printer and the syringe that the test was made with")
         density = (read.density_g_cm3, read.density_error)
         printer = self._store.load(Printer, read.printer)
         syringe = self._store.load(Syringe, read.syringe)
@@ -234,6 +241,9 @@ class Calibrating:
                 f"each row has {len(columns)} columns: {', '.join(columns)}; fill in or leave out"
             )
         table = io.StringIO()
+        if read.job:
+            test = self._core.workspace.job_file(read.job).read_bytes()
+            table.writelines(f"# {line}\n" for line in header_lines(read_made_for(test[:4096])))
         csv.writer(table, lineterminator="\n").writerows([columns, *read.rows])
         folder = self._core.workspace.root / "records" / "calibrations"
         path = folder / f"{wizard.name}_{datetime.now():%Y%m%d}.csv"

@@ -58,7 +58,10 @@ class Heat(Body):
 
 
 class MountRequest(Body):
-    """What is mounted; keys left out stay as they are, an empty one takes away."""
+    """What is mounted; keys left out stay as they are, an empty one takes away.
+
+    How much ink a syringe holds that is named isn't known unless it is ``full``.
+    """
 
     needle: NameOrNone | None = None
     syringe: NameOrNone | None = None
@@ -67,6 +70,8 @@ class MountRequest(Body):
     bath: NameOrNone | None = None
     dish_centre_mm: tuple[MM, MM] | None = None
     bath_level_mm: MM | None = None
+    bath_depth_mm: MM | None = None
+    full: bool = False
 
 
 @dataclass(frozen=True)
@@ -238,6 +243,10 @@ def _add_moves(routes: APIRouter, service: PrinterService) -> None:
         for sort, model in PARTS.items():
             if parts.get(sort):
                 parts[sort] = service.store.given(model, parts[sort])
+        if parts.pop("full", False):
+            parts["plunger_mm"] = 0.0
+        elif "syringe" in parts:
+            parts["plunger_mm"] = None
         return service.heard(service.ask(who).mount(**parts))
 
 

@@ -22,8 +22,30 @@ PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml"
 AREA = math.pi / 4 * SYRINGE.inner_mm**2
 
 
+NAMED = {
+    "weigh": {"--printer": "generic_marlin", "--syringe": "hamilton_1ml"},
+    "backlash": {"--printer": "generic_marlin", "--syringe": "hamilton_1ml"},
+    "lag": {"--printer": "generic_marlin", "--syringe": "hamilton_1ml", "--ink": "collagen_fresh"},
+    "pattern": {
+        "--printer": "generic_marlin",
+        "--syringe": "hamilton_1ml",
+        "--ink": "collagen_fresh",
+    },
+}
+"""What a command must know."""
+
+
 def calibrate(*words: str | Path) -> Result:
-    return CliRunner().invoke(app, ["calibrate", *map(str, words)], catch_exceptions=False)
+    """Call the command, with what it must know where that isn't among the words."""
+    usual = {key: value for key, value in NAMED.get(str(words[0]), {}).items() if key not in words}
+    if "--gcode" not in words and words[0] == "backlash":
+        usual = {}
+    said = [*map(str, words), *(word for pair in usual.items() for word in pair)]
+    return called(*said)
+
+
+def called(*words: str | Path, command: str = "calibrate") -> Result:
+    return CliRunner().invoke(app, [command, *map(str, words)], catch_exceptions=False)
 
 
 def estimates(*words: str | Path) -> dict[str, dict[str, float]]:
@@ -151,7 +173,11 @@ def test_lag_sheet_remembers_the_line_and_gives_the_ink_s_factor(tmp_path: Path)
     ink = load(Ink, str(tmp_path / "ink.yaml"))
     assert ink.flow_factor == pytest.approx(0.9, abs=0.02)
     assert not ink.calibrated  # one constant of several
-    # Measured again with that ink's factor, the factors multiply.
+    # Printed again with that ink's factor, the factors multiply.
+    with pytest.raises(SafetyError, match="ink that the job was made for"):
+        calibrate("lag", sheet, "--ink", tmp_path / "ink.yaml")
+    assert calibrate("lag", "--gcode", job, *shape, "--ink", tmp_path / "ink.yaml").exit_code == 0
+    sheet = filled(tmp_path / "lag.csv", width)
     again = estimates("lag", sheet, "--ink", tmp_path / "ink.yaml")
     assert again["flow factor"]["value"] == pytest.approx(ink.flow_factor**2, rel=1e-6)
 

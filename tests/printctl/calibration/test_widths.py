@@ -40,12 +40,21 @@ def answer(*words: str | Path) -> tuple[dict[str, dict[str, float]], str]:
     return said["estimates"], "\n".join(said["notes"])
 
 
+def rows_of(path: Path) -> list[str]:
+    """Rows below the sheet's head."""
+    return [line for line in path.read_text().splitlines() if line[0] != "#"][1:]
+
+
+def head_of(path: Path) -> list[str]:
+    lines = path.read_text().splitlines()
+    return lines[: len(lines) - len(rows_of(path))]
+
+
 def sheet(folder: Path, last: list[str]) -> Path:
     """Fill in the last column."""
     path = folder / "p.csv"
-    lines = path.read_text().splitlines()
-    rows = [line + value for line, value in zip(lines[3:], last, strict=True)]
-    path.write_text("\n".join([*lines[:3], *rows]) + "\n")
+    rows = [line + value for line, value in zip(rows_of(path), last, strict=True)]
+    path.write_text("\n".join([*head_of(path), *rows]) + "\n")
     return path
 
 
@@ -56,7 +65,7 @@ def typed_lines(
     rng = np.random.default_rng(5)
     strokes = {stroke.number: stroke for stroke in written.pattern.strokes if stroke.number}
     values = []
-    for row in (folder / "p.csv").read_text().splitlines()[3:]:
+    for row in rows_of(folder / "p.csv"):
         number, x = row.split(",")[:2]
         stroke = strokes[int(number)]
         if stroke.role == "step":
@@ -103,7 +112,7 @@ def test_lines_on_a_plate_of_a_known_flow_give_the_ink_s_bead(tmp_path: Path) ->
     mean = 0.3 - 0.1 * (1 - math.pi / 4)
     strokes = {stroke.number: stroke for stroke in written.pattern.strokes if stroke.number}
     rng, values = np.random.default_rng(4), []
-    for row in (tmp_path / "p.csv").read_text().splitlines()[3:]:
+    for row in rows_of(tmp_path / "p.csv"):
         flow = strokes[int(row.split(",")[0])].flow
         values.append(f"{0.9 * flow * mean + 0.025 + rng.normal(0, 0.001):.4f}")
     path = sheet(tmp_path, values)
@@ -166,7 +175,7 @@ def test_a_spiral_tells_factor_drift_and_the_lag_of_its_begin(tmp_path: Path) ->
         width = 0.3 * math.sqrt(share) + rng.normal(0, 1e-3)
         rows.append(f"1,{x:.3f},4,1,0.3,{width:.5f}")
     path = tmp_path / "p.csv"
-    path.write_text("\n".join([*path.read_text().splitlines()[:3], *rows]))
+    path.write_text("\n".join([*head_of(path), *rows]))
     found, notes = answer(path)
     assert found["flow factor"]["value"] == pytest.approx(0.95, rel=0.01)
     drift = found["drift"]
@@ -192,7 +201,7 @@ def test_a_spiral_tells_factor_drift_and_the_lag_of_its_begin(tmp_path: Path) ->
 def test_what_cannot_be_a_width_is_questioned(row: str, says: str, tmp_path: Path) -> None:
     printed(tmp_path, "lines", *FEW)
     path = tmp_path / "p.csv"
-    path.write_text("\n".join([*path.read_text().splitlines()[:3], row]) + "\n")
+    path.write_text("\n".join([*head_of(path), row]) + "\n")
     with pytest.raises(UsageError, match=says):
         calibrate("widths", path)
 
@@ -229,7 +238,7 @@ def test_comb_and_joints_are_read_from_their_pictures(tmp_path: Path) -> None:
         cv2.imwrite(str(tmp_path / "p.png"), paint(lines, camera, written.pattern.size_mm))
         found[name], notes = answer(tmp_path / "p.png")
         assert ("mirrored" in notes) == (name == "joint")
-        rows = (tmp_path / "p.widths.csv").read_text().splitlines()[3:]
+        rows = rows_of(tmp_path / "p.widths.csv")
         found[name]["gaps"] = [float(row.split(",")[-1]) for row in rows]
     gap = found["comb"]["smallest gap that stays open"]
     assert (gap["low"], gap["value"]) == (0.04, 0.15)

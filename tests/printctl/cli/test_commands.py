@@ -153,8 +153,8 @@ def test_bash_itself_completes(tmp_path: Path):
         (["station", "status", "--folder", "nix", "--json"], 1, "no printer was ever connected"),
         (
             ["print", "a.gcode", "--printer", "generic_marlin", "--port", "/dev/null", "--json"],
-            3,
-            "--needle",
+            2,
+            "syringe and ink unknown: neither named nor mounted on generic_marlin",
         ),
     ],
 )
@@ -227,9 +227,21 @@ def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(shell: Shell) -> 
         ("recover nothing", 1, "no print was started in nothing"),
         ("recover .", 1, "no print was started in ."),
         ("history rebuild nowhere", 2, "nowhere is no folder"),
-        ("calibrate weigh none.csv", 2, "can't be read: No such file"),
-        ("calibrate weigh bin.yaml", 2, "isn't a text file"),
-        ("calibrate weigh bad.csv", 2, "line 2: mass_mg is 'abc'"),
+        (
+            "calibrate weigh none.csv --printer generic_marlin --syringe bd_1ml",
+            2,
+            "can't be read: No such file",
+        ),
+        (
+            "calibrate weigh bin.yaml --printer generic_marlin --syringe bd_1ml",
+            2,
+            "isn't a text file",
+        ),
+        (
+            "calibrate weigh bad.csv --printer generic_marlin --syringe bd_1ml",
+            2,
+            "line 2: mass_mg is 'abc'",
+        ),
         ("profiles check bin.yaml", 2, "isn't YAML"),
         ("profiles check foreign.yaml", 2, "no key of any sort of profile"),
         ("profiles check list.yaml", 2, "holds no keys"),

@@ -274,6 +274,7 @@ def test_a_camera_is_tied_to_a_print_as_its_files_say(pattern: str, tmp_path: Pa
     x, y, z = scene.TARGET
     job = tmp_path / "job.gcode"
     words = f"--needle 22g --width 0.4 --dish petri_35mm --at {x},{y},{z} -o {job}".split()
+    words += ["--printer", "generic_marlin", "--syringe", "hamilton_1ml", "--ink", "collagen_fresh"]
     if pattern == "lines":
         words += ["--length", "12", "--speeds", "4", "--flow-factors", "1"]
     done = CliRunner().invoke(app, ["calibrate", "pattern", pattern, *words])

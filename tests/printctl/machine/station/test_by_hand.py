@@ -17,13 +17,14 @@ from printctl.machine.control.heat import Temperature
 from printctl.machine.control.idle_commands import IdleCommands
 from printctl.machine.control.known_state import Knowledge, heat_limits, read_mounted_profiles
 from printctl.machine.control.standby_events import StandbyEvents
-from printctl.machine.control.station_status import MountedParts, StationState
+from printctl.machine.control.station_status import StationState
 from printctl.machine.control.steps import Steps
 from printctl.machine.errors import AlreadyPrinting, HandshakeError, Refused
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.detection import PortPrograms
 from printctl.machine.process.client import attach_station
 from printctl.machine.process.starting import connect
+from printctl.machine.records.mounting import MountedParts
 from printctl.machine.records.states import LinkState, PrintEnded
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.gcode.motion.state import Board

@@ -17,7 +17,6 @@ from firmware_profiles import Printer, load
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.station_status import (
     NO_PRINTER,
-    MountedParts,
     Place,
     StationState,
     StationStatus,
@@ -50,6 +49,12 @@ from printctl.machine.process.simulated import is_complete_record
 from printctl.machine.process.starting import find_or_start
 from printctl.machine.process.station import serve_station
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.mounting import (
+    MountedParts,
+    Mounting,
+    load_mounting,
+    save_mounting,
+)
 from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
@@ -175,7 +180,7 @@ def test_a_station_that_cant_write_its_last_record_ends_by_its_status(
 
     def served(_: Plug, record: ContactRecord) -> object:
         ready = StationStatus(StationState.READY, "ready").to_dict()
-        good = ContactRecord(record.pid, "", "t", "", "p", "q", 1.0, status=ready, plunger_mm=12.5)
+        good = ContactRecord(record.pid, "", "t", "", "p", "q", 1.0, status=ready, sim_speed=12.5)
         good.save(tmp_path, STATION_RECORD)
         disk.full = True
         return record, closed
@@ -183,28 +188,25 @@ def test_a_station_that_cant_write_its_last_record_ends_by_its_status(
     monkeypatch.setattr(process, "_open", served)
     assert serve_station(opening(tmp_path)) == closed
     kept = load_station(tmp_path)
-    assert (kept.plunger_mm, last_status(kept).state) == (12.5, StationState.READY)
+    assert (kept.sim_speed, last_status(kept).state) == (12.5, StationState.READY)
 
 
 def test_a_station_that_cant_write_its_first_record_says_so_and_leaves_the_older_one(
     tmp_path: Path, disk: Disk
 ) -> None:
-    older = ContactRecord(1, "", "", "", "p", "q", 1.0, plunger_mm=12.5)
+    older = ContactRecord(1, "", "", "", "p", "q", 1.0, sim_speed=12.5)
     older.save(tmp_path, STATION_RECORD)
     disk.full = True
     with pytest.raises(LinkError, match=r"station\.json can't be written.*free space"):
         serve_station(opening(tmp_path))
-    assert load_station(tmp_path).plunger_mm == 12.5
+    assert load_station(tmp_path).sim_speed == 12.5
 
 
 def test_what_was_known_outlives_a_station_that_dies_before_it_is_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    status = StationStatus(StationState.CLOSED, mounted=MountedParts(needle="30g")).to_dict()
-    known = ContactRecord(
-        1, "", "", "", "p", "q", 1.0, status=status, plunger_mm=12.5, part_in_dish=True
-    )
-    known.save(tmp_path, STATION_RECORD)
+    known = Mounting("generic_marlin", MountedParts(needle="30g"), 12.5, part_in_dish=True)
+    save_mounting(known, tmp_path)
     seen = []
     monkeypatch.setattr(
         process, "_open", lambda _, record: seen.append(load_station(tmp_path)) or 1 / 0
@@ -212,11 +214,8 @@ def test_what_was_known_outlives_a_station_that_dies_before_it_is_open(
     with pytest.raises(ZeroDivisionError):
         serve_station(opening(tmp_path))
     for kept in (seen[0], load_station(tmp_path)):
-        assert (kept.plunger_mm, kept.part_in_dish, last_status(kept).mounted.needle) == (
-            12.5,
-            True,
-            "30g",
-        )
+        assert last_status(kept).mounted.needle == "30g"
+    assert load_mounting("generic_marlin", tmp_path) == known
 
 
 def test_what_was_learnt_outlives_a_station_that_fails_and_its_place_doesnt(
@@ -224,7 +223,7 @@ def test_what_was_learnt_outlives_a_station_that_fails_and_its_place_doesnt(
 ) -> None:
     def fails(_: Plug, record: ContactRecord) -> object:
         stands = StationStatus(StationState.READY, position_mm=(1, 2, 3), position_trusted=True)
-        learnt = replace(record, status=stands.to_dict(), plunger_mm=7.5, part_in_dish=True)
+        learnt = replace(record, status=stands.to_dict(), sim_speed=7.5)
         learnt.save(tmp_path, STATION_RECORD)
         raise HandshakeError("no firmware answers")
 
@@ -232,8 +231,7 @@ def test_what_was_learnt_outlives_a_station_that_fails_and_its_place_doesnt(
     status = serve_station(opening(tmp_path))
     assert (status.state, status.position_mm) == (StationState.LOST, None)
     assert not status.position_trusted
-    kept = load_station(tmp_path)
-    assert (kept.plunger_mm, kept.part_in_dish) == (7.5, True)
+    assert load_station(tmp_path).sim_speed == 7.5
 
 
 # --- modes

@@ -78,4 +78,5 @@ def ready(service: JobService, job: str) -> JobSetUp:
     """Fill in all that a start wants."""
     points = {point["id"]: True for point in checklist()["before"]}
     service.write_down(OPERATOR, job, {"operator": "Ada", "ticked": points})
+    service.confirm_set_up(OPERATOR, job)
     return service.set_up(job)

@@ -30,7 +30,7 @@ from tests.waiting import wait_for as until
 
 pytestmark = pytest.mark.browser
 HOSTILE = b"<script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
-MOST_PX = {WIDE["width"]: 1000, PHONE["width"]: 2000}
+MOST_PX = {WIDE["width"]: 1080, PHONE["width"]: 2000}
 ASIDE = (90.0, 100.0, 30.0)
 
 
@@ -70,13 +70,13 @@ def test_refusals_stand_together_are_mended_by_buttons_and_the_print_leads_on(
     server, root = served
     page = shown(browser, f"{server.url}/job?job=file~part.gcode", viewport=WIDE)
     refusals = page.get_by_role("list", name="What refuses the start").get_by_role("listitem")
-    expect(refusals).to_have_count(4)
-    expect(page.get_by_text("11 things refuse the start", exact=True)).to_be_visible()
+    expect(refusals).to_have_count(5)
+    expect(page.get_by_text("12 things refuse the start", exact=True)).to_be_visible()
     points = page.get_by_text("Look at the machine: 7 of 7 points left")
     expect(points).to_be_visible()
     start = page.get_by_role("button", name="Start on generic_marlin on ")
     expect(start).to_be_disabled()
-    expect(page.get_by_text("11 things refuse the start: mend them in step 3.")).to_be_visible()
+    expect(page.get_by_text("12 things refuse the start: mend them in step 3.")).to_be_visible()
     assert page.evaluate("document.documentElement.scrollHeight") <= MOST_PX[WIDE["width"]]
 
     page.get_by_role("button", name="Move the tip to the start").click()
@@ -84,6 +84,7 @@ def test_refusals_stand_together_are_mended_by_buttons_and_the_print_leads_on(
     page.get_by_role("dialog").get_by_role("button", name="Yes, it is full").click()
     refusals.get_by_label("Operator's name").fill("Ada <b>Lovelace</b>")
     page.keyboard.press("Tab")
+    page.get_by_label("It was made for what is mounted").check()
     page.get_by_role("button", name="Accept the crossings").click()
     page.get_by_role("dialog").get_by_role("button", name="Accept the crossings").click()
     expect(refusals).to_have_count(0, timeout=60_000)

@@ -23,7 +23,8 @@ from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, OTHER, add
 
 POINTS = {point["id"]: True for point in checklist()["before"]}
-MACHINE = Machine("generic_marlin", "/dev/ttyUSB0", tip_mm=(0.0, 0.0, 0.0))
+MOUNTED = {"needle": "30g", "syringe": "hamilton_1ml", "ink": "collagen_fresh"}
+MACHINE = Machine("generic_marlin", "/dev/ttyUSB0", tip_mm=(0.0, 0.0, 0.0), mounted=MOUNTED)
 
 
 class BegunError(Exception):
@@ -63,7 +64,9 @@ class FakePrinting(StationPrinting):
         ({"ready": False, "state": "printing"}, [("printer", "see_print")]),
         ({"ready": False, "state": "halting"}, [("printer", "")]),
         ({"profile": "lulzbot"}, [("printer's profile", "mount")]),
-        ({"mounted": {"needle": "30g", "ink": ""}}, [("needle", "mount")]),
+        ({"mounted": MOUNTED | {"needle": "25g"}}, [("needle", "mount")]),
+        ({"mounted": MOUNTED | {"needle": "", "ink": ""}}, [("needle", "mount"), ("ink", "mount")]),
+        ({"mounted": {}, "port": "simulated"}, []),
         ({"touch_off_due": True}, [("needle's touch-off", "touch_off")]),
         ({"touch_off_due": True, "port": "simulated"}, []),
         ({"tip_mm": None}, [("where the tip stands", "set_position")]),
@@ -73,14 +76,15 @@ class FakePrinting(StationPrinting):
 def test_each_state_of_the_machine_has_its_remedy(
     change: dict[str, Any], found: list[tuple[str, str]]
 ) -> None:
-    refusals = machine_refusals(replace(MACHINE, **change), JobSetUp())
+    refusals = machine_refusals(replace(MACHINE, **change), JobSetUp(needle="30g"))
     assert [(one.what, one.action) for one in refusals] == found
 
 
 def test_a_job_that_homes_with_a_needle_on_is_refused() -> None:
     needle = replace(MACHINE, mounted={"needle": "30g"})
     assert [one.place for one in homing_refusals(needle, 7)] == ["line 7"]
-    assert not [*homing_refusals(needle, 0), *homing_refusals(MACHINE, 7)]
+    bare = replace(MACHINE, mounted={})
+    assert not [*homing_refusals(needle, 0), *homing_refusals(bare, 7)]
 
 
 @pytest.fixture
@@ -110,25 +114,32 @@ def listed(room: JobService, job: str) -> list[str]:
     return [one.action for one in readiness.refusals]
 
 
-def test_five_refusals_are_listed_at_once_and_mended_one_by_one(
+def test_six_refusals_are_listed_at_once_and_mended_one_by_one(
     core: Core, room: JobService, printing: FakePrinting
 ) -> None:
     job(core.workspace.root / "jobs", 0, 1)
     crossing = "file~part.gcode"
-    printing.now = replace(MACHINE, ul_left=0.5, mounted={"needle": "30g"})
-    ticks = ["tick"] * len(POINTS)
-    assert listed(room, crossing) == ["to_start", "operator", *ticks, "fill", "accept_crossings"]
+    printing.now = replace(MACHINE, ul_left=0.5)
+    ticks, checks = ["tick"] * len(POINTS), ["fill", "for_mounted", "accept_crossings"]
+    assert listed(room, crossing) == ["to_start", "operator", *ticks, *checks]
     room.to_start(OPERATOR, crossing, START)
     assert "to_start" not in listed(room, crossing)
     room.write_down(OPERATOR, crossing, {"operator": "Ada"})
-    assert listed(room, crossing) == [*ticks, "fill", "accept_crossings"]
+    assert listed(room, crossing) == [*ticks, *checks]
     room.write_down(OPERATOR, crossing, {"ticked": POINTS})
+    assert listed(room, crossing) == checks
+    room.confirm_set_up(OPERATOR, crossing)
     assert listed(room, crossing) == ["fill", "accept_crossings"]
     printing.now = replace(printing.now, ul_left=2.0)
     assert listed(room, crossing) == ["accept_crossings"]
     set_up = room.set_up(crossing)
     room.keep_set_up(crossing, set_up.model_copy(update={"accept_crossings": True}))
     assert listed(room, crossing) == []
+    # Another needle was never confirmed for this file.
+    printing.now = replace(printing.now, mounted=MOUNTED | {"needle": "27g"})
+    other = room.set_up(crossing).model_copy(update={"needle": "27g"})
+    room.keep_set_up(crossing, other)
+    assert "for_mounted" in listed(room, crossing)
 
 
 def test_without_waiting_only_what_is_known_is_listed(

@@ -249,6 +249,7 @@ def test_a_new_syringe_sets_zero_and_is_purged(visit: Open) -> None:
 def test_weighing_makes_a_job_and_reads_the_balance(visit: Open) -> None:
     page = connected(visit(address="?tab=calibration"))
     page.get_by_role("button", name="Start: Flow by weight").click()
+    page.get_by_label("Syringe").select_option("hamilton_1ml")
     page.get_by_role("button", name="Make the test's G-code").click()
     expect(page.get_by_text("file~calibrate_weigh_")).to_be_visible(timeout=20_000)
     for row in range(1, 13):

@@ -376,26 +376,35 @@ def weighed(share: float) -> dict[str, object]:
     rng = np.random.default_rng(1)
     doses = (20.0, 40.0, 60.0) * 4
     masses = [0.998 * ul * share + rng.normal(0, 0.02) for ul in doses]
-    return {"rows": [[f"{ul / area:.5f}", f"{m:.2f}"] for ul, m in zip(doses, masses, strict=True)]}
+    rows = [[f"{ul / area:.5f}", f"{m:.2f}"] for ul, m in zip(doses, masses, strict=True)]
+    return {"rows": rows, "printer": "generic_marlin", "syringe": "hamilton_1ml"}
 
 
 def test_a_test_lies_among_the_jobs_with_its_sheet(idle: PrinterService, idle_api: Script) -> None:
     listed = {one["name"] for one in idle_api.get("calibrations")}
     assert {"weigh", "level", "offset", "backlash"} <= listed
-    where = {"printer": "generic_marlin", "at_mm": [100, 100, 50]}
+    where = {"printer": "generic_marlin", "syringe": "hamilton_1ml", "at_mm": [100, 100, 50]}
     made = idle_api.do("calibrations/weigh/job", **where)
     job = idle.core.workspace.job_file(made["job"])
     assert made["job"] in idle.core.workspace.jobs()
     assert made["job"].startswith("file~calibrate_weigh_")
     assert [row[-1] for row in made["rows"]] == [""] * 12
-    assert job.with_suffix(".csv").read_text().startswith("travel_mm,mass_mg\n")
+    sheet = job.with_suffix(".csv").read_text().splitlines()
+    assert sheet[0].startswith("# printctl printer: Generic Marlin")
+    assert sheet[1].startswith("# printctl syringe: Hamilton 1 mL")
+    assert sheet[2] == "travel_mm,mass_mg"
+    read = weighed(0.9) | {"job": made["job"], "syringe": "hamilton_5ml"}
+    assert (
+        "syringe that the job was made for" in idle_api.refused("calibrations/weigh/fit", **read)[1]
+    )
     assert made["lines"] > 24
 
 
 def test_a_test_that_preflight_refuses_is_not_written(
     idle: PrinterService, idle_api: Script
 ) -> None:
-    outside = {"printer": "generic_marlin", "at_mm": [199, 100, 50], "axis": "x"}
+    outside = {"printer": "generic_marlin", "syringe": "hamilton_1ml", "axis": "x"}
+    outside |= {"at_mm": [199, 100, 50]}
     assert "limit 200" in idle_api.refused("calibrations/backlash/job", **outside)[1]
     assert idle.core.workspace.jobs() == []
 

@@ -128,6 +128,7 @@ async function keepNow({ job, form, ready, refresh }, change) {
   await send("PUT", `/jobs/${part(job)}/set-up`, next);
   const named = Object.entries(change).filter(([one]) => one in PARTS && one !== "printer");
   const mounted = named.map(([one, value]) => [one, form.choices[one][value] ?? value]);
+  if (change.bath_depth_mm) mounted.push(["bath_depth_mm", change.bath_depth_mm]);
   if (ready?.machine && mounted.length) await send("POST", "/printer/mount", Object.fromEntries(mounted));
   await refresh();
 }
@@ -154,7 +155,7 @@ function ThePrinter(all) {
       ["Starts at", `${placed(set_up.start_mm)} mm${
         form.declared ? ", as the job says" : machine ? ", where the tip stands" : ""}`],
       machine && ["Tip", machine.tip_mm ? `${placed(machine.tip_mm)} mm` : "not known"],
-      machine?.ul_left !== null && machine && ["In the syringe", `${number(machine.ul_left, 3)} µL`],
+      machine && ["In the syringe", machine.ul_left === null ? "not known" : `${number(machine.ul_left, 3)} µL`],
     ]} />
     <div class="job-folds">
     <${Fold} title="Change what is mounted">
@@ -254,11 +255,15 @@ function Remedy(all) {
     reconnect: () => post("Connect anew", "/printer/reconnect"),
     to_start: () => html`${post("Move the tip to the start", `/jobs/${part(job)}/to-start`, {})}
       ${all.ready?.machine?.touch_off_due && touchOff("Touch off first")}`,
-    fill: () => post("A full one was put in", "/printer/mount", { syringe: chosen(form, "syringe") }, FILL),
+    fill: () => post("A full one was put in", "/printer/mount", { full: true }, FILL),
     reload: () => act("Allow changes of syringe", () => keep(all, { care: { reload: true } })),
     accept_crossings: () => act("Accept the crossings", () => keep(all, { accept_crossings: true }), CROSS),
     mount: () => html`<${Kept} ...${partField(form, one.about)} value=${form.set_up[one.about]}
-      save=${(next) => keep(all, { [one.about]: next })} />`,
+      save=${(next) => keep(all, { [one.about]: next })} />
+      ${all.ready?.machine?.mounted[one.about] === "" && form.set_up[one.about]
+        && post(`${chosen(form, one.about)} is mounted`, "/printer/mount", { [one.about]: chosen(form, one.about) })}`,
+    for_mounted: () => html`<${Kept} kind="flag" label="It was made for what is mounted" value=${false}
+      save=${() => send("POST", `/jobs/${part(job)}/for-mounted`, {}).then(refresh)} />`,
     operator: () => html`<${Kept} label="Operator's name" value=${record.operator} maxlength="200" autocomplete="name"
       save=${(operator) => write(all, { operator })} />`,
     see_print: () => link("See it", "/job"),

@@ -34,25 +34,26 @@ const names = (list, name) => (list ?? [{ name }]).map((one) => one.name);
 function Wizard({ wizard, status, onBack }) {
   const profiles = useGet(wizard.printed ? "/printer/profiles" : null);
   const parts = useGet(wizard.printed ? "/printer/parts" : null);
-  const [used, setUsed] = useState({ printer: status.printer, syringe: status.parts.syringe || "hamilton_1ml" });
+  const [{ rows, made, tested }, keep] = useKept(`calibration.${wizard.name}`, { rows: [], made: null, tested: null });
+  const [used, setUsed] = useState(tested ?? { printer: status.printer, syringe: status.parts.syringe });
   const [density, setDensity] = useState(0.998);
-  const [{ rows, made }, keep] = useKept(`calibration.${wizard.name}`, { rows: [], made: null });
   const [result, setResult] = useState(null);
   const weighs = wizard.name === "weigh";
   const { printer, syringe } = used;
   const fit = async () => setResult(await post(`calibrations/${wizard.name}/fit`, read()));
   const make = async () => {
+    if (!syringe) throw new Error("Choose the syringe that is mounted.");
     if (!status.position_mm) throw new Error("Where the tip stands isn't known: home it, or say where it is.");
     const test = await post(`calibrations/${wizard.name}/job`, { ...used, at_mm: status.position_mm });
-    keep({ rows: test.rows, made: test });
+    keep({ rows: test.rows, made: test, tested: used });
   };
   const read = () => {
     const filled = rows.map((row) => row.map((cell) => cell.trim())).filter((row) => row.at(-1));
     if (!filled.length) throw new Error(`Fill in the last column, ${wizard.columns.at(-1)}.`);
-    return { rows: filled, ...used, ...(weighs && density ? { density_g_cm3: density } : {}) };
+    return { rows: filled, ...used, ...(made ? { job: made.job } : {}), ...(weighs && density ? { density_g_cm3: density } : {}) };
   };
   const again = () => {
-    keep({ rows: [], made: null });
+    keep({ rows: [], made: null, tested: null });
     setResult(null);
   };
   return html`<${Card} title=${wizard.title} aria-label=${wizard.title}
@@ -61,7 +62,8 @@ function Wizard({ wizard, status, onBack }) {
     ${wizard.printed && html`
       <${Fields} of=${used} onChange=${setUsed} fields=${[
         { name: "printer", kind: "choice", label: "Printer profile", options: names(profiles.value, printer) },
-        { name: "syringe", kind: "choice", label: "Syringe", options: names(parts.value?.syringe, syringe) },
+        { name: "syringe", kind: "choice", label: "Syringe", options: [
+          ...(syringe ? [] : [["", "not known: choose one"]]), ...names(parts.value?.syringe, syringe)] },
       ]} />
       <${Act} kind=${made ? "quiet" : "main"} work=${make}>Make the test's G-code</${Act}>
       ${made && html`<${Note} tone="good">
@@ -72,7 +74,7 @@ function Wizard({ wizard, status, onBack }) {
       </${Note}>`}`}
     <div class="columns">
       <${Sheet} wizard=${wizard} rows=${rows} tip=${status.position_mm}
-        onRows=${(next) => keep({ rows: next, made })} />
+        onRows=${(next) => keep({ rows: next, made, tested })} />
       <div class="stack">
         ${weighs && html`<${Field} kind="number" label="Density" unit="g/cm³" min=${0.1} max=${20} value=${density}
           onChange=${setDensity} />`}
@@ -118,9 +120,11 @@ function Copy({ printer, syringe, read }) {
   const [mend, setMend] = useState("printer");
   const [name, setName] = useState(null);
   const [written, setWritten] = useState("");
+  const [accept, setAccept] = useState(false);
   const copy = name ?? `${mend === "printer" ? printer : syringe}_measured`;
   const save = async () => {
-    const { message } = await post("calibrations/weigh/profile", { read: read(), mend, copy_name: copy });
+    const { message } = await post("calibrations/weigh/profile", {
+      read: read(), mend, copy_name: copy, accept_change: accept });
     setWritten(`written: ${message}. Choose it when you connect or say what is mounted from now on.`);
   };
   return html`
@@ -129,6 +133,7 @@ function Copy({ printer, syringe, read }) {
       ["syringe", `bore of ${syringe}, where the steps are right`]]}
       onChange=${(next) => { setMend(next); setName(null); }} />
     <${Field} label="Name of the copy" value=${copy} onChange=${setName} maxlength="64" />
+    <${Field} kind="flag" label="Accept a change of more than 20 %" value=${accept} onChange=${setAccept} />
     <${Act} work=${save}>Write the copy</${Act}>
     <p role="status">${written}</p>`;
 }

@@ -1,0 +1,142 @@
+"""`printctl mount`: enter or show what is mounted on a printer and how full its syringe is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from firmware_profiles import Printer, ProfileError, Syringe, load
+from printctl.checks.set_up import NONE, ProfileNames, read_dish_centre
+from printctl.cli.declare import json_command
+from printctl.cli.options import print_result
+from printctl.errors import UsageError
+from printctl.machine.errors import Refused
+from printctl.machine.process.client import attach_station
+from printctl.machine.process.contact import STATION_LOCK, alive
+from printctl.machine.records.mounting import (
+    PARTS,
+    Mounting,
+    all_mountings,
+    as_kept,
+    load_mounting,
+    save_mounting,
+)
+from printctl.settings import of, opt
+
+_PROFILE = "a shipped profile or a .yaml file; none for nothing."
+
+
+@json_command
+def mount(
+    printer: str | None = opt("Printer profile; needed unless only one has anything mounted."),
+    syringe: str | None = opt(f"Syringe: {_PROFILE}"),
+    fill_ul: float | None = opt("Ink in the syringe, µL; unknown if not given.", min=0.0),
+    needle: str | None = opt(f"Needle: {_PROFILE}"),
+    ink: str | None = opt(f"Ink: {_PROFILE}"),
+    bath: str | None = opt(f"Bath: {_PROFILE}"),
+    bath_depth: float | None = of(ProfileNames, "bath_depth"),
+    dish: str | None = opt(f"Dish: {_PROFILE}"),
+    dish_centre: str | None = opt("Printer's frame, mm.", metavar="X,Y"),
+) -> None:
+    """Enter what is mounted on a printer and how full its syringe is; alone it shows that.
+
+    Print, calibrate and the page use it where no part is named, and refuse a part that contradicts
+    it. Prints subtract what they push. After a change of syringe the ink left is unknown until
+    --fill-ul is given.
+    """
+    named = {"syringe": syringe, "needle": needle, "ink": ink, "bath": bath, "dish": dish}
+    given: dict[str, Any] = {
+        part: "" if name == NONE else as_kept(name)
+        for part, name in named.items()
+        if name is not None
+    }
+    if bath_depth is not None:
+        given["bath_depth_mm"] = bath_depth
+    if dish_centre is not None:
+        given["dish_centre_mm"] = read_dish_centre(dish_centre)
+    known = all_mountings()
+    if not given and fill_ul is None:
+        _show([load_mounting(printer)] if printer else known)
+        return
+    if printer is None and len(known) != 1:
+        raise UsageError("--printer is missing; name the printer that this is mounted on")
+    key = as_kept(printer or known[0].printer)
+    _show([_mounted(load_mounting(key), load(Printer, key), given, fill_ul)])
+
+
+def _mounted(
+    kept: Mounting, printer: Printer, given: dict[str, Any], fill_ul: float | None
+) -> Mounting:
+    """Change what is kept, by the station where the printer is connected."""
+    if printer.heads:
+        raise UsageError(
+            f"{printer.name} has several heads; name what each of them holds for the print itself"
+        )
+    for part, model in PARTS.items():
+        if given.get(part):
+            load(model, given[part])
+    syringe = given.get("syringe", kept.parts.syringe)
+    if fill_ul is not None:
+        given["plunger_mm"] = _used_mm(syringe, fill_ul)
+    elif "syringe" in given:
+        given["plunger_mm"] = None
+    folder = Path(kept.holder)
+    if kept.holder and alive(folder, STATION_LOCK):
+        attach_station(folder).mount(**given)
+        return load_mounting(kept.printer)
+    if kept.holder and alive(folder):
+        raise Refused(
+            f"a print is running in {folder}; wait for its end, or change the syringe with "
+            f"`printctl reload {folder}`"
+        )
+    plunger_mm = given.pop("plunger_mm", kept.plunger_mm)
+    emptied = {"dish", "bath"} & set(given)
+    parts = replace(kept.parts, **({"bath_depth_mm": None} if emptied else {}) | given)
+    in_dish = kept.part_in_dish and "dish" not in given
+    kept = replace(kept, parts=parts, plunger_mm=plunger_mm, part_in_dish=in_dish)
+    save_mounting(kept)
+    return kept
+
+
+def _used_mm(syringe: str, fill_ul: float) -> float:
+    if not syringe:
+        raise UsageError("--fill-ul needs the syringe that was filled; add --syringe")
+    facts = load(Syringe, syringe)
+    if fill_ul > facts.volume_ul:
+        raise UsageError(
+            f"--fill-ul {fill_ul:g}: {facts.name} holds {facts.volume_ul:g} µL (volume_ul)"
+        )
+    return (facts.volume_ul - fill_ul) / facts.area_mm2
+
+
+def _show(mountings: list[Mounting]) -> None:
+    facts = [_facts(one) for one in mountings]
+    lines = [line for one in facts for line in _lines(one)]
+    print_result({"mounted": facts}, lines or ["nothing is mounted on any printer"])
+
+
+def _facts(kept: Mounting) -> dict[str, Any]:
+    left = None
+    with suppress(ProfileError):  # a profile that has gone since
+        left = kept.left_ul(load(Printer, kept.printer))
+    shown = (*PARTS, "bath_depth_mm", "dish_centre_mm")
+    return {
+        "printer": kept.printer,
+        "left_ul": left,
+        **{name: getattr(kept.parts, name) for name in shown},
+    }
+
+
+def _lines(facts: dict[str, Any]) -> Iterator[str]:
+    yield facts["printer"]
+    for part in PARTS:
+        text = facts[part] or "not known"
+        if part == "syringe" and facts[part]:
+            left = facts["left_ul"]
+            text += ", ink left not known" if left is None else f", {left:.0f} µL left"
+        if part == "bath" and facts["bath_depth_mm"] is not None:
+            text += f", {facts['bath_depth_mm']:g} mm deep"
+        yield f"  {part:<8} {text}"
