@@ -78,7 +78,7 @@ class State:
     """What is put into the news of the printer."""
     press: tuple[str, ...] = ()
     world: str = "standing"
-    """Which server: empty, standing (with a printer) or printing, ended."""
+    """Which server: empty, standing (with a printer), mounted, printing or ended."""
     tall: bool = False
     """Whether it may be taller than two screens: forms of a recipe, the gallery on a phone."""
 
@@ -147,10 +147,10 @@ STATES = [
     State("macro", "/printer?tab=console", "Commands, one a line", press=("New macro",)),
     State("halted", "/printer", "The printer has halted", station=HALT),
     State("lost", "/printer", "The connection is lost", station={**HALT, "state": "lost"}),
-    State("before", f"/job?job={JOB}", "checks passed"),
+    State("before", f"/job?job={JOB}", "checks passed", world="mounted"),
     State("before, open", f"/job?job={JOB}", "Extra ink after a pause",
           press=("Change what is mounted", "How the print is watched", "Record: operator"),
-          tall=True),
+          world="mounted", tall=True),
     State("during", "/job", "Printing ·", world="printing"),
     State("during, cancel", "/job", "Yes, cancel it", press=("Cancel print",), world="printing"),
     State("printer locked", "/printer", "A print goes on", world="printing"),
@@ -190,6 +190,8 @@ class World:
         if name == "empty":
             return self.served(name, Workspace(self.folder / "empty").make)
         url = self.served("standing", self.standing)
+        if name == "mounted":
+            self.mount()
         if name == "printing" and not self.prints:
             self.begin()
         if name == "ended" and self.prints:
@@ -240,16 +242,20 @@ class World:
         self.words = f"generic_marlin on {port}"
         return workspace
 
-    def begin(self) -> None:
-        self.prints = True
+    def mount(self) -> None:
         parts = {"syringe": "hamilton_1ml", "ink": "collagen_fresh", "needle": "28g"}
         self.station.mount(**parts, bath="gelatin_support")
+
+    def begin(self) -> None:
+        self.prints = True
+        self.mount()
         (self.workspace.root / "jobs" / "part.gcode").write_bytes(layered(20, 200))
         self.rest("POST", "/controls", {"force": True})
         self.rest("POST", f"/jobs/{PRINTED}/to-start", {})
         points = self.rest("GET", f"/jobs/{PRINTED}/form")["checklist"]
         ticked = {one["id"]: True for one in points}
         self.rest("PATCH", f"/jobs/{PRINTED}/record", {"operator": "Ada", "ticked": ticked})
+        self.rest("POST", f"/jobs/{PRINTED}/for-mounted", {})
         ready = f"/jobs/{PRINTED}/readiness"
         wait_for(lambda: self.rest("GET", ready)["ready"], 60)
         self.rest("POST", f"/prints/{PRINTED}/start", {"confirmed": self.words})
