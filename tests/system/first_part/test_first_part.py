@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.system.first_part import page
 from tests.system.first_part.deposit import filaments, layers, read_strokes
 from tests.system.first_part.edit import between, rewritten
 from tests.system.first_part.faults import FAULTS
@@ -22,7 +23,7 @@ from tests.system.first_part.truth import Vessel, measure, section
 KEPT = Path(__file__).with_name("kept.json")
 """Cases that have failed once, by seed, index, fault and whether the part is a small one."""
 
-CI_CASES = ((4, 1, ""), (4, 3, ""), (4, 5, ""), (4, 3, "clog"))
+CI_CASES = ((4, 1, ""), (4, 2, ""), (4, 3, ""), (4, 5, ""), (4, 3, "clog"))
 NIGHTLY_PARTS = 60
 NIGHTLY_FAULTS = 10
 BORE_MM = 4.61
@@ -40,6 +41,11 @@ def test_a_small_first_part_is_judged_truthfully(
     tmp_path: Path, seed: int, index: int, fault: str
 ) -> None:
     row = _row(tmp_path, seed, index, fault, small=True)
+    assert row["outcome"] in GOOD, row
+
+
+def test_the_page_takes_a_small_first_part_to_the_same_verdict(tmp_path: Path) -> None:
+    row = case(4, 1, "", tmp_path, small=True, door=page.run)
     assert row["outcome"] in GOOD, row
 
 
