@@ -111,9 +111,9 @@ def with_round_walls(
 ) -> tuple[tuple[VesselTrace, ...], float | None]:
     """Return traces with diameters by the scan's own levels and blur, and their walls' error, mm.
 
-    None, and traces as they were, where too few whole sections tell them.
+    None, and traces as they were, where too few whole sections tell them, or nothing blurred.
     """
-    samples = _sampled(traces, field)
+    samples = _sampled(traces, field) if field.blur_mm > 0 else None
     if samples is None:
         return traces, None
     start = np.array([
