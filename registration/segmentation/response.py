@@ -19,6 +19,7 @@ variances.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,8 +43,10 @@ PATCH_MM = 1.0
 """Gel is uneven over about this length: only columns so wide err independently."""
 SMOOTH_MM = 0.1
 """The response changes over no less: standard deviation of its average."""
-HALVINGS = 12
+HALVINGS = 14
 """Of the range that a can lie in: far below its error."""
+MOST_FADING = 10.0
+"""1/mm: nothing is left of the light behind half a millimetre of such gel."""
 LEAST = 0.02
 """Of the most: deeper, noise would be taken for gel."""
 STEEP_MM, STEEP = 0.2, 0.5
@@ -144,18 +147,24 @@ def _levels_without_gel(
         level = unfaded.sum(axis=(1, 2), dtype=np.float64) / count
         return apart * (unfaded / level[:, None, None]), level
 
-    most = _without_instrument(scores(0.0)[1], usual, count)
-    low, high = 0.0, most
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if scores(middle)[0].sum() > 0 else (middle, high)
-    score, _ = scores(low)
+    most = _without_instrument(back[sure], above[sure])
+    fades = _rising(lambda at: float(scores(at)[0].sum()), most)
+    score, _ = scores(fades)
     information = max(float((apart * score).sum()), 1e-12)
     excess = (score - apart).sum(axis=0)
     variance = float((_columns(excess, size) ** 2).sum()) / information**2
     trust = most**2 / 12 / (most**2 / 12 + variance)
-    likely = trust * low + (1 - trust) * most / 2
+    likely = trust * fades + (1 - trust) * most / 2
     return np.asarray(scores(likely)[1] * np.exp(likely * usual))
+
+
+def _rising(score: Callable[[float], float], most: float) -> float:
+    """Where a rising score is 0, between 0 and `most`; else the nearer end."""
+    low, high = 0.0, most
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if score(middle) > 0 else (middle, high)
+    return low
 
 
 def _columns(values: FloatArray, size: FloatArray) -> FloatArray:
@@ -170,11 +179,15 @@ def _columns(values: FloatArray, size: FloatArray) -> FloatArray:
     return values
 
 
-def _without_instrument(mean: FloatArray, usual: FloatArray, count: NDArray[np.int64]) -> float:
-    """How gel fades where the instrument takes nothing, 1/mm: by the depths' means alone."""
-    away = usual - np.average(usual, weights=count)
-    square = float((count * away**2).sum())
-    return max(-float((count * away * np.log(mean)).sum()) / max(square, 1e-12), 1e-3)
+def _without_instrument(back: FloatArray, above: FloatArray) -> float:
+    """How gel fades where the instrument takes nothing, 1/mm: one R for all depths."""
+    apart = above - above.mean()
+
+    def score(fades: float) -> float:
+        unfaded = back * np.exp(fades * apart)
+        return float((apart * unfaded).sum() / unfaded.mean())
+
+    return max(_rising(score, MOST_FADING), 1e-3)
 
 
 def _response(level: FloatArray, known: BoolArray, step_mm: float) -> FloatArray:
