@@ -238,6 +238,7 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
         "contrast": {
             "liquid": report.contrast.liquid,
             "untold": report.contrast.untold,
+            "examined": report.contrast.examined,
             "blur_um": report.contrast.blur_um,
             "leak_um": report.contrast.leak_um,
         },

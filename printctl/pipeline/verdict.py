@@ -239,8 +239,17 @@ def _leak_limit(registration: Record) -> str:
     by = f"voxel {' × '.join(f'{v:.3g}' for v in voxel)} µm, " if voxel else ""
     return (
         f"; ones narrower than {contrast['leak_um']:.0f} µm can't be resolved in this scan "
-        f"({by}edge blur {contrast['blur_um']:.0f} µm)"
+        f"({by}edge blur {contrast['blur_um']:.0f} µm){_too_dim(contrast)}"
     )
+
+
+LEAST_DIM: Final = 0.005
+"""Of the gel: less of it, unexamined for leaks, isn't worth a word."""
+
+
+def _too_dim(contrast: Record) -> str:
+    dim = 1 - contrast.get("examined", 1.0)
+    return f"; {100 * dim:.0f} % of the gel is too dim to be examined" if dim >= LEAST_DIM else ""
 
 
 def _unfollowed(registration: Record) -> list[Finding]:

@@ -315,6 +315,8 @@ class Scene:
         Evidence in the lumens.
     clear_mm : float, mm
         From walls to that gel.
+    scatter : (nz, ny, nx) float32
+        Standard deviation of the averaged evidence in gel.
     """
 
     grid: LumenGrid
@@ -323,6 +325,7 @@ class Scene:
     told: BoolArray
     liquid: float
     clear_mm: float
+    scatter: NDArray[np.float32]
 
     @property
     def examined(self) -> float:
@@ -399,7 +402,10 @@ def find_gel_paths(scene: Scene, false_alarm: float) -> list[LeakPath]:
     between = 0.5 * mean.ravel()[met].sum(axis=1)
     whole = length.ravel()[met].sum(axis=1) + grid.step_mm
     share = (gel.ravel()[met].sum(axis=1) + grid.step_mm * between) / whole
-    score = _scores(whole, share)
+    # Ways in the dark scatter more than those that tell how much ways scatter.
+    scatter = scene.scatter.ravel()[met].mean(axis=1)
+    usual = max(float(np.median(scatter)), 1e-6)
+    score = _scores(whole, share) / np.maximum(scatter / usual, 1.0)
     least, full = _threshold(len(met), grid.step_mm, false_alarm), mid_evidence(scene.liquid)
     faint = share >= full
     sure = np.where(faint, (score > SURE) & (share < 1 - CRACK * (1 - full)), score > least)

@@ -443,7 +443,7 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     gel = designed_gel(grid, search.surface, search.model_is_lumen, clear)
     mean, scatter = averaged(grid, search.evidence, search.fit)
     separable = are_separable(1.0, search.liquid, scatter.astype(np.float64))
-    scene = Scene(grid, gel, mean, separable, search.liquid, clear)
+    scene = Scene(grid, gel, mean, separable, search.liquid, clear, scatter)
     found = [
         (way, _measured(way, scene, search)) for way in find_gel_paths(scene, search.false_alarm)
     ]
@@ -485,13 +485,13 @@ def _measured(way: LeakPath, scene: Scene, search: LeakSearch) -> tuple[LeakPath
 def _is_told(way: LeakPath, size: float, error: float, scene: Scene, search: LeakSearch) -> bool:
     """Return whether a way is more likely one than gel with voids.
 
-    Single places of speckle tell less than the mean along a way does: where that lacks enough gel
-    it counts whatever they show.
+    Single places of speckle tell less than the mean along a way does: where that surely lacks
+    enough gel it counts whatever they show.
     """
     if way.faint and size - error <= THINNEST_MM:
         return False
     if search.evidence.speckled and not way.faint:
-        return True
+        return way.significance > SURE
     return is_open(way, scene, search.field, search.fit)
 
 
