@@ -147,7 +147,7 @@ def _levels_without_gel(
         level = unfaded.sum(axis=(1, 2), dtype=np.float64) / count
         return apart * (unfaded / level[:, None, None]), level
 
-    most = _without_instrument(back[sure], above[sure])
+    most = _without_instrument(back[sure].astype(np.float64), above[sure])
     fades = _rising(lambda at: float(scores(at)[0].sum()), most)
     score, _ = scores(fades)
     information = max(float((apart * score).sum()), 1e-12)
