@@ -12,7 +12,14 @@ from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import helper_thread, keep_freed_memory
 from kernels.arrays import FloatArray
-from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
+from registration.alignment import (
+    Alignment,
+    Fit,
+    align,
+    cross_check,
+    later_doubts,
+    rival_doubts,
+)
 from registration.alignment.as_printed import AsPrinted, Explanation, Misfit
 from registration.alignment.distance import ModelSurface
 from registration.alignment.symmetry import moved_vessels
@@ -454,7 +461,11 @@ def _inspected(
 def _doubted(case: PreparedScan, alignment: Alignment, cross_um: float | None) -> Alignment:
     """Add the doubts that come up only behind the alignment."""
     later = later_doubts(cross_um, float(case.segmentation.seen.mean()))
-    return replace(alignment, doubts=(*alignment.doubts, *later))
+    limit = case.options.alignment.ambiguous_below
+    # A symmetry of the design is no obstacle of its own: what else there is comes first.
+    same = rival_doubts((rival for rival in alignment.rivals if rival.same), limit)
+    doubts = sorted((*alignment.doubts, *later), key=lambda doubt: doubt in same)
+    return replace(alignment, doubts=tuple(doubts))
 
 
 def _characterised(

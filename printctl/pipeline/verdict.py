@@ -347,11 +347,7 @@ def _pose(registration: Record) -> list[Finding]:
     if symmetry and not pose_in_doubt(ambiguity):
         return [_same_in(registration, symmetry)]
     doubts = ambiguity.get("doubts") or ["another one fits nearly as well"]
-    # A symmetry of the design is no obstacle of its own; what else there is comes first.
-    rivals = [one for one in ambiguity.get("rivals", ()) if one["same"] and "motion" in one]
-    same = [f"the same after {one['motion']}," for one in rivals]
-    others = [one for one in doubts if not any(text in one for text in same)]
-    return [("undecided", f"The pose is ambiguous: {(others or doubts)[0]}")]
+    return [("undecided", f"The pose is ambiguous: {doubts[0]}")]
 
 
 def _same_in(registration: Record, symmetry: Record) -> Finding:

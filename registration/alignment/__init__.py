@@ -6,7 +6,7 @@ Goes in: surface points and a model. Comes out: a pose with intervals and doubts
 
 from registration.alignment.align import Alignment, align
 from registration.alignment.cross_check import cross_check
-from registration.alignment.doubts import LEAST_SEEN, later_doubts
+from registration.alignment.doubts import LEAST_SEEN, later_doubts, rival_doubts
 from registration.alignment.fit import Fit
 from registration.alignment.intervals import Uncertainty
 from registration.alignment.rivals import AXES, AlternativePose, may_lie_otherwise
@@ -24,4 +24,5 @@ __all__ = [
     "cross_check",
     "later_doubts",
     "may_lie_otherwise",
+    "rival_doubts",
 ]

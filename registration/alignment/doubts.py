@@ -108,10 +108,10 @@ def rival_doubts(rivals: Iterable[AlternativePose], limit: float) -> list[str]:
     ]
 
 
-CROSS_UM = 15.0
-"""Two programs differ by less about where a well-seen surface lies: by 1 to 11 µm at the corners in
-25 scans of four generators whose walls were told rightly, by 29 and more (17 at a face) in 13
-others, nearly all with false walls."""
+CROSS_UM = 11.5
+"""A shift of a block that carries its corners by 20 µm moves one of its faces by 20/√3 or more. Two
+programs differed by 1 to 11 µm at the corners in 25 scans of four generators whose walls were told
+rightly, by 29 and more in 13 others, nearly all with false walls; surfaces differ by no more."""
 LEAST_SEEN = 0.5
 """Share of the scanned surface that light must reach: levels are told from there alone."""
 

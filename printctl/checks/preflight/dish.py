@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Bath, Dish, Needle, load, shipped
 from kernels.arrays import FloatArray
+from printctl.checks.preflight.mounted import longer_needle
 from printctl.checks.set_up import HUB_MM, WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.modal import MOVE
@@ -254,6 +255,7 @@ def _depth(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> 
             "mm",
             deepest <= needle.length_mm + _TINY_MM,
             f"line {int(run.low_line[2])}",
-            f"the hub of {needle.name} would dip into the bath; take a longer needle or less bath",
+            f"the hub of {needle.name} would dip into the bath; {longer_needle(needle, deepest)}, "
+            "or fill less",
         ),
     ]

@@ -65,8 +65,18 @@ def needle_check(part_height_mm: float, needle: Needle) -> Check:
         "mm",
         part_height_mm <= needle.length_mm,
         "needle: length_mm",
-        f"the hub of {needle.name} would dip in; use a longer needle or a flatter part",
+        f"the hub of {needle.name} would dip in; {longer_needle(needle, part_height_mm)}, or print "
+        "a flatter part",
     )
+
+
+def longer_needle(needle: Needle, reach_mm: float) -> str:
+    """Say which needle reaches so deep, mm: a shipped one of the same bore, if there is one."""
+    for name in shipped(Needle):
+        other = load(Needle, name)
+        if other.inner_mm == needle.inner_mm and other.length_mm >= reach_mm:
+            return f"use a longer needle of the same bore (needle: {name})"
+    return f"use a needle of at least {reach_mm:.1f} mm (no shipped one has this bore)"
 
 
 def chemistry_check(ink: Ink, bath: Bath) -> Check:

@@ -14,6 +14,7 @@ from design.toolpath.gcode.table import decimals_for
 from firmware_profiles import Dish, Needle, Printer
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.preflight.dish import hub_gap, hub_remedy, tips_of, wall_gap
+from printctl.checks.preflight.mounted import longer_needle
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.gcode import Program
@@ -331,6 +332,7 @@ def _bath(at: _Well, standing: PlacedDish, needle: Needle, ink_ul: float) -> lis
             "mm",
             surface - low <= needle.length_mm + _TINY_MM,
             at.place(int(lows.argmin())),
-            f"the hub of {needle.name} would dip into the bath; take a longer needle or less bath",
+            f"the hub of {needle.name} would dip into the bath; "
+            f"{longer_needle(needle, surface - low)}, or fill less",
         ),
     ]

@@ -146,7 +146,7 @@ def record_refusal(machine: Machine | None, sha256: str, mounted: MadeFor) -> It
     if machine is None or machine.simulated or is_confirmed(sha256, mounted):
         return
     yield Refusal(
-        "set-up that the file was made for",
+        "set-up not recorded in the file",
         "not recorded in the file; confirm that it was made for what is mounted",
         "for_mounted",
     )

@@ -65,10 +65,13 @@ def _middles(trace: VesselTrace, fit: Fit, surface: ModelSurface, is_lumen: bool
 
 
 def _compared(trace: VesselTrace, wall: FloatArray) -> VesselTrace:
-    """Return the trace with its designed walls; open sections without any all round don't count."""
+    """Return the trace with its designed walls; open sections without any all round don't count.
+
+    Of those what wall there is is looked at as within a junction.
+    """
     whole = np.isfinite(wall).mean(axis=1) >= LEAST_MET
     comparable = whole | trace.short | ~trace.sections.open
-    return replace(trace, wall=wall, counted=trace.counted & comparable)
+    return replace(trace, wall=wall, counted=trace.counted & comparable, own=trace.own & comparable)
 
 
 def cast_rays(

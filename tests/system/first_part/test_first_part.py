@@ -128,14 +128,17 @@ def _slab_with_a_slot(gap: float, height: float = 0.06, width: float = 0.15) -> 
 
 def test_a_slot_between_lines_has_the_area_that_they_leave() -> None:
     ink = layers(read_strokes(_slab_with_a_slot(0.45), BORE_MM), (0, 0, 0), 0.06)
-    found = section(ink, _channel(4, 0.25), 2.0, of_ink=False)
+    # Half a pixel aside: sides of lines that lie on pixels' middles are of neither.
+    aside = np.array([[0.0, 0.005, 0.005], [4.0, 0.005, 0.005]])
+    channel = Vessel(0, aside, np.array([0.25, 0.25]), (0, 1))
+    found = section(ink, channel, 2.0, of_ink=False)
     # The free width lies between the sides of the nearest lines.
     ys = np.arange(-1.0, 1.0001, 0.15)
     kept = ys[np.abs(ys) >= 0.45 / 2 + 0.075]
     free = kept[kept > 0].min() - kept[kept < 0].max() - 0.15
     rows = sum(abs((k + 1) * 0.06 - 0.6 - 0.03) < 0.225 for k in range(20))
     assert found is not None
-    assert np.isclose(np.pi * found**2 / 4, free * rows * 0.06, rtol=0.06)
+    assert np.isclose(np.pi * found**2 / 4, free * rows * 0.06, rtol=0.02)
 
 
 def test_an_edit_leaves_a_way_free_and_the_truth_calls_it_a_leak() -> None:

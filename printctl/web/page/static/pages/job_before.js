@@ -227,8 +227,8 @@ function Checks(all) {
   </${Step}>`;
 }
 
-// The operator's name is asked for by its field alone.
-const asField = (one) => (one.action === "operator" ? { ...one, place: "", remedy: "" } : one);
+// The operator's name is asked for by its field alone, and a confirmation by its tick.
+const asField = (one) => (["operator", "for_mounted"].includes(one.action) ? { ...one, place: "", remedy: "" } : one);
 const refusing = (count) => `${count} ${count === 1 ? "thing refuses" : "things refuse"} the start`;
 
 const FILL = {
