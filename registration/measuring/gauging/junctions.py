@@ -1,9 +1,11 @@
 """Find bulges and stenoses within junctions, where no section has a wall all round.
 
-What wall a vessel has there is held against the design's surface: walls that lie off by w on
-average change its diameter by 2 w. The same average, taken where whole sections were measured, says
-how much it scatters in this very scan; with a part of the wall alone it scatters by one over the
-root of that part more, and by `RIM` beside a rim. A lumen that lies aside moves opposite walls
+What wall a vessel has there is held against the design's surface. Walls that lie off by w on
+average and make up a share s of the circumference 2 π r change the lumen's area by 2 π r s w, which
+is a change of 2 s w in the diameter of the circle of the same area: where the lumen opens into
+another there is no wall that could lie off. The same average, taken where whole sections were
+measured, says how much 2 w scatters in this very scan; with a part of the wall alone it scatters by
+one over the root of that part more, and by `RIM` beside a rim. A lumen that lies aside moves opposite walls
 oppositely, which a part of the wall doesn't average out: how far it lies aside is told by the
 nearest whole sections.
 """
@@ -85,14 +87,14 @@ def find_junction_changes(
     for trace, last in zip(traces, ends.tolist(), strict=True):
         here = slice(last - len(trace.along), last)
         own = walls.change[here][whole[here]]
-        share = walls.points[here] / (usual * trace.radius)
-        error = RIM * spread / np.sqrt(np.clip(share, LEAST_WALL, 1.0))
+        share = np.minimum(walls.points[here] / (usual * trace.radius), 1.0)
+        error = RIM * spread / np.sqrt(np.maximum(share, LEAST_WALL))
         level = float(np.median(own)) if len(own) >= LEAST_OWN else every
         asked = trace.seen & ~trace.own & (share >= LEAST_WALL)
         asked &= trace.to_end > 2 * trace.radius  # a mouth's rim is no junction
         off = np.where(asked, _lesser(walls.change[here], level, every), 0.0)
         far = (np.abs(off) > least * error) & (np.abs(off) > 1e-3 * LEAST_UM)
-        out += _defects(trace, off, error, far)
+        out += _defects(trace, off, error, np.where(far, share, 0.0))
     return out
 
 
@@ -196,19 +198,21 @@ def _size(off: FloatArray, error: FloatArray, worst: int, first: int, last: int)
 
 
 def _defects(
-    trace: VesselTrace, off: FloatArray, error: FloatArray, stands_out: BoolArray
+    trace: VesselTrace, off: FloatArray, error: FloatArray, share: FloatArray
 ) -> list[Defect]:
-    sign = np.where(stands_out, np.sign(off), 0).astype(np.int64)
+    """Runs of stations that stand out; ``share`` is the part of the wall there, elsewhere 0."""
+    sign = np.where(share > 0, np.sign(off), 0).astype(np.int64)
     edges = np.flatnonzero(np.diff(sign, prepend=0, append=0))
     out = []
     for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         if sign[first] == 0:
             continue
         worst = first + int(np.argmax(np.abs(off[first:last]) / error[first:last]))
-        size = _size(off, error, worst, first, last)
+        change = _size(off, error, worst, first, last)
+        size = float(share[worst]) * change
         out.append(
             Defect(
-                kind="bulge" if size > 0 else "stenosis",
+                kind="bulge" if change > 0 else "stenosis",
                 vessel=trace.vessel,
                 other=None,
                 from_mm=float(first * trace.spacing),
@@ -216,10 +220,10 @@ def _defects(
                 at_mm=float(trace.along[worst]),
                 point_mm=tuple(trace.centre[worst].tolist()),
                 size_um=1e3 * size,
-                error_um=1.96e3 * float(error[worst]),
+                error_um=1.96e3 * float(share[worst] * error[worst]),
                 percent=100 * size / (2 * float(trace.radius[worst])),
-                wall_um=500 * size,
-                significance=abs(size) / float(error[worst]),
+                wall_um=500 * change,
+                significance=abs(change) / float(error[worst]),
                 seen=True,
             )
         )

@@ -11,7 +11,7 @@ _NAMES = {
     "section": "diameter",
     "narrowest": "narrowest diameter",
     "mean": "mean diameter",
-    "change": "diameter within a junction, by what wall it has there,",
+    "change": "diameter within a junction, as a circle of the same area,",
 }
 _DOUBTS = {
     "shade": ": not proven, as gel below a bubble or a particle looks alike; see its picture",
