@@ -5,9 +5,9 @@ average and make up a share s of the circumference 2 π r change the lumen's are
 is a change of 2 s w in the diameter of the circle of the same area: where the lumen opens into
 another there is no wall that could lie off. The same average, taken where whole sections were
 measured, says how much 2 w scatters in this very scan; with a part of the wall alone it scatters by
-one over the root of that part more, and by `RIM` beside a rim. A lumen that lies aside moves opposite walls
-oppositely, which a part of the wall doesn't average out: how far it lies aside is told by the
-nearest whole sections.
+one over the root of that part more, and by `RIM` beside a rim. A lumen that lies aside moves
+opposite walls oppositely, which a part of the wall doesn't average out: how far it lies aside is
+told by the nearest whole sections.
 """
 
 from __future__ import annotations

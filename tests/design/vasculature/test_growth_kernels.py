@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.errors import NetworkError
+from design.network import VesselNetwork
 from design.vasculature import (
     GrowthOptions,
     check_network,
@@ -30,7 +31,7 @@ from design.vasculature.growth.kernel import trial
 from design.vasculature.growth.territories import Surroundings
 from design.vasculature.growth.tree import TreeGrowth
 from design.vasculature.options import Law
-from tests.design.networks import network, polyline
+from tests.design.networks import network, polyline, polylines
 from tests.design.vasculature import oracles
 from tests.slower import examples
 
@@ -303,6 +304,29 @@ def test_vessels_that_cross_come_too_near_or_have_no_length_are_refused():
         check_network(polyline(points, 0.5))
     with pytest.raises(NetworkError, match="vessel 0 has no length"):
         check_network(network(np.zeros((2, 3)), [(0, 1)], 0.5))
+
+
+def forked(*ways: object) -> VesselNetwork:
+    """Vessels of radius 0.35 mm along x to (5, 0, 0), and from there."""
+    return polylines(
+        [np.array([[0, 0, 0], [5, 0, 0]]), *(np.vstack([[5, 0, 0], way]) for way in ways)], 0.35
+    )
+
+
+def test_daughters_that_leave_side_by_side_are_one_lumen_until_they_part():
+    share = np.linspace(0, 1, 14)[1:]
+    smooth = [
+        np.column_stack([5 + 9 * share, side * (3 * share**2 - 2 * share**3), 0 * share])
+        for side in (2.5, -2.5)
+    ]
+    assert collisions(forked(*smooth)).count
+    check_network(forked(*smooth))
+    # Two that part and cross again, be they given by many points or by few, are no joint.
+    again = np.vstack([smooth[0], [[15, -6, 0]]])
+    with pytest.raises(NetworkError, match=r"vessels 1 and 2 overlap .* \(1 such pairs"):
+        check_network(forked(again, smooth[1]))
+    with pytest.raises(NetworkError, match="vessels 1 and 2 overlap"):
+        check_network(forked([[14, 0, 0]], [[7, 4, 0], [11, -2, 0]]))
 
 
 @settings(deadline=None, max_examples=examples(60))
