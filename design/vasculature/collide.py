@@ -133,7 +133,8 @@ def _apart(network: VesselNetwork, pairs: Collisions) -> IntArray:
         new = [one for one in beside(*due.pop()) if one in row and one not in merged]
         merged.update(new)
         due += new
-    return np.setdiff1d(np.arange(pairs.count), [row[pair] for pair in merged])
+    rows = np.array([row[pair] for pair in merged], dtype=np.int64)
+    return np.setdiff1d(np.arange(pairs.count), rows)
 
 
 def _in_short_pieces(network: VesselNetwork) -> VesselNetwork:
@@ -170,9 +171,9 @@ def check_network(network: VesselNetwork, clearance_mm: float = 0.0) -> None:
     check_given_once(network)
     if collisions(network, clearance_mm).count == 0:
         return
-    short = _in_short_pieces(network)
-    pairs = collisions(short, clearance_mm)
-    apart = _apart(short, pairs)
+    cut = _in_short_pieces(network)
+    pairs = collisions(cut, clearance_mm)
+    apart = _apart(cut, pairs)
     if len(apart) == 0:
         return
     worst = int(apart[np.argmin(pairs.gap_mm[apart])])
