@@ -259,7 +259,7 @@ export const Links = ({ rows, choose }) => html`<ul class="links">${rows.map(({ 
 export const Findings = ({ rows, label, refuses, mend = () => null }) => html`
   <ul class=${classes("findings", refuses && "findings-bad")} aria-label=${label}>${rows.map((one) => html`
     <li key=${`${one.check ?? one.what} ${one.about} ${one.place}`}>
-      <div class="grow"><strong>${sentence(one.check ?? one.what)}</strong>${measured(one)}</div>
+      ${one.check !== "" && html`<div class="grow"><strong>${sentence(one.check ?? one.what)}</strong>${measured(one)}</div>`}
       ${mend(one)}
       ${reason(one) && html`<p class="quiet">${reason(one)}</p>`}</li>`)}</ul>`;
 

@@ -228,7 +228,10 @@ function Checks(all) {
 }
 
 // The operator's name is asked for by its field alone, and a confirmation by its tick.
-const asField = (one) => (["operator", "for_mounted"].includes(one.action) ? { ...one, place: "", remedy: "" } : one);
+const asField = (one) => {
+  if (one.action === "operator") return { ...one, place: "", remedy: "" };
+  return one.action === "for_mounted" ? { ...one, check: "", place: "", remedy: "" } : one;
+};
 const refusing = (count) => `${count} ${count === 1 ? "thing refuses" : "things refuse"} the start`;
 
 const FILL = {
@@ -262,7 +265,7 @@ function Remedy(all) {
       save=${(next) => keep(all, { [one.about]: next })} />
       ${all.ready?.machine?.mounted[one.about] === "" && form.set_up[one.about]
         && post(`${chosen(form, one.about)} is mounted`, "/printer/mount", { [one.about]: chosen(form, one.about) })}`,
-    for_mounted: () => html`<${Kept} kind="flag" label="It was made for what is mounted" value=${false}
+    for_mounted: () => html`<${Kept} kind="flag" label="The file records no set-up: it was made for what is mounted" value=${false}
       save=${() => send("POST", `/jobs/${part(job)}/for-mounted`, {}).then(refresh)} />`,
     operator: () => html`<${Kept} label="Operator's name" value=${record.operator} maxlength="200" autocomplete="name"
       save=${(operator) => write(all, { operator })} />`,
