@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
-from registration.alignment import Alignment, may_lie_otherwise
+from registration.alignment import Alignment
 from registration.alignment.as_printed import AsPrinted
 from registration.alignment.uncertainty import ScanErrors
 from registration.findings import Findings
@@ -29,7 +29,6 @@ from registration.notes import (
     sight_notes,
     step_notes,
     uneven_notes,
-    unlisted_notes,
     wall_notes,
 )
 from registration.options import RegistrationOptions
@@ -101,8 +100,6 @@ def assemble(
     segmentation, alignment, findings = parts.segmentation, parts.alignment, parts.findings
     rigid, scaled = parts.rigid, parts.scaled
     seen, limits = segmentation.seen, options.tolerances_um
-    otherwise = may_lie_otherwise(alignment.rivals, options.alignment.ambiguous_below)
-    listed = tuple(d for d in findings.defects if not (otherwise and d.through_gel))
     return RegistrationReport(
         transform_scan_to_part=alignment.rigid.matrix,
         scaled_scan_to_part=alignment.scaled.matrix,
@@ -144,7 +141,7 @@ def assemble(
         characteristics=parts.characteristics,
         vessels=findings.vessels,
         all_open=all(vessel.open is True for vessel in findings.vessels),
-        defects=listed,
+        defects=findings.defects,
         topology=findings.topology,
         agreement=parts.agreement,
         as_printed=parts.printed,
@@ -162,7 +159,6 @@ def assemble(
         notes=(
             *scan.notes,
             *pose_notes(scan, alignment),
-            *unlisted_notes(len(findings.defects) - len(listed)),
             *sight_notes(findings.vessels, float(seen.mean())),
             *contrast_notes(findings.contrast),
             *([] if scan.walls else step_notes(segmentation.strength)),

@@ -74,17 +74,6 @@ def depth_notes(scale: FloatArray, interval: FloatArray, depth: int, index: floa
     ]
 
 
-def unlisted_notes(ways: int) -> list[str]:
-    """Say how many leaks and bridges aren't listed because the part may lie otherwise."""
-    if not ways:
-        return []
-    many = "1 place looks" if ways == 1 else f"{ways} places look"
-    return [
-        f"At this pose {many} like leaks or bridges. They aren't findings: where gel should be "
-        "isn't known while the part may lie otherwise. Make the pose sure and register again."
-    ]
-
-
 def sight_notes(vessels: tuple[VesselGauge, ...], seen: float) -> list[str]:
     """What is closed, and what wasn't seen; `seen` is the share of the surface that was."""
     notes = []

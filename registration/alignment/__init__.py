@@ -9,7 +9,7 @@ from registration.alignment.cross_check import cross_check
 from registration.alignment.doubts import LEAST_SEEN, later_doubts, rival_doubts
 from registration.alignment.fit import Fit
 from registration.alignment.intervals import Uncertainty
-from registration.alignment.rivals import AXES, AlternativePose, may_lie_otherwise
+from registration.alignment.rivals import AXES, AlternativePose
 from registration.alignment.search import AlignmentOptions
 
 __all__ = [
@@ -23,6 +23,5 @@ __all__ = [
     "align",
     "cross_check",
     "later_doubts",
-    "may_lie_otherwise",
     "rival_doubts",
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -124,11 +123,6 @@ class AlternativePose:
     def same(self) -> bool:
         """Whether the design itself is the same under this motion."""
         return self.apart_um < 1e3 * SAME_MM
-
-
-def may_lie_otherwise(rivals: Iterable[AlternativePose], limit: float) -> bool:
-    """Whether one leads to other places and fits less than `limit` times as badly."""
-    return any(rival.lead < limit and not rival.same for rival in rivals)
 
 
 def design_symmetries(search: Search, points: FloatArray, best: Fit, most: int) -> list[Fit]:

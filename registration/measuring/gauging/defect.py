@@ -63,8 +63,3 @@ class Defect:
     significance: float
     seen: bool
     doubt: Doubt = ""
-
-    @property
-    def through_gel(self) -> bool:
-        """Whether it is a way through gel, which the design alone says should be there."""
-        return self.kind in ("leak", "bridge")
