@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -11,7 +11,7 @@ from kernels.arrays import FloatArray
 from registration.alignment.choice import PosePoints, residuals, thin_points
 from registration.alignment.distance import ModelSurface, distance_grid
 from registration.alignment.doubts import LEAST_SEEN, loose_freedoms, misfits, rival_doubts
-from registration.alignment.fit import RIGID, Fit, FitFreedom, refine
+from registration.alignment.fit import FINEST_SCALE_MM, RIGID, Fit, FitFreedom, refine
 from registration.alignment.intervals import Uncertainty, fit_errors, uncertainty
 from registration.alignment.rivals import AlternativePose, orientation_words
 from registration.alignment.search import AlignmentOptions, Search
@@ -66,6 +66,10 @@ RIM_BLURS = 3.0
 """So many standard deviations of the blur a face is rounded off beside a sharp edge."""
 MIRROR_LEAD = 1.5
 """A mirrored fit better than this many times is no chance."""
+BETTER = 0.01
+"""Of a robust fit's cost, by which another one has to be better to be taken."""
+ENDS = (0.1, 99.9)
+"""Percentiles of the points at which a part ends along an axis; a few lie beyond it by noise."""
 DEPTH_COSINE = 0.5
 """An axis of the part that lies along the light by more than this is stretched by depth."""
 
@@ -112,7 +116,7 @@ def align(
     if np.isfinite(shared.level_mm) and lit >= LEAST_SEEN:
         _refuse_mirrored(choice.mirror_lead)
     freedom = free(choice.best)
-    scaled = refine(surface, many, choice.best, freedom, blur_mm=blur_mm)
+    scaled = _at_both_ends(surface, many, choice.best, freedom, blur_mm)
     many = _off_rims(surface, many, scaled, RIM_BLURS * blur_mm)
     scaled = refine(surface, many, scaled, freedom, blur_mm=blur_mm, even=True)
     _refuse_misfit(surface, many, scaled)
@@ -139,6 +143,39 @@ def align(
         uncertainty(sure, scaled, freedom, shared),
         orientation_words(scaled.rotation[:, 2] * (1 if depth_down else -1)),
         choice.rivals,
+    )
+
+
+def _at_both_ends(
+    surface: ModelSurface, points: FloatArray, start: Fit, freedom: FitFreedom, blur_mm: float
+) -> Fit:
+    """Return the better of two robust fits: from the start, and from its ends laid on the design's.
+
+    Where little but its ends tells a part's length, as of a straight vessel, a fit from full length
+    holds on to one end: what is printed of the other lies nearer to the side walls than to its end.
+    """
+    ends = _ends_on_ends(surface, points, start, freedom.axes)
+    fits = [refine(surface, points, one, freedom, blur_mm=blur_mm) for one in (start, ends)]
+    off = np.abs([residuals(surface, points, fit) for fit in fits])
+    kernel = 3 * max(1.4826 * float(np.median(off, axis=1).min()), FINEST_SCALE_MM)
+    cost = (off**2 / (kernel**2 + off**2)).sum(axis=1)
+    return fits[int(cost[1] < (1 - BETTER) * cost[0])]
+
+
+def _ends_on_ends(
+    surface: ModelSurface, points: FloatArray, fit: Fit, axes: tuple[int, ...]
+) -> Fit:
+    """Return a fit stretched along `axes` so that the points reach from end to end of the design."""
+    low, high = np.percentile(fit.apply(points), ENDS, axis=0)
+    first, last = surface.bounds
+    free = np.isin(np.arange(3), axes)
+    more = np.where(free, (last - first) / np.maximum(high - low, 1e-9), 1.0)
+    begin = np.where(free, first, low)
+    stretch = more * fit.stretch
+    return replace(
+        fit,
+        stretch=stretch,
+        shift=fit.shift + (begin + more * (fit.centre - low) - fit.centre) / stretch,
     )
 
 

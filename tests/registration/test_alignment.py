@@ -18,7 +18,7 @@ from registration.alignment.uncertainty import ScanErrors
 from registration.errors import AlignmentError
 from registration.measuring.topology import Landed, agreement
 from registration.segmentation import gel_evidence
-from tests.design.networks import network
+from tests.design.networks import network, polylines
 from tests.registration.parts import (
     HERE,
     corners,
@@ -97,6 +97,15 @@ def test_symmetric_part_is_flagged_ambiguous() -> None:
     found = align(ModelSurface.of(part), points, True, FAST)
     assert found.ambiguous
     assert found.margin < 1.5
+
+
+def test_a_straight_vessel_printed_short_is_short_at_neither_end_alone() -> None:
+    """Its ends are a thirtieth of its surface; a robust fit from full length keeps one of them."""
+    ends = [np.array([[0, 0, 0], [length, 0, 0]]) for length in (7.0, 6.75)]
+    designed, printed = (solid(lumens(polylines([line], 0.23))) for line in ends)
+    points = surface_points(printed, 20_000, 3)
+    found = align(ModelSurface.of(designed), points, True, FAST, lumens=True)
+    assert abs(found.scaled.scale[0] - 7.21 / 7.46) < 0.002
 
 
 def test_thin_part_leaves_depth_unscaled() -> None:

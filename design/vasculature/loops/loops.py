@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching, min_weight_full_bipartite_matching
 from scipy.spatial import KDTree
 
-from design.errors import GrowthError, NetworkError
+from design.errors import GrowthError, NetworkError, NoRoomError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.collide import collisions
@@ -291,13 +291,13 @@ def refuse_blocked(joins: Connections, allowed: int, options: LoopOptions) -> No
     if len(blocked) <= allowed:
         return
     place = joins.one.point[blocked[0]]
-    raise GrowthError(
-        f"{len(blocked)} of {len(joins.radius)} connections found no way with clearance "
+    raise NoRoomError(
+        f"{len(blocked)} of {len(joins.radius)} connections found no path with clearance "
         f"{options.clearance_mm:g} mm and bends of {options.bend_to_radius:g} radii "
         f"({allowed} may be pruned), one of them at "
-        "({:.4g}, {:.4g}, {:.4g}) mm; ".format(*place)
-        + "take another clearance_mm or, of connections, a smaller radius_ratio or "
-        "bend_to_radius, or a larger most_pruned_percent" + _far_partners(joins)
+        "({:.4g}, {:.4g}, {:.4g}) mm".format(*place),
+        "take another clearance_mm or, of connections, a smaller radius_ratio or bend_to_radius, "
+        "or a larger most_pruned_percent" + _far_partners(joins),
     )
 
 

@@ -249,7 +249,7 @@ def test_a_few_that_find_no_way_are_pruned_and_counted(torus, monkeypatch):
             joins.remove(number)
 
     monkeypatch.setattr(Connections, "join_all", all_but_two)
-    with pytest.raises(GrowthError, match=r"2 of 40 connections found no way .* \(0 may be"):
+    with pytest.raises(GrowthError, match=r"2 of 40 connections found no path .* \(0 may be"):
         close_loops(torus, *trees)
     fewer = close_loops(torus, *trees, LoopOptions(prune_part=0.05))
     assert (fewer.connections, fewer.pruned) == (38, 2)
@@ -332,7 +332,7 @@ def test_blocked_partners_far_apart_name_the_territories(apart: float, named: bo
         radius=np.zeros(27),
         blocked=[4],
     )
-    with pytest.raises(GrowthError, match="1 of 27 connections found no way") as refused:
+    with pytest.raises(GrowthError, match="1 of 27 connections found no path") as refused:
         refuse_blocked(joins, 0, LoopOptions())  # type: ignore[arg-type]
     assert ("9 mm apart in the median" in str(refused.value)) == named
     assert ("territories by_network or whole" in str(refused.value)) == named
