@@ -165,7 +165,7 @@ def _at_both_ends(
 def _ends_on_ends(
     surface: ModelSurface, points: FloatArray, fit: Fit, axes: tuple[int, ...]
 ) -> Fit:
-    """Return a fit stretched along `axes` so that the points reach from end to end of the design."""
+    """Return a fit stretched along `axes` so that points reach from end to end of the design."""
     low, high = np.percentile(fit.apply(points), ENDS, axis=0)
     first, last = surface.bounds
     free = np.isin(np.arange(3), axes)

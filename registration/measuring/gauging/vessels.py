@@ -475,7 +475,7 @@ def unmeasured_stations(trace: VesselTrace) -> BoolArray:
 
     A section may lack as much of the wall that the design has there as one with a diameter may
     lack: in a sharp bend the plane runs along the next leg, and there is no wall all round. A
-    single station at the brink of a junction is left to the junction: its rim is rounded.
+    single station within a mouth or at the brink of a junction is left to it: its rim is rounded.
     """
     lacking = np.isfinite(trace.wall).mean(axis=1) - trace.sections.met
     missing = trace.seen & trace.own & ~trace.counted & (lacking > 1 - LEAST_MET)
@@ -483,7 +483,7 @@ def unmeasured_stations(trace: VesselTrace) -> BoolArray:
         return np.asarray(missing)
     before = np.concatenate([[False], trace.own[:-1]])
     after = np.concatenate([trace.own[1:], [False]])
-    brink = (~before | ~after) & trace.own
+    brink = ((~before | ~after) & trace.own) | ~trace.apart
     beside = np.concatenate([[False], missing[:-1]]) | np.concatenate([missing[1:], [False]])
     return np.asarray(missing & ~(brink & ~beside))
 
