@@ -1,4 +1,7 @@
-"""Ship ``examples/`` in the package as ``printctl/examples``; all else is in pyproject.toml."""
+"""Ship ``examples/`` as ``printctl/examples``, and the commit; all else is in pyproject.toml."""
+
+import subprocess
+from pathlib import Path
 
 from setuptools import setup
 from setuptools.command.build_py import build_py
@@ -14,6 +17,17 @@ class BuildWithExamples(build_py):
         super().finalize_options()
         self.packages = [*self.packages, EXAMPLES]
         self.package_dir[EXAMPLES] = "examples"
+
+    def run(self) -> None:
+        """Keep the commit beside the code; an sdist brings the file, a checkout asks git."""
+        super().run()
+        kept = Path(self.build_lib, "printctl", "build.txt")
+        if self.editable_mode or kept.exists() or not Path(".git").exists():
+            return
+        describe = ("git", "describe", "--always", "--dirty", "--exclude=*")
+        done = subprocess.run(describe, capture_output=True, text=True, check=False)
+        if done.returncode == 0:
+            kept.write_text(done.stdout, encoding="utf-8")
 
 
 setup(cmdclass={"build_py": BuildWithExamples})

@@ -53,6 +53,9 @@ def tree(scratch: Path) -> Path:
             ".*", "*.egg-info", "build", "dist", "runs", "site", "__pycache__"
         )
         shutil.copytree(ROOT, copy, ignore=unwanted)
+        describe = ("git", "-C", ROOT, "describe", "--always", "--dirty", "--exclude=*")
+        commit = subprocess.run(describe, capture_output=True, text=True, check=False).stdout
+        (copy / "printctl" / "build.txt").write_text(commit, encoding="utf-8")
     return copy
 
 

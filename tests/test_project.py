@@ -45,7 +45,7 @@ def test_a_known_vulnerability_fails_with_name_and_remedy(audit, monkeypatch, ca
     answers(audit, monkeypatch, SAFE, BAD, UNKNOWN)
     assert audit.main() == 1
     out = capsys.readouterr().out
-    assert "pillow 1.0: CVE-2020-1 (mended in 1.1)" in out
+    assert "pillow 1.0: CVE-2020-1 (fixed in 1.1)" in out
     assert "2 pins asked of pypi, 1 unknown to it: 1 vulnerable" in out
 
 
@@ -56,14 +56,19 @@ def test_nothing_known_passes(audit, monkeypatch, capsys):
 
 
 def test_a_service_that_knows_no_pin_was_not_asked(audit, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["audit.py"])
     answers(audit, monkeypatch, UNKNOWN)
-    assert audit.main() == 0
+    assert audit.main() == 2
     assert "NOT DONE" in capsys.readouterr().out
 
 
-def test_no_answer_passes_and_is_said(audit, monkeypatch, capsys):
+@pytest.mark.parametrize(("given", "code"), [([], 2), (["--if-reachable"], 0)])
+def test_an_audit_that_no_service_answered_fails_unless_that_is_allowed(
+    audit, monkeypatch, capsys, given, code
+):
     monkeypatch.setattr(audit, "ask", lambda service: None)
-    assert audit.main() == 0
+    monkeypatch.setattr(sys, "argv", ["audit.py", *given])
+    assert audit.main() == code
     assert "NOT DONE" in capsys.readouterr().out
 
 

@@ -8,7 +8,7 @@ import json
 import os
 import sys
 from itertools import takewhile
-from typing import Final
+from typing import Annotated, Final
 
 import typer
 from rich.console import Console
@@ -32,8 +32,23 @@ app = typer.Typer(
 )
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from printctl.version import version
+
+        typer.echo(f"printctl {version()}")
+        raise typer.Exit
+
+
 @app.callback()
-def printctl() -> None:
+def printctl(
+    _: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
     """Hold the subcommands."""
 
 

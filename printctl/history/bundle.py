@@ -24,9 +24,9 @@ from printctl.history.signing import (
 )
 from printctl.history.table import outcome
 from printctl.machine.process.contact import alive
-from printctl.machine.records.journal import version
 from printctl.pipeline.evidence import Evidence, evidence
 from printctl.pipeline.past_print import INTERRUPTED, PrintEntry
+from printctl.version import version
 
 # Pack a print's files and their cover page into one signed bundle.
 

@@ -19,10 +19,11 @@ from printctl.history.plain_zip import blocks_of, read_members
 from printctl.history.signing import MANIFEST, RecordsError
 from printctl.history.verify import verify_bundle
 from printctl.machine.ports.detection import list_ports
-from printctl.machine.records.journal import digest_of, profile_digest, version
+from printctl.machine.records.journal import digest_of, profile_digest
 from printctl.pipeline.evidence import Evidence, evidence
 from printctl.pipeline.past_print import PrintEntry
 from printctl.run_folder.manifest import digest_file
+from printctl.version import version
 
 MAP: Final = ".map.npz"
 _RECIPE: Final = "recipe.json"

@@ -7,7 +7,6 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from importlib import metadata
 from typing import Any, Final
 
 from fastapi import APIRouter, FastAPI, Request, WebSocket
@@ -23,6 +22,7 @@ from firmware_profiles.errors import wording
 from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
 from printctl.system_errors import explain
+from printctl.version import version
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import NotFoundError
@@ -39,14 +39,6 @@ _LONGEST_VALUE: Final = 60
 """Of a wrong value in a message, characters."""
 _REHEARSALS_END_S: Final = 1.0
 """For as long an answer waits for them; they end all the same."""
-
-
-def our_version() -> str:
-    """Version of the program, as installed."""
-    try:
-        return metadata.version("printctl")
-    except metadata.PackageNotFoundError:  # run from its sources, not installed
-        return "unknown"
 
 
 def serve_docs(app: FastAPI) -> None:
@@ -165,7 +157,7 @@ def router(core: Core, prints: PrintSockets, end_rehearsals: Callable[[], int]) 
 
     @routes.get("/health", summary="Whether the server lives; open to all")
     def health() -> Health:
-        return Health(version=our_version())
+        return Health(version=version())
 
     @routes.get("/controls", summary="Who holds the controls")
     def holder(who: Asking) -> ControlsState:

@@ -13,10 +13,10 @@ from fastapi import FastAPI
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.types import ASGIApp
 
+from printctl.version import version
 from printctl.web.api import (
     answer_errors,
     answer_unknown,
-    our_version,
     router,
     serve_docs,
     watch_holder,
@@ -68,7 +68,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
 
     app = FastAPI(
         title="printctl",
-        version=our_version(),
+        version=version(),
         docs_url=None,
         redoc_url=None,
         openapi_url=f"{API}/openapi.json",

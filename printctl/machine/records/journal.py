@@ -74,13 +74,13 @@ import threading
 import time
 import zlib
 from collections.abc import Iterator
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import Printer
 from firmware_profiles.strict_model import Facts
 from printctl.machine.errors import JournalError
+from printctl.version import version
 
 Record = dict[str, Any]
 RESERVE: Final = "journal.reserve"
@@ -245,11 +245,6 @@ def origin(printer: Printer) -> dict[str, Any]:
         "profile_sha256": profile_digest(printer),
         "printer": printer.model_dump(mode="json"),
     }
-
-
-def version() -> str:
-    """Of this program."""
-    return metadata.version("printctl")
 
 
 def profile_digest(profile: Facts) -> str:
