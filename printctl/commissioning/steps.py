@@ -1,0 +1,190 @@
+"""Steps of a commissioning, in order, and the loop that does them where it stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from printctl.commissioning.bench import Bench
+from printctl.commissioning.machine_steps import connection, plunger_steps, profile
+from printctl.commissioning.part_steps import correction, first_part, first_scan
+from printctl.commissioning.print_steps import first_lines, mounted_parts, touch_off
+from printctl.commissioning.state import (
+    Answering,
+    CheckFailedError,
+    Commission,
+    Desk,
+    StepRecord,
+    UnansweredError,
+    now,
+)
+from printctl.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step.
+
+    Attributes
+    ----------
+    key, title : str
+    needs : str
+        What must be ready before.
+    how : str
+        What is done.
+    check : str
+        What decides that it is done.
+    do : callable
+        Does it and returns the message of its check; raises `CheckFailedError`.
+    """
+
+    key: str
+    title: str
+    needs: str
+    how: str
+    check: str
+    do: Callable[[Desk, Bench], str]
+
+
+STEPS: Final = (
+    Step(
+        "profile", "Profile", "the printer's firmware and size",
+        "copy a shipped profile into a file of the printer's own",
+        "the profile has no contradiction", profile,
+    ),
+    Step(
+        "connection", "Connection", "printer on, cable in, no needle in anything",
+        "open the port and read the firmware's settings",
+        "firmware, limits and steps agree with the profile", connection,
+    ),
+    Step(
+        "steps", "Plunger steps", "a syringe full of water, a balance, covered vials",
+        "push and weigh doses; send the corrected steps (M92, M500)",
+        "the plunger moves the right way, and the stored steps read back as sent", plunger_steps,
+    ),
+    Step(
+        "parts", "Syringe, needle, ink, bath, dish", "the parts as they will be printed with",
+        "enter what is mounted and how full the syringe is",
+        "one plunger step is fine enough for this needle", mounted_parts,
+    ),
+    Step(
+        "touch-off", "Touch-off", "needle above the middle of the empty dish, a foil or paper",
+        "move each axis by 1 mm, touch the floor three times",
+        "each axis moves the right way, the heights agree, and 5 mm up are 5 mm", touch_off,
+    ),
+    Step(
+        "lines", "First lines", "the dish filled with its bath, ink in the syringe",
+        "print lines at several speeds and flows, measure their widths",
+        "more ink gives wider lines; the ink's factors are written", first_lines,
+    ),
+    Step(
+        "part", "First part", "a fresh dish with bath in the same holder",
+        "print a small block with a forked lumen and fiducials",
+        "the print ended with every line executed", first_part,
+    ),
+    Step(
+        "scan", "First scan", "a scan of the part, OCT or micro-CT",
+        "register the scan with the design",
+        "the scan shows this part, in one pose only", first_scan,
+    ),
+    Step(
+        "correction", "Correction", "the registered scan",
+        "derive a compensation and slice the part again with it",
+        "the corrected G-code passes the same checks", correction,
+    ),
+)  # fmt: skip
+KEYS: Final = tuple(step.key for step in STEPS)
+
+
+def step_named(key: str) -> Step:
+    """Return a step; UsageError where there is none."""
+    for step in STEPS:
+        if step.key == key:
+            return step
+    raise UsageError(f"there is no step {key!r}; the steps are {', '.join(KEYS)}")
+
+
+def next_step(commission: Commission) -> Step | None:
+    """Return the first step that isn't done; None where all are."""
+    return next((one for one in STEPS if commission.step(one.key).state != "done"), None)
+
+
+def reopen(commission: Commission, key: str) -> None:
+    """Forget a step and those after it, which rest on it."""
+    for step in STEPS[KEYS.index(step_named(key).key) :]:
+        commission.steps[step.key] = StepRecord()
+    commission.save()
+
+
+def overview(commission: Commission) -> dict[str, Any]:
+    """Return the steps with their results, JSON-able."""
+    rows = []
+    for step in STEPS:
+        record = commission.step(step.key)
+        about = {key: getattr(step, key) for key in ("key", "title", "needs", "how", "check")}
+        result = {key: getattr(record, key) for key in ("state", "message", "when", "facts")}
+        rows.append(about | result)
+    following = next_step(commission)
+    return {
+        "printer": commission.printer,
+        "file": str(commission.file),
+        "folder": str(commission.folder),
+        "port": commission.step("profile").answers.get("port", ""),
+        "next": None if following is None else following.key,
+        "done": following is None,
+        "steps": rows,
+    }
+
+
+def do_next(
+    commission: Commission,
+    answering: Answering,
+    say: Callable[[str], None],
+    station: Path,
+    sim_speed: float = 0.0,
+) -> Step:
+    """Do the first step that isn't done, to its check; return it.
+
+    Parameters
+    ----------
+    commission : Commission
+    answering : callable
+        Gives the answers; see `Answering`.
+    say : callable
+        Told what goes on.
+    station : Path
+        Folder of the printer's station.
+    sim_speed : float
+        Of a simulated printer, times real time; 0 for as fast as it can.
+
+    Raises
+    ------
+    UnansweredError
+        The step waits for an answer; what it has done is kept.
+    CheckFailedError
+        Its check failed, and it stays open.
+    PrintctlError, LinkError, ProfileError, OSError
+        Whatever stopped it.
+    """
+    step = next_step(commission)
+    if step is None:
+        raise UsageError("every step is done; --from STEP begins again at one of them")
+    record = commission.step(step.key)
+    desk = Desk(commission, step.key, answering, say)
+    port = commission.step("profile").answers.get("port", "")
+    try:
+        message = step.do(desk, Bench(commission.printer, port, station, sim_speed))
+    except UnansweredError:
+        raise
+    except CheckFailedError as failed:
+        for key in failed.forget:
+            record.answers.pop(key, None)
+            record.facts.pop(key, None)
+        record.state, record.message, record.when = "failed", str(failed), now()
+        commission.save()
+        raise
+    record.state, record.message, record.when = "done", message, now()
+    commission.save()
+    return step
