@@ -12,7 +12,7 @@ from typing import Any
 from firmware_profiles import Dish, Ink, Printer, Syringe, load
 from printctl.checks.set_up import ABOVE_WALL_MM
 from printctl.errors import PrinterFailedError, SafetyError
-from printctl.machine.control.station_status import Place
+from printctl.machine.control.station_status import Place, StationState
 from printctl.machine.errors import NoLink
 from printctl.machine.job.care import Care
 from printctl.machine.job.coordinates import declared_start
@@ -138,10 +138,12 @@ class Bench:
         start = declared_start(load_job(job, profile))
         care = Care(syringe=syringe, capacity_mm=usable_mm(held, profile), start_mm=start)
         order = Order(job, self.printer, self.port, folder, retreat, care=care)
-        client = self.station().print(order)
-        for _ in client.events():
-            pass
+        station = self.station()
+        client = station.print(order)
         done = client.wait()
+        for status in station.events():  # it still writes down what the print has left behind
+            if status.state is not StationState.PRINTING:
+                break
         if done.state is not LinkState.DONE:
             raise PrinterFailedError(
                 f"the print of {job.name} ended as {done.state.value}: {done.message} (journal: "

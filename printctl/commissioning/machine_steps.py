@@ -21,7 +21,7 @@ from printctl.commissioning.state import YES_NO, CheckFailedError, Desk
 from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
 from printctl.machine.ports.detection import SIMULATED, list_ports, matches, runs_files
-from printctl.machine.probing import ABSOLUTE, compare, corrected_profile, reported_firmware
+from printctl.machine.probing import ABSOLUTE, Row, compare, corrected_profile, reported_firmware
 from printctl.machine.records.mounting import load_mounting
 
 KEEP: Final = "keep"
@@ -126,7 +126,12 @@ def connection(desk: Desk, bench: Bench) -> str:
         )
     for note in settings.notes:
         desk.say(note)
-    rows = compare(settings, printer)
+    rows, shifted = _without_shifts(compare(settings, printer))
+    if shifted:
+        desk.say(
+            f"{', '.join(shifted)}: the printer counts from another place (G92), over the same "
+            "length; not taken over"
+        )
     differing = [row for row in rows if not row.same]
     if differing:
         text = "; ".join(f"{row.key} {row.printer:g}, profile {row.profile:g}" for row in differing)
@@ -144,12 +149,25 @@ def connection(desk: Desk, bench: Bench) -> str:
             text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
             write_text(Path(bench.printer), text)
             again = [row.key for row in compare(settings, bench.profile) if not row.same]
+            again = [key for key in again if key.partition(".")[0] not in shifted]
             if again:
                 raise CheckFailedError(f"{bench.printer} still differs in {', '.join(again)}")
     left = ", ".join(bench.profile.starting_values)
     if left:
         desk.say(f"starting values that the printer doesn't report, to be measured: {left}")
     return f"{settings.firmware}: {len(rows)} settings compared, {len(differing)} differed"
+
+
+def _without_shifts(rows: list[Row]) -> tuple[list[Row], list[str]]:
+    """Drop axes whose two ends are off by the same: a G92 since the board's start."""
+    off = {row.key: float(row.printer) - float(row.profile) for row in rows if not row.same}
+    shifted = [
+        name
+        for name in ("x_mm", "y_mm", "z_mm")
+        if {f"{name}.low", f"{name}.high"} <= off.keys()
+        and abs(off[f"{name}.low"] - off[f"{name}.high"]) <= ABSOLUTE
+    ]
+    return [row for row in rows if row.key.partition(".")[0] not in shifted], shifted
 
 
 # --- plunger steps -------------------------------------------------------------------------------
@@ -248,8 +266,8 @@ def _weigh(desk: Desk, bench: Bench, name: str, syringe: Syringe) -> dict[str, A
         "doses",
         push_doses,
         f"Push {len(doses)} doses of {', '.join(f'{one:g}' for one in doses[:3])} µL, "
-        f"{wait_s:g} s before each, {sum(doses):g} µL in all? A vial under the needle; only the "
-        "plunger moves.",
+        f"{wait_s:g} s before each, {sum(doses):g} µL in all? A vial under the needle, 10 mm of "
+        "room above the head: the plunger moves, and at the end the needle 5 mm straight up.",
     )
     travel = [float(row[0]) for row in test.rows]
     # The simulated printer is as its profile says, so that it pushes what is commanded.

@@ -172,7 +172,7 @@ def touch_off(desk: Desk, bench: Bench) -> str:
             "Bring the tip 10 to 20 mm above the middle of the dish, by hand or the printer's "
             f"menu (never home with the needle on). Where is it, X,Y,Z in mm (it counts {counts})?"
         )
-        x, y, z = desk.numbers("tip", text, 3)
+        x, y, z = desk.numbers("tip", text, 3, counts if bench.simulated else "")
         station.set_position(x, y, z)
     for axis, (plus, minus) in _WAYS.items():
         _check_axis(desk, bench, station, axis, plus, minus)
