@@ -141,8 +141,8 @@ class Bench:
         station = self.station()
         client = station.print(order)
         done = client.wait()
-        for status in station.events():  # it still writes down what the print has left behind
-            if status.state is not StationState.PRINTING:
+        for status in station.events():  # it writes down what the print has left, and stands by
+            if status.state not in (StationState.PRINTING, StationState.CONNECTING):
                 break
         if done.state is not LinkState.DONE:
             raise PrinterFailedError(

@@ -375,10 +375,10 @@ def _refuse_dips(written: WrittenPattern, measured: Widths) -> None:
     """Raise `CheckFailedError` where a line with more ink at the same speed is narrower."""
     series: dict[float, list[tuple[float, float, int]]] = defaultdict(list)
     for stroke in written.pattern.of_role("line"):
-        _, width = measured.of(stroke.number)
-        if len(width):
-            speed = float(stroke.speed_mm_s[0])
-            series[speed].append((stroke.flow, statistics.median(width), stroke.number))
+        _, read = measured.of(stroke.number)
+        if len(read):
+            middle = float(statistics.median(read.tolist()))
+            series[float(stroke.speed_mm_s[0])].append((stroke.flow, middle, stroke.number))
     for speed, lines in series.items():
         ordered = sorted(lines)
         for (flow, width, number), (more, wider, other) in pairwise(ordered):
