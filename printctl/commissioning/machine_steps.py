@@ -45,7 +45,7 @@ def profile(desk: Desk, bench: Bench) -> str:
     if runs_files(port):
         raise CheckFailedError(
             f"{port} is a network host that runs files by itself; no step here can be done there. "
-            "Connect the printer's own port, or follow docs/first_print.md",
+            "Connect the printer's own port, or calibrate by single commands (printctl calibrate)",
             "port",
         )
     file = Path(desk.commission.printer)
