@@ -10,16 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Dish, Ink, Printer, Syringe, load
-from printctl.checks.set_up import ABOVE_WALL_MM
+from printctl.checks.set_up import ABOVE_WALL_MM, refuse_failed
 from printctl.errors import PrinterFailedError, SafetyError
 from printctl.machine.control.station_status import Place, StationState
 from printctl.machine.errors import NoLink
 from printctl.machine.job.care import Care
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import load_job
+from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.prints.follow import retreat_for
+from printctl.machine.prints.mounted import left_check
 from printctl.machine.probing import Settings, query_settings, set_plunger_steps
 from printctl.machine.process.client import Station, attach_station
 from printctl.machine.process.contact import STATION_LOCK, alive
@@ -129,16 +131,20 @@ class Bench:
 
         Raises
         ------
+        SafetyError
+            When it takes more ink than the syringe holds.
         PrinterFailedError
             When the print didn't end well.
         LinkError
         """
-        profile, held = self.profile, load(Syringe, syringe)
-        retreat = retreat_for(held, load(Ink, ink or "collagen_fresh"), 20.0)
-        start = declared_start(load_job(job, profile))
+        profile, held, station = self.profile, load(Syringe, syringe), self.station()
+        lines, left_ul = load_job(job, profile), station.status.ul_left
+        if left_ul is not None:
+            refuse_failed([left_check(lines, (), left_ul, held.area_mm2)])
+        retreat = retreat_for(held, load(Ink, ink), 20.0) if ink else Retreat()
+        start = declared_start(lines)
         care = Care(syringe=syringe, capacity_mm=usable_mm(held, profile), start_mm=start)
         order = Order(job, self.printer, self.port, folder, retreat, care=care)
-        station = self.station()
         client = station.print(order)
         done = client.wait()
         for status in station.events():  # it writes down what the print has left, and stands by

@@ -38,8 +38,8 @@ PUSH: Final = 0.01
 
 def profile(desk: Desk, bench: Bench) -> str:
     """Choose the port; copy a shipped profile, or keep the file that is there; check it."""
-    found = list_ports()
-    ports = "".join(f"; {one}" for one in found) or "; no serial port is seen here"
+    found = [one for one in list_ports() if one.usb_id]
+    ports = "".join(f"; {one}" for one in found) or "; no USB serial port is seen here"
     usual = found[0].device if len(found) == 1 else "" if found else SIMULATED
     port = desk.ask("port", f"Port: a device, tcp:HOST:PORT, auto or simulated{ports}?", usual)
     if runs_files(port):

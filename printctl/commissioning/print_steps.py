@@ -27,6 +27,7 @@ from printctl.commissioning.bench import Bench
 from printctl.commissioning.first_part import slice_first_part
 from printctl.commissioning.state import YES_NO, CheckFailedError, Desk
 from printctl.errors import SafetyError, UsageError
+from printctl.machine.errors import Refused
 from printctl.machine.prints.mounted import mount_parts
 from printctl.machine.process.client import Station
 from printctl.machine.records.mounting import PARTS, MountedParts, load_mounting
@@ -163,6 +164,9 @@ def _finer(wrote: Any, printer: Printer, held: Syringe) -> str:
 def touch_off(desk: Desk, bench: Bench) -> str:
     """Verify which way each axis moves, touch the dish's floor, verify the height."""
     station, parts = bench.station(), parts_of(desk)
+    if bench.simulated:  # of a real printer the same file is kept
+        filled = load_mounting(bench.printer).plunger_mm
+        desk.once("filled", lambda: mount_on(station, parts, plunger_mm=filled))
     mount_on(station, parts)
     floor = bench.profile.z_mm.low
     if not station.status.position_trusted:
@@ -182,7 +186,7 @@ def touch_off(desk: Desk, bench: Bench) -> str:
             f"the three heights {', '.join(f'{one:g}' for one in heights)} mm differ by "
             f"{max(heights) - min(heights):.3f} mm, limit {SPREAD_MM:g} mm; see that needle and "
             "dish are tight, and touch again",
-            "heights",
+            *("heights", "taken"),
         )
     (foil,) = desk.numbers("foil", "Thickness of the foil or paper under the tip, mm?", 1, "0")
     desk.once("floor", lambda: _set_floor(station, statistics.median(heights) - foil, floor))
@@ -200,7 +204,7 @@ def touch_off(desk: Desk, bench: Bench) -> str:
             f"the tip is {height:g} mm above the floor after a move to {LIFT_MM:g} mm (limit "
             f"± {LIFT_ERROR_MM:g} mm): Z has wrong steps (steps_per_mm.z, M92 Z) or a place was "
             "given with the wrong sign; correct that and touch off again",
-            *("heights", "floor", "lifted", "height", "tip"),
+            *("heights", "taken", "floor", "lifted", "height", "tip"),
         )
     return f"axes move as they should; the dish's floor is Z {floor:g} mm in the printer's frame"
 
@@ -240,20 +244,22 @@ def _touches(desk: Desk, bench: Bench, station: Station, floor: float) -> list[f
     usual = ",".join([f"{floor:g}"] * TOUCHES) if bench.simulated else ""
     if station.status.mounted.floor_mm is not None and "heights" not in desk.record.answers:
         usual = ",".join([f"{station.status.mounted.floor_mm:g}"] * TOUCHES)  # by the page Printer
-    taken: list[float] = []
+    taken: list[float] = desk.record.facts.setdefault("taken", [])
     text = (
         "Lower the tip onto the foil until it just drags. Type steps such as z-0.1 (repeat), and "
         f"'touch' to take a height, {TOUCHES} times; or the {TOUCHES} heights with commas?"
     )
     while "heights" not in desk.record.answers:
         answer = desk.ask("heights", text, usual)
+        text, usual = f"Step, 'touch', or the {TOUCHES} heights?", ""
         steps = re.findall(r"([xyz])\s*([+-]?\d+(?:\.\d+)?)", answer.lower())
         if answer == "touch" or steps:
             del desk.record.answers["heights"]
+            desk.commission.save()
             try:
                 if steps:
                     station.jog({axis: float(mm) for axis, mm in steps})
-            except SafetyError as refused:
+            except Refused as refused:
                 desk.say(str(refused))
             at = station.status.position_mm
             if at is not None:

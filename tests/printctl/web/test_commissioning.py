@@ -12,12 +12,17 @@ from playwright.sync_api import Browser, Page, expect
 
 from firmware_profiles import Printer, load
 from printctl.commissioning.state import Commission
+from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
 from printctl.machine.process.client import attach_station
+from printctl.web.commissioning import Commissioning, GoOn
+from printctl.web.controls import Principal
+from printctl.web.core import Core
+from printctl.web.errors import ConflictError, NotInControlError
+from printctl.web.settings import ServeSettings
+from printctl.web.workspace import Workspace
 from tests.printctl.web.serving import server_process
 from tests.printctl.web.shell.browsers import WIDE
-
-pytestmark = pytest.mark.browser
 
 
 @pytest.fixture
@@ -53,6 +58,7 @@ def confirmed(page: Page, question: str) -> None:
     page.get_by_role("button", name="Yes, do it").click()
 
 
+@pytest.mark.browser
 def test_a_new_user_gets_from_the_choice_of_printer_to_the_weighed_steps(
     page: Page, tmp_path: Path
 ) -> None:
@@ -85,11 +91,15 @@ def test_a_new_user_gets_from_the_choice_of_printer_to_the_weighed_steps(
     assert kept["written"] is True
 
 
-def test_who_does_not_hold_the_controls_starts_nothing(page: Page) -> None:
-    path = f"{page.url.rpartition('/')[0]}/api/v1/commissioning"
-    assert page.request.get(path).json() == []
-    refused = page.request.post(f"{path}/lab_a", data={"answers": {}, "begin": "colour"})
-    assert refused.status in (409, 423)
-    name = page.request.get(f"{path}/generic_marlin")
-    assert name.status == 409
-    assert "shipped profile's name" in name.json()["message"]
+def test_another_browser_s_controls_and_a_shipped_name_start_nothing(tmp_path: Path) -> None:
+    core = Core(ServeSettings(tmp_path), Workspace(tmp_path).make())
+    service, me = Commissioning(core), Principal("me")
+    core.controls.take(me)
+    with pytest.raises(NotInControlError):
+        service.go_on("lab_a", GoOn(), Principal("other"))
+    with pytest.raises(ConflictError, match="shipped profile's name"):
+        service.state("generic_marlin")
+    with pytest.raises(UsageError, match="no step 'colour'"):
+        service.go_on("lab_a", GoOn(begin="colour"), me)
+    assert service.printers() == []
+    assert service.state("lab_a")["next"] == "profile"
