@@ -12,8 +12,7 @@ import yaml
 
 from design.files import write_text
 from firmware_profiles import Printer, Syringe, load, profile_doubts, shipped, shipped_text
-from firmware_profiles.families import family_of, find_family
-from firmware_profiles.families.registry import family_names
+from firmware_profiles.families import family_of
 from printctl import calibration
 from printctl.calibration.writing import MAX_CHANGE, MeasuredValue, save_measured
 from printctl.commissioning.bench import Bench
@@ -89,12 +88,10 @@ def _proposed(port: str, names: list[str]) -> tuple[str, str]:
         firmware = reported_firmware(port, [load(Printer, name) for name in names])
     except LinkError as exc:
         return "", f"the firmware couldn't be asked: {exc}"
-    for family in family_names():
-        reported = find_family(family).reported_name
-        if reported and reported in firmware.lower():
-            fitting = [name for name in names if load(Printer, name).firmware == family]
-            usual = "generic_marlin" if "generic_marlin" in fitting else fitting[0]
-            return usual, f"the firmware says {firmware}"
+    families = {name: family_of(load(Printer, name)).reported_name for name in names}
+    if fitting := [name for name, word in families.items() if word in firmware.lower()]:
+        usual = "generic_marlin" if "generic_marlin" in fitting else fitting[0]
+        return usual, f"the firmware says {firmware}"
     return "", f"the firmware calls itself {firmware!r}, which no family does"
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
 from printctl.commissioning.bench import Bench
-from printctl.commissioning.machine_steps import connection, plunger_steps, profile
-from printctl.commissioning.part_steps import correction, first_part, first_scan
-from printctl.commissioning.print_steps import first_lines, mounted_parts, touch_off
 from printctl.commissioning.state import (
     Answering,
     CheckFailedError,
@@ -36,8 +34,9 @@ class Step:
         What is done.
     check : str
         What decides that it is done.
-    do : callable
-        Does it and returns the message of its check; raises `CheckFailedError`.
+    do : str
+        Module and function that does it and returns the message of its check, or raises
+        `CheckFailedError`; loaded when it is done, for it takes design and registration.
     """
 
     key: str
@@ -45,56 +44,83 @@ class Step:
     needs: str
     how: str
     check: str
-    do: Callable[[Desk, Bench], str]
+    do: str
 
 
 STEPS: Final = (
     Step(
-        "profile", "Profile", "the printer's firmware and size",
+        "profile",
+        "Profile",
+        "the printer's firmware and size",
         "copy a shipped profile into a file of the printer's own",
-        "the profile has no contradiction", profile,
+        "the profile has no contradiction",
+        "machine_steps:profile",
     ),
     Step(
-        "connection", "Connection", "printer on, cable in, no needle in anything",
+        "connection",
+        "Connection",
+        "printer on, cable in, no needle in anything",
         "open the port and read the firmware's settings",
-        "firmware, limits and steps agree with the profile", connection,
+        "firmware, limits and steps agree with the profile",
+        "machine_steps:connection",
     ),
     Step(
-        "steps", "Plunger steps", "a syringe full of water, a balance, covered vials",
+        "steps",
+        "Plunger steps",
+        "a syringe full of water, a balance, covered vials",
         "push and weigh doses; send the corrected steps (M92, M500)",
-        "the plunger moves the right way, and the stored steps read back as sent", plunger_steps,
+        "the plunger moves the right way, and the stored steps read back as sent",
+        "machine_steps:plunger_steps",
     ),
     Step(
-        "parts", "Syringe, needle, ink, bath, dish", "the parts as they will be printed with",
+        "parts",
+        "Syringe, needle, ink, bath, dish",
+        "the parts as they will be printed with",
         "enter what is mounted and how full the syringe is",
-        "one plunger step is fine enough for this needle", mounted_parts,
+        "one plunger step is fine enough for this needle",
+        "print_steps:mounted_parts",
     ),
     Step(
-        "touch-off", "Touch-off", "needle above the middle of the empty dish, a foil or paper",
+        "touch-off",
+        "Touch-off",
+        "needle above the middle of the empty dish, a foil or paper",
         "move each axis by 1 mm, touch the floor three times",
-        "each axis moves the right way, the heights agree, and 5 mm up are 5 mm", touch_off,
+        "each axis moves the right way, the heights agree, and 5 mm up are 5 mm",
+        "print_steps:touch_off",
     ),
     Step(
-        "lines", "First lines", "the dish filled with its bath, ink in the syringe",
+        "lines",
+        "First lines",
+        "the dish filled with its bath, ink in the syringe",
         "print lines at several speeds and flows, measure their widths",
-        "more ink gives wider lines; the ink's factors are written", first_lines,
+        "more ink gives wider lines; the ink's factors are written",
+        "print_steps:first_lines",
     ),
     Step(
-        "part", "First part", "a fresh dish with bath in the same holder",
+        "part",
+        "First part",
+        "a fresh dish with bath in the same holder",
         "print a small block with a forked lumen and fiducials",
-        "the print ended with every line executed", first_part,
+        "the print ended with every line executed",
+        "part_steps:first_part",
     ),
     Step(
-        "scan", "First scan", "a scan of the part, OCT or micro-CT",
+        "scan",
+        "First scan",
+        "a scan of the part, OCT or micro-CT",
         "register the scan with the design",
-        "the scan shows this part, in one pose only", first_scan,
+        "the scan shows this part, in one pose only",
+        "part_steps:first_scan",
     ),
     Step(
-        "correction", "Correction", "the registered scan",
+        "correction",
+        "Correction",
+        "the registered scan",
         "derive a compensation and slice the part again with it",
-        "the corrected G-code passes the same checks", correction,
+        "the corrected G-code passes the same checks",
+        "part_steps:correction",
     ),
-)  # fmt: skip
+)
 KEYS: Final = tuple(step.key for step in STEPS)
 
 
@@ -175,7 +201,9 @@ def do_next(
     desk = Desk(commission, step.key, answering, say)
     port = commission.step("profile").answers.get("port", "")
     try:
-        message = step.do(desk, Bench(commission.printer, port, station, sim_speed))
+        module, name = step.do.split(":")
+        do = getattr(import_module(f"printctl.commissioning.{module}"), name)
+        message = do(desk, Bench(commission.printer, port, station, sim_speed))
     except UnansweredError:
         raise
     except CheckFailedError as failed:
