@@ -112,12 +112,14 @@ class Bench:
     def move_above(self, station: Station, place: Place) -> None:
         """Move the tip up, across and down to a place, within the station's soft limits."""
         status = station.status
-        if status.position_mm is None or not status.position_trusted:
+        mounted = status.mounted
+        if status.position_mm is None or not status.position_trusted or mounted.touch_off_due:
             raise SafetyError(
-                "where the tip stands isn't known, so it can't be moved to the start of the print; "
-                "touch off again: printctl commission --from touch-off"
+                "where the tip stands above the dish isn't known any more (the printer was "
+                "disconnected or reset), so it can't be moved to the start of the print; touch off "
+                "again: printctl commission --from touch-off, or Begin again on the page"
             )
-        mounted, heights = status.mounted, [status.position_mm[2], place[2]]
+        heights = [status.position_mm[2], place[2]]
         if mounted.dish and mounted.floor_mm is not None:
             heights.append(mounted.floor_mm + load(Dish, mounted.dish).wall_mm + ABOVE_WALL_MM)
         station.move_to(z=max(heights))

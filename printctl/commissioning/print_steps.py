@@ -25,7 +25,7 @@ from printctl.checks.preflight.steps import single_step_share, writing_moves
 from printctl.checks.set_up import ProfileNames
 from printctl.commissioning.bench import Bench
 from printctl.commissioning.first_part import slice_first_part
-from printctl.commissioning.state import YES_NO, CheckFailedError, Desk
+from printctl.commissioning.state import EXPECTED, YES_NO, CheckFailedError, Desk
 from printctl.errors import SafetyError, UsageError
 from printctl.machine.errors import Refused
 from printctl.machine.prints.mounted import mount_parts
@@ -114,7 +114,10 @@ def mounted_parts(desk: Desk, bench: Bench) -> str:
 def _fineness(desk: Desk, bench: Bench, parts: MountedParts) -> dict[str, Any]:
     """Slice the first part and count the moves that get at most one plunger step."""
     printer, held = bench.profile, load(Syringe, parts.syringe)
-    desk.say("slicing the first part with these parts, to count plunger steps")
+    desk.say(
+        "slicing the first part with these parts, to count plunger steps; the first time this "
+        "compiles for a minute or two"
+    )
     gcode, start = slice_first_part(
         desk.commission.folder / "part", bench.printer, bench.port, parts
     )
@@ -321,14 +324,14 @@ def first_lines(desk: Desk, bench: Bench) -> str:
 
 def _read_widths(desk: Desk, bench: Bench, sheet: Path, parts: MountedParts) -> dict[str, Any]:
     written = read_pattern(sheet.with_suffix(".json"))
-    expected = "expected" if bench.simulated else ""
+    expected = EXPECTED if bench.simulated else ""
     text = (
         f"Fill in the last column of {sheet} (drawing: .svg) and give its name, or give a picture "
         "of the lines"
         + ("; 'expected' takes the widths that the simulated ink should have?" if expected else "?")
     )
     answer = desk.ask("widths", text, expected or str(sheet))
-    if answer == "expected":
+    if answer == EXPECTED:
         answer = str(_as_expected(sheet))
     file = Path(answer)
     try:

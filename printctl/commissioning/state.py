@@ -16,6 +16,8 @@ from printctl.machine.records.mounting import as_kept, file_name
 
 StepState = Literal["open", "failed", "done"]
 YES_NO: Final = ("yes", "no")
+EXPECTED: Final = "expected"
+"""In place of a file of widths: those that a simulated ink should have."""
 
 
 @dataclass

@@ -12,15 +12,17 @@ from fastapi import APIRouter
 from pydantic import Field
 
 from firmware_profiles import Printer
-from printctl.commissioning.state import Commission, Question, UnansweredError
+from printctl.commissioning.state import EXPECTED, Commission, Question, UnansweredError
 from printctl.commissioning.steps import do_next, next_step, overview, reopen
 from printctl.failures import message_and_code
 from printctl.web.core import Core
-from printctl.web.errors import ConflictError
-from printctl.web.profile_store import ProfileStore
+from printctl.web.errors import BadRequestError, ConflictError
+from printctl.web.profile_store import PARTS, ProfileStore
 from printctl.web.rest import API, REFUSALS, Asking, Body
 
 MOST_SAID: Final = 50
+FILES: Final = frozenset({"scan", "widths"})
+"""Answers that name a file."""
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 Answer = Annotated[str, Field(max_length=2000)]
 
@@ -66,6 +68,7 @@ class Commissioning:
         """Do the steps that are left with these answers, until one asks or fails."""
         self._core.controls.require(who)
         kept = self._kept(name)
+        given = {key: self._inside(kept, key, text) for key, text in body.answers.items()}
         with self._lock:
             if any(one.working for one in self._works.values()):
                 raise ConflictError("a step is at work; wait until it asks something or ends")
@@ -73,9 +76,30 @@ class Commissioning:
                 reopen(kept, body.begin)
             work = self._works[name] = Work(working=next_step(kept) is not None)
         if work.working:
-            given = dict(body.answers)
             threading.Thread(target=self._work, args=(kept, work, given), daemon=True).start()
         return self.state(name)
+
+    def _inside(self, kept: Commission, key: str, answer: str) -> str:
+        """Return an answer; one that names a file as its path in the workspace.
+
+        Raises
+        ------
+        BadRequestError
+            For a file elsewhere: the page isn't for reading the machine's files.
+        """
+        if key in PARTS:
+            return self._store.resolve(PARTS[key], answer)
+        if key not in FILES or answer == EXPECTED:
+            return answer
+        root = self._core.workspace.root.resolve()
+        places = [(folder / answer).resolve() for folder in (root / "scans", kept.folder, root)]
+        path = next((one for one in places if one.is_file()), places[0])
+        if not path.is_relative_to(root):
+            raise BadRequestError(
+                f"{key} {answer[:80]!r} is outside the workspace {root}; put the file into "
+                f"{root / 'scans'} (page Scan: upload)"
+            )
+        return str(path)
 
     def _kept(self, name: str) -> Commission:
         return Commission.load(str(self._store.new_file(Printer, name)))

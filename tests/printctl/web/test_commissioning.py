@@ -18,7 +18,7 @@ from printctl.machine.process.client import attach_station
 from printctl.web.commissioning import Commissioning, GoOn
 from printctl.web.controls import Principal
 from printctl.web.core import Core
-from printctl.web.errors import ConflictError, NotInControlError
+from printctl.web.errors import BadRequestError, ConflictError, NotInControlError
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 from tests.printctl.web.serving import server_process
@@ -101,5 +101,8 @@ def test_another_browser_s_controls_and_a_shipped_name_start_nothing(tmp_path: P
         service.state("generic_marlin")
     with pytest.raises(UsageError, match="no step 'colour'"):
         service.go_on("lab_a", GoOn(begin="colour"), me)
+    for answers in ({"scan": "/etc/hostname"}, {"widths": "../../hosts"}, {"ink": "/etc/x.yaml"}):
+        with pytest.raises(BadRequestError, match="outside the workspace"):
+            service.go_on("lab_a", GoOn(answers=answers), me)
     assert service.printers() == []
     assert service.state("lab_a")["next"] == "profile"
