@@ -57,7 +57,7 @@ def commission(
     if not status:
         given = _given(answer or [])
         given |= {"port": port} if port is not None else {}
-        given |= {"profile": printer} if named != printer else {}
+        given |= {} if named == printer or Path(named).exists() else {"profile": printer}
         given |= {"accept_change": "yes"} if accept_change else {}
         answering = _answering(given, yes)
         while (step := next_step(kept)) is not None:

@@ -87,9 +87,9 @@ class Bench:
                     f"{self.port}; disconnect it first (`printctl station disconnect`, or page "
                     "Printer)"
                 )
-            if status.open:
-                return station
-            return self._reconnected(station)
+            if not status.open:
+                station.reconnect()
+            return station
         return connect(
             self.printer,
             self.port,
@@ -97,11 +97,6 @@ class Bench:
             sim_speed=self.sim_speed,
             start_mm=self.middle_mm(),
         )
-
-    @staticmethod
-    def _reconnected(station: Station) -> Station:
-        station.reconnect()
-        return station
 
     def close(self) -> None:
         """Disconnect the station if it is this printer's; heaters go off."""

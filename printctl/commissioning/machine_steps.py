@@ -19,7 +19,14 @@ from printctl.commissioning.bench import Bench
 from printctl.commissioning.state import YES_NO, CheckFailedError, Desk
 from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
-from printctl.machine.ports.detection import SIMULATED, list_ports, matches, runs_files
+from printctl.machine.ports.detection import (
+    AUTO,
+    SIMULATED,
+    list_ports,
+    matches,
+    named_port,
+    runs_files,
+)
 from printctl.machine.probing import ABSOLUTE, Row, compare, corrected_profile, reported_firmware
 from printctl.machine.records.mounting import load_mounting
 
@@ -40,7 +47,11 @@ def profile(desk: Desk, bench: Bench) -> str:
     found = [one for one in list_ports() if one.usb_id]
     ports = "".join(f"; {one}" for one in found) or "; no USB serial port is seen here"
     usual = found[0].device if len(found) == 1 else "" if found else SIMULATED
-    port = desk.ask("port", f"Port: a device, tcp:HOST:PORT, auto or simulated{ports}?", usual)
+    text = (
+        f"Port: a device, tcp:HOST:PORT, auto or simulated{ports}? It is opened to ask which "
+        "firmware answers, which resets many boards and moves nothing."
+    )
+    port = desk.ask("port", text, usual)
     if runs_files(port):
         raise CheckFailedError(
             f"{port} is a network host that runs files by itself; no step here can be done there. "
@@ -63,6 +74,7 @@ def profile(desk: Desk, bench: Bench) -> str:
             "profile",
             "copied",
         )
+    desk.record.answers["port"] = named_port(port, printer)  # of auto, the one found
     doubts = profile_doubts(printer, [load(Syringe, one) for one in shipped(Syringe)])
     if grave := [f"{one.key}: {one.text}" for one in doubts if one.grave]:
         raise CheckFailedError(f"{file}: {'; '.join(grave)}. Correct the file, then go on here")
@@ -79,11 +91,12 @@ def _proposed(port: str, names: list[str]) -> tuple[str, str]:
     """Return the profile proposed for a port, and why: by its USB id, then by its firmware."""
     if port == SIMULATED:
         return "generic_marlin", "the simulated printer can be any of them"
-    by_id = [
-        n for n in names for p in list_ports() if p.device == port if matches(load(Printer, n), p)
-    ]
+    ports = [one for one in list_ports() if port in (AUTO, one.device)]
+    by_id = [one for one in names if any(matches(load(Printer, one), p) for p in ports)]
     if len(by_id) == 1:
         return by_id[0], "by the port's USB id"
+    if port == AUTO:
+        return "", f"{len(by_id)} profiles fit the USB ids seen here"
     try:
         firmware = reported_firmware(port, [load(Printer, name) for name in names])
     except LinkError as exc:

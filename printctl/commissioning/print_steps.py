@@ -172,8 +172,14 @@ def touch_off(desk: Desk, bench: Bench) -> str:
         desk.once("filled", lambda: mount_on(station, parts, plunger_mm=filled))
     mount_on(station, parts)
     floor = bench.profile.z_mm.low
-    if not station.status.position_trusted:
-        at = station.status.position_mm or bench.middle_mm()
+    status, record = station.status, desk.record
+    gone = "floor" in record.facts and status.mounted.floor_mm is None
+    if gone or not status.position_trusted:  # disconnected or reset since: nothing of it holds
+        for key in ("tip", "heights", "taken", "foil", "floor", "lifted", "height"):
+            record.answers.pop(key, None)
+            record.facts.pop(key, None)
+    if not status.position_trusted:
+        at = status.position_mm or bench.middle_mm()
         counts = ",".join(f"{mm:g}" for mm in at)
         text = (
             "Bring the tip 10 to 20 mm above the middle of the dish, by hand or the printer's "

@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
+from firmware_profiles.yaml_file import read_yaml
 from printctl.commissioning.bench import Bench
 from printctl.commissioning.state import (
     Answering,
@@ -47,79 +48,8 @@ class Step:
     do: str
 
 
-STEPS: Final = (
-    Step(
-        "profile",
-        "Profile",
-        "the printer's firmware and size",
-        "copy a shipped profile into a file of the printer's own",
-        "the profile has no contradiction",
-        "machine_steps:profile",
-    ),
-    Step(
-        "connection",
-        "Connection",
-        "printer on, cable in, no needle in anything",
-        "open the port and read the firmware's settings",
-        "firmware, limits and steps agree with the profile",
-        "machine_steps:connection",
-    ),
-    Step(
-        "steps",
-        "Plunger steps",
-        "a syringe full of water, a balance, covered vials",
-        "push and weigh doses; send the corrected steps (M92, M500)",
-        "the plunger moves the right way, and the stored steps read back as sent",
-        "machine_steps:plunger_steps",
-    ),
-    Step(
-        "parts",
-        "Syringe, needle, ink, bath, dish",
-        "the parts as they will be printed with",
-        "enter what is mounted and how full the syringe is",
-        "one plunger step is fine enough for this needle",
-        "print_steps:mounted_parts",
-    ),
-    Step(
-        "touch-off",
-        "Touch-off",
-        "needle above the middle of the empty dish, a foil or paper",
-        "move each axis by 1 mm, touch the floor three times",
-        "each axis moves the right way, the heights agree, and 5 mm up are 5 mm",
-        "print_steps:touch_off",
-    ),
-    Step(
-        "lines",
-        "First lines",
-        "the dish filled with its bath, ink in the syringe",
-        "print lines at several speeds and flows, measure their widths",
-        "more ink gives wider lines; the ink's factors are written",
-        "print_steps:first_lines",
-    ),
-    Step(
-        "part",
-        "First part",
-        "a fresh dish with bath in the same holder",
-        "print a small block with a forked lumen and fiducials",
-        "the print ended with every line executed",
-        "part_steps:first_part",
-    ),
-    Step(
-        "scan",
-        "First scan",
-        "a scan of the part, OCT or micro-CT",
-        "register the scan with the design",
-        "the scan shows this part, in one pose only",
-        "part_steps:first_scan",
-    ),
-    Step(
-        "correction",
-        "Correction",
-        "the registered scan",
-        "derive a compensation and slice the part again with it",
-        "the corrected G-code passes the same checks",
-        "part_steps:correction",
-    ),
+STEPS: Final = tuple(
+    Step(**one) for one in read_yaml(Path(__file__).with_name("steps.yaml").read_text("utf-8"))
 )
 KEYS: Final = tuple(step.key for step in STEPS)
 
