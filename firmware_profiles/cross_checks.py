@@ -5,6 +5,7 @@ Nothing here knows a real machine; `printctl profiles probe` asks one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -188,18 +189,15 @@ def _heads(printer: Printer) -> Iterator[ProfileDoubt]:
 
 
 def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[ProfileDoubt]:
-    """Steps, speed and stroke of the plunger in each syringe."""
+    """Steps and stroke of the plunger in each syringe."""
+    coarse = []
     for syringe in syringes:
         area = syringe.area_mm2
         step_ul = area / printer.steps_per_mm.e
         if step_ul > STEP_SHARE * SMALLEST_DOSE_UL:
-            yield ProfileDoubt(
-                "steps_per_mm.e",
-                f"one step is {step_ul * 1e3:.3g} nL in {syringe.name}, more than a quarter of "
-                f"the smallest dose, {SMALLEST_DOSE_UL:g} µL; take a narrower syringe or finer "
-                "steps",
-                False,
-            )
+            # A bead as long and as wide as the bore, d, takes π/4 d³.
+            bore = (4 * step_ul / math.pi) ** (1 / 3)
+            coarse.append(f"{step_ul * 1e3:.3g} nL in {syringe.name} (bores below {bore:.2f} mm)")
         stroke = syringe.volume_ul / area
         if printer.plunger_travel_mm and stroke > printer.plunger_travel_mm + 0.5:
             yield ProfileDoubt(
@@ -208,6 +206,15 @@ def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[ProfileD
                 f"{printer.plunger_travel_mm:g} mm; it can't be filled whole",
                 False,
             )
+    if coarse:
+        yield ProfileDoubt(
+            "steps_per_mm.e",
+            f"one plunger step is more than a quarter of the smallest dose, {SMALLEST_DOSE_UL:g} "
+            f"µL: {', '.join(coarse)}; through needles with such bores a move as long as the bore "
+            "gets at most one step. Use a narrower syringe or more microsteps; printctl commission "
+            "counts such moves for the parts that are mounted",
+            False,
+        )
 
 
 def _syringe(syringe: Syringe) -> Iterator[ProfileDoubt]:

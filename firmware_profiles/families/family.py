@@ -193,6 +193,11 @@ class Family:
         Whether it can be told to say that it is busy (M113).
     tells_steps : bool
         Whether M92 tells the steps per mm.
+    stores_steps : bool
+        Whether M92 sets the steps per mm and M500 stores them.
+    steps_remedy : str
+        Where a person sets the plunger's steps per mm of a family that doesn't; ``{steps}`` stands
+        for them.
     remembers : bool
         Whether it can be asked which line it took last, so that a print can be resumed after the
         host died.
@@ -298,6 +303,8 @@ class Family:
     verified: bool = False
     keepalive: bool = False
     tells_steps: bool = False
+    stores_steps: bool = False
+    steps_remedy: str = ""
     remembers: bool = False
     pairs: bool = False
     cuts_long_lines: bool = False

@@ -129,6 +129,7 @@ COMMANDS: dict[str, str] = {
     "slice": "slice:slice_mesh",
     "simulate": "simulate:simulate",
     "print": "print_job:print_job",
+    "commission": "commission:commission",
     "mount": "mount:mount",
     "station": "station:station",
     "status": "running_print:status",

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-from firmware_profiles import Printer, ProfileError, Syringe, load
+from firmware_profiles import Printer, ProfileError, load
 from printctl.checks.set_up import NONE, ProfileNames, read_dish_centre
 from printctl.cli.declare import json_command
 from printctl.cli.options import print_result
 from printctl.errors import UsageError
-from printctl.machine.errors import Refused
-from printctl.machine.process.client import attach_station
-from printctl.machine.process.contact import STATION_LOCK, alive
+from printctl.machine.prints.mounted import mount_parts
 from printctl.machine.records.mounting import (
     PARTS,
     Mounting,
     all_mountings,
     as_kept,
     load_mounting,
-    save_mounting,
 )
 from printctl.settings import of, opt
 
@@ -64,52 +59,7 @@ def mount(
     if printer is None and len(known) != 1:
         raise UsageError("--printer is missing; name the printer that this is mounted on")
     key = as_kept(printer or known[0].printer)
-    _show([_mounted(load_mounting(key), load(Printer, key), given, fill_ul)])
-
-
-def _mounted(
-    kept: Mounting, printer: Printer, given: dict[str, Any], fill_ul: float | None
-) -> Mounting:
-    """Change what is kept, by the station where the printer is connected."""
-    if printer.heads:
-        raise UsageError(
-            f"{printer.name} has several heads; name what each of them holds for the print itself"
-        )
-    for part, model in PARTS.items():
-        if given.get(part):
-            load(model, given[part])
-    syringe = given.get("syringe", kept.parts.syringe)
-    if fill_ul is not None:
-        given["plunger_mm"] = _used_mm(syringe, fill_ul)
-    elif "syringe" in given:
-        given["plunger_mm"] = None
-    folder = Path(kept.holder)
-    if kept.holder and alive(folder, STATION_LOCK):
-        attach_station(folder).mount(**given)
-        return load_mounting(kept.printer)
-    if kept.holder and alive(folder):
-        raise Refused(
-            f"a print is running in {folder}; wait for its end, or change the syringe with "
-            f"`printctl reload {folder}`"
-        )
-    plunger_mm = given.pop("plunger_mm", kept.plunger_mm)
-    emptied = {"dish", "bath"} & set(given)
-    parts = replace(kept.parts, **({"bath_depth_mm": None} if emptied else {}) | given)
-    in_dish = kept.part_in_dish and "dish" not in given
-    kept = replace(kept, parts=parts, plunger_mm=plunger_mm, part_in_dish=in_dish)
-    save_mounting(kept)
-    return kept
-
-
-def _used_mm(syringe: str, fill_ul: float) -> float:
-    if not syringe:
-        raise UsageError("--fill-ul needs the syringe that was filled; add --syringe")
-    facts = load(Syringe, syringe)
-    if fill_ul > facts.volume_ul:
-        raise UsageError(
-            f"--fill-ul {fill_ul:g}: {facts.name} holds {facts.volume_ul:g} µL (volume_ul)"
-        )
-    return (facts.volume_ul - fill_ul) / facts.area_mm2
+    _show([mount_parts(load_mounting(key), load(Printer, key), given, fill_ul)])
 
 
 def _show(mountings: list[Mounting]) -> None:

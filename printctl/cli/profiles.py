@@ -228,8 +228,11 @@ def check(file: str = arg("A .yaml file, or a shipped name.")) -> None:
     doubts = profile_doubts(facts, [load(Syringe, name) for name in shipped(Syringe)])
     grave = [doubt for doubt in doubts if doubt.grave]
     found = {"file": file, "sort": kind, "passed": not grave, "doubts": list(map(asdict, doubts))}
-    lines = [f"{kind} {facts.name}: {'not to be used so' if grave else 'sound'}"]
-    lines += [f"{'FAIL' if one.grave else 'note'} {one.key}: {one.text}" for one in doubts]
+    verdict = "not to be used so" if grave else "can be used"
+    if len(doubts) > len(grave):
+        verdict += f", {len(doubts) - len(grave)} to know or to measure first"
+    lines = [f"{kind} {facts.name}: {verdict}"]
+    lines += [f"{'FAIL' if one.grave else 'WARN'} {one.key}: {one.text}" for one in doubts]
     print_result(found, lines, not grave)
 
 

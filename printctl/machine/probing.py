@@ -3,7 +3,7 @@
 The port is opened as a link process opens it, alone: while a print holds it, it is in use. Nothing
 is sent but the handshake and questions. On boards that reset when the port opens, it resets them.
 
-Only questions: none of these commands sets anything. Answers are read as
+Only `set_plunger_steps` sets anything; all else are questions. Answers are read as
 
 - Marlin, Prusa: M115, M503 (M92, M201, M203, M204, M205 in it), M211;
 - RepRapFirmware: M115, M92, M201, M203 (mm/min), M208, M302, as ``GCodes2.cpp`` (3.5) words them;
@@ -15,7 +15,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -34,12 +34,13 @@ from printctl.machine.control.requests import RequestQueue
 from printctl.machine.control.shell import drive
 from printctl.machine.control.steps import Steps
 from printctl.machine.control.wiring import Wiring
-from printctl.machine.errors import LinkError
+from printctl.machine.errors import LinkError, Refused
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.job import Job
 from printctl.machine.ports.clock import RealClock
-from printctl.machine.ports.detection import named_port
-from printctl.machine.ports.transport import open_port
+from printctl.machine.ports.detection import named_port, rates_to_try
+from printctl.machine.ports.serial_port import SerialTransport
+from printctl.machine.ports.transport import ANSWER_S, open_port, sweep
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.states import PrintEnded
 
@@ -96,6 +97,55 @@ def query_settings(port: str, printer: Printer, baud: int | None = None) -> Sett
         `PortInUse` while a print or another program holds the port; `Refused` for a printer that
         takes no lines from a host; or no firmware answers.
     """
+    with _wired(port, printer, baud) as wiring:
+        return query_transport(wiring)
+
+
+def set_plunger_steps(port: str, printer: Printer, steps_per_mm: float) -> Settings:
+    """Send the plunger's steps/mm, store them, and return the settings read back.
+
+    Only of a family that stores them (`Family.stores_steps`), as M92 and M500 do.
+
+    Raises
+    ------
+    LinkError
+        As `query_settings`; `Refused` for another family.
+    """
+    if not family_of(printer).stores_steps:
+        raise Refused(
+            f"{printer.firmware} takes its steps from its configuration and stores none that are "
+            f"sent: {family_of(printer).steps_remedy}"
+        )
+    with _wired(port, printer) as wiring:
+        return query_transport(wiring, (b"M92 E%.2f" % steps_per_mm, b"M500"))
+
+
+def reported_firmware(port: str, printers: Sequence[Printer]) -> str:
+    """Return the name by which the firmware at a port calls itself, before a profile is chosen.
+
+    Asked in plain text (M115), at the rates of ``printers``; opening the port may reset the board.
+
+    Raises
+    ------
+    LinkError
+        When the port can't be opened, or nothing answers at any rate.
+    """
+    rates = tuple(dict.fromkeys(rate for one in printers for rate in rates_to_try(one)))
+    with closing(open_port(port, printers[0], rates[0])) as wire:
+        if isinstance(wire, SerialTransport):
+            sweep(wire, rates, RealClock(), resets=True)
+        wire.write(b"\nM115\n")
+        heard = b""
+        while b"FIRMWARE_NAME" not in heard or not heard.endswith(b"\n"):
+            more = wire.read(ANSWER_S)
+            if not more:
+                break
+            heard += more
+    return parse_firmware(heard.splitlines()).name
+
+
+@contextmanager
+def _wired(port: str, printer: Printer, baud: int | None = None) -> Iterator[Wiring]:
     refuse_unsent(printer)
     with (
         closing(open_port(named_port(port, printer), printer, baud)) as transport,
@@ -103,11 +153,11 @@ def query_settings(port: str, printer: Printer, baud: int | None = None) -> Sett
         closing(Journal(Path(folder) / "journal.log")) as journal,
     ):
         protocol = protocol_for(printer, transport.quiet_s)
-        return query_transport(Wiring(transport, protocol, RealClock(), journal, printer))
+        yield Wiring(transport, protocol, RealClock(), journal, printer)
 
 
-def query_transport(wiring: Wiring) -> Settings:
-    """Ask over a wire that is open already.
+def query_transport(wiring: Wiring, first: Sequence[bytes] = ()) -> Settings:
+    """Ask over a wire that is open already, after commands that are sent ``first``.
 
     Raises
     ------
@@ -119,15 +169,16 @@ def query_transport(wiring: Wiring) -> Settings:
     channel = Channel(wiring, logbook, Kill(wiring))
     channel.handler = PrintEvents(channel, RequestQueue())
     try:
-        answers = drive(_answers(channel), wiring)
+        answers = drive(_answers(channel, first), wiring)
     except PrintEnded as ended:
         raise LinkError(f"the printer couldn't be asked: {ended.message}") from ended
     return read_settings(family, answers)
 
 
-def _answers(channel: Channel) -> Steps[dict[bytes, Sequence[bytes]]]:
+def _answers(channel: Channel, first: Sequence[bytes]) -> Steps[dict[bytes, Sequence[bytes]]]:
     """Ask what a family's settings are asked by."""
     yield from connect(channel)
+    yield from channel.commands(first)
     answers: dict[bytes, Sequence[bytes]] = {}
     for question in family_of(channel.wiring.printer).setting_questions:
         for _ in range(_TRIES):

@@ -21,6 +21,8 @@ from printctl.web.api import (
     serve_docs,
     watch_holder,
 )
+from printctl.web.commissioning import Commissioning
+from printctl.web.commissioning import router as commissioning_router
 from printctl.web.core import Core
 from printctl.web.design.recipes import Recipes
 from printctl.web.design.routes import recipe_routes, run_routes
@@ -85,6 +87,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     serve_files(app)
     for part in (
         printer_router(printer),
+        commissioning_router(Commissioning(core)),
         *job_routers(job),
         recipe_routes(runs.recipes),
         run_routes(runs),

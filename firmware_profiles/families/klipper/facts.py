@@ -177,6 +177,8 @@ FAMILY: Final = Family(
     start_questions=("SET_IDLE_TIMEOUT", "GET_POSITION"),
     start_resets=_CLEAN,
     awaits_cooling=frozenset({"M109", "M190"}),
+    steps_remedy="put rotation_distance = full_steps_per_rotation × microsteps / {steps} into the "
+    "extruder's section of printer.cfg, then RESTART",
     setting_questions=(
         b"M115",
         b"SET_VELOCITY_LIMIT",

@@ -120,6 +120,7 @@ FAMILY: Final = Family(
         )
     ),
     start_questions=("M503 S0", "M211", "M220", "M221", "M111", "M302", "M85"),
+    stores_steps=True,
     setting_questions=(b"M115", b"M503", b"M211"),
     timeout_code="M85",
     timeout_example="M85 S600",

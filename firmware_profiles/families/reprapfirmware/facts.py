@@ -160,6 +160,7 @@ FAMILY: Final = Family(
     start_questions=("M201", "M203", "M220", "M221", "M564", "M290"),
     m203_per_s=60.0,
     has_min_speed=True,  # DDA::InitStandardMove; DefaultMinFeedrate of Configuration.h
+    steps_remedy="put M92 E{steps} into config.g, then restart the board",
     setting_questions=(b"M115", b"M92", b"M201", b"M203", b"M208", b"M302"),
     cold_remedy="send M302 P1 before",
     head_select=SELECT_BY_T,

@@ -57,6 +57,11 @@ def writing_moves(run: DryRun, ul_per_mm: float) -> Strands:
     )
 
 
+def single_step_share(wrote: Strands, printer: Printer, syringe: Syringe) -> float:
+    """Return the share of writing moves that get at most one plunger step."""
+    return float((wrote.dose_ul <= syringe.area_mm2 / printer.steps_per_mm.e).mean())
+
+
 def _axis_step(wrote: Strands, printer: Printer) -> Check:
     steps = printer.steps_per_mm
     rises = (np.abs(wrote.end[:, 2] - wrote.start[:, 2]) > _STILL_MM).any()

@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from typing import Final
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
 
-from firmware_profiles import load
+from firmware_profiles import Printer, Syringe, load
 from printctl.checks.made_for import MadeFor, header_lines, profile_hash
 from printctl.checks.set_up import NONE, Check
 from printctl.errors import SafetyError, UsageError
+from printctl.machine.errors import Refused
 from printctl.machine.job.job import Job
 from printctl.machine.job.syringes import plunger_travel
-from printctl.machine.records.mounting import PARTS, load_mounting, mounted_folder
+from printctl.machine.process.client import attach_station
+from printctl.machine.process.contact import STATION_LOCK, alive
+from printctl.machine.records.mounting import (
+    PARTS,
+    Mounting,
+    load_mounting,
+    mounted_folder,
+    save_mounting,
+)
 
 ASSUMED: Final = {"syringe": "hamilton_1ml", "ink": "collagen_fresh"}
 """Parts of a dry run, a simulated print or a sliced file that names none."""
@@ -116,3 +127,63 @@ def unconfirmed(name: str, mounted: MadeFor) -> str:
     """Return what a person has to confirm of a file without a record."""
     parts = (f"{part} {', '.join(one.name for one in those)}" for part, those in mounted.items())
     return f"{name} doesn't record the set-up it was made for. Mounted: {'; '.join(parts)}"
+
+
+def mount_parts(
+    kept: Mounting, printer: Printer, given: dict[str, Any], fill_ul: float | None
+) -> Mounting:
+    """Change what is kept, by the station where the printer is connected; return it.
+
+    Parameters
+    ----------
+    given : dict
+        Fields of `MountedParts` to change.
+    fill_ul : float or None, µL
+        Ink in the syringe; unknown after a change of syringe without it.
+
+    Raises
+    ------
+    UsageError
+        For a printer with several heads, or more ink than the syringe holds.
+    Refused
+        While a print is running.
+    """
+    if printer.heads:
+        raise UsageError(
+            f"{printer.name} has several heads; name what each of them holds for the print itself"
+        )
+    for part, model in PARTS.items():
+        if given.get(part):
+            load(model, given[part])
+    syringe = given.get("syringe", kept.parts.syringe)
+    if fill_ul is not None:
+        given["plunger_mm"] = _used_mm(syringe, fill_ul)
+    elif "syringe" in given:
+        given["plunger_mm"] = None
+    folder = Path(kept.holder)
+    if kept.holder and alive(folder, STATION_LOCK):
+        attach_station(folder).mount(**given)
+        return load_mounting(kept.printer)
+    if kept.holder and alive(folder):
+        raise Refused(
+            f"a print is running in {folder}; wait for its end, or change the syringe with "
+            f"`printctl reload {folder}`"
+        )
+    plunger_mm = given.pop("plunger_mm", kept.plunger_mm)
+    emptied = {"dish", "bath"} & set(given)
+    parts = replace(kept.parts, **({"bath_depth_mm": None} if emptied else {}) | given)
+    in_dish = kept.part_in_dish and "dish" not in given
+    kept = replace(kept, parts=parts, plunger_mm=plunger_mm, part_in_dish=in_dish)
+    save_mounting(kept)
+    return kept
+
+
+def _used_mm(syringe: str, fill_ul: float) -> float:
+    if not syringe:
+        raise UsageError("--fill-ul needs the syringe that was filled; add --syringe")
+    facts = load(Syringe, syringe)
+    if fill_ul > facts.volume_ul:
+        raise UsageError(
+            f"--fill-ul {fill_ul:g}: {facts.name} holds {facts.volume_ul:g} µL (volume_ul)"
+        )
+    return (facts.volume_ul - fill_ul) / facts.area_mm2

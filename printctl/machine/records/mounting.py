@@ -135,10 +135,15 @@ def mounting_file(printer: str, simulated_in: Path | None = None) -> Path:
     """Path of a printer's file; a simulated station's is in its folder."""
     if simulated_in is not None:
         return simulated_in / _SIMULATED_FILE
+    return mounted_folder() / file_name(printer)
+
+
+def file_name(printer: str) -> str:
+    """Name of a file that is kept for a printer."""
     name = as_kept(printer)
     if name.endswith((".yaml", ".yml")):
         name = f"{Path(name).stem}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-    return mounted_folder() / f"{name}.json"
+    return f"{name}.json"
 
 
 def load_mounting(printer: str, simulated_in: Path | None = None) -> Mounting:

@@ -16,7 +16,7 @@ from starlette.types import Scope
 
 URL: Final = "/static/page"
 FOLDER: Final = Path(__file__).with_name("static")
-_ROOMS: Final = ("project", "printer", "job", "design", "scan", "history")
+_ROOMS: Final = ("project", "printer", "commission", "job", "design", "scan", "history")
 ADDRESSES: Final = {"/": "home"} | {f"/{room}": room for room in _ROOMS}
 """Where the page is, and the module in ``static/pages`` that draws it there."""
 _FIRST: Final = (

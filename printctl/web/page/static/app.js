@@ -8,6 +8,7 @@ const PAGES = {
   "/": ["home", "Home"],
   "/project": ["project", "Project"],
   "/printer": ["printer", "Printer"],
+  "/commission": ["commission", "Set up a printer"],
   "/job": ["job", "Job"],
   "/design": ["design", "Design"],
   "/scan": ["scan", "Scan"],

@@ -112,6 +112,7 @@ function Connect({ status, again }) {
   return html`<${Card} title=${again ? "Connect anew" : "First connect a printer"} class="card printer-connect">
     <p>All else on this page moves, heats or measures with the printer that is connected. You have none at hand?
       The simulated one answers as a real one does, and nothing can break.</p>
+    ${!again && html`<p>A printer that was never used here? <a href="/commission">Set up a printer</a> step by step.</p>`}
     ${connecting
       ? html`<${Loading} what="Connecting; a board that resets takes some seconds" />`
       : html`<${Loaded} of=${profiles} what="Reading printer profiles">${form}</${Loaded}>`}
