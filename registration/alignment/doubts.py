@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from itertools import product
 
@@ -116,7 +117,7 @@ LEAST_SEEN = 0.5
 """Share of the scanned surface that light must reach: levels are told from there alone."""
 
 
-def later_doubts(cross_um: float | None, seen: float) -> tuple[str, ...]:
+def later_doubts(cross_um: float | None, seen: float, shift_um: float) -> tuple[str, ...]:
     """Return a sentence for each reason that is known only after the fit.
 
     Parameters
@@ -125,12 +126,14 @@ def later_doubts(cross_um: float | None, seen: float) -> tuple[str, ...]:
         Between our pose and another program's.
     seen : float
         Share of the scanned surface that lies where light reaches.
+    shift_um : float, µm
+        Half width of the 95 % interval of our pose; two programs may differ by that as well.
     """
-    out = []
-    if cross_um is not None and cross_um > CROSS_UM:
+    out, limit = [], math.hypot(CROSS_UM, shift_um)
+    if cross_um is not None and cross_um > limit:
         out.append(
             f"A second registration program (small_gicp) places the design up to {cross_um:.0f} µm "
-            f"away from this pose (limit {CROSS_UM:g} µm), so one of the two is wrong; compare the "
+            f"away from this pose (limit {limit:.3g} µm), so one of the two is wrong; compare the "
             "contours with the raw scan, and scan with more light or contrast."
         )
     if seen < LEAST_SEEN:
