@@ -12,6 +12,7 @@ from pydantic.dataclasses import dataclass
 
 from firmware_profiles import Dish, load
 from printctl.checks.gate import RIM_MARGIN_MM, STEP_DOWN_MM
+from printctl.checks.set_up import NONE
 from printctl.errors import SafetyError
 from printctl.machine.control.station_status import NO_PRINTER, StationState, StationStatus
 from printctl.machine.errors import NoLink
@@ -166,8 +167,8 @@ def set_up_of(
         there = {part: name for part, name in machine.mounted.items() if name}
         there["printer"] = machine.profile
         values |= {one: name for one, name in there.items() if not (kept and values[one])}
-        if machine.dish_centre_mm is not None and values["dish"]:
+        if machine.dish_centre_mm is not None and values["dish"] not in ("", NONE):
             values["dish_centre_mm"] = machine.dish_centre_mm
-        if (machine.bath_depth_mm or 0.0) > 0 and values["dish"]:
+        if (machine.bath_depth_mm or 0.0) > 0 and values["dish"] not in ("", NONE):
             values["bath_depth_mm"] = machine.bath_depth_mm
     return JobSetUp.model_validate(values)

@@ -112,6 +112,9 @@ function TheJob({ job, entry, ready }) {
 
 const PARTS = { printer: "Printer", needle: "Needle", syringe: "Syringe", ink: "Ink", bath: "Bath", dish: "Dish" };
 
+// A part that nobody named, and one of which a person said that it isn't there.
+const NOTHING = new Set(["", "none"]);
+
 const chosen = (form, one) => form.choices[one]?.[form.set_up[one]] ?? form.set_up[one];
 
 // Keep a change of the set-up as it is by then, one after the other; of what is mounted tell the printer, too.
@@ -124,10 +127,11 @@ function keep(all, change) {
 async function keepNow({ job, form, ready, refresh }, change) {
   const { set_up } = await get(`/jobs/${part(job)}/form`);
   const next = { ...set_up, ...change, care: { ...set_up.care, ...change.care } };
-  if (!next.dish) Object.assign(next, { bath_depth_mm: null, dish_centre_mm: null });
+  if (NOTHING.has(next.dish)) Object.assign(next, { bath_depth_mm: null, dish_centre_mm: null });
   await send("PUT", `/jobs/${part(job)}/set-up`, next);
   const named = Object.entries(change).filter(([one]) => one in PARTS && one !== "printer");
-  const mounted = named.map(([one, value]) => [one, form.choices[one][value] ?? value]);
+  const mounted = named.map(([one, value]) =>
+    [one, NOTHING.has(value) ? "" : form.choices[one][value] ?? value]);
   if (change.bath_depth_mm) mounted.push(["bath_depth_mm", change.bath_depth_mm]);
   if (ready?.machine && mounted.length) await send("POST", "/printer/mount", Object.fromEntries(mounted));
   await refresh();
@@ -144,7 +148,7 @@ function ThePrinter(all) {
   const assumed = named.filter((one) => !machine?.mounted[one]);
   const fields = [
     ...Object.keys(PARTS).filter((one) => one !== "printer" || !machine).map((one) => partField(form, one)),
-    set_up.dish && { name: "bath_depth_mm", kind: "number", label: "Bath depth", unit: "mm", min: "0.1" },
+    !NOTHING.has(set_up.dish) && { name: "bath_depth_mm", kind: "number", label: "Bath depth", unit: "mm", min: "0.1" },
   ];
   return html`<${Step} at="2" title="The printer" done=${machine?.ready && "ready"}
       tools=${machine && !machine.ready && html`<${Badge} tone="warn">${machine.state}</${Badge}>`}>
