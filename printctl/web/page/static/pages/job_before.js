@@ -1,8 +1,8 @@
 // Before a print: the job, the printer, all that refuses a start with what helps, then the start.
 import { get, part, send } from "../api.js";
 import {
-  Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fields, Findings, Fold, Kept, Links, Loaded, Loading, Note,
-  Unusable, bytes, go, html, nameOf, number, runOf, span, useCallback, useEffect, useFew, useGet, useNews,
+  Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fields, Findings, Fold, Kept, Known, Links, Loaded, Loading,
+  Note, Unusable, bytes, go, html, nameOf, number, runOf, span, useCallback, useEffect, useFew, useGet, useNews,
   useRef, useState, when,
 } from "../ui.js";
 import { RECORD } from "../record.js";
@@ -139,6 +139,9 @@ async function keepNow({ job, form, ready, refresh }, change) {
 
 const placed = (mm) => mm.map((one, k) => `${"XYZ"[k]} ${one.toFixed(2)}`).join(" ");
 
+const known = (why, value) => html`<${Known} why=${why}>${value}</${Known}>${why && html`
+  <span class="quiet">: ${why}</span>`}`;
+
 function ThePrinter(all) {
   const { form, ready } = all;
   const { set_up } = form;
@@ -158,8 +161,9 @@ function ThePrinter(all) {
       ["Checked with", assumed.length ? `${names(assumed)}${machine ? " (not said to be mounted)" : ""}` : null],
       ["Starts at", `${placed(set_up.start_mm)} mm${
         form.declared ? ", as the job says" : machine ? ", where the tip stands" : ""}`],
-      machine && ["Tip", machine.tip_mm ? `${placed(machine.tip_mm)} mm` : "not known"],
-      machine && ["In the syringe", machine.ul_left === null ? "not known" : `${number(machine.ul_left, 3)} µL`],
+      machine && ["Tip", known(machine.unknown.position, machine.tip_mm && `${placed(machine.tip_mm)} mm`)],
+      machine && ["In the syringe", known(machine.unknown.ink,
+        machine.ul_left !== null && `${number(machine.ul_left, 3)} µL`)],
     ]} />
     <div class="job-folds">
     <${Fold} title="Change what is mounted">
