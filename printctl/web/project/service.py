@@ -47,6 +47,14 @@ class Changes(Body):
     values: dict[Annotated[str, Field(max_length=100)], Value] = Field(default={}, max_length=50)
 
 
+class SavedChanges(Changes):
+    """Values to be written into a recipe, and the version that was changed."""
+
+    version: str | None = Field(
+        default=None, description="`version` of the project; none for whatever it is by now."
+    )
+
+
 class SketchRequest(Changes):
     """What is to be sketched."""
 
@@ -67,6 +75,7 @@ class Rehearsal(Body):
     """How a print is rehearsed."""
 
     speed: float = Field(ge=0, le=MAX_SPEED, description="Times real time; 0: no clock.")
+    version: str | None = Field(default=None, description="`version` of the project.")
 
 
 @dataclass(frozen=True)
@@ -129,6 +138,8 @@ class Project:
 
     Attributes
     ----------
+    version : str
+        Of the recipe's text; to be sent back with changes.
     problems : tuple of str
         Why the recipe can't be used.
     run : RunProgress
@@ -144,6 +155,7 @@ class Project:
     """
 
     name: str
+    version: str
     step: Step
     problems: tuple[str, ...]
     sliders: tuple[Slider, ...]
@@ -211,6 +223,7 @@ class ProjectService:
         verdict, (checks, time_s) = reached.verdict, reached.design or ((), None)
         return Project(
             name=name,
+            version=recipe.version,
             step=reached.step,
             problems=tuple(one.message for one in recipe.problems),
             sliders=sliders(recipe),
@@ -257,12 +270,16 @@ class ProjectService:
         )
         return JSONResponse(found)  # as it is: FastAPI would look at each of its numbers
 
-    def change(self, name: str, request: Changes) -> Project:
-        """Write values of sliders into the recipe; it stays as it is if it can't be used so."""
+    def change(self, name: str, request: SavedChanges) -> Project:
+        """Write values of sliders into the recipe; it stays as it is if it can't be used so.
+
+        ConflictError while a run or print of it goes on, or where it was changed since.
+        """
         before = self._recipes.read(name)
         text = with_values(before.text, _by_keys(request.values))
         self._recipes.check(text).usable()
-        self._recipes.write(name, text, before.version)
+        self._runs.refuse_going_on(name)
+        self._recipes.write(name, text, request.version or before.version)
         return self.project(name)
 
     def rehearse(self, name: str, request: Rehearsal) -> RunProgress:
@@ -272,7 +289,7 @@ class ProjectService:
         """
         if self._reached(name, self._recipes.text(name)).design is None:
             raise ConflictError(f"the design of {name!r} isn't made as the recipe stands; make it")
-        return self._runs.rehearse(name, request.speed)
+        return self._runs.rehearse(name, request.speed, request.version)
 
     def _reached(self, name: str, text: str) -> _Reached:
         folder = self._workspace.run(name)

@@ -146,7 +146,7 @@ function ThePrinter(all) {
   const { form, ready } = all;
   const { set_up } = form;
   const machine = ready?.machine;
-  const named = Object.keys(PARTS).filter((one) => one !== "printer" && set_up[one]);
+  const named = Object.keys(PARTS).filter((one) => one !== "printer" && !NOTHING.has(set_up[one]));
   const names = (parts) => parts.map((one) => chosen(form, one)).join(", ");
   const assumed = named.filter((one) => !machine?.mounted[one]);
   const fields = [

@@ -56,9 +56,16 @@ function Shape({ project, reload }) {
   const [values, setValues] = useState({});
   const sketch = useSketch(project, values);
   const changed = Object.keys(values).length > 0;
+  // The version that these values were set against: what another tab saves meanwhile is neither lost nor mixed in.
+  const seen = useRef(project.version);
+  if (!changed) seen.current = project.version;
   const make = async () => {
-    if (changed) await send("PATCH", `/projects/${part(project.name)}`, { values });
-    await send("POST", `${wayOf(project)}/start`, {});
+    let { current: version } = seen;
+    if (changed) {
+      ({ version } = await send("PATCH", `/projects/${part(project.name)}`, { values, version }));
+      seen.current = version;
+    }
+    await send("POST", `${wayOf(project)}/start`, { version });
     setValues({});
     reload();
     to(project, "check");
@@ -79,7 +86,7 @@ function Shape({ project, reload }) {
         ${ready ? html`<${Button} kind="main" onClick=${() => to(project, "check")}>Next: look at the checks</${Button}>`
           : html`<${Act} kind="main" work=${make} disabled=${busy(project) || project.problems.length > 0}>
               ${changed ? "Save and make it" : "Make it"}</${Act}>`}
-        ${changed && html`<${Button} onClick=${() => setValues({})}>Back to what was saved</${Button}>`}</div>
+        ${changed && html`<${Button} onClick=${() => { setValues({}); reload(); }}>Back to what was saved</${Button}>`}</div>
     </${Card}>
   </div>`;
 }
