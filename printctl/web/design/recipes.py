@@ -10,9 +10,12 @@ from itertools import count
 from pathlib import Path, PurePath
 from typing import Any, Final
 
+import numpy as np
 from pydantic import ValidationError
 
+from design.errors import SolidError
 from design.files import write_bytes, write_text
+from design.geometry.mesh_files import read_mesh
 from design.geometry.surface import START_BYTES, TRIANGLE
 from firmware_profiles import ProfileError, load
 from firmware_profiles.load import FOLDERS
@@ -83,6 +86,7 @@ SUFFIXES: Final = (
     ".nii", ".gz", ".nrrd", ".tif", ".tiff",
 )  # fmt: skip
 """Of files that a recipe may name: tissues, networks, tables."""
+MESHES: Final = (".stl", ".obj", ".ply", ".3mf")
 RESERVED: Final = ("schema", "examples", "choices", "validate", "import", "files")
 """Names that the REST paths below ``recipes`` have."""
 _STARTS: Final = {
@@ -111,6 +115,13 @@ class RecipeText(CheckedRecipe):
     text: str
     version: str
     places: tuple[PickTarget, ...]
+
+
+@dataclass(frozen=True)
+class MeshSize:
+    """Extent of a mesh along x, y and z, in the file's own unit."""
+
+    size: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -320,6 +331,8 @@ class Recipes:
         name = usable_name(file_name)
         if PurePath(name).suffix.lower() not in SUFFIXES:
             raise BadRequestError(f"{name}: recipes name files of {', '.join(SUFFIXES)}")
+        if not data:
+            raise BadRequestError(f"{name} is empty (0 bytes); export it again")
         if not _is_of_its_kind(name, data):
             raise BadRequestError(
                 f"{name} isn't what its suffix says, by its first bytes ({data[:4].hex(' ')}); "
@@ -331,6 +344,24 @@ class Recipes:
                 raise ConflictError(f"there is another file {name!r} already; rename yours")
             write_bytes(path, data)
         return name
+
+    def mesh_size(self, name: str) -> MeshSize:
+        """Return how large a mesh beside the recipes is, in its own unit.
+
+        Raises
+        ------
+        NotFoundError, BadRequestError
+            Where it isn't there, or is no mesh.
+        """
+        path = self.workspace.inside(self.folder / usable_name(name))
+        if not path.is_file():
+            raise NotFoundError(f"there is no file {name[:80]!r} beside the recipes")
+        try:
+            mesh = read_mesh(path, MESHES)
+        except SolidError as exc:
+            raise BadRequestError(str(exc).replace(f"{path}: ", f"{path.name}: ")) from exc
+        x, y, z = np.ptp(mesh.vertices, axis=0).tolist()
+        return MeshSize((x, y, z))
 
     def delete(self, name: str) -> None:
         """Put a recipe into the bin, from which `restore` takes it back; not while it is made."""

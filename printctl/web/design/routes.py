@@ -138,6 +138,10 @@ def recipe_routes(recipes: Recipes) -> APIRouter:
     def take_file(file: UploadFile) -> str:
         return recipes.take_file(file.filename or "", _read(file, MOST_FILE_BYTES))
 
+    routes.get("/files/{name}/size", summary="How large a mesh is, in its own unit")(
+        recipes.mesh_size
+    )
+
     routes.get("/{name}", summary="A recipe: text, values, and what is wrong with them")(
         recipes.read
     )

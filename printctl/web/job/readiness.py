@@ -92,7 +92,7 @@ class Readiness:
 def machine_refusals(machine: Machine | None, set_up: JobSetUp) -> Iterator[Refusal]:
     """Yield what the printer's state, what is mounted and the tip's place refuse."""
     if machine is None:
-        yield Refusal("printer", "none is connected: connect it in step 2, or rehearse", "connect")
+        yield Refusal("printer", "none is connected; connect one, or rehearse", "connect")
         return
     if not machine.ready:
         yield _not_ready(machine)

@@ -69,6 +69,15 @@ class NewProject(Body):
     name: str = Field(max_length=64)
     file: str = Field(max_length=200, description="Taken in by POST /recipes/files.")
     unit: LengthUnit = Field(default="mm", description="Of the file; its format may say it, too.")
+    needle: str = Field(default="30g_50mm", max_length=300, description="What it is written with.")
+    smallest_diameter_mm: Annotated[float, Field(gt=0, le=20)] | None = Field(
+        default=None, description="Of vessels grown in a mesh; what the needle prints if not."
+    )
+    inlet: Literal["face", "top", "each_part"] = Field(
+        default="face",
+        description="Where a tree enters a mesh: inside a face, at the highest vertex, or in each "
+        "separate part.",
+    )
 
 
 class Rehearsal(Body):
@@ -250,12 +259,15 @@ class ProjectService:
         recipe: dict[str, Any] = {"schema": 1, "name": name, "seed": 1}
         if suffix in (".stl", ".obj", ".ply", ".3mf"):
             recipe["tissue"] = {"mesh": file} | unit
-            recipe["vasculature"] = {"grow": "tree", "terminals": 100, "printable": True}
+            recipe["vasculature"] = {"grow": "tree", "terminals": 100} | _ENTRIES[request.inlet]
+            if request.smallest_diameter_mm is not None:
+                recipe["vasculature"]["smallest_diameter_mm"] = request.smallest_diameter_mm
         else:
             said = unit if suffix in (".csv", ".vtp", ".swc") else {}
             recipe["vasculature"] = {"network": file} | said
         text = "# Begun on the page; every key is explained in docs/recipe.md.\n"
-        text += yaml.safe_dump(recipe | _EMBEDDED, sort_keys=False)
+        toolpath = _EMBEDDED["toolpath"] | {"needle": request.needle}
+        text += yaml.safe_dump(recipe | _EMBEDDED | {"toolpath": toolpath}, sort_keys=False)
         self._recipes.check(text).usable()
         self._recipes.write(name, text)
         return self.project(name)
@@ -347,6 +359,13 @@ def _by_keys(values: dict[str, float]) -> dict[KeyPath, float]:
         for path, value in values.items()
     }
 
+
+_ENTRIES: Final[dict[str, dict[str, Any]]] = {
+    "face": {"printable": True},
+    "top": {"printable": True, "root": "top"},
+    "each_part": {"inlets": "each_part"},
+}
+"""What a recipe says of where a tree enters."""
 
 # How a file that a user brings is printed, until somebody says otherwise.
 _EMBEDDED: Final[dict[str, Any]] = {

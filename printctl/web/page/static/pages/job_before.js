@@ -259,7 +259,7 @@ function Remedy(all) {
   const remedies = {
     controls: () => post("Take them over", "/controls", { force: true }),
     connect: () => html`${post("Rehearse (simulated)", "/printer/connect", {
-      profile: chosen(form, "printer"), port: "simulated" })}${link("Connect a printer …", "/printer")}`,
+      profile: chosen(form, "printer"), port: "simulated" })}${link("Connect a printer …", `/printer?job=${part(job)}`)}`,
     reconnect: () => post("Connect anew", "/printer/reconnect"),
     to_start: () => html`${post("Move the tip to the start", `/jobs/${part(job)}/to-start`, {})}
       ${all.ready?.machine?.touch_off_due && touchOff("Touch off first")}`,
