@@ -154,6 +154,24 @@ def test_a_job_is_uploaded_set_up_and_never_started_where_it_is_out_of_bounds(
     assert page.title() != "owned"
 
 
+def test_connecting_a_printer_leads_back_to_the_job(browser: Any, tmp_path: Path) -> None:
+    workspace = Workspace(tmp_path / "workspace").make()
+    (workspace.root / "jobs" / "zigzag.gcode").write_bytes(layered(1, 20))
+    with server_process(workspace.root) as server:
+        page = shown(browser, f"{server.url}/job?job=file~zigzag.gcode", own=True)
+        expect(page.get_by_text("none is connected; connect one, or rehearse")).to_be_visible()
+        page.get_by_role("link", name="Connect a printer …").click()
+        page.get_by_role("button", name="Connect", exact=True).click()
+        page.get_by_role("link", name="Back to zigzag").click(timeout=90_000)
+        page.wait_for_url("**/job?job=file~zigzag.gcode")
+        expect(page.get_by_role("heading", name="zigzag")).to_be_visible()
+        # The legend's colour of what is written is a band of those that are drawn.
+        page.wait_for_selector("[data-drawn]")
+        band = "getComputedStyle(document.documentElement).getPropertyValue('--live-written')"
+        assert page.evaluate(band).startswith("linear-gradient(")
+        page.request.post(f"{server.url}/api/v1/printer/disconnect", headers={"Origin": server.url})
+
+
 def test_a_rehearsal_is_begun_without_a_word(browser: Any, tmp_path: Path) -> None:
     """With no printer: connect a simulated one, move its tip, start."""
     workspace = Workspace(tmp_path / "workspace").make()

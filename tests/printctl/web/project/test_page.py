@@ -76,6 +76,12 @@ def test_a_dialog_leaves_stop_in_reach_and_gives_the_focus_back(
       return e === document.elementFromPoint(x + 9, y + 9);
     }"""
     assert page.locator("#pc-stop").evaluate(on_top), "STOP lies above the dialog"
+    page.evaluate("document.getElementById('pc-stopped').hidden = false")  # as a stop shows it
+    banner, box = page.locator("#pc-stopped").bounding_box(), dialog.bounding_box()
+    assert banner is not None
+    assert box is not None
+    assert box["y"] >= banner["y"] + banner["height"], "the banner covers no dialog"
+    page.evaluate("document.getElementById('pc-stopped').hidden = true")
     dialog.get_by_label("Unit of the file").select_option("mm")
     dialog.get_by_label("Name of the project").fill("../../etc")
     button(page, "Begin").click()

@@ -5,7 +5,7 @@ import { Frame } from "../frame.js";
 import { Pages, Stages, isGoing } from "../runs.js";
 import { SketchView } from "../sketch_view.js";
 import {
-  Act, Badge, Bullets, Button, Card, Empty, Facts, Field, Findings, Fold, Loaded, Note, Page, go, html, number, span,
+  Act, Badge, Bullets, Button, Card, Empty, Facts, Field, Findings, Fold, Loaded, Note, Page, go, html, number, sentence, span,
   useEnd, useGet, useKept, useLayoutEffect, useNews, useRef, useState, useStyle,
 } from "../ui.js";
 
@@ -159,6 +159,8 @@ function Check({ project, reload }) {
         <${Button} kind=${refused.length ? "quiet" : "main"} onClick=${() => to(project, "print")}
           why=${refused.length ? "something refuses the print" : ""}>Next: print or rehearse</${Button}>
         <${Mend} project=${project} main=${refused.length > 0} /></div>
+      <${Facts} rows=${project.checks.filter((one) => one.value !== null && /pressure|shear|force/i.test(one.check))
+        .map((one) => [sentence(one.check), `${number(one.value, 3)} ${one.unit}, limit ${number(one.limit, 3)}`])} />
       <${Fold} title=${`${passed.length} checks passed`}><${Findings} rows=${passed} /></${Fold}>
     </${Card}>
     <${Card} title="Look at it"><${Pages} run=${project.name} views=${VIEWS} /></${Card}></div>`;
@@ -174,7 +176,8 @@ function NotMade({ project, reload }) {
     ${failed && html`<p><b>${failed.name}</b>: ${failed.note || project.run.message}</p>`}
     ${!failed && project.run.message && html`<p>${project.run.message}</p>`}
     <div class="row">${failed && html`<${Mend} project=${project} main />`}
-      <${Act} kind=${failed ? "quiet" : "main"} post=${`${wayOf(project)}/start`} body=${{}} work=${reload}>
+      <${Act} kind=${failed ? "quiet" : "main"} post=${`${wayOf(project)}/start`} body=${{ version: project.version }}
+        work=${reload}>
         ${failed ? "Try again" : "Make it"}</${Act}></div>
   </${Card}>`;
 }
@@ -204,7 +207,8 @@ function Print({ project, reload }) {
         Nothing needs to be connected, and nothing moves.</p>
       <${Field} label="How fast" kind="choice" value=${speed} onChange=${setKept}
         options=${choices.map((one) => [one, one ? `${one} × real time: the print takes ${took(one)}` : "as fast as it can"])} />
-      <${Act} kind="main" post=${`/projects/${part(project.name)}/rehearse`} body=${{ speed }} work=${reload}>
+      <${Act} kind="main" post=${`/projects/${part(project.name)}/rehearse`}
+        body=${{ speed, version: project.version }} work=${reload}>
         ${again ? "Rehearse again" : "Rehearse"}</${Act}>
     </${Card}>
     <${Card} title="Print it">
