@@ -156,18 +156,20 @@ function timeOf({ progress, time_left_s: left }) {
   return [span(left), `${error === null || error < 1 ? "" : `± ${span(error)}, `}until ${until}`];
 }
 
+// Where there is room for it; a phone shows what is needed to act.
+const Rate = ({ value, unit }) => typeof value === "number" && html`<span class="job-rate">, ${number(value, 2)} ${unit}</span>`;
+
 function layerOf({ progress, lines_executed: made, lines_total: all }) {
   if (!progress) return [`${made} of ${all} commands`];
   const { layer, layers, layers_done: whole, vessel, vessels, speed_mm_s: speed } = progress;
-  const at = typeof speed === "number" ? `, at ${number(speed, 2)} mm/s` : "";
-  return [`${layer} of ${layers}`, `${vessels ? `vessel ${vessel} of ${vessels}` : `${whole} whole`}${at}`];
+  const done = vessels ? `vessel ${vessel} of ${vessels}` : `${whole} whole`;
+  return [`${layer} of ${layers}`, html`${done}<${Rate} value=${speed} unit="mm/s" />`];
 }
 
 function inkOf(progress) {
   if (!progress) return ["not known yet"];
   const { ink_left_ul: left, ink_ul: ink, ink_total_ul: all, flow_ul_s: flow } = progress;
-  const at = typeof flow === "number" ? `, at ${number(flow, 2)} µL/s` : "";
-  const written = `${number(ink, 3)} of ${number(all, 3)} µL written${at}`;
+  const written = html`${number(ink, 3)} of ${number(all, 3)} µL written<${Rate} value=${flow} unit="µL/s" />`;
   return left === null ? [html`<${Known} why="how full the syringe was isn't known" /> left`, written]
     : [`${left.toFixed(0)} µL left`, written];
 }
