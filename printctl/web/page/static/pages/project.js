@@ -149,6 +149,7 @@ function Check({ project, reload }) {
   if (!project.made) return html`<${NotMade} project=${project} reload=${reload} />`;
   const { passed = [], refused = [], noted = [] } = Object.groupBy(
     project.checks, (one) => (one.passed ? "passed" : one.refuses ? "refused" : "noted"));
+  const loads = project.checks.filter((one) => one.value !== null && /pressure|shear|force/i.test(one.check));
   return html`<div class="columns">
     <${Card} title=${refused.length ? `${refused.length} of ${project.checks.length} checks refuse the print`
       : `All ${project.checks.length} checks let it be printed`} tone=${refused.length ? "bad" : undefined}>
@@ -159,8 +160,8 @@ function Check({ project, reload }) {
         <${Button} kind=${refused.length ? "quiet" : "main"} onClick=${() => to(project, "print")}
           why=${refused.length ? "something refuses the print" : ""}>Next: print or rehearse</${Button}>
         <${Mend} project=${project} main=${refused.length > 0} /></div>
-      <${Facts} rows=${project.checks.filter((one) => one.value !== null && /pressure|shear|force/i.test(one.check))
-        .map((one) => [sentence(one.check), `${number(one.value, 3)} ${one.unit}, limit ${number(one.limit, 3)}`])} />
+      ${loads.length > 0 && html`<${Facts} rows=${loads.map((one) =>
+        [sentence(one.check), `${number(one.value, 3)} ${one.unit}, limit ${number(one.limit, 3)}`])} />`}
       <${Fold} title=${`${passed.length} checks passed`}><${Findings} rows=${passed} /></${Fold}>
     </${Card}>
     <${Card} title="Look at it"><${Pages} run=${project.name} views=${VIEWS} /></${Card}></div>`;
