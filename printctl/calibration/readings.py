@@ -27,6 +27,8 @@ class Readings:
         Of each column of numbers, the finest that stands in it: 0.01 for 12.30, 1 for 12.
     facts : dict of str to float
         What the lines ``# key=value`` say, as `printctl calibrate` wrote them.
+    header : list of str
+        Columns that are there, wanted or not.
     recorded : MadeFor
         Set-up of the test, as its lines ``# printctl part: name`` have it; empty in a sheet of
         one's own.
@@ -37,6 +39,7 @@ class Readings:
     facts: dict[str, float]
     last_digit: dict[str, float] = field(default_factory=dict)
     recorded: MadeFor = field(default_factory=dict)
+    header: list[str] = field(default_factory=list)
 
     def __len__(self) -> int:
         return len(next(iter(self.numbers.values())))
@@ -67,10 +70,7 @@ def read_readings(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] =
             f"{path}, line {kept[0][0]}: no column {missing[0]!r} (there are {', '.join(header)}); "
             f"it wants {', '.join((*words, *numbers))}, units as in the names"
         )
-    rows = [
-        (at, dict(zip(header, map(str.strip, next(csv.reader([text]))), strict=False)))
-        for at, text in kept[1:]
-    ]
+    rows = [(at, _row(path, at, header, next(csv.reader([text])))) for at, text in kept[1:]]
     rows = [(at, row) for at, row in rows if row.get(numbers[-1])]
     if not rows:
         raise UsageError(f"{path} has no reading in the column {numbers[-1]!r}; fill it in")
@@ -80,7 +80,17 @@ def read_readings(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] =
         facts,
         {name: min(_last_digit(row[name]) for _, row in rows) for name in numbers},
         read_made_for("\n".join(lines).encode()),
+        header,
     )
+
+
+def _row(path: Path, at: int, header: list[str], values: list[str]) -> dict[str, str]:
+    if len(values) > len(header) and any(values[len(header) :]):
+        raise UsageError(
+            f"{path}, line {at}: {len(values)} values for {len(header)} columns; a decimal comma "
+            "counts as a column's end: write 1.25, not 1,25"
+        )
+    return dict(zip(header, map(str.strip, values), strict=False))
 
 
 def _facts(lines: list[str]) -> dict[str, float]:

@@ -14,6 +14,8 @@ from printctl.calibration.estimate import Estimate, LineFit, fit_line
 from printctl.errors import UsageError
 
 _ALIKE: Final = 0.05
+_MAX_SCATTER: Final = 0.1
+"""Half of the 95 % interval over the value: a balance and six doses give 0.01, a wrong row more."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,11 @@ def _checked(dose: FloatArray, mass_mg: FloatArray, name: str) -> FloatArray:
 def _with_density(fit: LineFit, density_share: float, unit: str, what: str) -> Estimate:
     """The slope, its interval widened by that of the density in quadrature."""
     k = fit.estimate(0, unit)
-    if k.low <= 0:
-        raise UsageError(f"{what} is {k.text()}: the doses scatter too much; weigh larger ones")
+    if k.high - k.value > _MAX_SCATTER * k.value:
+        raise UsageError(
+            f"{what} is {k.text()}: the doses scatter too much (limit {_MAX_SCATTER:.0%}); check "
+            "that each weight stands in its own row and that the balance was tared, or weigh "
+            "larger doses"
+        )
     half = math.hypot((k.high - k.low) / 2, k.value * density_share)
     return Estimate(k.value, k.value - half, k.value + half, k.unit)

@@ -413,4 +413,6 @@ def read_dish_centre(text: str) -> tuple[float, float]:
         x, y = (float(word) for word in text.split(","))
     except ValueError as exc:
         raise UsageError(f"--dish-centre {text!r} isn't X,Y in mm; write it like 100,100") from exc
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise UsageError(f"--dish-centre {text!r} has a number that isn't finite")
     return x, y

@@ -69,13 +69,15 @@ def _show(mountings: list[Mounting]) -> None:
 
 
 def _facts(kept: Mounting) -> dict[str, Any]:
-    left = None
+    left = reserved = None
     with suppress(ProfileError):  # a profile that has gone since
-        left = kept.left_ul(load(Printer, kept.printer))
+        printer = load(Printer, kept.printer)
+        left, reserved = kept.left_ul(printer), kept.reserved_ul(printer)
     shown = (*PARTS, "bath_depth_mm", "dish_centre_mm")
     return {
         "printer": kept.printer,
         "left_ul": left,
+        "reserved_ul": reserved,
         **{name: getattr(kept.parts, name) for name in shown},
     }
 
@@ -87,6 +89,11 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         if part == "syringe" and facts[part]:
             left = facts["left_ul"]
             text += ", ink left not known" if left is None else f", {left:.0f} µL left"
+            if facts["reserved_ul"]:
+                text += (
+                    f" to push; {facts['reserved_ul']:.0f} µL more stay in it (dead volume of the "
+                    "syringe, end of the drive)"
+                )
         if part == "bath" and facts["bath_depth_mm"] is not None:
             text += f", {facts['bath_depth_mm']:g} mm deep"
         yield f"  {part:<8} {text}"

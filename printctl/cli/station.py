@@ -14,7 +14,7 @@ from printctl.checks.set_up import read_dish_centre
 from printctl.cli.declare import command, group, json_command, wants_json
 from printctl.cli.options import PrinterOption, print_lines, print_note, print_result
 from printctl.errors import PrintctlError, UsageError
-from printctl.machine.control.station_status import StationStatus
+from printctl.machine.control.station_status import StationStatus, unknown_values
 from printctl.machine.ports.detection import AUTO, list_ports, matches, read_baud
 from printctl.machine.ports.transport import locate
 from printctl.machine.process.client import Station, attach_station
@@ -44,20 +44,30 @@ def print_status(status: StationStatus) -> None:
 
 def _lines(status: StationStatus) -> Iterator[str]:
     yield from (f"{status.state.value}: {status.message}", f"{status.profile} at {status.port}")
+    unknown = unknown_values(status)
+    count = ""
     if status.position_mm is not None:
         x, y, z = status.position_mm
-        trust = "" if status.position_trusted else " (not trusted: home, or tell where it is)"
-        yield f"tip at X{x:.2f} Y{y:.2f} Z{z:.2f}{trust}"
-    for one in status.temperatures:
-        target = f", target {one.target_c:g} °C" if one.target_c else ""
-        yield f"{one.name} {one.now_c:g} °C{target}"
+        count = f"X{x:.2f} Y{y:.2f} Z{z:.2f}"
+    if reason := unknown.get("position"):
+        yield f"tip unknown: {reason}" + (f" (last count: {count})" if count else "")
+    else:
+        yield f"tip at {count}"
+    if reason := unknown.get("temperatures"):
+        yield f"temperatures unknown: {reason}"
+    else:
+        for one in status.temperatures:
+            target = f", target {one.target_c:g} °C" if one.target_c else ""
+            yield f"{one.name} {one.now_c:g} °C{target}"
     yield from (f"reads {reading}" for reading in status.readings)
     mounted = vars(status.mounted).items()
     if there := [f"{what} {name}" for what, name in mounted if name and what in _SHOWN]:
         yield "mounted: " + ", ".join(there)
     if status.mounted.floor_mm is not None:
         yield f"floor of the dish at Z {status.mounted.floor_mm:.2f} mm"
-    if status.ul_left is not None:
+    if reason := unknown.get("ink"):
+        yield f"ink left unknown: {reason}"
+    elif status.ul_left is not None:
         yield f"{status.ul_left:.1f} µL left"
     if status.print_folder:
         yield f"print: {status.print_folder}"

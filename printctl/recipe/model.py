@@ -128,9 +128,11 @@ class Recipe(Part):
 
     @property
     def assumed_parts(self) -> dict[str, str]:
-        """Syringe, ink and needle that it takes by default, as it names none."""
+        """Syringe, ink, bath and needle that it takes by default, as it names none."""
         part, named = self.printer, self.printer.model_fields_set
-        usual = {} if part.heads else {"syringe": part.syringe, "ink": part.ink}
+        usual = {"bath": part.bath}
+        if not part.heads:
+            usual = {"syringe": part.syringe, "ink": part.ink, **usual}
         taken = {name: value for name, value in usual.items() if name not in named}
         if "needle" in self.toolpath.model_fields_set or any(one.needle for one in part.heads):
             return taken

@@ -6,6 +6,7 @@ WebError
 ├── NotFoundError           404
 ├── BadRequestError         422: the request, an upload or a recipe can't be taken
 └── ConflictError           409: not in this state
+    └── ChangedError        409: changed elsewhere since it was read
 """
 
 from __future__ import annotations
@@ -49,3 +50,7 @@ class ConflictError(WebError):
     """Not while things stand as they do."""
 
     status = 409
+
+
+class ChangedError(ConflictError):
+    """Something was changed elsewhere since it was read; the message has both versions."""

@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
+from printctl.machine.records.record import REHEARSAL
 from printctl.run_folder.manifest import digest_file
 from printctl.web.errors import BadRequestError, NotFoundError
 
@@ -151,8 +152,9 @@ class Workspace:
         return self.inside(self.root / "recipes" / f"{checked_name(name)}.yaml")
 
     def run(self, name: str) -> Path:
-        """Run folder of a name, which may not exist."""
-        return self.inside(self.root / "runs" / checked_name(name))
+        """Run folder of a name, or of its rehearsal, which may not exist."""
+        checked_name(name.removesuffix(REHEARSAL))
+        return self.inside(self.root / "runs" / name)
 
     def job_file(self, job: str) -> Path:
         """G-code file of a job: ``run~NAME`` (a run's part.gcode) or ``file~NAME`` (uploaded).

@@ -194,6 +194,8 @@ _BEGIN: Final = 0.5
 _LAGS: Final = 5.0
 """Ways v τ after which a line is steady: e^-5 is 0.7 %."""
 _LATEST: Final = 0.8
+_MAX_FLOW_POWER: Final = 0.5
+"""Power of the flow beyond the expected 1: edges read a tenth too wide or narrow make 0.2."""
 HELD: Final = 0.97
 """Of its length, a line that holds together."""
 
@@ -308,6 +310,8 @@ def _share(pattern: Pattern, lines: list[LineWidth], widths: Widths) -> tuple[Es
         whole = fit_line(np.column_stack(columns), y, "widths", digit)
         for k, name in enumerate(names, start=1):
             notes.append(_follows(name, whole.estimate(k, "")))
+            if name == "flow":
+                _refuse_other_order(whole.estimate(k, ""))
         if any("doesn't follow" in text for text in notes):
             alone = whole.estimate(0, "")
             notes.append(
@@ -317,6 +321,16 @@ def _share(pattern: Pattern, lines: list[LineWidth], widths: Widths) -> tuple[Es
     half = math.hypot((alone.high - alone.low) / 2, power * widths.optics)
     value, low, high = (math.exp(alone.value + side * half) for side in (0, -1, 1))
     return Estimate(value, low, high), notes
+
+
+def _refuse_other_order(power: Estimate) -> None:
+    """Raise `UsageError` for widths that can't be those of the flows beside them."""
+    if power.high < -_MAX_FLOW_POWER or power.low > _MAX_FLOW_POWER:
+        raise UsageError(
+            f"the lines' cross-section goes by the flow to the power {1 + power.value:.2g}, not 1: "
+            "the widths are in another order than the lines, or typed from one line alone; check "
+            "the sheet against the drawing"
+        )
 
 
 def _follows(name: str, slope: Estimate) -> str:

@@ -74,6 +74,8 @@ class Replies:
 
 _FAR: Final = 5.0
 """Times wider or narrower than commanded: questioned."""
+_EXPECTED_MM: Final = 2e-4
+"""Rounding of the sheet's expected widths, and some."""
 _MICRONS: Final = 100.0
 """Times wider: typed in µm."""
 
@@ -103,7 +105,25 @@ def _typed_widths(path: Path, written: WrittenPattern) -> Widths:
         if not 0 <= at <= strokes[int(line)].length_mm + 1e-6:
             raise UsageError(f"{where}: it is {strokes[int(line)].length_mm:g} mm long (x_mm)")
         _check_width(where, wide, written.pattern.bead.width_at(strokes[int(line)].flow))
+    if "expected_mm" in data.header:
+        _check_expected(path, written)
     return Widths(number.astype(np.int64), x, width, data.last_digit["width_mm"])
+
+
+def _check_expected(path: Path, written: WrittenPattern) -> None:
+    """Raise where the sheet's expected widths aren't the pattern's: columns were swapped."""
+    data = _read(path, written, ("line", "expected_mm", "width_mm"))
+    strokes = {stroke.number: stroke for stroke in written.pattern.strokes if stroke.number}
+    number, expected = data.numbers["line"], data.numbers["expected_mm"]
+    for line, value in zip(number.tolist(), expected.tolist(), strict=True):
+        stroke = strokes.get(int(line))
+        commanded = None if stroke is None else written.pattern.bead.width_at(stroke.flow)
+        if commanded is not None and abs(value - commanded) > _EXPECTED_MM:
+            raise UsageError(
+                f"{path}, line {line:g}: expected_mm is {value:g}, and the pattern's is "
+                f"{commanded:.4f}; columns or rows were exchanged, so fill in the last column of "
+                "a fresh sheet"
+            )
 
 
 def _typed_replies(path: Path, written: WrittenPattern) -> Replies:

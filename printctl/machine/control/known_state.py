@@ -12,7 +12,12 @@ from printctl.checks.gate import Bounds, Limit, PrinterSituation
 from printctl.machine.control.station_status import Place
 from printctl.machine.errors import Refused
 from printctl.machine.job.syringes import usable_mm
-from printctl.machine.records.mounting import PARTS, MountedParts, Mounting
+from printctl.machine.records.mounting import (
+    PARTS,
+    MountedParts,
+    Mounting,
+    refuse_impossible,
+)
 
 
 @dataclass(frozen=True)
@@ -195,8 +200,8 @@ class Knowledge:
         that is named is a full one, unless ``plunger_mm`` says otherwise. Refused for an unknown
         key or profile, or a number that is none.
         """
-        parts = dict(parts)
-        unknown = set(parts) - {*MountedParts.__dataclass_fields__, "plunger_mm"}
+        parts, asked = dict(parts), set(parts)
+        unknown = asked - {*MountedParts.__dataclass_fields__, "plunger_mm"}
         if unknown:
             raise Refused(
                 f"{sorted(unknown)[0]!r} can't be mounted; what can: "
@@ -215,7 +220,9 @@ class Knowledge:
         if {"dish", "bath"} & set(given):
             level, depth = given.get("bath_level_mm"), given.get("bath_depth_mm")
             mounted = replace(mounted, bath_level_mm=level, bath_depth_mm=depth)
-        self.profiles = read_mounted_profiles(mounted)
+        profiles = read_mounted_profiles(mounted)
+        refuse_impossible(self.printer, mounted, used, asked)
+        self.profiles = profiles
         if mounted.needle and mounted.needle != self.mounted.needle and self.needle_known:
             self.homed = (self.homed[0], self.homed[1], False)
         self.needle_known = self.needle_known or "needle" in given

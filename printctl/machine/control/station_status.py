@@ -89,8 +89,8 @@ class StationStatus:
         return self.state in OPEN
 
     def to_dict(self) -> dict[str, Any]:
-        """As a JSON object."""
-        return asdict(self)
+        """As a JSON object, with `unknown_values`."""
+        return {**asdict(self), "unknown": unknown_values(self)}
 
     @staticmethod
     def from_dict(data: dict[str, Any]) -> StationStatus:
@@ -105,3 +105,56 @@ class StationStatus:
         known["temperatures"] = tuple(Temperature(**one) for one in known.get("temperatures", ()))
         known["mounted"] = MountedParts.from_dict(known.get("mounted", {}))
         return StationStatus(**known)
+
+
+_SILENT: Final = {
+    StationState.CONNECTING: "the printer is being connected",
+    StationState.HALTING: "a halt was sent, and motors may lose steps by it",
+    StationState.HALTED: "the printer was halted, and motors may have lost steps by it",
+    StationState.LOST: "the connection to the printer was lost",
+    StationState.CLOSED: "no printer is connected",
+}
+_OF_PRINT: Final = "a print goes on; its own status has it"
+
+
+def unknown_values(status: StationStatus) -> dict[str, str]:
+    """Return why ``position``, ``ink`` or ``temperatures`` isn't known; a known one has no entry.
+
+    The one judgement of this: where a value is unknown, an old or uncertain number of it may be
+    shown only as such.
+    """
+    reasons = {
+        "position": _unknown_position(status),
+        "ink": _unknown_ink(status),
+        "temperatures": _SILENT.get(status.state, "")
+        or (
+            "" if status.temperatures else "the printer hasn't reported any since it was connected"
+        ),
+    }
+    return {name: reason for name, reason in reasons.items() if reason}
+
+
+def _unknown_position(status: StationStatus) -> str:
+    if status.state is StationState.PRINTING:
+        return _OF_PRINT
+    if status.state in _SILENT:
+        return _SILENT[status.state]
+    if status.position_mm is None:
+        return "the printer hasn't reported it since it was connected; home it"
+    if status.position_trusted:
+        return ""
+    axes = [axis for axis, homed in zip("XYZ", status.homed, strict=True) if not homed]
+    return (
+        f"{', '.join(axes)} not homed since the printer was connected, reset or stopped; home "
+        "without a needle, or say where the tip is"
+    )
+
+
+def _unknown_ink(status: StationStatus) -> str:
+    if status.state is StationState.PRINTING:
+        return _OF_PRINT
+    if status.ul_left is not None:
+        return ""
+    if not status.mounted.syringe:
+        return "no syringe is named as mounted"
+    return "how full the syringe is wasn't entered, or a print's end isn't known"

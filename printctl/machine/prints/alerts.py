@@ -30,6 +30,10 @@ _POSITION_LOST: Final = (
 )
 
 
+_GOES_ON: Final = re.compile(r"; the print goes on(?=\.)|^The print goes on(?:; | unless [^.]*\.)")
+"""What an alarm means of a print only until its end."""
+
+
 @dataclass(frozen=True)
 class Alert:
     """What of a print somebody must know: what happened, what it means, what to do.
@@ -55,7 +59,11 @@ def alert_of(status: Status, last_alarm: str, may_go_on: bool) -> Alert | None:
         return Alert(*_alarm("another program"), status.message)
     if not status.alarms:
         return None
-    return Alert(*_alarm(last_alarm), last_alarm)
+    what, means, remedy = _alarm(last_alarm)
+    if status.ended:
+        means = _GOES_ON.sub("", means)
+        means = means[:1].upper() + means[1:]
+    return Alert(what, means, remedy, last_alarm)
 
 
 def _of_end(status: Status, may_go_on: bool) -> Alert:

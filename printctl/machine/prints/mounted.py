@@ -22,6 +22,7 @@ from printctl.machine.records.mounting import (
     Mounting,
     load_mounting,
     mounted_folder,
+    refuse_impossible,
     save_mounting,
 )
 
@@ -144,7 +145,8 @@ def mount_parts(
     Raises
     ------
     UsageError
-        For a printer with several heads, or more ink than the syringe holds.
+        For a printer with several heads, more ink than the syringe holds, or values that the
+        machine or its dish can't have.
     Refused
         While a print is running.
     """
@@ -173,6 +175,7 @@ def mount_parts(
     emptied = {"dish", "bath"} & set(given)
     parts = replace(kept.parts, **({"bath_depth_mm": None} if emptied else {}) | given)
     in_dish = kept.part_in_dish and "dish" not in given
+    refuse_impossible(printer, parts, plunger_mm, given)
     kept = replace(kept, parts=parts, plunger_mm=plunger_mm, part_in_dish=in_dish)
     save_mounting(kept)
     return kept

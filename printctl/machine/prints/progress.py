@@ -138,6 +138,8 @@ class Progress:
         In the syringe, but for its dead volume; None where that is unknown.
     tip_mm : (x, y, z), mm
         Where the executed lines lead; a pause or a stop has raised the tip from there.
+    speed_mm_s, flow_ul_s : float or None, mm/s and µL/s
+        Of the next command by the dry run, averaged over it; None once the print has ended.
     """
 
     commands: int
@@ -162,6 +164,8 @@ class Progress:
     ink_total_ul: float
     ink_left_ul: float | None
     tip_mm: tuple[float, float, float]
+    speed_mm_s: float | None = None
+    flow_ul_s: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As a JSON object."""
@@ -185,6 +189,7 @@ def progress(
     ]
     estimate = remaining_time(total_s, paces, done_s)
     x, y, z = table.tip_mm[k].tolist()
+    speed_mm_s, flow_ul_s = (None, None) if status.ended else _rates(table, k)
     return Progress(
         commands=k,
         commands_total=len(table),
@@ -208,7 +213,17 @@ def progress(
         ink_total_ul=float(table.ink_ul[-1]),
         ink_left_ul=ink_left_ul(table, journal, executed, supply),
         tip_mm=(x, y, z),
+        speed_mm_s=speed_mm_s,
+        flow_ul_s=flow_ul_s,
     )
+
+
+def _rates(table: JobTable, k: int) -> tuple[float | None, float | None]:
+    """Return speed, mm/s, and flow, µL/s, of the command after the first ``k``."""
+    if k >= len(table) or (seconds := float(table.time_s[k + 1] - table.time_s[k])) <= 0:
+        return None, None
+    way_mm = math.dist(table.tip_mm[k].tolist(), table.tip_mm[k + 1].tolist())
+    return way_mm / seconds, float(table.ink_ul[k + 1] - table.ink_ul[k]) / seconds
 
 
 def _row(table: JobTable, commands: int) -> int:

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.machine.control.station_status import StationState, StationStatus
-from printctl.machine.errors import AlreadyPrinting
+from printctl.machine.errors import AlreadyPrinting, Refused
 from printctl.machine.ports.locking import lock
 from printctl.machine.records.folders import data_folder
 from printctl.machine.records.journal import read_records
-from printctl.machine.records.record import LOCK, ContactRecord, read_contact
+from printctl.machine.records.record import LOCK, RECORD, ContactRecord, read_contact
 
 STATION_RECORD: Final = "station.json"
 STATION_JOURNAL: Final = "station.journal"
@@ -60,6 +60,33 @@ def alive(folder: Path, held: str = LOCK) -> bool:
     except OSError:
         return True
     return False
+
+
+def refuse_shared_profile(holder: str, folder: Path, port: str) -> None:
+    """Raise `Refused` where another machine is at work by the same profile.
+
+    What is mounted is kept by profile, so both would take their ink from one account.
+
+    Parameters
+    ----------
+    holder : str
+        Folder of the profile's last station or print; empty for none.
+    folder, port : Path, str
+        Of the one that is to begin.
+    """
+    other = Path(holder)
+    if not holder or other == folder.resolve():
+        return
+    for lock_file, record in ((STATION_LOCK, STATION_RECORD), (LOCK, RECORD)):
+        if not alive(other, lock_file):
+            continue
+        there = read_contact(other / record, "").port
+        if there != port:
+            raise Refused(
+                f"the printer at {there} is at work by the same profile ({other}), and what is "
+                f"mounted is kept by profile; give the one at {port} a copy of the profile (one "
+                ".yaml file for each machine), or wait for the other's end"
+            )
 
 
 def stays_alive(folder: Path, held: str = LOCK) -> bool:

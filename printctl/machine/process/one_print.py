@@ -32,7 +32,7 @@ from printctl.machine.network.host import KEY_FILE_VARIABLE
 from printctl.machine.ports.clock import RealClock
 from printctl.machine.ports.detection import SIMULATED, runs_files
 from printctl.machine.ports.wire_log import FILE, LoggedTransport, WireLog
-from printctl.machine.process.contact import hold_folder
+from printctl.machine.process.contact import hold_folder, refuse_shared_profile
 from printctl.machine.process.host_print import run_host_print
 from printctl.machine.process.machine import Machine, serve_in
 from printctl.machine.process.orders import Order
@@ -82,6 +82,7 @@ def _mounted(order: Order, contact: PrintContact) -> Iterator[float | None]:
         yield None
         return
     kept = load_mounting(order.printer)
+    refuse_shared_profile(kept.holder, order.folder, order.port)
     began = replace(kept, plunger_mm=None, holder=str(order.folder.resolve()))
     _keep(began)
     try:

@@ -35,6 +35,7 @@ from printctl.machine.process.contact import (
     hold_folder,
     last_status,
     load_station,
+    refuse_shared_profile,
     save_station,
     without_place,
 )
@@ -44,7 +45,14 @@ from printctl.machine.process.socket_server import refusal
 from printctl.machine.process.station_print import print_here
 from printctl.machine.process.vocabulary import WORDS, Idle
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.mounting import Mounting, load_mounting
+from printctl.machine.records.mounting import (
+    MountedParts,
+    Mounting,
+    as_kept,
+    load_mounting,
+    mounting_file,
+    save_mounting,
+)
 from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import LinkState, PrintEnded, Status
 
@@ -67,6 +75,7 @@ def serve_station(plug: Plug) -> StationStatus:
     folder = plug.folder
     folder.mkdir(parents=True, exist_ok=True)
     with hold_folder(folder, STATION_LOCK, "a printer is connected"):
+        _migrate_mounting(plug)
         record = _first_record(plug)
         try:
             record.save(folder, STATION_RECORD)  # without it no client would find the station
@@ -107,6 +116,22 @@ def _first_record(plug: Plug) -> ContactRecord:
     return replace(record, status=replace(last_status(record), mounted=_kept(plug).parts).to_dict())
 
 
+def _migrate_mounting(plug: Plug) -> None:
+    """Keep what an earlier version's station record says is mounted, where nothing is kept yet.
+
+    How full the syringe is isn't taken over: prints since then may have used it.
+    """
+    within = plug.folder if plug.simulated else None
+    if mounting_file(plug.profile, within).exists():
+        return
+    with contextlib.suppress(NoLink, ValueError, TypeError, KeyError):
+        old = load_station(plug.folder)
+        parts, key = last_status(old).mounted, as_kept(plug.profile)
+        if as_kept(old.profile) == key and parts != MountedParts():
+            save_mounting(Mounting(key, parts), within)
+            log.info("what is mounted was taken over from %s", plug.folder / STATION_RECORD)
+
+
 def _kept(plug: Plug) -> Mounting:
     return load_mounting(plug.profile, plug.folder if plug.simulated else None)
 
@@ -126,6 +151,8 @@ def _failed(record: ContactRecord, message: str, error: str) -> StationStatus:
 def _open(plug: Plug, record: ContactRecord) -> tuple[ContactRecord, StationStatus]:
     refuse_unsent(plug.printer)
     kept = _kept(plug)
+    if not plug.simulated:
+        refuse_shared_profile(kept.holder, plug.folder, plug.port)
     known = Knowledge(plug.printer, kept.parts)
     known.take_over(kept)
     with ExitStack() as parting:

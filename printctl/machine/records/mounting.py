@@ -9,13 +9,15 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import math
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
 from design.files import write_text
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe, load
-from printctl.machine.errors import JournalError
+from printctl.machine.errors import JournalError, Refused
 from printctl.machine.job.job import Job
 from printctl.machine.job.syringes import plunger_travel, usable_mm
 from printctl.machine.records.folders import data_folder
@@ -119,6 +121,54 @@ class Mounting:
             return None
         syringe = load(Syringe, self.parts.syringe)
         return max(0.0, usable_mm(syringe, printer) - self.plunger_mm) * syringe.area_mm2
+
+    def reserved_ul(self, printer: Printer) -> float | None:
+        """Return the ink in the syringe that can't be pushed, µL: dead volume, beyond the drive."""
+        left = self.left_ul(printer)
+        if left is None or self.plunger_mm is None:
+            return None
+        syringe = load(Syringe, self.parts.syringe)
+        return max(0.0, syringe.volume_ul - self.plunger_mm * syringe.area_mm2 - left)
+
+
+def refuse_impossible(
+    printer: Printer, parts: MountedParts, plunger_mm: float | None, given: Collection[str]
+) -> None:
+    """Raise `Refused` for a ``given`` length that the machine, dish or syringe doesn't have."""
+    if "dish_centre_mm" in given and parts.dish_centre_mm is not None:
+        x, y = parts.dish_centre_mm
+        spans = (printer.x_mm, printer.y_mm)
+        if not all(one.low <= mm <= one.high for one, mm in zip(spans, (x, y), strict=True)):
+            travel = " and ".join(
+                f"{axis} {one.low:g} to {one.high:g} mm"
+                for axis, one in zip("XY", spans, strict=True)
+            )
+            raise Refused(
+                f"dish centre {x:g},{y:g} mm is outside the travel of {printer.name}, {travel} "
+                "(x_mm, y_mm); give it in the printer's frame"
+            )
+    asks_depth = not {"bath_depth_mm", "bath_level_mm", "floor_mm"}.isdisjoint(given)
+    depth_mm, wall_mm = parts.depth_mm if asks_depth else None, math.inf
+    if parts.dish:
+        wall_mm = load(Dish, parts.dish).wall_mm
+    elif "bath_depth_mm" in given and depth_mm is not None:
+        raise Refused(
+            f"bath depth {depth_mm:g} mm belongs to a dish, and no dish is mounted; name the dish "
+            "as well"
+        )
+    if depth_mm is not None and not 0 < depth_mm <= wall_mm:
+        raise Refused(
+            f"bath depth {depth_mm:g} mm isn't between 0 and {wall_mm:g} mm, the wall of "
+            f"{parts.dish} (wall_mm); correct the depth or the dish, or touch off again"
+        )
+    if "plunger_mm" in given and plunger_mm is not None and parts.syringe:
+        syringe = load(Syringe, parts.syringe)
+        most_mm = syringe.volume_ul / syringe.area_mm2
+        if not 0 <= plunger_mm <= most_mm * (1 + 1e-9):
+            raise Refused(
+                f"plunger travel {plunger_mm:g} mm isn't between 0 and {most_mm:.1f} mm, which "
+                f"empties {syringe.name} (volume_ul, inner_mm)"
+            )
 
 
 def as_kept(profile: str) -> str:

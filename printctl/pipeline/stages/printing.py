@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import Printer, load
-from printctl.checks.set_up import options_of, refuse_failed
+from printctl.checks.set_up import NONE, options_of, refuse_failed
 from printctl.errors import PrinterFailedError
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
@@ -213,7 +213,7 @@ def refuse_other_mounted(context: RunContext) -> None:
     part, assumed = recipe.printer, recipe.assumed_parts
     named = {
         **{"syringe": part.syringe, "ink": part.ink, "needle": recipe.toolpath.needle},
-        **{"bath": part.bath, "dish": part.dish},
+        **{"bath": part.bath, "dish": NONE if recipe.plate is not None else part.dish},
     }
     with_mounted(printer, named, keys=_KEYS)
     known = with_mounted(printer, named | dict.fromkeys(assumed), keys=_KEYS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import yaml
@@ -216,3 +216,31 @@ def changed(data: Any, path: KeyPath, value: Any, whole: KeyPath = ()) -> Any:
     else:
         items[key] = value
     return list(items.values()) if kind is list else items
+
+
+_MOST_DIFFERENCES: Final = 5
+
+
+def differences(theirs: str, yours: str) -> str:
+    """Say which values of two texts differ, and what each of them has; the first few."""
+    there, here = (dict(_leaves(read_text(text))) for text in (theirs, yours))
+    keys = [key for key in {**there, **here} if there.get(key) != here.get(key)]
+    said = [
+        f"{'.'.join(map(str, key))} is {_shown(there, key)} there and {_shown(here, key)} here"
+        for key in keys[:_MOST_DIFFERENCES]
+    ]
+    if len(keys) > _MOST_DIFFERENCES:
+        said.append(f"{len(keys) - _MOST_DIFFERENCES} more differ")
+    return "; ".join(said) or "only comments differ"
+
+
+def _leaves(data: Any, path: KeyPath = ()) -> Iterator[tuple[KeyPath, Any]]:
+    if isinstance(data, dict) and data:
+        for key, value in data.items():
+            yield from _leaves(value, (*path, key))
+    else:
+        yield path, data
+
+
+def _shown(leaves: Mapping[KeyPath, Any], key: KeyPath) -> str:
+    return str(leaves[key])[:60] if key in leaves else "missing"

@@ -10,9 +10,12 @@ from itertools import count
 from pathlib import Path, PurePath
 from typing import Any, Final
 
+import numpy as np
 from pydantic import ValidationError
 
+from design.errors import SolidError
 from design.files import write_bytes, write_text
+from design.geometry.mesh_files import read_mesh
 from design.geometry.surface import START_BYTES, TRIANGLE
 from firmware_profiles import ProfileError, load
 from firmware_profiles.load import FOLDERS
@@ -23,9 +26,9 @@ from printctl.recipe.anatomy import INLETS
 from printctl.recipe.load import STARTER, sentence
 from printctl.recipe.schema import KeyPath, Schema, fields_of, user_path
 from printctl.run_folder.manifest import digest_bytes
-from printctl.web.design.recipe_text import read_text, with_values
+from printctl.web.design.recipe_text import differences, read_text, with_values
 from printctl.web.design.run_views import tissue_page
-from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.errors import BadRequestError, ChangedError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
 from printctl.web.workspace import Workspace, checked_name, is_name, usable_name
 
@@ -83,6 +86,7 @@ SUFFIXES: Final = (
     ".nii", ".gz", ".nrrd", ".tif", ".tiff",
 )  # fmt: skip
 """Of files that a recipe may name: tissues, networks, tables."""
+MESHES: Final = (".stl", ".obj", ".ply", ".3mf")
 RESERVED: Final = ("schema", "examples", "choices", "validate", "import", "files")
 """Names that the REST paths below ``recipes`` have."""
 _STARTS: Final = {
@@ -114,6 +118,13 @@ class RecipeText(CheckedRecipe):
 
 
 @dataclass(frozen=True)
+class MeshSize:
+    """Extent of a mesh along x, y and z, in the file's own unit."""
+
+    size: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class RecipeChoices:
     """What a recipe's fields, and a new recipe, can be chosen from.
 
@@ -135,7 +146,7 @@ class Recipes:
     def __init__(self, workspace: Workspace) -> None:
         self.workspace, self._store = workspace, ProfileStore(workspace.root)
         self.folder, self._bin = workspace.root / "recipes", workspace.private / "bin"
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
 
     def rows(self) -> list[RecipeFile]:
         """All of them, by name."""
@@ -254,12 +265,24 @@ class Recipes:
                 raise BadRequestError(f"{name!r} can't be a recipe's name; give another one")
             if version is None and path.exists():
                 raise ConflictError(f"there is a recipe {name!r} already; give another name")
-            if version is not None and _version(self.text(name)) != version:
-                raise ConflictError(
-                    f"recipe {name!r} was changed elsewhere meanwhile; load it again"
-                )
+            if version is not None:
+                self.refuse_changed(name, version, text)
             write_text(path, text)
-        return self.read(name)
+            return self.read(name)
+
+    def refuse_changed(self, name: str, version: str, yours: str = "") -> str:
+        """Return a recipe's text; ChangedError where its version is another by now.
+
+        ``yours`` is the text that was to be written, where there is one.
+        """
+        theirs = self.text(name)
+        if _version(theirs) == version:
+            return theirs
+        both = f" ({differences(theirs, yours)})" if yours else ""
+        raise ChangedError(
+            f"recipe {name!r} was changed elsewhere meanwhile, and nothing was done{both}; load it "
+            "again"
+        )
 
     def new(self, name: str, source: str = "starter") -> RecipeText:
         """Begin a recipe from the starter, or from an example."""
@@ -277,8 +300,9 @@ class Recipes:
 
     def rename(self, name: str, to: str) -> RecipeText:
         """Give a recipe another name; runs that it made keep theirs."""
-        made = self.duplicate(name, to)
-        self._there(name).unlink()
+        with self._lock:  # what is saved meanwhile would be lost
+            made = self.duplicate(name, to)
+            self._there(name).unlink()
         return made
 
     def take_in(self, file_name: str, data: bytes) -> RecipeText:
@@ -307,16 +331,37 @@ class Recipes:
         name = usable_name(file_name)
         if PurePath(name).suffix.lower() not in SUFFIXES:
             raise BadRequestError(f"{name}: recipes name files of {', '.join(SUFFIXES)}")
+        if not data:
+            raise BadRequestError(f"{name} is empty (0 bytes); export it again")
         if not _is_of_its_kind(name, data):
             raise BadRequestError(
                 f"{name} isn't what its suffix says, by its first bytes ({data[:4].hex(' ')}); "
                 "export it again"
             )
         path = self.workspace.inside(self.folder / name)
-        if path.exists() and path.read_bytes() != data:
-            raise ConflictError(f"there is another file {name!r} already; rename yours")
-        write_bytes(path, data)
+        with self._lock:
+            if path.exists() and path.read_bytes() != data:
+                raise ConflictError(f"there is another file {name!r} already; rename yours")
+            write_bytes(path, data)
         return name
+
+    def mesh_size(self, name: str) -> MeshSize:
+        """Return how large a mesh beside the recipes is, in its own unit.
+
+        Raises
+        ------
+        NotFoundError, BadRequestError
+            Where it isn't there, or is no mesh.
+        """
+        path = self.workspace.inside(self.folder / usable_name(name))
+        if not path.is_file():
+            raise NotFoundError(f"there is no file {name[:80]!r} beside the recipes")
+        try:
+            mesh = read_mesh(path, MESHES)
+        except SolidError as exc:
+            raise BadRequestError(str(exc).replace(f"{path}: ", f"{path.name}: ")) from exc
+        x, y, z = np.ptp(mesh.vertices, axis=0).tolist()
+        return MeshSize((x, y, z))
 
     def delete(self, name: str) -> None:
         """Put a recipe into the bin, from which `restore` takes it back; not while it is made."""
@@ -324,15 +369,17 @@ class Recipes:
         if run.is_dir() and is_run_active(run):
             raise ConflictError(f"{name!r} is being made; cancel that first, or wait for its end")
         self._bin.mkdir(parents=True, exist_ok=True)
-        path.replace(self._bin / f"{name}~{time.time_ns()}.yaml")
+        with self._lock:
+            path.replace(self._bin / f"{name}~{time.time_ns()}.yaml")
 
     def restore(self, name: str) -> RecipeText:
         """Take the recipe of that name that was thrown away last back from the bin."""
-        thrown = sorted(self._bin.glob(f"{checked_name(name)}~*.yaml"))
-        if not thrown:
-            raise NotFoundError(f"there is no recipe {name!r} in the bin")
-        made = self.write(name, thrown[-1].read_text(encoding="utf-8"))
-        thrown[-1].unlink()
+        with self._lock:
+            thrown = sorted(self._bin.glob(f"{checked_name(name)}~*.yaml"))
+            if not thrown:
+                raise NotFoundError(f"there is no recipe {name!r} in the bin")
+            made = self.write(name, thrown[-1].read_text(encoding="utf-8"))
+            thrown[-1].unlink()
         return made
 
     def _there(self, name: str) -> Path:

@@ -63,6 +63,7 @@ class MakeRequest(Body):
     """How far a design is to be made."""
 
     until: str = Field(default="lumens", max_length=40, description="Last stage; none that prints.")
+    version: str | None = Field(default=None, description="Of the recipe that is meant.")
 
 
 # HTTP response with a generated HTML page (network, layers, report) for a sandboxed frame.
@@ -137,6 +138,10 @@ def recipe_routes(recipes: Recipes) -> APIRouter:
     def take_file(file: UploadFile) -> str:
         return recipes.take_file(file.filename or "", _read(file, MOST_FILE_BYTES))
 
+    routes.get("/files/{name}/size", summary="How large a mesh is, in its own unit")(
+        recipes.mesh_size
+    )
+
     routes.get("/{name}", summary="A recipe: text, values, and what is wrong with them")(
         recipes.read
     )
@@ -190,7 +195,7 @@ def run_routes(runs: Runs) -> APIRouter:
 
     @routes.post("/{name}/start", summary="Make the design of the recipe of that name")
     def start(name: str, given: MakeRequest) -> RunProgress:
-        return runs.start(name, given.until)
+        return runs.start(name, given.until, given.version)
 
     routes.post("/{name}/continue", summary="After the print: scan, registration, report")(
         runs.go_on

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import mimetypes
 import shutil
 import threading
@@ -11,6 +12,7 @@ from typing import Final
 
 from starlette.responses import FileResponse
 
+from design.files import write_text
 from printctl.machine.errors import LinkError
 from printctl.machine.process.client import attach
 from printctl.machine.records.record import REHEARSAL
@@ -18,6 +20,7 @@ from printctl.machine.records.states import ENDED
 from printctl.pipeline.run_options import TOOLPATH_NAMES, names_until
 from printctl.run_folder.artefacts import GCODE, HTML, JSON
 from printctl.run_folder.manifest import MANIFEST
+from printctl.web.design.recipe_text import read_text
 from printctl.web.design.recipes import Recipes
 from printctl.web.design.run_views import run_page
 from printctl.web.detached_runs import DetachedProcesses, RunProgress
@@ -27,6 +30,8 @@ from printctl.web.workspace import Workspace, is_name
 RECIPE = "recipe.yaml"
 LAST_STAGE: Final = TOOLPATH_NAMES[-1]
 """As far as a design goes before it is printed."""
+AFTER_PRINT: Final = frozenset({"scan", "registration"})
+"""Sections of a recipe that say what happens to a print that is done."""
 ARTEFACTS: Final = (
     "recipe.yaml", "run.log", "manifest.json", "network.csv", "network.vtp", "flow.csv",
     "oxygen.csv", "measures.json", "tissue.stl", "lumen.stl", "solid.stl", "solid.3mf",
@@ -86,7 +91,7 @@ class Runs:
     def __init__(self, workspace: Workspace, recipes: Recipes) -> None:
         self.workspace, self.recipes = workspace, recipes
         self.processes = DetachedProcesses()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
 
     def rows(self) -> list[RunRow]:
         """All runs, the newest first."""
@@ -123,15 +128,17 @@ class Runs:
         """How far a run is; ``never`` when it was never started."""
         return self.processes.progress(name, self.workspace.run(name))
 
-    def start(self, name: str, last: str = LAST_STAGE) -> RunProgress:
+    def start(self, name: str, last: str = LAST_STAGE, version: str | None = None) -> RunProgress:
         """Make a recipe's design, as far as a stage before the print.
+
+        ``version`` is of the recipe that is meant; None for whatever it is by now.
 
         Raises
         ------
         UsageError, BadRequestError
             For a stage that isn't known, one that prints, or a recipe that can't be used.
         ConflictError
-            While the run, or a print of it, is going on.
+            While the run, or a print of it, is going on; where the recipe was changed since.
         """
         stages = names_until(last)
         if len(stages) > len(TOOLPATH_NAMES):
@@ -139,7 +146,7 @@ class Runs:
                 f"the design goes as far as {LAST_STAGE}; {last} comes with the print, which is "
                 "started in the Job room"
             )
-        return self._go(name, ["--until", stages[-1]])
+        return self._go(name, ["--until", stages[-1]], version=version)
 
     def go_on(self, name: str) -> RunProgress:
         """After its finished print: scan, registration and report of a run."""
@@ -149,19 +156,36 @@ class Runs:
                 f"run {name!r} has no finished print ({state or 'none was started'}); print it "
                 "first in the Job room"
             )
-        return self._go(name, ["--printed"])
+        with self._lock:
+            self._refuse_redesigned(name)
+            return self._go(name, ["--printed"])
 
-    def rehearse(self, name: str, speed: float) -> RunProgress:
+    def _refuse_redesigned(self, name: str) -> None:
+        """Raise where what was printed isn't what the recipe says by now; its scan may be."""
+        data = read_text(self.recipes.text(name))
+        with contextlib.suppress(OSError):
+            printed = read_text((self.folder(name) / RECIPE).read_text(encoding="utf-8"))
+            keys = {key for key in {**data, **printed} if data.get(key) != printed.get(key)}
+            if keys := keys - AFTER_PRINT:
+                raise ConflictError(
+                    f"recipe {name!r} was changed after its print ({', '.join(sorted(keys))}), and "
+                    "its scan would be held against another design; take the change back, or "
+                    "duplicate the recipe for it"
+                )
+
+    def rehearse(self, name: str, speed: float, version: str | None = None) -> RunProgress:
         """Print a design on the simulated printer, scan and judge it; ``speed`` times real time."""
         made, folder = self.workspace.run(name), self.workspace.run(name + REHEARSAL)
         with self._lock:
+            if version is not None:
+                self.recipes.refuse_changed(name, version)
             self._refuse(name, folder)
             for report in (JSON, HTML):  # of the rehearsal before
                 (folder / report).unlink(missing_ok=True)
             if made.is_dir():  # what was designed isn't made again
                 # Links stay links, which the page doesn't follow out of the workspace.
                 shutil.copytree(made, folder, True, _of_prints, dirs_exist_ok=True)
-        return self._go(name, ["--rehearse", f"{speed:g}"], folder)
+            return self._go(name, ["--rehearse", f"{speed:g}"], folder, version)
 
     def cancel(self, name: str) -> RunProgress:
         """Stop a run; finished stages are kept."""
@@ -180,18 +204,33 @@ class Runs:
         finally:
             client.detach()
 
-    def _go(self, name: str, more: list[str], where: Path | None = None) -> RunProgress:
-        recipe = self.recipes.read(name)
-        recipe.usable()
+    def _go(
+        self,
+        name: str,
+        more: list[str],
+        where: Path | None = None,
+        version: str | None = None,
+    ) -> RunProgress:
         folder = where or self.workspace.run(name)
         with self._lock:
+            if version is not None:
+                self.recipes.refuse_changed(name, version)
+            recipe = self.recipes.read(name)
+            recipe.usable()
             self._refuse(name, folder)
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / RECIPE).write_text(recipe.text, encoding="utf-8")
-            path = str(self.workspace.recipe(name).resolve())
-            command = ["run", path, "--out", str(folder.resolve()), *more]
+            write_text(folder / RECIPE, recipe.text)
+            # The recipe itself may be saved before the process has read it.
+            started = self.recipes.folder / f".{folder.name}.started.yaml"
+            write_text(started, recipe.text)
+            command = ["run", str(started.resolve()), "--out", str(folder.resolve()), *more]
             self.processes.spawn(folder, command, self.workspace.root)
         return self.progress(folder.name)
+
+    def refuse_going_on(self, name: str) -> None:
+        """Raise `ConflictError` while a run, a rehearsal or a print of a recipe goes on."""
+        for one in (name, name + REHEARSAL):
+            self._refuse(one, self.workspace.run(one))
 
     def _refuse(self, name: str, folder: Path) -> None:
         if self.processes.going_on(name, folder):

@@ -12,8 +12,14 @@ from pydantic.dataclasses import dataclass
 
 from firmware_profiles import Dish, load
 from printctl.checks.gate import RIM_MARGIN_MM, STEP_DOWN_MM
+from printctl.checks.set_up import NONE
 from printctl.errors import SafetyError
-from printctl.machine.control.station_status import NO_PRINTER, StationState, StationStatus
+from printctl.machine.control.station_status import (
+    NO_PRINTER,
+    StationState,
+    StationStatus,
+    unknown_values,
+)
 from printctl.machine.errors import NoLink
 from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.process.client import PrintClient, Station, attach_station
@@ -29,7 +35,7 @@ class Machine:
 
     ``ready`` is whether it would take a print now. ``tip_mm`` is None where nobody knows;
     ``mounted`` names profiles of `PARTS`, empty for nothing there, or nobody said; ``ul_left`` is
-    in the syringe, but for its dead volume.
+    in the syringe, but for its dead volume; ``unknown`` has the reasons of `unknown_values`.
     """
 
     profile: str
@@ -43,6 +49,7 @@ class Machine:
     bath_depth_mm: float | None = None
     ul_left: float | None = None
     touch_off_due: bool = False
+    unknown: dict[str, str] = field(default_factory=dict)
 
     @computed_field  # type: ignore[prop-decorator]
     @property
@@ -86,6 +93,7 @@ class StationPrinting:
             bath_depth_mm=mounted.depth_mm,
             ul_left=status.ul_left,
             touch_off_due=mounted.touch_off_due,
+            unknown=unknown_values(status),
         )
 
     def start(self, order: Order) -> PrintClient:
@@ -166,8 +174,8 @@ def set_up_of(
         there = {part: name for part, name in machine.mounted.items() if name}
         there["printer"] = machine.profile
         values |= {one: name for one, name in there.items() if not (kept and values[one])}
-        if machine.dish_centre_mm is not None and values["dish"]:
+        if machine.dish_centre_mm is not None and values["dish"] not in ("", NONE):
             values["dish_centre_mm"] = machine.dish_centre_mm
-        if (machine.bath_depth_mm or 0.0) > 0 and values["dish"]:
+        if (machine.bath_depth_mm or 0.0) > 0 and values["dish"] not in ("", NONE):
             values["bath_depth_mm"] = machine.bath_depth_mm
     return JobSetUp.model_validate(values)

@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 from firmware_profiles import Printer, load
 from printctl.checks.made_for import MadeFor
-from printctl.checks.set_up import Check
+from printctl.checks.set_up import NONE, Check
 from printctl.machine.control.station_status import StationState
 from printctl.machine.prints.mounted import is_confirmed
 from printctl.machine.process.orders import ASIDE_MM
@@ -92,7 +92,7 @@ class Readiness:
 def machine_refusals(machine: Machine | None, set_up: JobSetUp) -> Iterator[Refusal]:
     """Yield what the printer's state, what is mounted and the tip's place refuse."""
     if machine is None:
-        yield Refusal("printer", "none is connected: connect it in step 2, or rehearse", "connect")
+        yield Refusal("printer", "none is connected; connect one, or rehearse", "connect")
         return
     if not machine.ready:
         yield _not_ready(machine)
@@ -130,12 +130,13 @@ def _unknown_parts(machine: Machine, set_up: JobSetUp) -> Iterator[Refusal]:
     same = machine.profile == set_up.printer  # another one is refused by itself
     if machine.simulated or not same or load(Printer, machine.profile).heads:
         return
-    for part in ("syringe", "needle", "ink"):
-        if not machine.mounted.get(part):
-            checked = getattr(set_up, part) or "none"
+    for part in ("syringe", "needle", "ink", "bath", "dish"):
+        checked = getattr(set_up, part)
+        if not machine.mounted.get(part) and checked != NONE:
             yield Refusal(
                 part,
-                f"which one is mounted isn't known ({checked} was checked); enter what is mounted",
+                f"which one is there isn't known ({checked or 'none'} was checked); enter what is "
+                "there, or that nothing is",
                 "mount",
                 part,
             )

@@ -143,7 +143,7 @@ def _jobs(service: JobService) -> APIRouter:
             set_up=service.set_up(job),
             machine=service.printing.machine(),
             checklist=checklist()["before"],
-            choices={part: service.store.choices(kind) for part, kind in PROFILES.items()},
+            choices={part: service.choices(part) for part in PROFILES},
             declared=service.declared(job) is not None,
         )
 

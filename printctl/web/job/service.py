@@ -13,7 +13,7 @@ from typing import IO, Any, Final
 
 from firmware_profiles import Printer, ProfileError, Syringe, load
 from printctl.checks.made_for import record_of
-from printctl.checks.set_up import SetUp, of_each
+from printctl.checks.set_up import NONE, SetUp, of_each
 from printctl.errors import PrintctlError, SafetyError
 from printctl.machine.control.station_status import NO_PRINTER
 from printctl.machine.job.care import Care
@@ -143,6 +143,11 @@ class JobService:
         self._connected()
         self.printing.to_start(start_mm)
         return self._connected()
+
+    def choices(self, part: str) -> dict[str, str]:
+        """Return what may be there as one part, by what `JobSetUp` takes."""
+        nothing = {NONE: "nothing there"} if part in ("needle", "bath", "dish") else {}
+        return nothing | self.store.choices(PROFILES[part])
 
     def keep_set_up(self, job: JobId, set_up: JobSetUp) -> JobSetUp:
         """Remember a set-up for a job, and give it filled in with what the printer has measured."""
@@ -298,7 +303,8 @@ class JobService:
         for part, model in PROFILES.items():
             names = getattr(set_up, part).split(",")
             values[part] = ",".join(
-                self.store.resolve(model, name, used) if name else "" for name in names
+                name if name in ("", NONE) else self.store.resolve(model, name, used)
+                for name in names
             )
         return set_up.model_copy(update=values)
 
@@ -345,7 +351,7 @@ def observer_order(job: Path, set_up: JobSetUp, mounted: SetUp) -> ObserverOrder
         profile=set_up.printer,
         syringe=set_up.syringe,
         ink=set_up.ink,
-        needle=set_up.needle or order.needle,
+        needle=set_up.needle if set_up.profiles["needle"] else order.needle,
         capacity_ul=usable_mm(syringe, mounted.printer) * syringe.area_mm2,
     )
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from design.files import write_text
 from firmware_profiles import Facts, Printer, ProfileError, load
 from firmware_profiles.tools import THINNEST_BORE
-from printctl.checks.set_up import Budget, ProfileNames, SetUp, set_up, shortest_budget
+from printctl.checks.set_up import NONE, Budget, ProfileNames, SetUp, set_up, shortest_budget
 from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
 from printctl.machine.job.coordinates import declared_start
@@ -24,7 +24,9 @@ from printctl.run_folder.manifest import Manifest
 from printctl.web.profile_store import PARTS
 from printctl.web.workspace import Workspace
 
-Millimetre = Annotated[float, Field(ge=-5000, le=5000, allow_inf_nan=False)]
+FARTHEST_MM: Final = 5000.0
+"""No printer's tip stands farther from its origin."""
+Millimetre = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM, allow_inf_nan=False)]
 Place = tuple[Millimetre, Millimetre, Millimetre]
 Profile = Annotated[str, Field(max_length=300)]
 PROFILES: Final[dict[str, type[Facts]]] = {"printer": Printer, **PARTS}
@@ -34,6 +36,7 @@ PROFILES: Final[dict[str, type[Facts]]] = {"printer": Printer, **PARTS}
 class JobSetUp(BaseModel):
     """The machine, what is mounted on it, and how the print is watched over.
 
+    Needle, bath and dish are ``none`` where a person said that there is none.
     Of several heads ``syringe``, ``ink`` and ``needle`` may be one for each: ``left,right``.
     """
 
@@ -68,17 +71,21 @@ class JobSetUp(BaseModel):
     @property
     def profiles(self) -> dict[str, list[str]]:
         """Names that are given of each sort of profile, of several heads several."""
-        return {one: [*filter(None, getattr(self, one).split(","))] for one in PROFILES}
+        return {
+            part: [name for name in getattr(self, part).split(",") if name not in ("", NONE)]
+            for part in PROFILES
+        }
 
     def mounted(self) -> SetUp:
         """Load the profiles that it names."""
-        centre = None if self.dish_centre_mm is None else "{!r},{!r}".format(*self.dish_centre_mm)
+        placed = self.dish != NONE and self.dish_centre_mm is not None
+        centre = "{!r},{!r}".format(*self.dish_centre_mm or ()) if placed else None
         given = ProfileNames(
             self.needle or None,
             self.bath or None,
             self.dish or None,
             centre,
-            self.bath_depth_mm,
+            self.bath_depth_mm if self.dish != NONE else None,
             self.thinnest_bore,
         )
         return set_up(load(Printer, self.printer), self.syringe, self.ink, self.start_mm, given)
@@ -132,9 +139,12 @@ def _first_lines(path: Path, printer: str, size: int, changed_ns: int) -> tuple[
     except (LinkError, ProfileError):
         return None, 0
     try:
-        return declared_start(job), homing_line(job)
+        start = declared_start(job)
     except LinkError:
-        return None, homing_line(job)
+        start = None
+    if start is not None and max(map(abs, start)) > FARTHEST_MM:  # its checks say that it is wrong
+        start = None
+    return start, homing_line(job)
 
 
 def read_first_lines(path: Path, printer: str) -> tuple[Place | None, int]:

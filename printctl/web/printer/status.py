@@ -9,7 +9,7 @@ from typing import Final
 
 from firmware_profiles import Dish, Ink, Printer, ProfileError, Syringe, load
 from printctl.machine.control.idle_commands import UNNAMED_UL_S
-from printctl.machine.control.station_status import StationState, StationStatus
+from printctl.machine.control.station_status import StationState, StationStatus, unknown_values
 from printctl.machine.records.mounting import MountedParts
 from printctl.web.errors import ConflictError
 from printctl.web.profile_store import PARTS, ProfileStore
@@ -37,6 +37,7 @@ class PrinterStatus(StationStatus):
     ``printer`` and ``parts`` are names without a path, empty for none. ``rim_mm`` is the height of
     the tip at the dish's rim, ``fastest_ul_s`` the fastest plunger with the syringe and ink
     mounted, ``full_ul`` what that syringe gives when it is full; None where that isn't known.
+    ``unknown`` has the reasons of `unknown_values`.
     """
 
     needs_touch_off: bool = False
@@ -47,6 +48,7 @@ class PrinterStatus(StationStatus):
     rim_mm: float | None = None
     fastest_ul_s: float | None = None
     full_ul: float | None = None
+    unknown: dict[str, str] = field(default_factory=dict)
 
 
 def described(status: StationStatus) -> PrinterStatus:
@@ -65,6 +67,7 @@ def described(status: StationStatus) -> PrinterStatus:
         rim_mm=rim,
         fastest_ul_s=fastest,
         full_ul=full,
+        unknown=unknown_values(status),
     )
 
 

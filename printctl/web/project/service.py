@@ -47,6 +47,14 @@ class Changes(Body):
     values: dict[Annotated[str, Field(max_length=100)], Value] = Field(default={}, max_length=50)
 
 
+class SavedChanges(Changes):
+    """Values to be written into a recipe, and the version that was changed."""
+
+    version: str | None = Field(
+        default=None, description="`version` of the project; none for whatever it is by now."
+    )
+
+
 class SketchRequest(Changes):
     """What is to be sketched."""
 
@@ -61,12 +69,22 @@ class NewProject(Body):
     name: str = Field(max_length=64)
     file: str = Field(max_length=200, description="Taken in by POST /recipes/files.")
     unit: LengthUnit = Field(default="mm", description="Of the file; its format may say it, too.")
+    needle: str = Field(default="30g_50mm", max_length=300, description="What it is written with.")
+    smallest_diameter_mm: Annotated[float, Field(gt=0, le=20)] | None = Field(
+        default=None, description="Of vessels grown in a mesh; what the needle prints if not."
+    )
+    inlet: Literal["face", "top", "each_part"] = Field(
+        default="face",
+        description="Where a tree enters a mesh: inside a face, at the highest vertex, or in each "
+        "separate part.",
+    )
 
 
 class Rehearsal(Body):
     """How a print is rehearsed."""
 
     speed: float = Field(ge=0, le=MAX_SPEED, description="Times real time; 0: no clock.")
+    version: str | None = Field(default=None, description="`version` of the project.")
 
 
 @dataclass(frozen=True)
@@ -129,6 +147,8 @@ class Project:
 
     Attributes
     ----------
+    version : str
+        Of the recipe's text; to be sent back with changes.
     problems : tuple of str
         Why the recipe can't be used.
     run : RunProgress
@@ -144,6 +164,7 @@ class Project:
     """
 
     name: str
+    version: str
     step: Step
     problems: tuple[str, ...]
     sliders: tuple[Slider, ...]
@@ -211,6 +232,7 @@ class ProjectService:
         verdict, (checks, time_s) = reached.verdict, reached.design or ((), None)
         return Project(
             name=name,
+            version=recipe.version,
             step=reached.step,
             problems=tuple(one.message for one in recipe.problems),
             sliders=sliders(recipe),
@@ -237,12 +259,15 @@ class ProjectService:
         recipe: dict[str, Any] = {"schema": 1, "name": name, "seed": 1}
         if suffix in (".stl", ".obj", ".ply", ".3mf"):
             recipe["tissue"] = {"mesh": file} | unit
-            recipe["vasculature"] = {"grow": "tree", "terminals": 100, "printable": True}
+            recipe["vasculature"] = {"grow": "tree", "terminals": 100} | _ENTRIES[request.inlet]
+            if request.smallest_diameter_mm is not None:
+                recipe["vasculature"]["smallest_diameter_mm"] = request.smallest_diameter_mm
         else:
             said = unit if suffix in (".csv", ".vtp", ".swc") else {}
             recipe["vasculature"] = {"network": file} | said
         text = "# Begun on the page; every key is explained in docs/recipe.md.\n"
-        text += yaml.safe_dump(recipe | _EMBEDDED, sort_keys=False)
+        toolpath = _EMBEDDED["toolpath"] | {"needle": request.needle}
+        text += yaml.safe_dump(recipe | _EMBEDDED | {"toolpath": toolpath}, sort_keys=False)
         self._recipes.check(text).usable()
         self._recipes.write(name, text)
         return self.project(name)
@@ -257,12 +282,16 @@ class ProjectService:
         )
         return JSONResponse(found)  # as it is: FastAPI would look at each of its numbers
 
-    def change(self, name: str, request: Changes) -> Project:
-        """Write values of sliders into the recipe; it stays as it is if it can't be used so."""
+    def change(self, name: str, request: SavedChanges) -> Project:
+        """Write values of sliders into the recipe; it stays as it is if it can't be used so.
+
+        ConflictError while a run or print of it goes on, or where it was changed since.
+        """
         before = self._recipes.read(name)
         text = with_values(before.text, _by_keys(request.values))
         self._recipes.check(text).usable()
-        self._recipes.write(name, text, before.version)
+        self._runs.refuse_going_on(name)
+        self._recipes.write(name, text, request.version or before.version)
         return self.project(name)
 
     def rehearse(self, name: str, request: Rehearsal) -> RunProgress:
@@ -272,7 +301,7 @@ class ProjectService:
         """
         if self._reached(name, self._recipes.text(name)).design is None:
             raise ConflictError(f"the design of {name!r} isn't made as the recipe stands; make it")
-        return self._runs.rehearse(name, request.speed)
+        return self._runs.rehearse(name, request.speed, request.version)
 
     def _reached(self, name: str, text: str) -> _Reached:
         folder = self._workspace.run(name)
@@ -330,6 +359,13 @@ def _by_keys(values: dict[str, float]) -> dict[KeyPath, float]:
         for path, value in values.items()
     }
 
+
+_ENTRIES: Final[dict[str, dict[str, Any]]] = {
+    "face": {"printable": True},
+    "top": {"printable": True, "root": "top"},
+    "each_part": {"inlets": "each_part"},
+}
+"""What a recipe says of where a tree enters."""
 
 # How a file that a user brings is printed, until somebody says otherwise.
 _EMBEDDED: Final[dict[str, Any]] = {

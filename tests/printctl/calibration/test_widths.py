@@ -195,7 +195,7 @@ def test_a_spiral_tells_factor_drift_and_the_lag_of_its_begin(tmp_path: Path) ->
         ("99,12,2,1,0.3,0.3", "no such line"),
         ("1,77,2,1,0.3,0.3", "it is 24 mm long"),
         ("1,12,2,1,0.3,", "no reading"),
-        ("1,20,2,1,0.3,0.3", "1 of 4 lines"),
+        ("1,20,2,1,0.3286,0.3", "1 of 4 lines"),
     ],
 )
 def test_what_cannot_be_a_width_is_questioned(row: str, says: str, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@
 // ...] }. Without `live` the whole job is drawn as planned.
 import { make, onTheme, short, startViewKeys } from "viewer/page";
 import {
-  COLUMN, SceneProblem, WIDE, colourings, loadScene, movesAhead, movesDone, placeOf, scaleOf,
+  COLUMN, SceneProblem, WIDE, bandOf, colourings, loadScene, movesAhead, movesDone, placeOf, scaleOf,
 } from "live/scene";
 
 // While a print goes on, between two places of the needle, two pictures and two sentences. A picture
@@ -210,7 +210,7 @@ class LiveView {
       layers: [0, about.layers.length], rest: true, travels: false,
       by: about.passes && about.vessels > 1 ? "vessel" : "layer",
     };
-    this.state.scale = scaleOf(this.state.by, about);
+    this.colour();
     this.painter.take(this.scene);
     this.painter.onDone = () => this.complete();
     this.mends = new Mends(this.stage);
@@ -245,9 +245,16 @@ class LiveView {
     this.whole = true;
   }
 
+  // A legend elsewhere on the page shows the colours that are drawn.
+  colour() {
+    const { state: { by }, scene: { about } } = this;
+    this.state.scale = scaleOf(by, about);
+    document.documentElement.style.setProperty("--live-written", bandOf(by, about));
+  }
+
   choose(change) {
     Object.assign(this.state, change);
-    this.state.scale = scaleOf(this.state.by, this.scene.about);
+    this.colour();
     this.painter.show(this.state);
   }
 

@@ -73,6 +73,13 @@ export function scaleOf(by, about) {
   }, { sequential: RAMP, none: IN_TURN[0] });
 }
 
+// Those colours as a band, for a legend.
+export function bandOf(by, about) {
+  const colours = by === "layer" && !about.passes ? RAMP : IN_TURN.slice(0, 4);
+  const share = 100 / colours.length;
+  return `linear-gradient(90deg, ${colours.map((one, k) => `${one} ${k * share}% ${(k + 1) * share}%`).join(", ")})`;
+}
+
 // Places that are to be seen: all that is written, and what stands on the bed.
 export const placesOf = (about) =>
   [about.written_low_mm, about.written_high_mm, ...about.outlines.flat()];

@@ -170,6 +170,14 @@ export const Failed = ({ problem, again }) => html`<${Note} tone="bad"><p>${prob
 // Why an action was refused, beside its button.
 export const Refused = ({ problem }) => problem && html`<p class="problem" role="alert">${problem.message}</p>`;
 
+// A value, or what is left of one that isn't known: grey and struck through, with the reason as the server gives it.
+export function Known({ why, children }) {
+  const lost = useNews("lost")?.lost && "the server doesn't answer";
+  const reason = why || lost;
+  if (!reason) return children;
+  return html`<span class="unknown" title=${reason}>${children ? html`<s>${children}</s>` : "unknown"}</span>`;
+}
+
 export const Empty = ({ children }) => html`<p class="empty">${children}</p>`;
 
 // Shows `children(value)` of what useGet gave, or that it loads or failed.

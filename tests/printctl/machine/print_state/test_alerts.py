@@ -50,6 +50,17 @@ def test_an_alarm_says_what_it_means_and_what_to_do_without_codes(text: str, wha
     assert not CODES.search(" ".join((alert.what, alert.means, alert.remedy)))
 
 
+@pytest.mark.parametrize("text", ["the ink stood still for 2 s", "something new"])
+def test_after_done_no_alarm_says_that_the_print_goes_on(text: str) -> None:
+    going_on = alert_of(Status(LinkState.PRINTING, alarms=1), text, False)
+    done = alert_of(Status(LinkState.DONE, alarms=1), text, False)
+    assert going_on is not None
+    assert done is not None
+    assert "print goes on" in going_on.means
+    assert "goes on" not in done.means
+    assert (done.what, done.remedy) == (going_on.what, going_on.remedy)
+
+
 @pytest.mark.parametrize("state", [one for one in LinkState if Status(one).ended])
 @pytest.mark.parametrize("known", [True, False])
 def test_every_end_but_done_is_explained(state: LinkState, known: bool) -> None:

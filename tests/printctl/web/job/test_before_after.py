@@ -70,6 +70,10 @@ def test_refusals_stand_together_are_mended_by_buttons_and_the_print_leads_on(
     server, root = served
     page = shown(browser, f"{server.url}/job?job=file~part.gcode", viewport=WIDE)
     refusals = page.get_by_role("list", name="What refuses the start").get_by_role("listitem")
+    expect(refusals).to_have_count(7)
+    for part in ("Bath", "Dish"):
+        refusals.get_by_label(part, exact=True).select_option("nothing there")
+        expect(refusals.get_by_label(part, exact=True)).to_have_count(0)
     expect(refusals).to_have_count(5)
     expect(page.get_by_text("12 things refuse the start", exact=True)).to_be_visible()
     points = page.get_by_text("Look at the machine: 7 of 7 points left")
@@ -143,11 +147,29 @@ def test_a_job_is_uploaded_set_up_and_never_started_where_it_is_out_of_bounds(
     expect(page.get_by_text("X, highest: 500 mm, limit 200 mm")).to_be_visible(timeout=60_000)
     expect(page.get_by_role("button", name="Start on ")).to_be_disabled()
     page.get_by_text("Change what is mounted").click()
-    page.get_by_label("Bath", exact=True).select_option("gelatin_support")
+    page.get_by_label("Bath", exact=True).first.select_option("gelatin_support")
     expect(page.get_by_text("30g, hamilton_1ml, collagen_fresh, gelatin_support")).to_be_visible()
-    page.get_by_label("Bath", exact=True).select_option("none named")
+    page.get_by_label("Bath", exact=True).first.select_option("none named")
     expect(page.get_by_text("30g, hamilton_1ml, collagen_fresh", exact=True)).to_be_visible()
     assert page.title() != "owned"
+
+
+def test_connecting_a_printer_leads_back_to_the_job(browser: Any, tmp_path: Path) -> None:
+    workspace = Workspace(tmp_path / "workspace").make()
+    (workspace.root / "jobs" / "zigzag.gcode").write_bytes(layered(1, 20))
+    with server_process(workspace.root) as server:
+        page = shown(browser, f"{server.url}/job?job=file~zigzag.gcode", own=True)
+        expect(page.get_by_text("none is connected; connect one, or rehearse")).to_be_visible()
+        page.get_by_role("link", name="Connect a printer …").click()
+        page.get_by_role("button", name="Connect", exact=True).click()
+        page.get_by_role("link", name="Back to zigzag").click(timeout=90_000)
+        page.wait_for_url("**/job?job=file~zigzag.gcode")
+        expect(page.get_by_role("heading", name="zigzag")).to_be_visible()
+        # The legend's colour of what is written is a band of those that are drawn.
+        page.wait_for_selector("[data-drawn]")
+        band = "getComputedStyle(document.documentElement).getPropertyValue('--live-written')"
+        assert page.evaluate(band).startswith("linear-gradient(")
+        page.request.post(f"{server.url}/api/v1/printer/disconnect", headers={"Origin": server.url})
 
 
 def test_a_rehearsal_is_begun_without_a_word(browser: Any, tmp_path: Path) -> None:

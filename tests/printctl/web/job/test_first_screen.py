@@ -41,7 +41,8 @@ class UnderWay:
         """Start the job (again); return the print's identity."""
         wait_for(lambda: (one := self.service.printing.machine()) is not None and one.ready, 60)
         self.service.to_start(OPERATOR, self.job, START)
-        report = self.service.start(OPERATOR, self.job, ready(self.service, self.job), self.words)
+        set_up = ready(self.service, self.job).model_copy(update={"dish": "none"})
+        report = self.service.start(OPERATOR, self.job, set_up, self.words)
         return report.journal.print_id
 
 

@@ -340,7 +340,8 @@ def behind(core, port) -> Iterator[Station]:
 
 def started(service: JobService, port: str, layers: int = 6) -> str:
     job = add(service, layers=layers)
-    service.start(OPERATOR, job, ready(service, job), f"generic_marlin on {port}")
+    said = ready(service, job).model_copy(update={"dish": "none"})
+    service.start(OPERATOR, job, said, f"generic_marlin on {port}")
     until_so(service, job, lambda heard: heard.status.lines_executed > 40 and heard.progress)
     return job
 

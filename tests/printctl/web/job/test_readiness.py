@@ -76,8 +76,17 @@ class FakePrinting(StationPrinting):
 def test_each_state_of_the_machine_has_its_remedy(
     change: dict[str, Any], found: list[tuple[str, str]]
 ) -> None:
-    refusals = machine_refusals(replace(MACHINE, **change), JobSetUp(needle="30g"))
+    set_up = JobSetUp(needle="30g", bath="none", dish="none")
+    refusals = machine_refusals(replace(MACHINE, **change), set_up)
     assert [(one.what, one.action) for one in refusals] == found
+
+
+def test_a_bath_or_dish_that_nobody_entered_is_asked_for() -> None:
+    refusals = [*machine_refusals(MACHINE, JobSetUp(needle="30g"))]
+    assert [(one.what, one.action, one.about) for one in refusals] == [
+        ("bath", "mount", "bath"),
+        ("dish", "mount", "dish"),
+    ]
 
 
 def test_a_job_that_homes_with_a_needle_on_is_refused() -> None:
@@ -120,6 +129,8 @@ def test_six_refusals_are_listed_at_once_and_mended_one_by_one(
     job(core.workspace.root / "jobs", 0, 1)
     crossing = "file~part.gcode"
     printing.now = replace(MACHINE, ul_left=0.5)
+    nothing = {"bath": "none", "dish": "none"}
+    room.keep_set_up(crossing, room.set_up(crossing).model_copy(update=nothing))
     ticks, checks = ["tick"] * len(POINTS), ["fill", "for_mounted", "accept_crossings"]
     assert listed(room, crossing) == ["to_start", "operator", *ticks, *checks]
     room.to_start(OPERATOR, crossing, START)

@@ -289,7 +289,13 @@ def test_a_print_locks_the_page_and_after_a_stop_it_says_what_to_do(
     expect(halted).to_be_visible(timeout=30_000)
     page.get_by_role("button", name="Reconnect").click()
     expect(page.get_by_text("ready: connected, checked")).to_be_visible(timeout=90_000)
-    expect(card(page, "Move by hand")).to_be_visible()
+    by_hand = card(page, "Move by hand")
+    expect(by_hand.locator("dd .unknown s")).to_have_count(3)  # struck through
+    expect(by_hand.get_by_text("Position unknown: X, Y, Z not homed since")).to_be_visible()
+    ink = card(page, "Ink in the syringe")
+    expect(ink.get_by_text("Ink left unknown: ").or_(ink.locator(".big")).first).to_be_visible()
+    page.get_by_role("button", name="Where the tip is").click()
+    expect(page.get_by_role("dialog").get_by_label("X", exact=False).first).to_have_value("")
 
 
 @pytest.mark.slow

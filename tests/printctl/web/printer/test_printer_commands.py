@@ -199,12 +199,22 @@ def test_after_a_stop_nobody_knows_where_a_simulated_tip_stands_either(
     touched_off(own_api)
     attach_station(Workspace(tmp_path).station).kill()
     waiting.wait_for(lambda: own_api.get("status")["state"] == "halted", told=str)
+    halted = own_api.get("status")["unknown"]
+    assert set(halted) == {"position", "ink", "temperatures"}
+    assert "motors may have lost steps" in halted["position"]
     status = own_api.do("reconnect")
     assert (status["state"], status["position_trusted"]) == ("ready", False)
+    assert "X, Y, Z not homed since" in status["unknown"]["position"]
+    told = waiting.wait_for(lambda: (one := own_api.get("status"))["temperatures"] and one)
+    assert set(told["unknown"]) == {"position", "ink"}
     assert status["position_words"].endswith("no axis homed")
     assert status["mounted"]["floor_mm"] is None
     assert "at most 1 mm" in own_api.refused("jog", axis="z", mm=-2)[1]
-    assert own_api.do("home", axes=["x", "y", "z"], needle_off=True)["position_trusted"]
+    status = own_api.do("home", axes=["x", "y", "z"], needle_off=True)
+    assert status["position_trusted"]
+    assert set(status["unknown"]) == {"ink"}
+    mounted = own_api.do("change/syringe", syringe="hamilton_1ml", filled_ul=500)
+    assert mounted["unknown"] == {}
 
 
 def test_the_tip_is_not_moved_to_a_start_above_a_floor_that_nobody_touched(

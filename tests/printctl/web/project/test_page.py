@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import trimesh
 
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import shown
@@ -75,6 +76,12 @@ def test_a_dialog_leaves_stop_in_reach_and_gives_the_focus_back(
       return e === document.elementFromPoint(x + 9, y + 9);
     }"""
     assert page.locator("#pc-stop").evaluate(on_top), "STOP lies above the dialog"
+    page.evaluate("document.getElementById('pc-stopped').hidden = false")  # as a stop shows it
+    banner, box = page.locator("#pc-stopped").bounding_box(), dialog.bounding_box()
+    assert banner is not None
+    assert box is not None
+    assert box["y"] >= banner["y"] + banner["height"], "the banner covers no dialog"
+    page.evaluate("document.getElementById('pc-stopped').hidden = true")
     dialog.get_by_label("Unit of the file").select_option("mm")
     dialog.get_by_label("Name of the project").fill("../../etc")
     button(page, "Begin").click()
@@ -83,6 +90,23 @@ def test_a_dialog_leaves_stop_in_reach_and_gives_the_focus_back(
     assert dialog.get_by_label("Name of the project").input_value() == "../../etc", "kept"
     page.keyboard.press("Escape")
     dialog.wait_for(state="hidden")
+
+
+def test_a_mesh_asks_for_unit_needle_inlet_and_smallest_vessel(
+    server: Process, browser: Any, tmp_path: Path
+) -> None:
+    trimesh.creation.box((1.2, 0.9, 0.7)).export(tmp_path / "heart.stl")
+    page = shown(browser, f"{server.url}/")
+    page.locator("input[type=file]").first.set_input_files(tmp_path / "heart.stl")
+    dialog = page.get_by_role("dialog", name="Begin with heart.stl")
+    for unit, size in (("cm", "12 × 9 × 7 mm"), ("in", "30.5 × 22.9 × 17.8 mm")):
+        dialog.get_by_label("Unit of the file").select_option(unit)
+        dialog.get_by_text(f"The shape is {size} large").wait_for()
+    dialog.get_by_label("Needle").select_option("27g")
+    dialog.get_by_label("Smallest vessel").fill("0.4")
+    dialog.get_by_label("Where the vessels enter").select_option("top")
+    button(page, "Begin").click()
+    page.get_by_role("heading", name="heart", exact=True).wait_for()
 
 
 def test_a_project_that_is_not_there_says_so(server: Process, browser: Any) -> None:

@@ -131,6 +131,47 @@ def test_a_mesh_begins_a_project_and_a_bad_name_or_unit_keeps_nothing(
     assert sketch(client, "box")["figures"]["terminals"] > 1
 
 
+def test_a_project_s_name_may_be_as_long_as_any(client: TestClient) -> None:
+    data = trimesh.creation.box((12, 9, 7)).export(file_type="stl")
+    client.post(f"{API}/recipes/files", files={"file": ("box.stl", data, "model/stl")})
+    for count in (60, 64):
+        body = {"name": "n" * count, "file": "box.stl"}
+        assert client.post(f"{API}/projects", json=body).status_code == 200
+        assert client.get(f"{API}/projects/{'n' * count}").json()["step"] == "shape"
+    answer = client.post(f"{API}/projects", json={"name": "n" * 65, "file": "box.stl"})
+    assert answer.status_code == 422
+    assert len(client.get(f"{API}/projects").json()) == 2
+
+
+def test_a_mesh_is_begun_with_what_was_asked_of_it(client: TestClient) -> None:
+    data = trimesh.creation.box((12, 9, 7)).export(file_type="stl")
+    client.post(f"{API}/recipes/files", files={"file": ("box.stl", data, "model/stl")})
+    assert client.get(f"{API}/recipes/files/box.stl/size").json()["size"] == [12, 9, 7]
+    assert client.get(f"{API}/recipes/files/none.stl/size").status_code == 404
+    body = {"name": "box", "file": "box.stl", "unit": "cm", "needle": "27g"}
+    asked = {"smallest_diameter_mm": 0.4, "inlet": "top"}
+    assert client.post(f"{API}/projects", json=body | asked).status_code == 200
+    data = client.get(f"{API}/recipes/box").json()["data"]
+    assert data["tissue"] == {"mesh": "box.stl", "unit": "cm"}
+    assert data["toolpath"]["needle"] == "27g"
+    assert data["vasculature"]["smallest_diameter_mm"] == 0.4
+    assert data["vasculature"]["root"] == "top"
+    for k, inlet in enumerate(("face", "each_part")):
+        made = client.post(f"{API}/projects", json=body | {"name": f"b{k}", "inlet": inlet})
+        assert made.status_code == 200, made.text
+    wrong = client.post(f"{API}/projects", json=body | {"name": "w", "needle": "none_such"})
+    assert wrong.status_code == 422
+
+
+def test_an_empty_file_is_called_empty(client: TestClient) -> None:
+    for name in ("box.stl", "tree.ply"):
+        answer = client.post(f"{API}/recipes/files", files={"file": (name, b"", "model/stl")})
+        assert (answer.status_code, answer.json()["message"]) == (
+            422,
+            f"{name} is empty (0 bytes); export it again",
+        )
+
+
 def test_what_is_of_another_recipe_or_was_not_checked_is_not_made(
     client: TestClient, workspace: Workspace
 ) -> None:

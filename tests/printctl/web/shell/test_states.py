@@ -252,8 +252,9 @@ class World:
         (self.workspace.root / "jobs" / "part.gcode").write_bytes(layered(20, 200))
         self.rest("POST", "/controls", {"force": True})
         self.rest("POST", f"/jobs/{PRINTED}/to-start", {})
-        points = self.rest("GET", f"/jobs/{PRINTED}/form")["checklist"]
-        ticked = {one["id"]: True for one in points}
+        form = self.rest("GET", f"/jobs/{PRINTED}/form")
+        self.rest("PUT", f"/jobs/{PRINTED}/set-up", form["set_up"] | {"dish": "none"})
+        ticked = {one["id"]: True for one in form["checklist"]}
         self.rest("PATCH", f"/jobs/{PRINTED}/record", {"operator": "Ada", "ticked": ticked})
         self.rest("POST", f"/jobs/{PRINTED}/for-mounted", {})
         ready = f"/jobs/{PRINTED}/readiness"

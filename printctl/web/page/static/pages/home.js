@@ -2,7 +2,7 @@
 import { part, send } from "../api.js";
 import { progressOf } from "../header.js";
 import {
-  Act, Ask, Badge, Button, Card, Drop, Empty, Fields, Links, Loaded, Note, Page, go, html, nameOf, span, useFew, useGet,
+  Act, Ask, Badge, Button, Card, Drop, Empty, Fields, Links, Loaded, Note, Page, go, html, nameOf, number, span, useFew, useGet,
   useNews, useState, when,
 } from "../ui.js";
 
@@ -95,13 +95,19 @@ function Bring() {
 
 const UNITS = [["", "choose"], ["mm", "millimetres"], ["cm", "centimetres"], ["m", "metres"], ["um", "micrometres"],
   ["in", "inches"]];
+const MM_PER = { mm: 1, cm: 10, m: 1000, um: 1e-3, in: 25.4 };
+const INLETS = [["face", "inside a face, clear of its edges"], ["top", "at the highest place"], ["each_part", "one for each separate part"]];
 
 function FromFile({ file, onClose }) {
   const mesh = SHAPES.split(",").some((one) => file.toLowerCase().endsWith(one));
   const asks = !/\.(3mf|json|npz|txt)$/i.test(file);
   const [said, setSaid] = useState({
     name: file.replace(/\.[^.]*$/, "").slice(0, 60), unit: asks ? "" : "mm",
+    ...(mesh && { needle: "30g_50mm", inlet: "face", smallest_diameter_mm: null }),
   });
+  const found = useGet(mesh ? `/recipes/files/${part(file)}/size` : null);
+  const choices = useGet(mesh ? "/recipes/choices" : null);
+  const size = found.value?.size.map((one) => number(one * (asks ? MM_PER[said.unit] : 1), 3)).join(" × ");
   const make = async () => {
     await send("POST", "/projects", { ...said, file });
     go(`/project?name=${part(said.name)}`);
@@ -112,7 +118,14 @@ function FromFile({ file, onClose }) {
       { name: "name", label: "Name of the project" },
       asks && { name: "unit", label: "Unit of the file", kind: "choice", options: UNITS,
         hint: "Never guessed: the file doesn't say it." },
+      mesh && { name: "needle", label: "Needle", kind: "choice",
+        options: Object.entries(choices.value?.profiles.needles ?? { [said.needle]: said.needle }) },
+      mesh && { name: "smallest_diameter_mm", label: "Smallest vessel", kind: "number", unit: "mm", min: 0.01, max: 20,
+        hint: "Left empty: the narrowest that the needle prints" },
+      mesh && { name: "inlet", label: "Where the vessels enter", kind: "choice", options: INLETS,
+        hint: "An exact place is picked later, under All settings." },
     ]} />
+    ${size && (said.unit || !asks) && html`<p role="status">The shape is ${size} mm large.</p>`}
     <p class="quiet">${mesh ? "A tree of vessels is grown in it; you shape it next."
       : "Its vessels are printed as they are."}</p>
   </${Ask}>`;

@@ -1,8 +1,8 @@
 // Before a print: the job, the printer, all that refuses a start with what helps, then the start.
 import { get, part, send } from "../api.js";
 import {
-  Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fields, Findings, Fold, Kept, Links, Loaded, Loading, Note,
-  Unusable, bytes, go, html, nameOf, number, runOf, span, useCallback, useEffect, useFew, useGet, useNews,
+  Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fields, Findings, Fold, Kept, Known, Links, Loaded, Loading,
+  Note, Unusable, bytes, go, html, nameOf, number, runOf, span, useCallback, useEffect, useFew, useGet, useNews,
   useRef, useState, when,
 } from "../ui.js";
 import { RECORD } from "../record.js";
@@ -112,6 +112,9 @@ function TheJob({ job, entry, ready }) {
 
 const PARTS = { printer: "Printer", needle: "Needle", syringe: "Syringe", ink: "Ink", bath: "Bath", dish: "Dish" };
 
+// A part that nobody named, and one of which a person said that it isn't there.
+const NOTHING = new Set(["", "none"]);
+
 const chosen = (form, one) => form.choices[one]?.[form.set_up[one]] ?? form.set_up[one];
 
 // Keep a change of the set-up as it is by then, one after the other; of what is mounted tell the printer, too.
@@ -124,10 +127,11 @@ function keep(all, change) {
 async function keepNow({ job, form, ready, refresh }, change) {
   const { set_up } = await get(`/jobs/${part(job)}/form`);
   const next = { ...set_up, ...change, care: { ...set_up.care, ...change.care } };
-  if (!next.dish) Object.assign(next, { bath_depth_mm: null, dish_centre_mm: null });
+  if (NOTHING.has(next.dish)) Object.assign(next, { bath_depth_mm: null, dish_centre_mm: null });
   await send("PUT", `/jobs/${part(job)}/set-up`, next);
   const named = Object.entries(change).filter(([one]) => one in PARTS && one !== "printer");
-  const mounted = named.map(([one, value]) => [one, form.choices[one][value] ?? value]);
+  const mounted = named.map(([one, value]) =>
+    [one, NOTHING.has(value) ? "" : form.choices[one][value] ?? value]);
   if (change.bath_depth_mm) mounted.push(["bath_depth_mm", change.bath_depth_mm]);
   if (ready?.machine && mounted.length) await send("POST", "/printer/mount", Object.fromEntries(mounted));
   await refresh();
@@ -135,16 +139,19 @@ async function keepNow({ job, form, ready, refresh }, change) {
 
 const placed = (mm) => mm.map((one, k) => `${"XYZ"[k]} ${one.toFixed(2)}`).join(" ");
 
+const known = (why, value) => html`<${Known} why=${why}>${value}</${Known}>${why && html`
+  <span class="quiet">: ${why}</span>`}`;
+
 function ThePrinter(all) {
   const { form, ready } = all;
   const { set_up } = form;
   const machine = ready?.machine;
-  const named = Object.keys(PARTS).filter((one) => one !== "printer" && set_up[one]);
+  const named = Object.keys(PARTS).filter((one) => one !== "printer" && !NOTHING.has(set_up[one]));
   const names = (parts) => parts.map((one) => chosen(form, one)).join(", ");
   const assumed = named.filter((one) => !machine?.mounted[one]);
   const fields = [
     ...Object.keys(PARTS).filter((one) => one !== "printer" || !machine).map((one) => partField(form, one)),
-    set_up.dish && { name: "bath_depth_mm", kind: "number", label: "Bath depth", unit: "mm", min: "0.1" },
+    !NOTHING.has(set_up.dish) && { name: "bath_depth_mm", kind: "number", label: "Bath depth", unit: "mm", min: "0.1" },
   ];
   return html`<${Step} at="2" title="The printer" done=${machine?.ready && "ready"}
       tools=${machine && !machine.ready && html`<${Badge} tone="warn">${machine.state}</${Badge}>`}>
@@ -154,8 +161,9 @@ function ThePrinter(all) {
       ["Checked with", assumed.length ? `${names(assumed)}${machine ? " (not said to be mounted)" : ""}` : null],
       ["Starts at", `${placed(set_up.start_mm)} mm${
         form.declared ? ", as the job says" : machine ? ", where the tip stands" : ""}`],
-      machine && ["Tip", machine.tip_mm ? `${placed(machine.tip_mm)} mm` : "not known"],
-      machine && ["In the syringe", machine.ul_left === null ? "not known" : `${number(machine.ul_left, 3)} µL`],
+      machine && ["Tip", known(machine.unknown.position, machine.tip_mm && `${placed(machine.tip_mm)} mm`)],
+      machine && ["In the syringe", known(machine.unknown.ink,
+        machine.ul_left !== null && `${number(machine.ul_left, 3)} µL`)],
     ]} />
     <div class="job-folds">
     <${Fold} title="Change what is mounted">
@@ -254,7 +262,7 @@ function Remedy(all) {
   const remedies = {
     controls: () => post("Take them over", "/controls", { force: true }),
     connect: () => html`${post("Rehearse (simulated)", "/printer/connect", {
-      profile: chosen(form, "printer"), port: "simulated" })}${link("Connect a printer …", "/printer")}`,
+      profile: chosen(form, "printer"), port: "simulated" })}${link("Connect a printer …", `/printer?job=${part(job)}`)}`,
     reconnect: () => post("Connect anew", "/printer/reconnect"),
     to_start: () => html`${post("Move the tip to the start", `/jobs/${part(job)}/to-start`, {})}
       ${all.ready?.machine?.touch_off_due && touchOff("Touch off first")}`,

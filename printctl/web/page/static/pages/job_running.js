@@ -1,7 +1,7 @@
 // A print that goes on, on one screen: where it stands, what may be done, what is seen. And its end.
 import { part, send } from "../api.js";
 import {
-  Act, Ask, Bullets, Button, Card, Field, Fields, Fold, Loaded, Note, Progress, Tiles, go, html, number, sentence,
+  Act, Ask, Bullets, Button, Card, Field, Fields, Fold, Known, Loaded, Note, Progress, Tiles, go, html, number, sentence,
   span, useGet, useNews, useState,
 } from "../ui.js";
 import { HeldLook, LastLooks, useLooks } from "./job_looks.js";
@@ -141,7 +141,7 @@ function Now({ job, print }) {
     [print.progress?.passes ? "Pass" : "Layer", ...layerOf(print)],
     ["Ink", ...inkOf(print.progress)],
     ["Temperatures", heatOf(station), print.readings.join(", ")],
-    ["Tip", print.words.tip || "not known"],
+    ["Tip", html`<${Known} why=${print.words.tip ? "" : "the print hasn't said where it is"}>${print.words.tip}</${Known}>`],
     ["Alarms", print.alarms ? `${print.alarms}, see above` : "none",
       print.line_errors ? `${print.line_errors} lines sent again` : ""],
     cells && cells.minutes !== null && ["Cells", cells.words, "", late && "warn"],
@@ -156,24 +156,30 @@ function timeOf({ progress, time_left_s: left }) {
   return [span(left), `${error === null || error < 1 ? "" : `± ${span(error)}, `}until ${until}`];
 }
 
+// Where there is room for it; a phone shows what is needed to act.
+const Rate = ({ value, unit }) => typeof value === "number" && html`<span class="job-rate">, ${number(value, 2)} ${unit}</span>`;
+
 function layerOf({ progress, lines_executed: made, lines_total: all }) {
   if (!progress) return [`${made} of ${all} commands`];
-  const { layer, layers, layers_done: whole, vessel, vessels } = progress;
-  return [`${layer} of ${layers}`, vessels ? `vessel ${vessel} of ${vessels}` : `${whole} whole`];
+  const { layer, layers, layers_done: whole, vessel, vessels, speed_mm_s: speed } = progress;
+  const done = vessels ? `vessel ${vessel} of ${vessels}` : `${whole} whole`;
+  return [`${layer} of ${layers}`, html`${done}<${Rate} value=${speed} unit="mm/s" />`];
 }
 
 function inkOf(progress) {
   if (!progress) return ["not known yet"];
-  const { ink_left_ul: left, ink_ul: ink, ink_total_ul: all } = progress;
-  const written = `${number(ink, 3)} of ${number(all, 3)} µL written`;
-  return left === null ? [written] : [`${left.toFixed(0)} µL left`, written];
+  const { ink_left_ul: left, ink_ul: ink, ink_total_ul: all, flow_ul_s: flow } = progress;
+  const written = html`${number(ink, 3)} of ${number(all, 3)} µL written<${Rate} value=${flow} unit="µL/s" />`;
+  return left === null ? [html`<${Known} why="how full the syringe was isn't known" /> left`, written]
+    : [`${left.toFixed(0)} µL left`, written];
 }
 
 function heatOf(station) {
-  if (!["ready", "busy", "printing"].includes(station?.state)) return "not known";
+  const why = station ? station.unknown.temperatures : "no printer is connected";
+  if (why) return html`<${Known} why=${why} />`;
   const one = ({ name, now_c: now, target_c: target }) =>
     `${name}\u00a0${now.toFixed(1)}${target ? ` → ${number(target)}` : ""}\u00a0°C`;
-  return station.temperatures.map(one).join(", ") || "not known";
+  return html`<${Known}>${station.temperatures.map(one).join(", ")}</${Known}>`;
 }
 
 const GO_ON = {

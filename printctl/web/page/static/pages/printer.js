@@ -1,8 +1,9 @@
 // The printer's page: connect it, move it, heat it, say what is mounted; the rest in tabs.
 import {
   Act, Button, Card, Field, Fold, Loaded, Loading, Note, Page, Segments, Tabs, html, useAction, useAddress, useGet,
-  useKept, useNews, useState, useStyle,
+  nameOf, useKept, useNews, useState, useStyle,
 } from "../ui.js";
+import { part } from "../api.js";
 import { Calibration } from "./printer_calibrate.js";
 import { Console, Log, Macros } from "./printer_console.js";
 import { Temperatures } from "./printer_heat.js";
@@ -17,7 +18,8 @@ const standsBy = ({ state }) => state === "ready" || state === "busy";
 const none = ({ state, firmware }) => state === "closed" || state === "connecting" || (state === "lost" && !firmware);
 
 // `tab` and `open` of the address name a tab or a dialog that another page sends people to.
-export default function Printer({ tab = "daily", open = null }) {
+// `job` is the one that was being set up: there it goes on once a printer is connected.
+export default function Printer({ tab = "daily", open = null, job = null }) {
   useStyle("pages/printer.css");
   const first = useGet("/printer/status");
   const status = useNews("station") ?? first.value;
@@ -25,8 +27,10 @@ export default function Printer({ tab = "daily", open = null }) {
   const [dialog, setDialog] = useState(open);
   const Which = status && standsBy(status) ? DIALOGS[dialog] : null;
   const close = () => setDialog(null);
-  useAddress("/printer", { tab: shown !== "daily" && shown });
+  useAddress("/printer", { tab: shown !== "daily" && shown, job });
   return html`<${Page} title="Printer" tools=${status && !none(status) && html`<${Connection} status=${status} />`}>
+    ${job && status && standsBy(status) && html`<${Note} tone="good">
+      <${Button} kind="main" href=${`/job?job=${part(job)}`}>Back to ${nameOf(job)}</${Button}></${Note}>`}
     <${Loaded} of=${{ ...first, value: status }} what="Asking how the printer is">${() =>
       html`<${Body} status=${status} tab=${shown} onTab=${setShown} onOpen=${setDialog} />`}</${Loaded}>
     ${Which && html`<${Which} status=${status} onClose=${close}

@@ -12,7 +12,7 @@ export function Temperatures({ status, locked }) {
   const columns = kept.value;
   const lines = columns ? Object.keys(columns.now_c) : [];
   return html`<${Card} title="Temperatures" aria-label="Temperatures">
-    ${temperatures.length === 0 && html`<${Empty}>The printer hasn't told a temperature yet.</${Empty}>`}
+    ${status.unknown.temperatures && html`<${Empty}>Temperatures unknown: ${status.unknown.temperatures}.</${Empty}>`}
     ${lines.length > 0 && html`<${Chart} at=${columns.at_s} values=${columns.now_c} marks=${columns.target_c} unit="°C"
       label="Temperatures of the last ten minutes, targets dotted; numbers below" />`}
     ${temperatures.map((one) => html`

@@ -1,7 +1,7 @@
 // Move the tip by hand: the pad, homing, saying where it stands, touching off.
 import { send } from "../api.js";
 import {
-  Act, Ask, Button, Card, Facts, Field, Fields, Refused, Segments, html, useAction, useGet, useRef,
+  Act, Ask, Button, Card, Facts, Field, Fields, Known, Refused, Segments, html, useAction, useGet, useRef,
   useState,
 } from "../ui.js";
 
@@ -29,11 +29,14 @@ export function Move({ status, onOpen }) {
     if (!event.repeat) jog(...KEYS[event.key]);
   };
   const { mounted, soft_low_mm: low, soft_high_mm: high } = status;
+  const unknown = status.unknown.position;
   const heights = [["floor", mounted.floor_mm], ["bath", mounted.bath_level_mm], ["rim", status.rim_mm]]
     .filter(([, value]) => value !== null).map(([name, value]) => `${name} ${mm(value)}`).join(", ");
   return html`<${Card} title="Move by hand" aria-label="Move by hand" class="card printer-move">
     <dl class="printer-place">${AXES.map((axis, at) => html`
-      <div key=${axis}><dt>${axis}, mm</dt><dd class="big">${mm(status.position_mm?.[at])}</dd></div>`)}</dl>
+      <div key=${axis}><dt>${axis}, mm</dt><dd class="big"><${Known} why=${unknown}>${
+        status.position_mm && mm(status.position_mm[at])}</${Known}></dd></div>`)}</dl>
+    ${unknown && html`<p class="hint">Position unknown: ${unknown}.</p>`}
     <${Segments} label="Step size" options=${STEPS} value=${step} onChange=${setStep} />
     <div class="printer-pad" tabindex="0" role="group" onKeyDown=${press}
       aria-label="Jog pad: arrow keys move X and Y, Page Up and Page Down move Z, by the step chosen">
@@ -81,7 +84,7 @@ export const coordinate = (name, label = name.toUpperCase()) =>
 export const rounded = (place) => place.map((one) => (one === null ? null : Number(one.toFixed(3))));
 
 export function PlaceDialog({ status, onClose }) {
-  const [x, y, z] = rounded(status.position_mm ?? [null, null, null]);
+  const [x, y, z] = rounded(status.unknown.position ? [null, null, null] : status.position_mm);
   const [place, setPlace] = useState({ x, y, z });
   return html`<${Ask} title="Where the tip is" yes="The tip stands there" work=${() => post("set-position", place)}
       onClose=${onClose} text=${"Nothing moves. The printer calls the place where its tip stands now by these numbers, "

@@ -1,7 +1,7 @@
 // What is mounted, the plunger, and changes of needle and syringe step by step.
 import {
-  Act, Ask, Button, Card, Dialog, Facts, Field, Fields, Loaded, Progress, html, number, sentence, useEffect, useGet,
-  useState,
+  Act, Ask, Button, Card, Dialog, Facts, Field, Fields, Known, Loaded, Progress, html, number, sentence, useEffect,
+  useGet, useState,
 } from "../ui.js";
 import { coordinate, mm, post, rounded } from "./printer_move.js";
 
@@ -35,11 +35,11 @@ export function Plunger({ status, onOpen, locked }) {
     return post("plunger", { ...push, ul: sign * push.ul });
   };
   return html`<${Card} title="Ink in the syringe" aria-label="Ink in the syringe">
-    <p>${left === null ? "µL left: not known" : html`<span class="big">${left.toFixed(1)}</span> µL left`}</p>
+    <p><${Known} why=${status.unknown.ink}>${
+      left !== null && html`<span class="big">${left.toFixed(1)}</span>`}</${Known}> µL left</p>
     ${left !== null && full && html`
       <${Progress} share=${Math.min(1, Math.max(0, left / full))} label="Ink left in the syringe" />`}
-    <p class="hint">${!syringe ? "No syringe is named: put in a new one, or say what is mounted."
-      : at === null ? "Where the plunger stands isn't known: a new syringe sets its zero."
+    <p class="hint">${status.unknown.ink ? `Ink left unknown: ${status.unknown.ink}; put in a new syringe.`
         : `Plunger at ${at.toFixed(2)} mm of travel${rest === null ? "" : `, ${rest.toFixed(1)} mm to its end`}.`}</p>
     ${!locked && html`
       ${syringe && html`<${Fields} of=${push} onChange=${setPush} fields=${[
@@ -87,7 +87,7 @@ function Change({ title, status, steps, onClose }) {
   const next = () => setStep((old) => old + 1);
   const raise = ["Raise the needle", html`
     <p>Straight up, out of the bath and above the rim of the dish. The tip is at
-      Z ${mm(status.position_mm?.[2])} mm.</p>
+      Z <${Known} why=${status.unknown.position}>${mm(status.position_mm?.[2])}</${Known}> mm.</p>
     <div class="row row-top"><${Act} kind="main" post="/printer/lift-out">Raise</${Act}>
       <${Button} onClick=${next}>It is up: next</${Button}></div>`];
   return html`<${Dialog} title=${title} onClose=${onClose}>

@@ -5,7 +5,7 @@ import { Frame } from "../frame.js";
 import { Pages, Stages, isGoing } from "../runs.js";
 import { SketchView } from "../sketch_view.js";
 import {
-  Act, Badge, Bullets, Button, Card, Empty, Facts, Field, Findings, Fold, Loaded, Note, Page, go, html, number, span,
+  Act, Badge, Bullets, Button, Card, Empty, Facts, Field, Findings, Fold, Loaded, Note, Page, go, html, number, sentence, span,
   useEnd, useGet, useKept, useLayoutEffect, useNews, useRef, useState, useStyle,
 } from "../ui.js";
 
@@ -56,9 +56,16 @@ function Shape({ project, reload }) {
   const [values, setValues] = useState({});
   const sketch = useSketch(project, values);
   const changed = Object.keys(values).length > 0;
+  // The version that these values were set against: what another tab saves meanwhile is neither lost nor mixed in.
+  const seen = useRef(project.version);
+  if (!changed) seen.current = project.version;
   const make = async () => {
-    if (changed) await send("PATCH", `/projects/${part(project.name)}`, { values });
-    await send("POST", `${wayOf(project)}/start`, {});
+    let { current: version } = seen;
+    if (changed) {
+      ({ version } = await send("PATCH", `/projects/${part(project.name)}`, { values, version }));
+      seen.current = version;
+    }
+    await send("POST", `${wayOf(project)}/start`, { version });
     setValues({});
     reload();
     to(project, "check");
@@ -79,7 +86,7 @@ function Shape({ project, reload }) {
         ${ready ? html`<${Button} kind="main" onClick=${() => to(project, "check")}>Next: look at the checks</${Button}>`
           : html`<${Act} kind="main" work=${make} disabled=${busy(project) || project.problems.length > 0}>
               ${changed ? "Save and make it" : "Make it"}</${Act}>`}
-        ${changed && html`<${Button} onClick=${() => setValues({})}>Back to what was saved</${Button}>`}</div>
+        ${changed && html`<${Button} onClick=${() => { setValues({}); reload(); }}>Back to what was saved</${Button}>`}</div>
     </${Card}>
   </div>`;
 }
@@ -142,6 +149,7 @@ function Check({ project, reload }) {
   if (!project.made) return html`<${NotMade} project=${project} reload=${reload} />`;
   const { passed = [], refused = [], noted = [] } = Object.groupBy(
     project.checks, (one) => (one.passed ? "passed" : one.refuses ? "refused" : "noted"));
+  const loads = project.checks.filter((one) => one.value !== null && /pressure|shear|force/i.test(one.check));
   return html`<div class="columns">
     <${Card} title=${refused.length ? `${refused.length} of ${project.checks.length} checks refuse the print`
       : `All ${project.checks.length} checks let it be printed`} tone=${refused.length ? "bad" : undefined}>
@@ -152,6 +160,8 @@ function Check({ project, reload }) {
         <${Button} kind=${refused.length ? "quiet" : "main"} onClick=${() => to(project, "print")}
           why=${refused.length ? "something refuses the print" : ""}>Next: print or rehearse</${Button}>
         <${Mend} project=${project} main=${refused.length > 0} /></div>
+      ${loads.length > 0 && html`<${Facts} rows=${loads.map((one) =>
+        [sentence(one.check), `${number(one.value, 3)} ${one.unit}, limit ${number(one.limit, 3)}`])} />`}
       <${Fold} title=${`${passed.length} checks passed`}><${Findings} rows=${passed} /></${Fold}>
     </${Card}>
     <${Card} title="Look at it"><${Pages} run=${project.name} views=${VIEWS} /></${Card}></div>`;
@@ -167,7 +177,8 @@ function NotMade({ project, reload }) {
     ${failed && html`<p><b>${failed.name}</b>: ${failed.note || project.run.message}</p>`}
     ${!failed && project.run.message && html`<p>${project.run.message}</p>`}
     <div class="row">${failed && html`<${Mend} project=${project} main />`}
-      <${Act} kind=${failed ? "quiet" : "main"} post=${`${wayOf(project)}/start`} body=${{}} work=${reload}>
+      <${Act} kind=${failed ? "quiet" : "main"} post=${`${wayOf(project)}/start`} body=${{ version: project.version }}
+        work=${reload}>
         ${failed ? "Try again" : "Make it"}</${Act}></div>
   </${Card}>`;
 }
@@ -197,7 +208,8 @@ function Print({ project, reload }) {
         Nothing needs to be connected, and nothing moves.</p>
       <${Field} label="How fast" kind="choice" value=${speed} onChange=${setKept}
         options=${choices.map((one) => [one, one ? `${one} × real time: the print takes ${took(one)}` : "as fast as it can"])} />
-      <${Act} kind="main" post=${`/projects/${part(project.name)}/rehearse`} body=${{ speed }} work=${reload}>
+      <${Act} kind="main" post=${`/projects/${part(project.name)}/rehearse`}
+        body=${{ speed, version: project.version }} work=${reload}>
         ${again ? "Rehearse again" : "Rehearse"}</${Act}>
     </${Card}>
     <${Card} title="Print it">
