@@ -346,7 +346,7 @@ class Aftercare:
 
     def _bath(self, job: str) -> Bath | None:
         """The bath that the job was printed in, as far as that was said."""
-        name = self._set_up(job).bath
+        name = next(iter(self._set_up(job).profiles["bath"]), "")
         return load(Bath, name) if name else None
 
     def _last(self, job: str) -> str:

@@ -72,7 +72,11 @@ class JobSetUp(BaseModel):
     def profiles(self) -> dict[str, list[str]]:
         """Names that are given of each sort of profile, of several heads several."""
         return {
-            part: [name for name in getattr(self, part).split(",") if name not in ("", NONE)]
+            part: [
+                name
+                for name in getattr(self, part).split(",")
+                if name and not (name == NONE and part in ("needle", "bath", "dish"))
+            ]
             for part in PROFILES
         }
 

@@ -116,7 +116,7 @@ def test_profiles_of_the_workspace_go_by_their_names(service):
     ready = service.readiness(OPERATOR, job, said)
     assert "job and set-up" not in {one.what for one in ready.refusals}
     ready = service.readiness(OPERATOR, job, JobSetUp(syringe="none"))
-    assert any("there is no syringe profile 'none'" in one.remedy for one in ready.refusals)
+    assert any("no syringe profile 'none'" in one.remedy for one in ready.refusals)
 
 
 def test_the_record_keeps_every_change_with_who(service):
