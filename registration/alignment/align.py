@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 from registration.alignment.choice import PosePoints, residuals, thin_points
 from registration.alignment.distance import ModelSurface, distance_grid
 from registration.alignment.doubts import LEAST_SEEN, loose_freedoms, misfits, rival_doubts
@@ -119,10 +119,9 @@ def align(
     scaled = _at_both_ends(surface, many, choice.best, freedom, blur_mm)
     many = _off_rims(surface, many, scaled, RIM_BLURS * blur_mm)
     scaled = refine(surface, many, scaled, freedom, blur_mm=blur_mm, even=True)
-    _refuse_misfit(surface, many, scaled)
+    kept = _refuse_misfit(surface, many, scaled)
     # Least squares over what belongs to the part: a robust fit of a shrunken part would hold on to
     # one end and call the other an outlier.
-    kept = np.abs(surface.query(scaled.apply(many)).distance) < CLOSE_MM
     rigid = refine(
         surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm, even=True
     )
@@ -213,13 +212,16 @@ def _refuse_mirrored(lead: float) -> None:
     if lead > MIRROR_LEAD:
         raise AlignmentError(
             f"the scan fits the model better as its mirror image (by a factor of {lead:.1f} where "
-            f"the two differ, limit {MIRROR_LEAD}); one axis runs the other way: give --mirrored, "
-            "--depth-up or --depth-down (scan.mirrored, scan.depth_down in a recipe)"
+            f"the two differ, limit {MIRROR_LEAD}): either the file stores one axis the other way "
+            "round (then --mirrored, --depth-up or --depth-down; scan.mirrored, scan.depth_down in "
+            "a recipe), or the part was printed as a mirror image and isn't the design. Look at a "
+            "mark whose side is known before telling which"
         )
 
 
-def _refuse_misfit(surface: ModelSurface, points: FloatArray, fit: Fit) -> None:
-    close = np.abs(residuals(surface, points, fit)) < CLOSE_MM
+def _refuse_misfit(surface: ModelSurface, points: FloatArray, fit: Fit) -> BoolArray:
+    """Return which points lie near the design, (n,); an offset all over isn't taken off."""
+    close = np.abs(surface.query(fit.apply(points)).distance) < CLOSE_MM
     if close.mean() < 0.5:
         raise AlignmentError(
             f"no pose fits: in the best one {100 * close.mean():.0f} % of the scanned surface lies "
@@ -228,3 +230,4 @@ def _refuse_misfit(surface: ModelSurface, points: FloatArray, fit: Fit) -> None:
             "z; check which part was scanned, the voxel size (--voxel-um; scan.voxel_um in a "
             "recipe) and the model's unit (--unit)"
         )
+    return np.asarray(close)
