@@ -125,7 +125,7 @@ def print_job(
     ones are assumed where none are mounted.
 
     Exit code 1 when all lines were taken but it isn't proved that all was made: another program
-    wrote to the printer.
+    wrote to the printer, or flow or speed was changed at its panel.
     """
     cli.use_host_key(host_key)
     profile = load(Printer, printer)

@@ -12,12 +12,13 @@ from printctl.checks.gate import LineOrigin, PrinterSituation, Refusal, judge
 from printctl.machine.control.context import Print
 from printctl.machine.control.ending import end_on_fault, retreat
 from printctl.machine.control.excursion import CHANGE, Excursion
+from printctl.machine.control.factors import notice_changes, pause_on_changes
 from printctl.machine.control.gating import paused_situation
 from printctl.machine.control.inserting import answer_clients, refuse_rest
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.others import own_modes, take_back
-from printctl.machine.control.place import MOVED
+from printctl.machine.control.place import MOVED, WITHIN_MM
 from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.steps import Record, Steps
 from printctl.machine.control.syringes import (
@@ -33,6 +34,7 @@ from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.coordinates import Modal, last_of
 from printctl.machine.job.dispensing import reopen, shut_and_wait
 from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.retreat import count_from
 from printctl.machine.records.states import LinkState
 
 PAUSE_SIGN_S: Final = 20.0
@@ -62,6 +64,7 @@ def pause_where_due(run: Print) -> Steps[None]:
         if stands:
             yield from run.channel.command(b"M400")
         yield from run.position.verify(run.progress.modal(), mark=where, stands=stands)
+        yield from pause_on_changes(run)
         watch.checked(run.channel.now, done)
 
 
@@ -105,6 +108,7 @@ def leave(
     yield from shut_valve(run)  # what was taken is written; nothing more
     at = yield from run.position.expected()
     yield from run.position.verify(at, mark=mark, stands=True)
+    yield from notice_changes(run)  # before the plunger is relieved: by a factor it is otherwise
     logbook.record("left", place=at.place(), **({} if park is None else {"park": park}))
     yield from own_modes(run)
     channel.led = {axis.upper(): [mm] for axis, mm in at.place().items()}
@@ -163,6 +167,7 @@ def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = Fa
     yield from run.position.refuse_renamed(waited=True)  # before the needle is lowered by that name
     yield from run.position.refuse_elsewhere(at.x, at.y, at.z)
     yield from take_head(run)
+    yield from notice_changes(run)
     yield from lower(run, at, prime_mm)
     run.change.going_on, run.change.planned_head = False, None
     yield from run.position.frame.note_plunger()
@@ -170,6 +175,7 @@ def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = Fa
     refuse_rest(run)
     if by_person:
         run.watch.confirmed = run.channel.now
+    run.begin_pace()
     run.logbook.enter(LinkState.PRINTING, "printing")
     yield from reopen_valve(run)
 
@@ -180,6 +186,7 @@ def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> Steps[None]:
     Each step of the way down is waited for, so that a stop finds no further one ahead.
     """
     channel, height = run.channel, (yield from run.position.height())
+    yield from _adopt_plunger(run, at, height)
     run.excursion.come_back(height)
     for move in run.retreat.lower(at, run.printer, height):
         yield from channel.command(move)
@@ -188,6 +195,31 @@ def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> Steps[None]:
     yield from channel.command(b"M400")
     yield from run.position.verify(at)
     run.excursion.going_on = False
+
+
+def _adopt_plunger(run: Print, at: Modal, height_mm: float) -> Steps[None]:
+    """Count a plunger that was moved by hand meanwhile as the link had left it.
+
+    Nothing is drawn back, or pushed on, in the print to undo it. Of a print found again after its
+    host's death it isn't known whether the plunger had been relieved yet.
+    """
+    e = None
+    if at.e is not None and not run.printer.pneumatic:
+        e = yield from run.position.plunger()
+    if at.e is None or e is None:
+        return
+    relieved = run.retreat.relieved_e(at.e, run.excursion.relieved_mm)
+    highest = at.e if run.excursion.top is None else relieved
+    if relieved - WITHIN_MM <= e <= highest + WITHIN_MM:
+        return
+    lifted = at.z is None or height_mm > at.z + WITHIN_MM
+    left = relieved if lifted or e < relieved else at.e
+    run.logbook.alarm(
+        f"the plunger is at E {e:.2f} mm and was left at {left:.2f} mm: it was moved by "
+        f"{e - left:+.2f} mm while the print was held; it stays there and is counted as left, so "
+        "that nothing is drawn back or pushed in the print to undo that"
+    )
+    yield from run.channel.command(count_from(left))
 
 
 def _stay_paused(run: Print, at: Modal) -> Steps[ResumeRequest]:

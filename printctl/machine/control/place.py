@@ -231,6 +231,16 @@ class PositionCheck:
                 return position
         return {}
 
+    def plunger(self) -> Steps[float | None]:
+        """Return the plunger's count reported twice running, mm; None where none is."""
+        e: float | None = None
+        for _ in range(RETRIES):
+            before, (_, position) = e, (yield from self.compare(Modal()))
+            e = position.get("E")
+            if e is not None and e == before:
+                return e
+        return None
+
     # --- whether that is right -------------------------------------------------------------------
 
     def compare(self, at: Modal) -> Steps[tuple[str, dict[str, float]]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 from printctl.machine.control.standstill import Standstill, StandstillWatch
@@ -263,3 +264,12 @@ class JobProgress:
             return ""
         many = "1 answer" if self.foreign == 1 else f"{self.foreign} answers"
         return f"another program or noise wrote to this printer: {many} more than lines"
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Last time at which a print's pace and settings were compared."""
+
+    since: int = 0  # job lines taken by then
+    since_s: float = 0.0
+    errors: int = 0  # lines sent again by then
