@@ -39,6 +39,11 @@ from printctl.machine.records.states import LinkState
 
 PAUSE_SIGN_S: Final = 20.0
 """Interval of the sign of life in a pause."""
+ROOM_S: Final = 5.0
+"""The same where the print waits for room on the journal's disk: its record tries again."""
+
+
+_ROOM: Final = ResumeRequest()
 
 
 def pause_where_due(run: Print) -> Steps[None]:
@@ -78,6 +83,15 @@ def wanted_pause(run: Print, after: MarkKind | None) -> Record:
     run.watch.after = after
     head = {} if after is not MarkKind.RELOAD else {"head": run.change.wanted_head}
     return Record("wanted", {"after": after or "", **head})
+
+
+def hold_for_room(run: Print) -> None:
+    """Have the print paused while the journal can't be written; it goes on by itself then."""
+    fault = run.wiring.exchange.journal_fault
+    run.logbook.alarm(f"{fault}; pausing", kind="no room")
+    run.waits_for_room = True
+    why = f"{fault}; the print goes on by itself once the journal can be written again"
+    run.queue.add(Request.PAUSE, why=why)
 
 
 def pause(run: Print, message: str, changing: bool = False) -> Steps[None]:
@@ -153,7 +167,7 @@ def wait_and_come_back(run: Print, at: Modal, message: str) -> Steps[None]:
     new = resume.change if run.change.going_on else None
     if new or (run.change.going_on and run.change.idle_head is not None):
         yield from count_plunger(run, at, new or NewSyringe())
-    yield from come_back(run, at, run.retreat.prime_mm, by_person=True)
+    yield from come_back(run, at, run.retreat.prime_mm, by_person=resume is not _ROOM)
 
 
 def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = False) -> Steps[None]:
@@ -173,6 +187,7 @@ def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = Fa
     yield from run.position.frame.note_plunger()
     run.book.current = None
     refuse_rest(run)
+    run.waits_for_room = False
     if by_person:
         run.watch.confirmed = run.channel.now
     run.begin_pace()
@@ -229,6 +244,8 @@ def _stay_paused(run: Print, at: Modal) -> Steps[ResumeRequest]:
         word = yield from await_word(run, at)
         if isinstance(word, LookRequest):  # of a look that became a pause without any decision
             run.channel.tell(word.refused, "the print is paused; `printctl resume RUN` goes on")
+        elif word is Request.PAUSE:  # somebody wants to decide
+            run.waits_for_room = False
         elif word is Request.RELOAD and not change.going_on:
             change.planned_head = change.wanted_head
             yield from begin_change(run, at)
@@ -245,6 +262,8 @@ def _stay_paused(run: Print, at: Modal) -> Steps[ResumeRequest]:
 
 def _why_not_resume(run: Print, at: Modal, request: ResumeRequest) -> Steps[str]:
     """Return what keeps the needle from coming down; empty for nothing."""
+    if fault := run.wiring.exchange.journal_fault:
+        return f"not resumed: {fault}"
     if run.change.going_on and not (request.change or request.unchanged):
         return f"not resumed: {CHANGE}"
     wrong, _ = yield from run.position.compare(Modal(x=at.x, y=at.y))
@@ -267,7 +286,7 @@ def await_word(
     """
     channel, queue = run.channel, run.queue
     while True:
-        limit = min(channel.now + PAUSE_SIGN_S, until)
+        limit = min(channel.now + (ROOM_S if run.waits_for_room else PAUSE_SIGN_S), until)
         while channel.now < limit and not queue.waiting:
             yield from channel.pump(limit)
             yield from end_on_fault(run)
@@ -278,6 +297,9 @@ def await_word(
             raise StopRequested
         if word is not None or channel.now >= until:
             return word
+        if run.waits_for_room and not run.wiring.exchange.journal_fault:
+            run.logbook.notice("the journal can be written again: the print goes on")
+            return _ROOM
         yield from sign_of_life(run)
 
 

@@ -16,6 +16,7 @@ from printctl.machine.control.looking import do_what_is_due
 from printctl.machine.control.others import begin_polling, compare_clients, poll_clients, take_back
 from printctl.machine.control.pausing import (
     compare_away,
+    hold_for_room,
     pause,
     reopen_valve,
     send_manual,
@@ -102,8 +103,8 @@ def _start(run: Print) -> Steps[None]:
     if link_facts(run.printer).m84_sets_timeout:
         yield from channel.command(b"M84 S0", journalled=False)
     number = yield from channel.agree(protocol.renumber)
-    if logbook.fault and not logbook.disk_full:
-        raise HandshakeError(f"{logbook.fault}; no line of the job was sent")
+    if fault := logbook.fault or run.wiring.exchange.journal_fault:
+        raise HandshakeError(f"{fault}; no line of the job was sent")
     protocol.load(run.job.lines, 0, number)
 
 
@@ -153,6 +154,8 @@ def _stream(run: Print) -> Steps[None]:
             limit = protocol.limit = min(limit, _next_stop(run, now))
         if logbook.fault:
             yield from end_on_fault(run)
+        if exchange.journal_fault:
+            hold_for_room(run)
         if progress.unverified:
             yield from _go_on_verified(run)
         if killed():

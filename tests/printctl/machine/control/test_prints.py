@@ -424,18 +424,40 @@ def test_line_that_the_printer_refuses_ends_the_print_before_it():
 # --- the host's own troubles ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("record", [22, 27, 30])
-@pytest.mark.parametrize("reserve", [0, 1])
-def test_full_disk_ends_the_print_by_a_controlled_stop(record, reserve):
-    journal = MemoryJournal(full_at=record, reserve=reserve)
+@pytest.mark.parametrize("record", [9, 11, 13])
+@pytest.mark.parametrize("reserve", [0, 2, 60])
+def test_full_disk_pauses_a_print_which_goes_on_by_itself_once_there_is_room(record, reserve):
+    journal = MemoryJournal(full_at=record, reserve=reserve, room_at_s=1000.0)
     bench = Bench(JOB, journal=journal)
-    bench.on_line(5, pause)
-    bench.when(LinkState.PAUSED, resume)
+    refused: list[str] = []
+    bench.when(LinkState.PAUSED, lambda streamer: streamer.resume(answer=refused.append))
     status = bench.run()
-    assert status.state is LinkState.FAILED, status.message
-    assert "disk full" in status.message
+    assert "disk full; free space; the print goes on by itself" in bench.pauses[0].message
+    assert refused == ["not resumed: journal memory can't be written: disk full; free space"]
+    assert 1000.0 < bench.exchange.now_s < 1020.0
+    assert_exact(bench, status)
+    assert [one["message"] for one in bench.recorded("end")] == [status.message]
+    assert any("disk full" in alarm for alarm in bench.alarms)
+    assert b"M104 S0" not in b"".join(bench.sent)  # heat is kept
+    high = [one for one in bench.printer.made if one.end["Z"] > one.start["Z"] + 3.9]
+    assert len(high) == 1  # the needle waited above the gel
+
+
+def test_a_pause_for_room_that_a_person_takes_over_waits_for_that_person():
+    bench = Bench(JOB, journal=MemoryJournal(full_at=12, room_at_s=100.0))
+    bench.when(LinkState.PAUSED, pause)
+    bench.at(5000.0, resume)
+    assert_exact(bench)
+    assert bench.exchange.now_s > 5000.0
+
+
+def test_disk_that_stays_full_leaves_a_stop_and_its_end():
+    journal = MemoryJournal(full_at=12, reserve=60)
+    bench = Bench(JOB, journal=journal)
+    bench.when(LinkState.PAUSED, lambda streamer: bench.after(100.0, stop))
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, True)
     assert_true(bench, status)
-    assert bool(bench.recorded("end")) == bool(reserve)
 
 
 @pytest.mark.parametrize("effect", [40, 70, 80, 88])
