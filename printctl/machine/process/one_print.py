@@ -305,8 +305,8 @@ def _refuse_full_disk(folder: Path) -> None:
     if free < MIN_FREE_BYTES:
         raise LinkError(
             f"{free / 2**20:.1f} MiB are free on the disk of {folder}, and a print needs "
-            f"{MIN_FREE_BYTES / 2**20:g} MiB for its journal; free some, or name a folder on another "
-            "disk (--folder); no line of the job was sent"
+            f"{MIN_FREE_BYTES / 2**20:g} MiB for its journal; free some, or name a folder on "
+            "another disk (--folder); no line of the job was sent"
         )
 
 

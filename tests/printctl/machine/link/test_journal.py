@@ -504,7 +504,7 @@ def test_history_that_can_not_be_written_is_told_but_disturbs_no_print(tmp_path,
     with pytest.raises(HistoryError, match=r"journals are untouched.*PRINTCTL_DATA"):
         PrintHistory()
     remember(print_in(tmp_path / "one"))
-    remember_folder(tmp_path / "one").join()
+    remember_folder(tmp_path / "one").join(0.5)
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
