@@ -29,7 +29,7 @@ REST_LIMIT_S: Final = 30.0
 _PLACE_INTERVAL_S: Final = 0.5
 _BUSY_S: Final = 1.0
 """Most that a machine at rest takes to answer M400."""
-_TRIES: Final = 4
+_TRIES: Final = 8
 
 Place = tuple[float, float, float]
 
@@ -148,8 +148,9 @@ class RestWait:
         question, place = link_facts(self._channel.wiring.printer).place_question or b"M114", ""
         for _ in range(_TRIES):
             before, replies = place, (yield from self._channel.ask(question))
-            place = " ".join(one.decode("ascii", "replace") for one in replies if b"X:" in one)
-            if place == before:
+            told = " ".join(one.decode("ascii", "replace") for one in replies if b"X:" in one)
+            place = told or before  # else it was garbled, and is asked again
+            if told and told == before:
                 break
         return place
 

@@ -51,7 +51,6 @@ class Print:
         self.position = PositionCheck(self.channel)
         self.slips = SlipWatch(self.channel, self.position)
         self.pace, self.changes = Pace(), list[str]()  # changes at the panel, in words
-        self.waits_for_room = False  # on the journal's disk; nobody else has asked for the pause
         self.valve_shut = False  # by the link, within a path: it is opened again
         self.clients_due = math.inf  # s: when other clients' changes are polled
         # s: when answers are counted; the channel's troubles at the last count

@@ -10,15 +10,14 @@ Not noticed: a change that is taken back before the next question and makes the 
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Final
 
 from printctl.machine.control.context import Print
 from printctl.machine.control.requests import Request
-from printctl.machine.control.standstill import MODEL_ERROR, dwell_s, is_unbounded
+from printctl.machine.control.standstill import MODEL_ERROR, is_unbounded
 from printctl.machine.control.steps import Steps
 from printctl.machine.job.coordinates import modal_state
-from printctl.machine.job.moves import motion_of, moves_ahead, planned_moves
+from printctl.machine.job.moves import moves_ahead, planned_s
 
 LATE_SHARE: Final = 0.1
 """Share of the planned time by which moves may take longer: twice the plan's own error."""
@@ -83,10 +82,7 @@ def _late_words(run: Print) -> str:
         return ""
     if is_unbounded(lines, first, done):
         return ""
-    moves = planned_moves(lines, first, done, modal_state(lines, first), run.printer)
-    starts = motion_of(moves, run.printer).starts
-    planned_s = sum(b - a for a, b in pairwise(starts))
-    planned_s += sum(dwell_s(one) for one in lines[first:done] if one.startswith(b"G4 "))
-    if elapsed_s <= (1.0 + MODEL_ERROR + LATE_SHARE) * planned_s + LATE_S:
+    plan_s = planned_s(lines, first, done, modal_state(lines, first), run.printer)
+    if elapsed_s <= (1.0 + MODEL_ERROR + LATE_SHARE) * plan_s + LATE_S:
         return ""
-    return f"the moves took {elapsed_s:.0f} s, and are planned to take {planned_s:.0f} s at most"
+    return f"the moves took {elapsed_s:.0f} s, and are planned to take {plan_s:.0f} s at most"

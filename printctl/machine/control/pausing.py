@@ -19,7 +19,7 @@ from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.others import own_modes, take_back
 from printctl.machine.control.place import MOVED, WITHIN_MM
-from printctl.machine.control.requests import Request, ResumeRequest
+from printctl.machine.control.requests import PauseUntil, Request, ResumeRequest
 from printctl.machine.control.steps import Record, Steps
 from printctl.machine.control.syringes import (
     begin_change,
@@ -39,11 +39,13 @@ from printctl.machine.records.states import LinkState
 
 PAUSE_SIGN_S: Final = 20.0
 """Interval of the sign of life in a pause."""
-ROOM_S: Final = 5.0
-"""The same where the print waits for room on the journal's disk: its record tries again."""
+AGAIN_S: Final = 5.0
+"""The same in a pause that ends by itself, where it is looked whether it does."""
+QUIET_QUESTIONS: Final = 20
+"""Questions by which a line is tried that garbled too many."""
 
 
-_ROOM: Final = ResumeRequest()
+_BY_ITSELF: Final = ResumeRequest()
 
 
 def pause_where_due(run: Print) -> Steps[None]:
@@ -89,9 +91,8 @@ def hold_for_room(run: Print) -> None:
     """Have the print paused while the journal can't be written; it goes on by itself then."""
     fault = run.wiring.exchange.journal_fault
     run.logbook.alarm(f"{fault}; pausing", kind="no room")
-    run.waits_for_room = True
     why = f"{fault}; the print goes on by itself once the journal can be written again"
-    run.queue.add(Request.PAUSE, why=why)
+    run.queue.add(Request.PAUSE, why=why, until=PauseUntil.ROOM)
 
 
 def pause(run: Print, message: str, changing: bool = False) -> Steps[None]:
@@ -167,7 +168,7 @@ def wait_and_come_back(run: Print, at: Modal, message: str) -> Steps[None]:
     new = resume.change if run.change.going_on else None
     if new or (run.change.going_on and run.change.idle_head is not None):
         yield from count_plunger(run, at, new or NewSyringe())
-    yield from come_back(run, at, run.retreat.prime_mm, by_person=resume is not _ROOM)
+    yield from come_back(run, at, run.retreat.prime_mm, by_person=resume is not _BY_ITSELF)
 
 
 def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = False) -> Steps[None]:
@@ -187,7 +188,7 @@ def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = Fa
     yield from run.position.frame.note_plunger()
     run.book.current = None
     refuse_rest(run)
-    run.waits_for_room = False
+    run.queue.pause_until = None
     if by_person:
         run.watch.confirmed = run.channel.now
     run.begin_pace()
@@ -244,8 +245,6 @@ def _stay_paused(run: Print, at: Modal) -> Steps[ResumeRequest]:
         word = yield from await_word(run, at)
         if isinstance(word, LookRequest):  # of a look that became a pause without any decision
             run.channel.tell(word.refused, "the print is paused; `printctl resume RUN` goes on")
-        elif word is Request.PAUSE:  # somebody wants to decide
-            run.waits_for_room = False
         elif word is Request.RELOAD and not change.going_on:
             change.planned_head = change.wanted_head
             yield from begin_change(run, at)
@@ -286,7 +285,7 @@ def await_word(
     """
     channel, queue = run.channel, run.queue
     while True:
-        limit = min(channel.now + (ROOM_S if run.waits_for_room else PAUSE_SIGN_S), until)
+        limit = min(channel.now + (AGAIN_S if run.queue.pause_until else PAUSE_SIGN_S), until)
         while channel.now < limit and not queue.waiting:
             yield from channel.pump(limit)
             yield from end_on_fault(run)
@@ -297,10 +296,22 @@ def await_word(
             raise StopRequested
         if word is not None or channel.now >= until:
             return word
-        if run.waits_for_room and not run.wiring.exchange.journal_fault:
-            run.logbook.notice("the journal can be written again: the print goes on")
-            return _ROOM
+        if run.queue.pause_until and (yield from _is_over(run)):
+            run.logbook.notice("what paused the print is over: it goes on")
+            return _BY_ITSELF
         yield from sign_of_life(run)
+
+
+def _is_over(run: Print) -> Steps[bool]:
+    """Whether the cause of a pause that ends by itself is over."""
+    if run.queue.pause_until is PauseUntil.ROOM or run.wiring.exchange.journal_fault:
+        return not run.wiring.exchange.journal_fault
+    care, protocol = run.watch.care, run.wiring.protocol
+    before = protocol.line_errors
+    for _ in range(QUIET_QUESTIONS):
+        yield from run.channel.command(b"M105")
+    share = care.noise_limit / care.noise_window
+    return protocol.line_errors - before <= share * QUIET_QUESTIONS
 
 
 def sign_of_life(run: Print) -> Steps[None]:

@@ -24,8 +24,8 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.machine.job.coordinates import modal_state
-from printctl.machine.job.moves import FAR_MM, motion_of, moves_ahead, planned_moves
-from sim.gcode.reading import is_motion, read_sent
+from printctl.machine.job.moves import FAR_MM, dwell_s, motion_of, moves_ahead, planned_moves
+from sim.gcode.reading import is_motion
 
 SHORTEST_S: Final = 1.0
 MODEL_ERROR: Final = 0.05
@@ -319,9 +319,3 @@ class StandstillWatch:
 def is_unbounded(lines: Sequence[bytes], first: int, end: int) -> bool:
     """Whether any of ``lines[first:end]`` takes a time that no plan tells."""
     return any(_UNBOUNDED.match(one) for one in lines[first:end])
-
-
-def dwell_s(line: bytes) -> float:
-    """Return how long a dwell (G4) lasts, s."""
-    words = read_sent(line)
-    return (words.number("S") or 0.0) + (words.number("P") or 0.0) / 1000.0

@@ -41,7 +41,7 @@ from printctl.machine.process.contact import (
 from printctl.machine.process.host_print import refuse_on_host
 from printctl.machine.process.launch import START_LIMIT_S, await_process, interrupt_held, spawn
 from printctl.machine.process.orders import Order
-from printctl.machine.process.outcome import followable, resumable
+from printctl.machine.process.outcome import followable, other_file_words, resumable
 from printctl.machine.process.simulated import (
     is_complete_record,
     record_for,
@@ -215,11 +215,8 @@ def find_or_start(
                 "none of it; print the file from its beginning, in another folder"
             )
         if _journalled_hash(order.folder) not in ("", order.sha256):
-            raise SafetyError(
-                f"the print in {order.folder} was of another file, or {order.job.name} has changed "
-                "since: what was printed lies where the needle would write; `printctl resume` goes "
-                "on with the file that was printed"
-            )
+            history = read_journal(order.folder / JOURNAL)
+            raise SafetyError(other_file_words(order.folder, history))
         return resume_print(order.folder, open_port(), on_interrupt)
     counts = order.port != SIMULATED or is_complete_record(
         record_for(order.folder), order.sha256, load(Printer, order.printer)
@@ -309,11 +306,8 @@ def _refuse_interrupted(order: Order) -> None:
         return
     if begun != order.sha256:
         raise SafetyError(
-            f"the print of another file was interrupted in {order.folder} after at least "
-            f"{history.done} of {history.total} lines, or {order.job.name} (or its recipe) has "
-            "changed since: what was printed lies where the needle would write; make the file as "
-            "it was to go on (`printctl resume`), or give that print up (`printctl give-up "
-            f"{order.folder}`) and clear the dish"
+            f"a print was interrupted after at least {history.done} of {history.total} lines: "
+            f"{other_file_words(order.folder, history)}"
         )
     raise SafetyError(
         f"the print of {order.job.name} was interrupted in {order.folder} after at least "

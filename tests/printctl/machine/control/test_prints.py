@@ -481,3 +481,54 @@ def test_kill_whose_port_is_lost_is_not_said_to_have_halted_the_printer():
     status = bench.run()
     assert status.state is LinkState.KILLED
     assert UNCONFIRMED in status.message
+
+
+# --- what an ended print leaves ---------------------------------------------------------------
+
+
+def test_lost_port_says_how_long_motors_run_on_and_where_needle_and_heat_are():
+    job = parse_job(b"M140 S37\n" + layers(2, 8), "bench.gcode")
+    bench = Bench(job)
+    bench.on_line(12, lambda _: setattr(bench, "lost_at", bench.effects))
+    status = bench.run()
+    assert status.state is LinkState.FAILED
+    match = re.search(r"still holds, for up to (\d+\.\d) s, then stand", status.message)
+    bench.printer.run_to(1e9)
+    last_s = bench.printer.last_made_s - bench.exchange.now_s
+    assert match, status.message
+    assert last_s - 0.1 <= float(match[1]) < last_s + 1.5
+    assert "the needle wasn't lifted, it may be in the print at Z 10.00 mm" in status.message
+    assert "heaters stay set: the bed at 37 °C" in status.message
+
+
+def test_lost_port_in_a_pause_says_that_the_needle_is_lifted():
+    bench = Bench(JOB)
+    bench.on_line(8, pause)
+    lose: list[Callable[[Streamer], None]] = [lambda _: setattr(bench, "lost_at", bench.effects)]
+    bench.when(LinkState.PAUSED, *lose)
+    status = bench.run()
+    assert "its motors stood; the needle waits above the print" in status.message
+    assert "no heater was set" in status.message
+
+
+@pytest.mark.parametrize(
+    ("act", "words"),
+    [
+        (
+            stop,
+            "the motors stand; the needle was lifted straight up; kept on: bath cooling",
+        ),
+        (
+            lambda streamer: streamer.print.channel.kill.asked.set(),
+            "the needle wasn't lifted, it may be in the print at Z 10.00 mm",
+        ),
+    ],
+    ids=["stop", "kill"],
+)
+def test_each_end_says_where_needle_motors_and_heat_are(act, words):
+    bench = Bench(JOB)
+    bench.on_line(9, act)
+    if act is not stop:
+        bench.on_line(9, lambda s: (act(s), bench.printer.take(b"M112\n", bench.exchange.now_s)))
+    status = bench.run()
+    assert words in status.message, status.message
