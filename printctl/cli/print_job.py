@@ -229,7 +229,7 @@ def _confirm_set_up(file: Path, sha256: str, mounted: MadeFor, for_mounted: bool
 
 def _print(order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool) -> Status:
     """Start the print, or find it again, and follow it to its end."""
-    order.folder.mkdir(parents=True, exist_ok=True)
+    order.folder.mkdir(0o700, parents=True, exist_ok=True)
     bars = StageBars(cli.messages())
 
     def open_port() -> str:

@@ -16,8 +16,8 @@ from printctl.machine.job.retreat import heaters_off
 from printctl.machine.records.states import LinkState, PrintEnded
 
 IN_PRINT = (
-    "the needle wasn't lifted, it may be in the print{}: lift it straight up, by hand or by Z "
-    "alone, before X or Y moves"
+    "the needle wasn't lifted, it may be in the print{}: lift it straight up, by hand with the "
+    "printer's power off or by Z alone, before X or Y moves"
 )
 _HALTED_HEAT = "M112 switches the heaters off"
 _ON_ITS_WAY = (
@@ -68,6 +68,8 @@ def _motors(run: Print, ended: PrintEnded) -> str:
         return "" if "told to stop" in ended.message else "its motors were told to stop"
     if run.excursion.rests:
         return "its motors stood"
+    if stood := run.progress.standing_words():
+        return stood
     seconds = run.progress.left_s()
     if seconds is None:
         return "if it has power, its motors make the moves that it still holds"

@@ -335,11 +335,5 @@ class PrintEvents:
         logbook = self._logbook
         stopping = logbook.state is LinkState.STOPPING  # then its message is the error
         complaint = logbook.status.message if stopping else logbook.fault
-        if complaint:
-            message = f"{complaint}; then {why}: cut its power"
-        else:
-            message = f"{why}{more}"
-            stands = self._progress.standing_words()
-            if stands and logbook.state is not LinkState.PAUSED:
-                message += f"; {stands}"
+        message = f"{complaint}; then {why}: cut its power" if complaint else f"{why}{more}"
         raise PrintEnded(LinkState.FAILED, message, known=False)

@@ -210,7 +210,7 @@ def contact_of(order: Order) -> Iterator[PrintContact]:
     """
     with ExitStack() as parting:
         with _disk_of(order.folder):
-            order.folder.mkdir(parents=True, exist_ok=True)
+            order.folder.mkdir(0o700, parents=True, exist_ok=True)
             parting.enter_context(hold_folder(order.folder))
             contact = PrintContact(order)
         try:

@@ -95,7 +95,7 @@ def start_print(
         When the print fails before its first line: port missing, denied or in use, no answer to
         the handshake, a job with a line that must not be sent.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(0o700, parents=True, exist_ok=True)
     if stays_alive(folder):
         raise AlreadyPrinting(
             f"a print is running in {folder}; attach to it, or give another folder"
@@ -370,7 +370,7 @@ def connect(
             "heated or looked at from here. Print by `printctl print` or `printctl run`, and move "
             "by the host's own page"
         )
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(0o700, parents=True, exist_ok=True)
     if stays_alive(folder, STATION_LOCK):
         raise AlreadyPrinting(
             f"a printer is connected in {folder}; {other_speed(folder, sim_speed)}"

@@ -57,7 +57,7 @@ def known_folders(data: Path) -> list[Path]:
 def add_folder(folder: Path, data: Path) -> None:
     """List a print's folder (resolved) in ``data``, where it isn't; raises `OSError`."""
     if str(folder) not in map(str, known_folders(data)):
-        data.mkdir(parents=True, exist_ok=True)
+        data.mkdir(0o700, parents=True, exist_ok=True)
         with (data / _LIST).open("ab") as handle:
             handle.write(os.fsencode(folder) + b"\n")
 

@@ -186,7 +186,7 @@ class Runs:
         folder = where or self.workspace.run(name)
         with self._lock:
             self._refuse(name, folder)
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(0o700, parents=True, exist_ok=True)
             (folder / RECIPE).write_text(recipe.text, encoding="utf-8")
             path = str(self.workspace.recipe(name).resolve())
             command = ["run", path, "--out", str(folder.resolve()), *more]
