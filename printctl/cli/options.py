@@ -47,6 +47,14 @@ RunArg = Annotated[
     Path,
     arg("The print: its folder, its recipe's run folder, or its G-code file.", metavar="RUN"),
 ]
+GoingOnArg = Annotated[
+    Path | None,
+    arg(
+        "The print: its folder, its recipe's run folder, or its G-code file. Not needed while "
+        "exactly one goes on.",
+        metavar="[RUN]",
+    ),
+]
 YesFlag = Annotated[bool, opt("Start a print on a real printer without asking first.")]
 HostKeyOption = Annotated[
     Path | None,

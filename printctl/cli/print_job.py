@@ -125,7 +125,7 @@ def print_job(
     ones are assumed where none are mounted.
 
     Exit code 1 when all lines were taken but it isn't proved that all was made: another program
-    wrote to the printer.
+    wrote to the printer, or flow or speed was changed at its panel.
     """
     cli.use_host_key(host_key)
     profile = load(Printer, printer)
@@ -229,7 +229,7 @@ def _confirm_set_up(file: Path, sha256: str, mounted: MadeFor, for_mounted: bool
 
 def _print(order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool) -> Status:
     """Start the print, or find it again, and follow it to its end."""
-    order.folder.mkdir(parents=True, exist_ok=True)
+    order.folder.mkdir(0o700, parents=True, exist_ok=True)
     bars = StageBars(cli.messages())
 
     def open_port() -> str:

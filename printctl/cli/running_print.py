@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import Final, Literal
 
 from printctl.cli.declare import command, json_command, wants_json
-from printctl.cli.options import RunArg, messages, print_lines, print_result, refuse_input_as_output
+from printctl.cli.options import (
+    GoingOnArg,
+    RunArg,
+    messages,
+    print_lines,
+    print_result,
+    refuse_input_as_output,
+)
 from printctl.errors import SafetyError, UsageError
 from printctl.machine.control.excursion import CHANGE
 from printctl.machine.control.halting import UNCONFIRMED
@@ -24,6 +31,7 @@ from printctl.machine.prints.state import (
     PrintTruth,
     print_folder,
     read_print,
+    run_going_on,
     running_print,
 )
 from printctl.machine.prints.words import alarm_words
@@ -54,11 +62,12 @@ _COMMANDS = {
 
 
 @json_command
-def status(run: RunArg) -> None:
+def status(run: GoingOnArg = None) -> None:
     """Say how a print stands, whether it goes on, is paused or has ended, and what may be done.
 
     Only looks: the print isn't touched, and of one that has ended the journal tells.
     """
+    run = run_going_on(run)
     folder = print_folder(run)
     state = read_print(folder)
     print_result(
@@ -117,12 +126,13 @@ HALT_S: Final = 10.0
 """Longest wait for the printer's word that it has halted."""
 
 
-def stop(run: RunArg) -> None:
+def stop(run: GoingOnArg = None) -> None:
     """End a print: relieve the plunger, lift the needle straight up, switch the heaters off.
 
     The position stays known, and `printctl recover RUN` goes on with the rest. To halt the printer
     at once there is `printctl kill`.
     """
+    run = run_going_on(run)
     with running_print(run) as client:
         client.stop()
         try:
@@ -137,7 +147,7 @@ def stop(run: RunArg) -> None:
     print_lines(f"{outcome.state}: {outcome.message}")
 
 
-def kill(run: RunArg) -> None:
+def kill(run: GoingOnArg = None) -> None:
     """Halt the printer of a print past all queues, whatever it does; its position is lost.
 
     A Marlin with emergency parser gets M410 first and M112 after 2.8 s, or 3.8 s where the profile
@@ -146,6 +156,7 @@ def kill(run: RunArg) -> None:
     network host that runs another file isn't halted, nor one that doesn't run an ended print's.
     Look at the machine afterwards and reset it; `printctl recover RUN` plans the rest.
     """
+    run = run_going_on(run)
     with attach(print_folder(run)) as client:
         client.kill()
         try:
@@ -166,7 +177,7 @@ def kill(run: RunArg) -> None:
 
 @command
 def pause(
-    run: RunArg,
+    run: GoingOnArg = None,
     after: Literal["layer", "vessel"] | None = opt("Finish the current layer or vessel first."),
     now: bool = opt("After the line in flight; the default.", False),
 ) -> None:
@@ -174,6 +185,7 @@ def pause(
 
     `printctl resume RUN` comes back to the same point and goes on.
     """
+    run = run_going_on(run)
     if now and after:
         raise UsageError("--now and --after exclude each other; give one")
     with running_print(run) as client:
@@ -192,7 +204,7 @@ def pause(
 
 @command
 def resume(
-    run: RunArg,
+    run: GoingOnArg = None,
     syringe: str | None = opt("Profile of the syringe that was put in."),
     plunger_mm: float | None = opt(
         "Travel that its plunger has used up already; 0 for a full one.", min=0.0
@@ -208,6 +220,7 @@ def resume(
     After the link process died or lost its port, the printer is asked for its last line first. An
     observed print whose observer is gone gets another one first.
     """
+    run = run_going_on(run)
     if unchanged and (syringe is not None or plunger_mm is not None):
         raise UsageError("--unchanged excludes --syringe and --plunger-mm")
     folder = print_folder(run)
@@ -235,13 +248,14 @@ def resume(
 
 @command
 def reload(
-    run: RunArg,
+    run: GoingOnArg = None,
     head: int | None = opt("Of several, whose; the one in use if not.", min=0),
 ) -> None:
     """Hold a print at its next reload point, with room above the needle to change the syringe.
 
     A print that is paused already stays where it is, and the needle goes up further.
     """
+    run = run_going_on(run)
     with running_print(run) as client:
         here = client.status.state in (LinkState.PAUSED, LinkState.LOOKING)
         client.reload(head)
@@ -249,11 +263,12 @@ def reload(
         print_lines(f"will make room {where}; then {CHANGE.replace('RUN', str(run))}")
 
 
-def confirm_presence(run: RunArg) -> None:
+def confirm_presence(run: GoingOnArg = None) -> None:
     """Begin the dead-man's time of a print anew (`printctl print --deadman`).
 
     Whoever stands at the printer says so by it; without it the print pauses, or stops, in time.
     """
+    run = run_going_on(run)
     with running_print(run) as client:
         client.alive()
         left = client.status.deadman_left_s

@@ -78,6 +78,9 @@ def _password(ask: bool, file: Path | None) -> str | None:
     if ask and file is not None:
         raise UsageError("give --password or --password-file, not both")
     if file is not None:
+        from printctl.web.serve import refuse_readable  # loads the server
+
+        refuse_readable(file, "--password-file")
         lines = file.read_text(encoding="utf-8").splitlines()
         if not lines or not lines[0]:
             raise UsageError(f"{file} is empty; its first line is the password")

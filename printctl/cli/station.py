@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -338,9 +341,13 @@ def sim_printer(
     words = [*python_command("sim"), "--printer", printer, "--speed", str(speed)]
     words += ["--link", str(link)] if link else []
     words += ["--tcp", str(tcp)] if tcp is not None else []
-    try:
-        done = subprocess.run([*words, *context.args], check=False)
-    except KeyboardInterrupt:
-        return
-    if done.returncode:
+    # On Windows a process's parent may be the launcher of a virtual environment.
+    words += [] if sys.platform == "win32" else ["--parent-pid", str(os.getpid())]
+    with subprocess.Popen([*words, *context.args]) as serving:
+        signal.signal(signal.SIGTERM, lambda number, frame: serving.terminate())
+        try:
+            code = serving.wait()
+        except KeyboardInterrupt:
+            return
+    if code:
         raise PrintctlError("the simulated printer ended with an error; see above")

@@ -71,7 +71,7 @@ class PrintHistory:
         self.folder = folder or data_folder()
         self.path = self.folder / "history.db"
         with self._errors_named():
-            self.folder.mkdir(parents=True, exist_ok=True)
+            self.folder.mkdir(0o700, parents=True, exist_ok=True)
             try:
                 self._prepare()
             except sqlite3.OperationalError:

@@ -11,6 +11,7 @@
     │       └── HostSilent      a network host doesn't answer
     ├── HostRefused             a network host answers that it won't, or can't
     ├── HandshakeError          the port opened, no firmware of the profile's family answered
+    ├── PrintChanged            flow or speed was changed at the printer's panel while it printed
     ├── JobError                a line that must not be sent
     ├── JournalError            a journal that can't be written or isn't one
     ├── AlreadyPrinting         a link process already owns this folder
@@ -79,6 +80,10 @@ class HandshakeError(LinkError):
     """Nobody of the expected firmware family answered."""
 
 
+class PrintChanged(LinkError):  # noqa: N818
+    """Flow or speed was changed at the printer's panel, so a part isn't as it was checked."""
+
+
 class JobError(LinkError):
     """A job with a line that must not be sent."""
 
@@ -119,6 +124,7 @@ BY_NAME: dict[str, type[LinkError]] = {
         HostSilent,
         HostRefused,
         HandshakeError,
+        PrintChanged,
         JobError,
         JournalError,
         AlreadyPrinting,

@@ -107,7 +107,7 @@ class LookRecord:
 def look_folder(print_folder: Path, number: int) -> Path:
     """Return the folder of a look; make it if it is missing."""
     path = print_folder / LOOKS_FOLDER / f"{number:04d}"
-    path.mkdir(parents=True, exist_ok=True)
+    path.mkdir(0o700, parents=True, exist_ok=True)
     return path
 
 

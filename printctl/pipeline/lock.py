@@ -20,7 +20,7 @@ def run_lock(folder: Path) -> Iterator[None]:
     PrintctlError
         When another live process runs in the folder.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(0o700, parents=True, exist_ok=True)
     try:
         # The page's server looks now and then whether the lock is held; that takes a moment.
         with FileLock(folder / ".lock", timeout=0.5):

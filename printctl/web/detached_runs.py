@@ -136,7 +136,7 @@ class DetachedProcesses:
 
     def spawn(self, folder: Path, command: Sequence[str], cwd: Path) -> None:
         """Start a command of ours (subcommand and arguments), told where to write its progress."""
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(0o700, parents=True, exist_ok=True)
         (folder / PROGRESS).unlink(missing_ok=True)
         line = [*python_command("printctl"), *command]
         line += ["--progress-file", str((folder / PROGRESS).resolve())]

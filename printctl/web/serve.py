@@ -10,10 +10,12 @@ import os
 import re
 import socket
 import ssl
+import stat
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Final
 
 import uvicorn
@@ -96,6 +98,8 @@ def only_server(workspace: Workspace) -> Iterator[None]:
 
 
 _GRACE_S = 1
+MIN_PASSWORD: Final = 12
+"""Characters of a password of a page that other machines reach."""
 _SECRETS = re.compile(r"((?:token|password)=|bearer\s+|printctl_\d+=)[^&\s\"';]+", re.IGNORECASE)
 
 
@@ -167,6 +171,30 @@ def check(settings: ServeSettings) -> None:
             ) from exc
     if settings.password == "":
         raise UsageError("the password is empty")
+    length = len(settings.password or "")
+    if settings.password is not None and not settings.loopback and length < MIN_PASSWORD:
+        raise UsageError(
+            f"the password has {length} characters, and --host {settings.host} can be reached from "
+            f"other machines, who could try them all: give at least {MIN_PASSWORD}, or let "
+            "browsers in by a link (--token)"
+        )
+    if settings.tls_key is not None:
+        refuse_readable(settings.tls_key, "--tls-key")
+
+
+def refuse_readable(path: Path, option: str) -> None:
+    """Refuse a file with a secret that every user of this machine can read or change.
+
+    Raises
+    ------
+    UsageError
+    """
+    mode = stat.S_IMODE(path.stat().st_mode)
+    if os.name == "posix" and mode & 0o007:
+        raise UsageError(
+            f"{option} {path} can be read or changed by every user of this machine (mode "
+            f"{mode:04o}): `chmod 600 {path}`, and change the secret if somebody may have read it"
+        )
 
 
 class _Server(uvicorn.Server):

@@ -15,6 +15,7 @@ import gc
 import json
 import logging
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -40,6 +41,8 @@ from printctl.web.print_sockets import PATIENCE_S, PrintSockets, SentStop
 from printctl.web.security.access import STOP_GRACE_S, Access, bearer, doubled
 from printctl.web.settings import MAX_PORT, ServeSettings
 
+FORMER_S: Final = 5.0
+"""Longest wait for the stop process of a server that died; it looks once a second."""
 log = logging.getLogger("printctl.web")
 IDLE_S: Final = 60
 """So long a known connection may be silent; a page asks every 10 s."""
@@ -121,7 +124,10 @@ async def _serve(order: dict[str, Any]) -> None:
     """
     root = Path(order["root"])
     app = StopApp(Access(**order["access"]), root)
+    record = root / ".printctl" / "serve.json"
     try:
+        if not order.get("again"):
+            await _end_former(order["port"], record)
         listener = bind(order["host"], order["port"])
     except UsageError:
         if order.get("again"):
@@ -145,12 +151,30 @@ async def _serve(order: dict[str, Any]) -> None:
     await asyncio.wait({*tasks, word}, return_when=asyncio.FIRST_COMPLETED)
     if not word.done():  # a task that should never end: the server starts this process again
         raise RuntimeError([task.exception() for task in tasks if task.done()])
-    record = root / ".printctl" / "serve.json"
     mine = _text(record)
     while not word.result() and app.prints.connected and _text(record) == mine:
         await asyncio.sleep(1.0)
-    if not word.result():
+    if not word.result() and _text(record) == mine:
         await asyncio.sleep(PATIENCE_S)  # the answer to what stopped the last print goes out
+
+
+async def _end_former(port: int, record: Path) -> None:
+    """Have the stop process of a server that died give up its port, which open pages know.
+
+    It ends once the record of its server is gone. The server of now holds the workspace's lock.
+    """
+    if f":{port}/stop" not in _text(record):
+        return
+    record.unlink(missing_ok=True)
+    limit = time.monotonic() + FORMER_S
+    while time.monotonic() < limit and _answers(port):
+        await asyncio.sleep(0.1)
+
+
+def _answers(port: int) -> bool:
+    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 0.5):
+        return True
+    return False
 
 
 def _text(path: Path) -> str:

@@ -98,7 +98,8 @@ class Workspace:
     root: Path
 
     def make(self) -> Workspace:
-        """Make the folders that are missing."""
+        """Make the folders that are missing; a new workspace is its user's alone."""
+        self.root.mkdir(0o700, parents=True, exist_ok=True)
         for name in _FOLDERS:
             (self.root / name).mkdir(parents=True, exist_ok=True)
         (self.root / ".printctl").chmod(0o700)

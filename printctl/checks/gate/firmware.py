@@ -88,6 +88,7 @@ Answers = Mapping[str, Sequence[str]]
 LISTED: Final = "M503 S0"
 """Question for all settings, bare."""
 _FACTORS: Final = {"M220": "the speed factor", "M221": "the flow factor"}
+_AT_PANEL: Final = (*_FACTORS, "M290")
 _PERCENT: Final = re.compile(r"(\d+(?:\.\d+)?) ?%")
 _FLAGS: Final = re.compile(r"DEBUG:(.*)", re.I)
 _SETTING: Final = re.compile(r"^(?:echo:)?\s*(M\d+)((?: [A-Z]-?\d*(?:\.\d+)?)+)")
@@ -131,6 +132,11 @@ def questions(printer: Printer) -> tuple[str, ...]:
     """What a firmware is asked before a start; none of it sets anything."""
     asked = family_of(printer).start_questions
     return tuple(one for one in asked if not (printer.pneumatic and one in ("M221", "M302")))
+
+
+def panel_questions(printer: Printer) -> tuple[str, ...]:
+    """What a firmware is asked during a print: what its own panel can change."""
+    return tuple(one for one in questions(printer) if one in _AT_PANEL)
 
 
 def blind_resets(printer: Printer) -> tuple[str, ...]:

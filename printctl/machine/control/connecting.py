@@ -29,7 +29,7 @@ REST_LIMIT_S: Final = 30.0
 _PLACE_INTERVAL_S: Final = 0.5
 _BUSY_S: Final = 1.0
 """Most that a machine at rest takes to answer M400."""
-_TRIES: Final = 4
+_TRIES: Final = 8
 
 Place = tuple[float, float, float]
 
@@ -110,6 +110,8 @@ class RestWait:
 
     def wait(self) -> Steps[None]:
         """Return once it stands; refuse one that moves, or is busy, beyond `REST_LIMIT_S`."""
+        if self._busy:  # while its lines were numbered
+            self.moved = "it was busy with moves or a wait for heat when it was first asked"
         began, before = self._channel.now, (yield from self._place())
         while (place := (yield from self._next_place())) != before:
             pairs = zip(before.split(), place.split(), strict=False)
@@ -122,12 +124,13 @@ class RestWait:
     def _next_place(self) -> Steps[str]:
         """Return the place a while after the machine has made what it was sent."""
         channel = self._channel
-        began, troubles = channel.now, channel.troubles
+        began = channel.now
         self._since, self._busy, channel.on_step = began, False, self.step
         yield from channel.ask(b"M400")
         channel.on_step = None
         busy_s = channel.now - began
-        if self._says_busy and busy_s > _BUSY_S and channel.troubles == troubles:
+        # a firmware that would say so, and doesn't, stands: it is the line that is slow
+        if self._says_busy and busy_s > _BUSY_S:
             self.moved = self.moved or f"it made for {busy_s:.1f} s what it was sent before"
         yield from channel.listen(_PLACE_INTERVAL_S)
         return (yield from self._place())
@@ -135,7 +138,7 @@ class RestWait:
     @property
     def _says_busy(self) -> bool:
         """Whether it is the machine that is slow; of one that says so, not the line's answers."""
-        return self._busy or not link_facts(self._channel.wiring.printer).keepalive
+        return self._busy or not self._channel.wiring.protocol.keepalive
 
     def _place(self) -> Steps[str]:
         """Return all that the firmware says of its place, its motors' steps too.
@@ -145,8 +148,9 @@ class RestWait:
         question, place = link_facts(self._channel.wiring.printer).place_question or b"M114", ""
         for _ in range(_TRIES):
             before, replies = place, (yield from self._channel.ask(question))
-            place = " ".join(one.decode("ascii", "replace") for one in replies if b"X:" in one)
-            if place == before:
+            told = " ".join(one.decode("ascii", "replace") for one in replies if b"X:" in one)
+            place = told or before  # else it was garbled, and is asked again
+            if told and told == before:
                 break
         return place
 

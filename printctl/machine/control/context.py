@@ -17,7 +17,7 @@ from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.look_book import LookBook
 from printctl.machine.control.place import PositionCheck, SlipWatch
-from printctl.machine.control.progress import JobProgress
+from printctl.machine.control.progress import JobProgress, Pace
 from printctl.machine.control.requests import RequestQueue
 from printctl.machine.control.watch import Watch
 from printctl.machine.control.wiring import Wiring
@@ -50,6 +50,7 @@ class Print:
         self.heat, self.firmware = HeatCheck(self.channel), FirmwareCheck(self.channel)
         self.position = PositionCheck(self.channel)
         self.slips = SlipWatch(self.channel, self.position)
+        self.pace, self.changes = Pace(), list[str]()  # changes at the panel, in words
         self.valve_shut = False  # by the link, within a path: it is opened again
         self.clients_due = math.inf  # s: when other clients' changes are polled
         # s: when answers are counted; the channel's troubles at the last count
@@ -89,6 +90,11 @@ class Print:
         done = self.progress.done
         frame = frame_at(self.job, done, self.printer, self.watch.care.start_mm)
         return frame.shift_at(done - 1)
+
+    def begin_pace(self) -> None:
+        """Compare the pace, and settings that a panel can change, from here on."""
+        errors = self.wiring.protocol.line_errors
+        self.pace = Pace(self.progress.done, self.channel.now, errors)
 
     def _with_details(self, status: Status) -> Status:
         """Return a status with readings, look, dead-man's time and what the print waits for."""

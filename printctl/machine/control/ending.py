@@ -9,7 +9,7 @@ from typing import Final, NoReturn
 
 from printctl.machine.control.context import Print
 from printctl.machine.control.place import Standstill
-from printctl.machine.control.steps import Steps, carried_out
+from printctl.machine.control.steps import Steps
 from printctl.machine.errors import PortLost
 from printctl.machine.families import link_facts
 from printctl.machine.job.coordinates import Modal
@@ -29,7 +29,7 @@ _OWN: Final = "the fault is the printer's own; look at the part"
 
 
 def end_on_fault(run: Print) -> Steps[None]:
-    """End the print where printer or journal complained of something."""
+    """End the print where the printer complained of something."""
     if run.logbook.fault:
         yield from run.channel.settle()
         yield from retreat(run, LinkState.FAILED, run.logbook.fault)
@@ -41,7 +41,6 @@ def retreat(run: Print, state: LinkState, message: str) -> Steps[NoReturn]:
     run.interruption.disarm()
     yield from channel.commands(shut(run.printer))
     logbook.enter(LinkState.STOPPING, message)
-    yield from carried_out()  # a full disk is no fault of the way out
     logbook.take_fault()
     complaints, refused = logbook.complaints, progress.refused
     standstill = yield from _stop_motors(run)
@@ -64,7 +63,7 @@ def retreat(run: Print, state: LinkState, message: str) -> Steps[NoReturn]:
     missed = (yield from run.position.missed_height(way)) if doubted else ""
     known = standstill.read and not standstill.wrong
     known = known and logbook.complaints == complaints and not missed
-    if known and (state is LinkState.STOPPED or logbook.disk_full or line_made):
+    if known and (state is LinkState.STOPPED or line_made):
         _record_stood(run, standstill)
     yield from run.firmware.undo_settings()
     fault = logbook.fault

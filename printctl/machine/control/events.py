@@ -10,7 +10,7 @@ from firmware_profiles.families import link_protocol as wire
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.halting import HALTED_BEFORE
 from printctl.machine.control.interruption import Interruption
-from printctl.machine.control.requests import Request, RequestQueue, ResumeRequest
+from printctl.machine.control.requests import PauseUntil, Request, RequestQueue, ResumeRequest
 from printctl.machine.errors import HandshakeError
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded
 from sim.gcode.reading import is_motion
@@ -206,7 +206,8 @@ class PrintEvents:
 
     def _on_fault(self, event: wire.Fault) -> None:
         where, says = self._line(event.line), f"the printer says {event.text!r}"
-        if event.refused and self._progress.refuse(event.line, event.about_command):
+        refused = event.refused and self._progress.refuse(event.line, event.about_command)
+        if refused and event.about_command:
             text = f"the printer refused {where}: {event.text!r}"
         elif self._logbook.state in OWN_MOVES or self._progress.done == len(self._progress.job):
             text = f"{says} (to a command of the link's own, behind {where})"
@@ -232,7 +233,8 @@ class PrintEvents:
     def _on_noisy(self, event: wire.Noisy) -> None:
         why = f"{event.errors} line errors in {event.lines} lines"
         self._logbook.alarm(f"{why}; pausing: check cable and earthing")
-        self._requests.add(Request.PAUSE, why=f"{why}; check cable and earthing")
+        words = f"{why}; check cable and earthing; the print goes on by itself once errors are few"
+        self._requests.add(Request.PAUSE, why=words, until=PauseUntil.QUIET)
 
     # --- what ends it ----------------------------------------------------------------------------
 
@@ -333,14 +335,5 @@ class PrintEvents:
         logbook = self._logbook
         stopping = logbook.state is LinkState.STOPPING  # then its message is the error
         complaint = logbook.status.message if stopping else logbook.fault
-        if complaint:
-            message = f"{complaint}; then {why}: cut its power"
-        else:
-            message = f"{why}{more}"
-            if logbook.state is not LinkState.PAUSED:
-                stands = self._progress.standing_words() or "where its motors stand isn't known"
-                message += (
-                    f"; {stands}, and the needle wasn't lifted, it may be in the ink: cut the "
-                    "printer's power, then lift the needle straight up by hand"
-                )
+        message = f"{complaint}; then {why}: cut its power" if complaint else f"{why}{more}"
         raise PrintEnded(LinkState.FAILED, message, known=False)

@@ -9,7 +9,13 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from printctl.checks.gate.firmware import blind_resets, questions, reported_settings
+from printctl.checks.gate.firmware import (
+    Difference,
+    blind_resets,
+    panel_questions,
+    questions,
+    reported_settings,
+)
 from printctl.checks.gate.firmware import differences as setting_differences
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.gating import settings_changed_by
@@ -78,7 +84,6 @@ class FirmwareCheck:
         Raise `HandshakeError` for a difference that would make distances, doses or heads wrong.
         """
         yield from self._identify()
-        yield from self.check_keepalive(journalled=False)
         if link_facts(self._printer).tells_steps:
             yield from self.check_steps(journalled=False)
         else:
@@ -176,7 +181,8 @@ class FirmwareCheck:
         printer, logbook, before = self._printer, self._logbook, self._logbook.fault
         for command in blind_resets(printer):
             yield from self._channel.command(command.encode("ascii"), journalled)
-        answers = yield from self._settings_now(journalled)
+        asked = questions(printer)
+        answers = yield from self._answers(asked, journalled)
         for _ in range(_TRIES):  # a garbled answer differs, too
             every = setting_differences(answers, printer)
             refused = [one for one in every if not one.tolerated]
@@ -186,7 +192,7 @@ class FirmwareCheck:
                 if one.reset:
                     logbook.alarm(f"{one.what}; reset by {one.reset}")
                     yield from self._channel.command(one.reset.encode("ascii"), journalled)
-            answers = yield from self._settings_now(journalled)
+            answers = yield from self._answers(asked, journalled)
         else:
             moved = "" if logbook.begun else ", and nothing was moved"
             words = "; ".join(
@@ -201,10 +207,21 @@ class FirmwareCheck:
         logbook.record("settings", told=settings)
         self._settings = self._settings or settings
 
-    def _settings_now(self, journalled: bool) -> Steps[dict[str, list[str]]]:
-        """Return the answers to the questions that are asked before a start."""
+    def changed_at_panel(self) -> Steps[list[Difference]]:
+        """Return which factors or offsets aren't as set before the job; two answers alike tell."""
+        printer, before = self._printer, self._logbook.fault
+        asked = panel_questions(printer)
+        found = setting_differences((yield from self._answers(asked, True)), printer)
+        if found:  # no checksum guards an answer
+            again = setting_differences((yield from self._answers(asked, True)), printer)
+            found = [one for one in found if one in again]
+        self._logbook.excuse(before)  # a question that this build doesn't know
+        return found
+
+    def _answers(self, questions: Sequence[str], journalled: bool) -> Steps[dict[str, list[str]]]:
+        """Return the answers to questions about settings."""
         answers: dict[str, list[str]] = {}
-        for question in questions(self._printer):
+        for question in questions:
             lines = yield from self._channel.command(question.encode("ascii"), journalled)
             answers[question] = [line.decode("ascii", "replace") for line in lines]
         return answers

@@ -111,6 +111,11 @@ class HeatCheck:
         """Take the targets that this print had set after ``read`` lines, from its journal."""
         self._targets, self._read = dict(targets), read
 
+    def targets(self) -> dict[str, float]:
+        """Return what this print has set, °C by heater; the job's own lines included."""
+        self._read_job()
+        return dict(self._targets)
+
     def set_by_hand(self, allowed: AllowedLine) -> None:
         """Record a target that a person has set in the print."""
         if allowed.heater and self._targets:

@@ -69,11 +69,13 @@ def _insert(run: Print, request: LookRequest, at: Modal) -> Steps[dict[str, obje
         check_flow(progress.job, grown, place, name)
     plan = replanned(run, grown)
     logbook.refuse_without_room(insert.to_record(), name)
-    if logbook.fault:
-        raise Refused(f"{name} isn't taken: {logbook.fault}")
+    if fault := logbook.fault or run.wiring.exchange.journal_fault:
+        raise Refused(f"{name} isn't taken: {fault}")
     logbook.record("insert", **insert.to_record(), reload_at=plan[0], reload_heads=plan[1])
     yield from carried_out()
-    if run.wiring.exchange.journal_lost:
+    backlog = run.wiring.exchange.backlog
+    for record in [one for one in backlog if one.sort == "insert"]:
+        backlog.remove(record)  # nor is it to be found there later
         raise Refused(f"{name} isn't taken: the journal can't be written")
     progress.grow(grown)
     watch.grow(progress.job.marks, done, len(lines))

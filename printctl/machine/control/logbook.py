@@ -7,9 +7,11 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 from printctl.machine.control.progress import JobProgress
+from printctl.machine.control.shell import write_end
 from printctl.machine.control.standstill import Standstill
 from printctl.machine.control.steps import Record
 from printctl.machine.control.wiring import Wiring
@@ -77,16 +79,11 @@ class Logbook:
 
     @property
     def fault(self) -> str:
-        """The complaints, of the printer or the journal, that end the print; or empty."""
-        if not (self._open or self._exchange.journal_faults):
+        """The printer's complaints that end the print; or empty."""
+        if not self._open:
             return ""  # it is looked for with each line
-        texts = [*self._exchange.journal_faults, *(text for text, _ in self._open)]
+        texts = [text for text, _ in self._open]
         return "; ".join(list(dict.fromkeys(texts))[:MAX_FAULTS])
-
-    @property
-    def disk_full(self) -> bool:
-        """Whether a record couldn't be written at once."""
-        return self._exchange.disk_full
 
     @property
     def remarks(self) -> str:
@@ -152,19 +149,15 @@ class Logbook:
             waits_for="",
         )
         self.state, self._final = ended.state, status
-        lost = {"lost": True} if self._exchange.journal_lost else {}
-        # there may be room again, and this is the one that matters
-        self._exchange.journal_lost = False
         refused = self.progress.refused
         for alarm in self._alarms.values():
             if alarm.times > alarm.written:
                 self._record_times(alarm)
-        self.record(
-            "end",
-            **status.end_record(),
-            **lost,
-            **({} if refused is None else {"refused": refused, "made": status.lines_executed}),
-        )
+        end = status.end_record()
+        if refused is not None:
+            end |= {"refused": refused, "made": status.lines_executed}
+        if "end" not in self._unrecorded:
+            self._exchange.effects.append(partial(write_end, end, self._wiring))
         return status
 
     # --- the journal -----------------------------------------------------------------------------
@@ -271,7 +264,7 @@ class Logbook:
 
     def take_fault(self) -> str:
         """Return the complaints, and forget them."""
-        text, self._open, self._exchange.journal_faults = self.fault, [], []
+        text, self._open = self.fault, []
         return text
 
     def excuse(self, before: str = "") -> str:

@@ -12,13 +12,14 @@ from printctl.checks.gate import LineOrigin, PrinterSituation, Refusal, judge
 from printctl.machine.control.context import Print
 from printctl.machine.control.ending import end_on_fault, retreat
 from printctl.machine.control.excursion import CHANGE, Excursion
+from printctl.machine.control.factors import notice_changes, pause_on_changes
 from printctl.machine.control.gating import paused_situation
 from printctl.machine.control.inserting import answer_clients, refuse_rest
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.others import own_modes, take_back
-from printctl.machine.control.place import MOVED
-from printctl.machine.control.requests import Request, ResumeRequest
+from printctl.machine.control.place import MOVED, WITHIN_MM
+from printctl.machine.control.requests import PauseUntil, Request, ResumeRequest
 from printctl.machine.control.steps import Record, Steps
 from printctl.machine.control.syringes import (
     begin_change,
@@ -33,10 +34,18 @@ from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.coordinates import Modal, last_of
 from printctl.machine.job.dispensing import reopen, shut_and_wait
 from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.retreat import count_from
 from printctl.machine.records.states import LinkState
 
 PAUSE_SIGN_S: Final = 20.0
 """Interval of the sign of life in a pause."""
+AGAIN_S: Final = 5.0
+"""The same in a pause that ends by itself, where it is looked whether it does."""
+QUIET_QUESTIONS: Final = 20
+"""Questions by which a line is tried that garbled too many."""
+
+
+_BY_ITSELF: Final = ResumeRequest()
 
 
 def pause_where_due(run: Print) -> Steps[None]:
@@ -62,6 +71,7 @@ def pause_where_due(run: Print) -> Steps[None]:
         if stands:
             yield from run.channel.command(b"M400")
         yield from run.position.verify(run.progress.modal(), mark=where, stands=stands)
+        yield from pause_on_changes(run)
         watch.checked(run.channel.now, done)
 
 
@@ -75,6 +85,14 @@ def wanted_pause(run: Print, after: MarkKind | None) -> Record:
     run.watch.after = after
     head = {} if after is not MarkKind.RELOAD else {"head": run.change.wanted_head}
     return Record("wanted", {"after": after or "", **head})
+
+
+def hold_for_room(run: Print) -> None:
+    """Have the print paused while the journal can't be written; it goes on by itself then."""
+    fault = run.wiring.exchange.journal_fault
+    run.logbook.alarm(f"{fault}; pausing", kind="no room")
+    why = f"{fault}; the print goes on by itself once the journal can be written again"
+    run.queue.add(Request.PAUSE, why=why, until=PauseUntil.ROOM)
 
 
 def pause(run: Print, message: str, changing: bool = False) -> Steps[None]:
@@ -105,6 +123,7 @@ def leave(
     yield from shut_valve(run)  # what was taken is written; nothing more
     at = yield from run.position.expected()
     yield from run.position.verify(at, mark=mark, stands=True)
+    yield from notice_changes(run)  # before the plunger is relieved: by a factor it is otherwise
     logbook.record("left", place=at.place(), **({} if park is None else {"park": park}))
     yield from own_modes(run)
     channel.led = {axis.upper(): [mm] for axis, mm in at.place().items()}
@@ -149,7 +168,7 @@ def wait_and_come_back(run: Print, at: Modal, message: str) -> Steps[None]:
     new = resume.change if run.change.going_on else None
     if new or (run.change.going_on and run.change.idle_head is not None):
         yield from count_plunger(run, at, new or NewSyringe())
-    yield from come_back(run, at, run.retreat.prime_mm, by_person=True)
+    yield from come_back(run, at, run.retreat.prime_mm, by_person=resume is not _BY_ITSELF)
 
 
 def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = False) -> Steps[None]:
@@ -163,13 +182,16 @@ def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = Fa
     yield from run.position.refuse_renamed(waited=True)  # before the needle is lowered by that name
     yield from run.position.refuse_elsewhere(at.x, at.y, at.z)
     yield from take_head(run)
+    yield from notice_changes(run)
     yield from lower(run, at, prime_mm)
     run.change.going_on, run.change.planned_head = False, None
     yield from run.position.frame.note_plunger()
     run.book.current = None
     refuse_rest(run)
+    run.queue.pause_until = None
     if by_person:
         run.watch.confirmed = run.channel.now
+    run.begin_pace()
     run.logbook.enter(LinkState.PRINTING, "printing")
     yield from reopen_valve(run)
 
@@ -180,6 +202,7 @@ def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> Steps[None]:
     Each step of the way down is waited for, so that a stop finds no further one ahead.
     """
     channel, height = run.channel, (yield from run.position.height())
+    yield from _adopt_plunger(run, at, height)
     run.excursion.come_back(height)
     for move in run.retreat.lower(at, run.printer, height):
         yield from channel.command(move)
@@ -188,6 +211,31 @@ def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> Steps[None]:
     yield from channel.command(b"M400")
     yield from run.position.verify(at)
     run.excursion.going_on = False
+
+
+def _adopt_plunger(run: Print, at: Modal, height_mm: float) -> Steps[None]:
+    """Count a plunger that was moved by hand meanwhile as the link had left it.
+
+    Nothing is drawn back, or pushed on, in the print to undo it. Of a print found again after its
+    host's death it isn't known whether the plunger had been relieved yet.
+    """
+    e = None
+    if at.e is not None and not run.printer.pneumatic:
+        e = yield from run.position.plunger()
+    if at.e is None or e is None:
+        return
+    relieved = run.retreat.relieved_e(at.e, run.excursion.relieved_mm)
+    highest = at.e if run.excursion.top is None else relieved
+    if relieved - WITHIN_MM <= e <= highest + WITHIN_MM:
+        return
+    lifted = at.z is None or height_mm > at.z + WITHIN_MM
+    left = relieved if lifted or e < relieved else at.e
+    run.logbook.alarm(
+        f"the plunger is at E {e:.2f} mm and was left at {left:.2f} mm: it was moved by "
+        f"{e - left:+.2f} mm while the print was held; it stays there and is counted as left, so "
+        "that nothing is drawn back or pushed in the print to undo that"
+    )
+    yield from run.channel.command(count_from(left))
 
 
 def _stay_paused(run: Print, at: Modal) -> Steps[ResumeRequest]:
@@ -213,6 +261,8 @@ def _stay_paused(run: Print, at: Modal) -> Steps[ResumeRequest]:
 
 def _why_not_resume(run: Print, at: Modal, request: ResumeRequest) -> Steps[str]:
     """Return what keeps the needle from coming down; empty for nothing."""
+    if fault := run.wiring.exchange.journal_fault:
+        return f"not resumed: {fault}"
     if run.change.going_on and not (request.change or request.unchanged):
         return f"not resumed: {CHANGE}"
     wrong, _ = yield from run.position.compare(Modal(x=at.x, y=at.y))
@@ -235,7 +285,7 @@ def await_word(
     """
     channel, queue = run.channel, run.queue
     while True:
-        limit = min(channel.now + PAUSE_SIGN_S, until)
+        limit = min(channel.now + (AGAIN_S if run.queue.pause_until else PAUSE_SIGN_S), until)
         while channel.now < limit and not queue.waiting:
             yield from channel.pump(limit)
             yield from end_on_fault(run)
@@ -246,7 +296,22 @@ def await_word(
             raise StopRequested
         if word is not None or channel.now >= until:
             return word
+        if run.queue.pause_until and (yield from _is_over(run)):
+            run.logbook.notice("what paused the print is over: it goes on")
+            return _BY_ITSELF
         yield from sign_of_life(run)
+
+
+def _is_over(run: Print) -> Steps[bool]:
+    """Whether the cause of a pause that ends by itself is over."""
+    if run.queue.pause_until is PauseUntil.ROOM or run.wiring.exchange.journal_fault:
+        return not run.wiring.exchange.journal_fault
+    care, protocol = run.watch.care, run.wiring.protocol
+    before = protocol.line_errors
+    for _ in range(QUIET_QUESTIONS):
+        yield from run.channel.command(b"M105")
+    share = care.noise_limit / care.noise_window
+    return protocol.line_errors - before <= share * QUIET_QUESTIONS
 
 
 def sign_of_life(run: Print) -> Steps[None]:

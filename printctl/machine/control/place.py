@@ -231,6 +231,16 @@ class PositionCheck:
                 return position
         return {}
 
+    def plunger(self) -> Steps[float | None]:
+        """Return the plunger's count reported twice running, mm; None where none is."""
+        e: float | None = None
+        for _ in range(RETRIES):
+            before, (_, position) = e, (yield from self.compare(Modal()))
+            e = position.get("E")
+            if e is not None and e == before:
+                return e
+        return None
+
     # --- whether that is right -------------------------------------------------------------------
 
     def compare(self, at: Modal) -> Steps[tuple[str, dict[str, float]]]:
@@ -365,20 +375,9 @@ class PositionCheck:
         dropped = yield from self._drop_moves()
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
-            f"after line {self._progress.done}: {wrong}{because}{dropped}"
-            f"{self._not_lifted()}; `printctl status` says what next",
+            f"after line {self._progress.done}: {wrong}{because}{dropped}; `printctl status` says "
+            "what next",
             known=False,
-        )
-
-    def _not_lifted(self) -> str:
-        """Return what to do with a needle that was left where the print wrote."""
-        if self._logbook.state is not LinkState.PRINTING:
-            return ""
-        z = self._progress.modal().z
-        where = "" if z is None else f" at Z {z:.2f} mm, the job's height"
-        return (
-            f"; the needle wasn't lifted, it may still be in the ink{where}: lift it straight up "
-            "by hand or by Z alone, before X or Y moves"
         )
 
     def _drop_moves(self) -> Steps[str]:

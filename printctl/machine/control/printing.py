@@ -9,12 +9,14 @@ from typing import Final
 from printctl.machine.control.connecting import RestWait, agree_start, connect
 from printctl.machine.control.context import Print
 from printctl.machine.control.ending import end_on_fault, retreat
+from printctl.machine.control.factors import notice_changes
 from printctl.machine.control.gauges import next_due, read_high
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.looking import do_what_is_due
 from printctl.machine.control.others import begin_polling, compare_clients, poll_clients, take_back
 from printctl.machine.control.pausing import (
     compare_away,
+    hold_for_room,
     pause,
     reopen_valve,
     send_manual,
@@ -23,7 +25,7 @@ from printctl.machine.control.pausing import (
 from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.resuming import find_again
 from printctl.machine.control.steps import Steps, Wait
-from printctl.machine.errors import HandshakeError, LinkError
+from printctl.machine.errors import HandshakeError, LinkError, PrintChanged
 from printctl.machine.families import link_facts
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.marks import MarkKind
@@ -51,8 +53,10 @@ def run_print(run: Print, history: JournalledPrint | None) -> Steps[None]:
         yield from retreat(run, LinkState.STOPPED, words)
     others = run.progress.foreign_words()
     look = f"; {others}: look at the part" if others else ""
-    message = f"all {len(run.job)} lines done{compared}{look}{run.logbook.remarks}"
-    raise PrintEnded(LinkState.DONE, message, known=not others)
+    changes = "".join(f"; {one}" for one in run.changes)
+    message = f"all {len(run.job)} lines done{compared}{look}{changes}{run.logbook.remarks}"
+    error = PrintChanged.__name__ if run.changes else ""
+    raise PrintEnded(LinkState.DONE, message, known=not others, error=error)
 
 
 def _begin(run: Print, history: JournalledPrint | None) -> Steps[None]:
@@ -71,6 +75,7 @@ def _begin(run: Print, history: JournalledPrint | None) -> Steps[None]:
     run.watch.begin(now)
     run.answers_due, run.answers_troubles = now + COUNT_ANSWERS_S, run.channel.troubles
     begin_polling(run, now)
+    run.begin_pace()
     logbook.enter(LinkState.PRINTING, f"printing {run.job.name}")
     yield from reopen_valve(run)
     if history is not None:
@@ -83,22 +88,23 @@ def _start(run: Print) -> Steps[None]:
     rest = RestWait(channel)
     yield from connect(channel, rest.step)
     logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
+    yield from run.firmware.check_keepalive(journalled=False)  # a machine that moves then says so
     yield from rest.wait()
     yield from run.firmware.check(run.gauges)
+    yield from run.heat.begin()
     declared = None
     with contextlib.suppress(LinkError):  # only a part of the place is declared: ask the printer
         declared = declared_start(run.job)
     # a tip that stands elsewhere than preflight, or the job, takes it to stand
     yield from agree_start(channel, rest.moved, declared, run.watch.care.start_mm)
-    yield from run.heat.begin()
     yield from run.position.frame.begin()
     # Marlin cuts the motors' power two minutes into a dwell, or a wait for heat, of the job itself.
     # No firmware tells the time that was in force, so that it isn't set back: they stay powered
     if link_facts(run.printer).m84_sets_timeout:
         yield from channel.command(b"M84 S0", journalled=False)
     number = yield from channel.agree(protocol.renumber)
-    if logbook.fault and not logbook.disk_full:
-        raise HandshakeError(f"{logbook.fault}; no line of the job was sent")
+    if fault := logbook.fault or run.wiring.exchange.journal_fault:
+        raise HandshakeError(f"{fault}; no line of the job was sent")
     protocol.load(run.job.lines, 0, number)
 
 
@@ -148,6 +154,8 @@ def _stream(run: Print) -> Steps[None]:
             limit = protocol.limit = min(limit, _next_stop(run, now))
         if logbook.fault:
             yield from end_on_fault(run)
+        if exchange.journal_fault:
+            hold_for_room(run)
         if progress.unverified:
             yield from _go_on_verified(run)
         if killed():
@@ -239,6 +247,7 @@ def _end_compared(run: Print) -> Steps[str | None]:
     yield from end_on_fault(run)  # of the last moves, or M400 was refused
     compared = yield from run.position.verify_end()
     yield from compare_clients(run)
+    yield from notice_changes(run)
     yield from run.heat.take_back()
     number = protocol.number
     confirmed = (yield from channel.agree(protocol.ask)) == number

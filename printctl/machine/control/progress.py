@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
-from printctl.machine.control.standstill import Standstill, StandstillWatch
+from printctl.machine.control.standstill import Standstill, StandstillWatch, is_unbounded
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.job.coordinates import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.machine.job.dispensing import head_at
@@ -17,12 +18,15 @@ from printctl.machine.job.moves import (
     longest_run_on,
     moves_ahead,
     planned_moves,
+    planned_s,
     surely_moved,
 )
 from printctl.machine.job.stop_place import StopPlace, find_stop_line
 
 _BEFORE: Final = 4
 """Lines before the first move under way, which is entered at a speed that they decide."""
+MAX_LEFT_S: Final = 600.0
+"""More than a planner holds: a move comes from a place that isn't known."""
 _MAX_LINES_AHEAD: Final = 64
 """Lines looked back for moves: more than a planner holds."""
 
@@ -118,6 +122,17 @@ class JobProgress:
         at = modal_state(lines, first)
         moves = planned_moves(lines, first, min(end, len(lines)), at, self._printer)
         return longest_run_on(moves, sure, self._answers, now, self._printer) if moves else None
+
+    def left_s(self) -> float | None:
+        """Return how long motors go on at most with what was taken or sent; None for unknown."""
+        lines, done = self.job.lines, self.done
+        first = max(self.executed(done), done - _MAX_LINES_AHEAD)
+        end = min(done + self._printer.lines_in_flight, len(lines))
+        if is_unbounded(lines, first, end):
+            return None
+        at = modal_state(lines, max(first, 0))
+        seconds = planned_s(lines, first, end, at, self._printer)
+        return None if seconds > MAX_LEFT_S else seconds
 
     @property
     def head(self) -> int | None:
@@ -263,3 +278,12 @@ class JobProgress:
             return ""
         many = "1 answer" if self.foreign == 1 else f"{self.foreign} answers"
         return f"another program or noise wrote to this printer: {many} more than lines"
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Last time at which a print's pace and settings were compared."""
+
+    since: int = 0  # job lines taken by then
+    since_s: float = 0.0
+    errors: int = 0  # lines sent again by then

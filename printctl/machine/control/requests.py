@@ -20,6 +20,13 @@ class Request(Enum):
     LOOK = auto()  # see what is due: a pause after a mark was requested
 
 
+class PauseUntil(Enum):
+    """What a pause waits for that ends by itself."""
+
+    ROOM = auto()  # the journal can be written again
+    QUIET = auto()  # the line garbles few lines again
+
+
 @dataclass(frozen=True)
 class ResumeRequest:
     """Request to go on; in a pause for a change of syringe with what was put in, if anything."""
@@ -46,6 +53,7 @@ class RequestQueue:
     commands: deque[ManualCommand] = field(default_factory=deque)
     looks: deque[LookRequest] = field(default_factory=deque)
     stopped_by: str = ""  # who requested the stop first
+    pause_until: PauseUntil | None = None  # what ends it without a person's word
     pause_words: str = ""  # why the awaited pause was requested, for its message
 
     @property
@@ -53,10 +61,22 @@ class RequestQueue:
         """Whether anything is requested."""
         return bool(self.requests or self.commands or self.looks)
 
-    def add(self, request: Request | ResumeRequest, by: str = "the user", why: str = "") -> None:
-        """Add a request; ``why`` goes into a pause's message in place of who requested it."""
-        if request is Request.PAUSE and request not in self.requests:
-            self.pause_words = why or f"paused by {by}"
+    def add(
+        self,
+        request: Request | ResumeRequest,
+        by: str = "the user",
+        why: str = "",
+        until: PauseUntil | None = None,
+    ) -> None:
+        """Add a request; ``why`` goes into a pause's message in place of who requested it.
+
+        ``until``: what ends the pause, unless somebody requests it as well.
+        """
+        if request is Request.PAUSE:
+            if request not in self.requests:
+                self.pause_words, self.pause_until = why or f"paused by {by}", until
+            elif until is None:
+                self.pause_until = None
         if request is Request.STOP:
             self.stopped_by = self.stopped_by or by
         self.requests.append(request)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from printctl.machine.control.steps import Record, Steps, Urgent
 from printctl.machine.control.wiring import Wiring
@@ -78,16 +78,30 @@ def carry_out_rest(wiring: Wiring) -> None:
 def write_down(record: Record, wiring: Wiring) -> None:
     """Add a record to the journal, by any thread; report a failure to the steps.
 
-    A full disk is a fault that ends a print by a controlled stop, for which room is kept back.
+    A full disk pauses a print. Room for the records of the pause is kept back; those that don't fit
+    stay in memory, and are added in their order once there is room, which each record tries anew.
     """
     exchange, journal = wiring.exchange, wiring.journal
-    if exchange.journal_lost:
-        return
-    try:
-        journal.add(record.sort, **record.values)
-    except JournalError as exc:
-        text, exchange.disk_full = str(exc), True
-        others = [one for one in exchange.journal_faults if one != text]
-        exchange.journal_faults = [text, *others]
-        exchange.journal_lost = not journal.use_reserve()
-        write_down(record, wiring)
+    backlog = exchange.backlog
+    with exchange.filing:
+        backlog.append(record)
+        while backlog:
+            try:
+                journal.add(backlog[0].sort, **backlog[0].values)
+            except JournalError as exc:
+                exchange.journal_fault = str(exc)
+                if not journal.use_reserve():
+                    return
+            else:
+                backlog.popleft()
+        if exchange.journal_fault and journal.keep_reserve():
+            exchange.journal_fault = ""
+
+
+def write_end(values: dict[str, Any], wiring: Wiring) -> None:
+    """Add the end of a print to the journal: the record that matters where not all fit."""
+    exchange = wiring.exchange
+    write_down(Record("end", values), wiring)
+    if exchange.backlog:
+        exchange.backlog.clear()
+        write_down(Record("end", {**values, "lost": True}), wiring)

@@ -118,6 +118,7 @@ class Standby:
         self._logbook.state = LinkState.CONNECTING
         yield from connect(self.channel)
         self._logbook.state = LinkState.CHECKING
+        yield from self._firmware.check_keepalive(journalled=False)
         yield from self._firmware.check(self._gauges)
         yield from self.channel.agree(protocol.renumber)
         protocol.load([], 0, 0)

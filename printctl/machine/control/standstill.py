@@ -17,14 +17,15 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
 from firmware_profiles import Printer
 from printctl.machine.job.coordinates import modal_state
-from printctl.machine.job.moves import FAR_MM, motion_of, moves_ahead, planned_moves
-from sim.gcode.reading import is_motion, read_sent
+from printctl.machine.job.moves import FAR_MM, dwell_s, motion_of, moves_ahead, planned_moves
+from sim.gcode.reading import is_motion
 
 SHORTEST_S: Final = 1.0
 MODEL_ERROR: Final = 0.05
@@ -118,7 +119,7 @@ class StandstillWatch:
         line, before_s = self._taken[-1]
         reached = self._reached(line, taken, resent)
         waits = now - before_s > SHORTEST_S and taken > line
-        if waits and self._is_unbounded(line, taken):
+        if waits and is_unbounded(self._lines, line, taken):
             self.begin(taken, now)
             return
         if self._by_time:
@@ -136,7 +137,7 @@ class StandstillWatch:
     def overdue(self, now: float) -> bool:
         """Whether the next line's answer is late by plan."""
         line, before_s = self._taken[-1] if self._taken else (len(self._lines), now)
-        if not self._on or self._is_unbounded(line, line + 1):
+        if not self._on or is_unbounded(self._lines, line, line + 1):
             return False
         late_s = now - before_s - _LATE_S
         return line < len(self._lines) and late_s > self._usual_s(line, line + 1)
@@ -170,7 +171,7 @@ class StandstillWatch:
         reached = self._reached(line, taken, resent)
         if self._late is not None:
             self._judge(self._late, full=False)
-        if not self._is_unbounded(line, taken):
+        if not is_unbounded(self._lines, line, taken):
             spent = self._ahead_s(line, self._is_full()) + self._sum(line, taken)
             self._note(line, reached, now - before_s - spent)
         # those behind the job's last move count unless all was made by then: less time from the
@@ -188,16 +189,14 @@ class StandstillWatch:
         again, self._resent = resent > self._resent, resent
         return line if again else taken
 
-    def _is_unbounded(self, first: int, end: int) -> bool:
-        return any(_UNBOUNDED.match(one) for one in self._lines[first:end])
-
     def _end_in_flight(self) -> int | None:
         """Return lines taken or in flight; None where no plan tells when they are made."""
         if not self._on:
             return None
         line = self._taken[-1][0]
         end = min(line + self._printer.lines_in_flight, len(self._lines))
-        return None if self._is_unbounded(max(line - self._shifts[-1], 0), end) else end
+        first = max(line - self._shifts[-1], 0)
+        return None if is_unbounded(self._lines, first, end) else end
 
     # --- judging a late answer --------------------------------------------------------------------
 
@@ -311,12 +310,12 @@ class StandstillWatch:
         begin, end = max(first - 2, 0), min(end + 2, len(lines))
         moves = planned_moves(lines, begin, end, modal_state(lines, begin), self._printer)
         starts = motion_of(moves, self._printer).starts
-        dwells = (_dwell_s(one) if one.startswith(b"G4 ") else 0.0 for one in lines[begin:end])
+        dwells = (dwell_s(one) if one.startswith(b"G4 ") else 0.0 for one in lines[begin:end])
         self._plan_begin, self._plan_s = begin, list(dwells)
         for move, (a, b) in zip(moves, pairwise(starts), strict=True):
             self._plan_s[move.line - begin] += math.inf if move.length_mm >= FAR_MM else b - a
 
 
-def _dwell_s(line: bytes) -> float:
-    words = read_sent(line)
-    return (words.number("S") or 0.0) + (words.number("P") or 0.0) / 1000.0
+def is_unbounded(lines: Sequence[bytes], first: int, end: int) -> bool:
+    """Whether any of ``lines[first:end]`` takes a time that no plan tells."""
+    return any(_UNBOUNDED.match(one) for one in lines[first:end])

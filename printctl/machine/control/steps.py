@@ -8,13 +8,17 @@ carries those out; a test may send events by itself, in no time.
 from __future__ import annotations
 
 import math
+import threading
 from collections import deque
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 T = TypeVar("T")
+
+MAX_BACKLOG: Final = 10_000
+"""Records kept in memory while the journal can't be written."""
 
 
 class Wait:
@@ -56,15 +60,15 @@ class Exchange:
     """Time of the last event, and effects to be carried out, in their order, at the next wait.
 
     So a record is on the disk before the bytes behind it leave. The shell sets the time before
-    the steps begin and with each event. A lost port is raised where the steps wait; a journal that
-    can't be written is reported in ``journal_faults``.
+    the steps begin and with each event. A lost port is raised where the steps wait; while the
+    journal can't be written, ``journal_fault`` says why, and ``backlog`` keeps its records.
     """
 
     now_s: float = 0.0
     effects: deque[Effect] = field(default_factory=deque)
-    journal_faults: list[str] = field(default_factory=list)  # the newest first
-    disk_full: bool = False  # a record couldn't be written at once
-    journal_lost: bool = False  # no record can be written any more
+    journal_fault: str = ""  # of the last record that didn't fit; empty once there is room again
+    backlog: deque[Record] = field(default_factory=lambda: deque(maxlen=MAX_BACKLOG))
+    filing: threading.Lock = field(default_factory=threading.Lock)  # of one record after another
 
     def tell(self, report: Callable[..., None], *values: Any) -> None:
         """Have something reported to a client, once what it is about is in the journal."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from printctl.checks.gate import LineOrigin, judge
+from printctl.machine.control.aftermath import aftermath_of
 from printctl.machine.control.context import Print
 from printctl.machine.control.ending import shut_valve_past_protocol
 from printctl.machine.control.excursion import CHANGE
@@ -62,6 +63,7 @@ class Streamer:
                 raise self._ended_by(exc) from exc
         except PrintEnded as ended:
             yield from shut_valve_past_protocol(run, ended)
+            ended.message += str(aftermath_of(run, ended))
             return run.logbook.end(ended)
         raise AssertionError("run_print always raises")
 
@@ -79,7 +81,7 @@ class Streamer:
             return PrintEnded(LinkState.KILLED, message, False, name)
         if isinstance(exc, PortLost):
             words = logbook.progress.words()
-            message = f"{exc}; {words}, the next may have been taken; position unknown"
+            message = f"{exc}; {words}, the next may have been taken"
             return PrintEnded(LinkState.FAILED, message, False, name)
         known = isinstance(exc, HandshakeError) and not logbook.resumed
         return PrintEnded(LinkState.FAILED, str(exc), known, name)

@@ -114,6 +114,23 @@ def planned_moves(
     return moves
 
 
+def planned_s(lines: Sequence[bytes], first: int, end: int, at: Modal, printer: Printer) -> float:
+    """Return how long the moves and dwells of ``lines[first:end]`` take, s, at standstill before.
+
+    ``at``: before ``first``. A move from an unknown place is as long as any.
+    """
+    moves = planned_moves(lines, first, end, at, printer)
+    starts = motion_of(moves, printer).starts if moves else [0.0]
+    dwells = sum(dwell_s(one) for one in lines[first:end] if one.startswith(b"G4 "))
+    return starts[-1] - starts[0] + dwells
+
+
+def dwell_s(line: bytes) -> float:
+    """Return how long a dwell (G4) lasts, s."""
+    words = read_sent(line)
+    return (words.number("S") or 0.0) + (words.number("P") or 0.0) / 1000.0
+
+
 def _pieces(
     line: GcodeLine, way: Sequence[float], feed_mm_s: float, printer: Printer
 ) -> Iterator[tuple[Sequence[float], float]]:

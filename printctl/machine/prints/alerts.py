@@ -57,6 +57,8 @@ def alert_of(status: Status, last_alarm: str, may_go_on: bool) -> Alert | None:
         return _of_end(status, may_go_on)
     if status.state is LinkState.DONE and not status.position_known:
         return Alert(*_alarm("another program"), status.message)
+    if status.state is LinkState.DONE and not status.proved:
+        return Alert(*_alarm(status.message), status.message)
     if not status.alarms:
         return None
     what, means, remedy = _alarm(last_alarm)

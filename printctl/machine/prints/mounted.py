@@ -114,7 +114,7 @@ def is_confirmed(sha256: str, mounted: MadeFor) -> bool:
 
 def keep_confirmed(sha256: str, mounted: MadeFor) -> None:
     """Remember that a person has confirmed a file for this set-up."""
-    mounted_folder().mkdir(parents=True, exist_ok=True)
+    mounted_folder().mkdir(0o700, parents=True, exist_ok=True)
     with (mounted_folder() / _CONFIRMED).open("a", encoding="utf-8") as handle:
         handle.write(_line(sha256, mounted) + "\n")
 

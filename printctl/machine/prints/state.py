@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from firmware_profiles import Printer, ProfileError, Syringe, load
-from printctl.errors import PrintctlError
+from printctl.errors import PrintctlError, UsageError
 from printctl.machine.errors import LinkError, NoLink, Refused
 from printctl.machine.families import link_facts
 from printctl.machine.job.care import Care
@@ -27,6 +27,7 @@ from printctl.machine.prints.recovery_file import planned
 from printctl.machine.prints.words import print_words, progress_words, state_words, tip_words
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import (
+    LOCK,
     STATION_LOCK,
     STATION_RECORD,
     alive,
@@ -34,7 +35,7 @@ from printctl.machine.process.contact import (
     load_station,
 )
 from printctl.machine.process.outcome import followable, resumable
-from printctl.machine.records.folders import data_folder
+from printctl.machine.records.folders import data_folder, known_folders
 from printctl.machine.records.record import JOURNAL, RECORD, load_record
 from printctl.machine.records.replay import JournalledPrint, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
@@ -51,6 +52,26 @@ def print_folder(run: Path) -> Path:
     beside = Path(f"{run}.print") if run.is_file() else run
     folders = (place for place in (run, run / "print", beside) if (place / RECORD).is_file())
     return next(folders, beside)
+
+
+def run_going_on(run: Path | None) -> Path:
+    """Return ``run``; the folder of the only print of this user that is going on where it is None.
+
+    Raises
+    ------
+    UsageError
+        When none is going on, or more than one.
+    """
+    if run is not None:
+        return run
+    folders = [one for one in known_folders(data_folder()) if (one / RECORD).is_file()]
+    going_on = [one for one in folders if (one / LOCK).exists() and alive(one)]
+    if len(going_on) == 1:
+        return going_on[0]
+    if not going_on:
+        raise UsageError("no print of yours is going on; name the RUN that is meant")
+    names = ", ".join(map(str, going_on))
+    raise UsageError(f"{len(going_on)} prints are going on ({names}); name the RUN that is meant")
 
 
 def running_print(run: Path) -> PrintClient:

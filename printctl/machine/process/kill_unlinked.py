@@ -10,6 +10,7 @@ from pathlib import Path
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families import link_protocol as said
+from printctl.machine.control.aftermath import halted_unlinked
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.halting import UNCONFIRMED, Kill
 from printctl.machine.control.shell import drive
@@ -53,6 +54,7 @@ def kill_unlinked(folder: Path) -> Status:
             message = halt_on_host(record, before, history)
         else:
             message = _halt_at(record, history.capabilities, journal)
+            message += str(halted_unlinked(history.state))
         message += f"; before, the print was {before.state.value}"
         status = replace(
             before, state=LinkState.KILLED, message=message, position_known=False, error=""

@@ -11,6 +11,7 @@ import logging
 import math
 import os
 import secrets
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -50,6 +51,10 @@ from printctl.machine.records.record import JOURNAL, ContactRecord, load_record,
 from printctl.machine.records.replay import grown_in, read_journal
 from printctl.machine.records.states import LinkState, Status
 
+MIN_FREE_BYTES: Final = 16 * 2**20
+"""Room on the disk before a print: its journal grows by 1 to 2 MiB an hour."""
+HISTORY_LIMIT_S: Final = 2.0
+"""Longest wait at a print's end for its place in the history."""
 _AFTERMATH_S: Final = 5.0
 """Time after an alarm for which traffic is kept as well."""
 
@@ -206,7 +211,7 @@ def contact_of(order: Order) -> Iterator[PrintContact]:
     """
     with ExitStack() as parting:
         with _disk_of(order.folder):
-            order.folder.mkdir(parents=True, exist_ok=True)
+            order.folder.mkdir(0o700, parents=True, exist_ok=True)
             parting.enter_context(hold_folder(order.folder))
             contact = PrintContact(order)
         try:
@@ -246,6 +251,7 @@ def run_print(
     history = resumable(order.folder, job.sha256) if order.resume else None
     if history is not None:
         job = job.grown_by(history.inserts)
+    _refuse_full_disk(order.folder)
     alone = plug.transport is None
     with ExitStack() as parting:
         wire_log = Path(order.care.wire_log) if order.care.wire_log else None
@@ -285,12 +291,24 @@ def run_print(
             serve_in(machine, order.folder, parting)
         identity = contact.print_id if history is None else history.print_id
         _begin_journal(journal, order, job, printer, id=identity, lines=file_lines, **heard)
-        remember_folder(order.folder)
+        remember_folder(order.folder, streamer.alarm)
         machine.begin_print(streamer, identity)
         machine.enter(StationState.PRINTING, f"printing {job.name}", print_folder=str(order.folder))
         contact.begin(identity, *machine.listens_at)
         on_begin(streamer)
-        return streamer.run(history)
+        status = streamer.run(history)
+        remember_folder(order.folder).join(HISTORY_LIMIT_S)  # where it couldn't be before
+        return status
+
+
+def _refuse_full_disk(folder: Path) -> None:
+    free = shutil.disk_usage(folder).free
+    if free < MIN_FREE_BYTES:
+        raise LinkError(
+            f"{free / 2**20:.1f} MiB are free on the disk of {folder}, and a print needs "
+            f"{MIN_FREE_BYTES / 2**20:g} MiB for its journal; free some, or name a folder on "
+            "another disk (--folder); no line of the job was sent"
+        )
 
 
 def _begin_journal(

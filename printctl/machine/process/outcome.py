@@ -200,11 +200,19 @@ def resumable(folder: Path, sha256: str | None = None) -> JournalledPrint:
     if not history.begun:
         raise Refused(f"no line of the job was sent in {folder}; print it anew")
     if sha256 is not None and history.job.get("sha256") != sha256:
-        raise Refused(
-            f"the print in {folder} was of another file ({history.job.get('name')}, hash "
-            "differs); give that file, or print anew in another folder"
-        )
+        raise Refused(other_file_words(folder, history))
     return history
+
+
+def other_file_words(folder: Path, history: JournalledPrint) -> str:
+    """Say that a print can't be gone on with by a file that isn't its own, and the way out."""
+    name, sha256 = history.job.get("name"), str(history.job.get("sha256", ""))
+    return (
+        f"the print in {folder} was of another file, or {name} has changed since (its SHA-256 "
+        f"began with {sha256[:12]}): what was printed lies where the needle would write. Restore "
+        f"that file at {history.job.get('path')}, then `printctl resume {folder}`; without it, "
+        f"`printctl give-up {folder}`, clear the dish and print anew"
+    )
 
 
 def followable(folder: Path, sha256: str | None = None) -> JournalledPrint:
@@ -226,10 +234,7 @@ def followable(folder: Path, sha256: str | None = None) -> JournalledPrint:
     if not history.job:
         raise Refused(f"the journal in {folder} doesn't say which print it is of; print it anew")
     if sha256 is not None and history.sha256 != sha256:
-        raise Refused(
-            f"the print in {folder} was of another file ({history.job.get('name')}, hash differs); "
-            "give that file, or print anew in another folder"
-        )
+        raise Refused(other_file_words(folder, history))
     return history
 
 

@@ -41,7 +41,7 @@ from printctl.machine.process.contact import (
 from printctl.machine.process.host_print import refuse_on_host
 from printctl.machine.process.launch import START_LIMIT_S, await_process, interrupt_held, spawn
 from printctl.machine.process.orders import Order
-from printctl.machine.process.outcome import followable, resumable
+from printctl.machine.process.outcome import followable, other_file_words, resumable
 from printctl.machine.process.simulated import (
     is_complete_record,
     record_for,
@@ -95,7 +95,7 @@ def start_print(
         When the print fails before its first line: port missing, denied or in use, no answer to
         the handshake, a job with a line that must not be sent.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(0o700, parents=True, exist_ok=True)
     if stays_alive(folder):
         raise AlreadyPrinting(
             f"a print is running in {folder}; attach to it, or give another folder"
@@ -215,11 +215,8 @@ def find_or_start(
                 "none of it; print the file from its beginning, in another folder"
             )
         if _journalled_hash(order.folder) not in ("", order.sha256):
-            raise SafetyError(
-                f"the print in {order.folder} was of another file, or {order.job.name} has changed "
-                "since: what was printed lies where the needle would write; `printctl resume` goes "
-                "on with the file that was printed"
-            )
+            history = read_journal(order.folder / JOURNAL)
+            raise SafetyError(other_file_words(order.folder, history))
         return resume_print(order.folder, open_port(), on_interrupt)
     counts = order.port != SIMULATED or is_complete_record(
         record_for(order.folder), order.sha256, load(Printer, order.printer)
@@ -309,11 +306,8 @@ def _refuse_interrupted(order: Order) -> None:
         return
     if begun != order.sha256:
         raise SafetyError(
-            f"the print of another file was interrupted in {order.folder} after at least "
-            f"{history.done} of {history.total} lines, or {order.job.name} (or its recipe) has "
-            "changed since: what was printed lies where the needle would write; make the file as "
-            "it was to go on (`printctl resume`), or give that print up (`printctl give-up "
-            f"{order.folder}`) and clear the dish"
+            f"a print was interrupted after at least {history.done} of {history.total} lines: "
+            f"{other_file_words(order.folder, history)}"
         )
     raise SafetyError(
         f"the print of {order.job.name} was interrupted in {order.folder} after at least "
@@ -376,7 +370,7 @@ def connect(
             "heated or looked at from here. Print by `printctl print` or `printctl run`, and move "
             "by the host's own page"
         )
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(0o700, parents=True, exist_ok=True)
     if stays_alive(folder, STATION_LOCK):
         raise AlreadyPrinting(
             f"a printer is connected in {folder}; {other_speed(folder, sim_speed)}"

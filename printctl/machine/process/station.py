@@ -73,7 +73,7 @@ log = logging.getLogger(__name__)
 def serve_station(plug: Plug) -> StationStatus:
     """Run a station in this process until it is closed; return its last status."""
     folder = plug.folder
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(0o700, parents=True, exist_ok=True)
     with hold_folder(folder, STATION_LOCK, "a printer is connected"):
         _migrate_mounting(plug)
         record = _first_record(plug)

@@ -14,6 +14,7 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,6 +24,8 @@ from printctl.machine.records.record import JOURNAL
 NOTED: Final = "record.json"
 TIMELAPSE: Final = "timelapse"
 DATA_VARIABLE: Final = "PRINTCTL_DATA"
+AGAIN_S: Final = 10.0
+"""Interval in which a print is listed again that couldn't be."""
 _LIST: Final = "journals.txt"
 _MAX_NOTES_BYTES: Final = 16 * 2**20
 
@@ -54,22 +57,37 @@ def known_folders(data: Path) -> list[Path]:
 def add_folder(folder: Path, data: Path) -> None:
     """List a print's folder (resolved) in ``data``, where it isn't; raises `OSError`."""
     if str(folder) not in map(str, known_folders(data)):
-        data.mkdir(parents=True, exist_ok=True)
+        data.mkdir(0o700, parents=True, exist_ok=True)
         with (data / _LIST).open("ab") as handle:
             handle.write(os.fsencode(folder) + b"\n")
 
 
-def remember_folder(folder: Path) -> threading.Thread:
+def remember_folder(
+    folder: Path, on_failure: Callable[[str], None] = log.error
+) -> threading.Thread:
     """List a print's folder for the history, in a thread: a slow disk delays no print.
 
-    What goes wrong is logged and disturbs nothing.
+    Where the data folder can't be written (full, read-only) it is tried again for as long as the
+    process lives; ``on_failure`` is told once, in words.
     """
 
     def work() -> None:
-        try:
-            add_folder(folder.resolve(), data_folder())
-        except Exception:
-            log.exception("the print isn't in the history; `printctl history rebuild` will find it")
+        told = False
+        while True:
+            data = data_folder()
+            try:
+                add_folder(folder.resolve(), data)
+            except OSError as exc:
+                if not told:
+                    on_failure(
+                        f"the print isn't in the history yet: {data} can't be written "
+                        f"({exc.strerror}); it is filed once it can, and after the print by "
+                        f"`printctl history rebuild {folder}`"
+                    )
+                told = True
+                time.sleep(AGAIN_S)
+            else:
+                return
 
     thread = threading.Thread(target=work, name="history", daemon=True)
     thread.start()

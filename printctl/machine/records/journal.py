@@ -56,8 +56,8 @@ checkpoint that agrees and was made at no mark. That one and ack and control rec
 forcing the disk several times a second would stall the line, and after a loss of power the printer
 has lost its position as well.
 
-Room is kept back on the disk (``journal.reserve``), so that the end of a print that a full disk
-ends can be written down. Emptied, it says that records may be missing at the journal's end.
+Room is kept back on the disk (``journal.reserve``), so that the pause that a full disk makes can be
+written down. Emptied, it says that records may be missing at the journal's end.
 """
 
 from __future__ import annotations
@@ -157,6 +157,26 @@ class Journal:
                 return False
             self._torn = False
             return True
+
+    def keep_reserve(self) -> bool:
+        """Keep room back again after `use_reserve`; False where the disk hasn't as much yet."""
+        with self._lock:
+            if self._reserve is None:
+                return True
+            try:
+                handle = os.open(self._reserve, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+            except OSError:
+                return False
+            try:
+                if os.write(handle, os.urandom(RESERVE_BYTES)) == RESERVE_BYTES:
+                    return True
+                os.ftruncate(handle, 0)
+            except OSError:
+                with contextlib.suppress(OSError):
+                    os.ftruncate(handle, 0)
+            finally:
+                os.close(handle)
+            return False
 
     def free_bytes(self) -> int:
         """Return the room on the journal's disk."""

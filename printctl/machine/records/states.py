@@ -102,8 +102,8 @@ class Status:
 
     @property
     def proved(self) -> bool:
-        """Whether it is done, and no other program's commands came between its lines."""
-        return self.state is LinkState.DONE and self.position_known
+        """Whether it is done, and neither other programs nor the printer's panel changed it."""
+        return self.state is LinkState.DONE and self.position_known and not self.error
 
     def to_dict(self) -> dict[str, Any]:
         """As a JSON object."""

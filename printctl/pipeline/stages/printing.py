@@ -146,7 +146,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         return loaded_by_hand(context), []
     part = context.recipe.printer
     folder = context.folder / JOURNAL_FOLDER
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(0o700, exist_ok=True)
     record = context.folder / EXECUTED
     goes_on = context.rehearsal_speed is None  # a rehearsal's print is of no use without its run
     x, y, z = context.start_mm.tolist()

@@ -218,7 +218,7 @@ class Runs:
             recipe = self.recipes.read(name)
             recipe.usable()
             self._refuse(name, folder)
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(0o700, parents=True, exist_ok=True)
             write_text(folder / RECIPE, recipe.text)
             # The recipe itself may be saved before the process has read it.
             started = self.recipes.folder / f".{folder.name}.started.yaml"

@@ -365,7 +365,7 @@ def observer_ready(order: Order, observer: ObserverOrder | None) -> Iterator[Non
     if observer is None:
         yield
         return
-    order.folder.mkdir(parents=True, exist_ok=True)
+    order.folder.mkdir(0o700, parents=True, exist_ok=True)
     observer.save(order.folder)
     start_observer(order.folder)
     try:

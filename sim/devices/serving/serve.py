@@ -314,7 +314,8 @@ class Serving:
     exit_on_hangup : bool
         Whether to end when the host goes away.
     parent_pid : int or None
-        Process that started this one; its end is this one's, too, until a host has come.
+        Process that started this one; its end is this one's, too. With ``exit_on_hangup`` that
+        holds until a host has come.
     """
 
     speed: float = 0.0
@@ -483,9 +484,9 @@ class Server:
             ) from exc
 
     def _orphaned(self) -> bool:
-        """Whether the process that started this one ended before a host came."""
-        pid = self._serving.parent_pid
-        return pid is not None and not self._host_came and os.getppid() != pid
+        """Whether the process that started this one ended, and no host keeps it."""
+        pid, kept = self._serving.parent_pid, self._serving.exit_on_hangup and self._host_came
+        return pid is not None and not kept and os.getppid() != pid
 
 
 @contextmanager

@@ -59,6 +59,27 @@ def begun(folder: Path, profile: str, port: str) -> PrintClient:
     return start_print(job, profile, port, folder / "job.gcode.print", care=care)
 
 
+def test_the_only_print_that_goes_on_needs_no_name(tmp_path, profile, capsys, monkeypatch):
+    monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path / "data"))
+    shell = Shell(monkeypatch, capsys)
+    shell.refuses("no print of yours is going on; name the RUN that is meant", "kill")
+    with pty_printer(FakeMarlin(), hold_at=40) as served:
+        client = begun(tmp_path, profile, served.name)
+        assert served.held.wait(10)
+        wait_for((tmp_path / "data" / "journals.txt").exists)
+        assert shell.json("status")["state"] == "printing"
+        with pytest.MonkeyPatch.context() as patch:
+            two = [tmp_path / "job.gcode.print"] * 2
+            patch.setattr("printctl.machine.prints.state.known_folders", lambda data: two)
+            shell.refuses("2 prints are going on", "stop")
+        assert shell("pause")[0] == 0
+        served.gate.set()
+        until(client, LinkState.PAUSED)
+        code, out, _ = shell("stop")
+        assert (code, out.startswith("stopped")) == (0, True), out
+        client.detach()
+
+
 def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, capsys):
     with pty_printer(FakeMarlin(), hold_at=40) as served:
         client = begun(tmp_path, profile, served.name)

@@ -26,9 +26,10 @@ from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
 from printctl.machine.process.client import attach_station
 from printctl.web.listening import bind
-from printctl.web.serve import Running, check
+from printctl.web.serve import Running, check, refuse_readable
 from printctl.web.settings import ServeSettings, is_loopback
 from printctl.web.worker import lower_priority, run_at_low_priority
+from printctl.web.workspace import Workspace
 from tests.printctl.web.serving import PAGE, ROOT, Process, Served, served, server_process
 from tests.slower import first_of
 from tests.waiting import wait_for
@@ -169,6 +170,38 @@ def test_other_machines_need_a_password_or_the_token(tmp_path: Path) -> None:
         check(ServeSettings(tmp_path, host, token_link=True))
 
 
+def test_a_password_that_can_be_tried_out_is_refused_where_others_reach_the_page(tmp_path):
+    with pytest.raises(UsageError, match=r"has 1 characters.*give at least 12"):
+        check(ServeSettings(tmp_path, "0.0.0.0", password="x"))
+    with pytest.raises(UsageError, match="11 characters"):
+        check(ServeSettings(tmp_path, "0.0.0.0", password="x" * 11))
+    check(ServeSettings(tmp_path, "0.0.0.0", password="x" * 12))
+    check(ServeSettings(tmp_path, "127.0.0.1", password="x"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes of files")
+def test_secrets_that_every_user_can_read_are_refused(tmp_path: Path) -> None:
+    secret = tmp_path / "password"
+    secret.write_text("bath and needle\n")
+    secret.chmod(0o644)
+    with pytest.raises(UsageError, match=rf"mode 0644\): `chmod 600 {secret}`"):
+        cli_serve._password(False, secret)
+    secret.chmod(0o600)
+    assert cli_serve._password(False, secret) == "bath and needle"
+    key = tmp_path / "key.pem"
+    key.write_text("")
+    key.chmod(0o604)
+    with pytest.raises(UsageError, match=r"--tls-key .* every user of this machine"):
+        refuse_readable(key, "--tls-key")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes of files")
+def test_a_new_workspace_and_its_folders_are_their_users_alone(tmp_path: Path) -> None:
+    root = tmp_path / "workspace"
+    Workspace(root).make()
+    assert root.stat().st_mode & 0o777 == 0o700
+
+
 @pytest.mark.parametrize(
     ("host", "truth"),
     [("127.0.0.1", True), ("127.8.8.8", True), ("::1", True), ("localhost", True),
@@ -192,6 +225,7 @@ def test_without_tls_what_that_means_is_said_and_the_password_isnt(
 def test_from_another_address_everything_that_changes_is_refused(tmp_path: Path) -> None:
     secret = tmp_path / "password"
     secret.write_text("bath and needle\n")
+    secret.chmod(0o600)
     options = ("--host", "0.0.0.0", "--password-file", str(secret))
     with server_process(tmp_path / "workspace", *options) as started:
         port = started.url.rsplit(":", 1)[1]

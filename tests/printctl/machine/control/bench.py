@@ -47,26 +47,33 @@ class HostDiedError(BaseException):
 
 @dataclass
 class MemoryJournal:
-    """Journal in memory; at its ``full_at``-th record the disk is full, the reserve apart."""
+    """Journal in memory; at its ``full_at``-th record the disk is full, the reserve apart.
+
+    From ``room_at_s`` on there is room again.
+    """
 
     records: list[dict[str, Any]] = field(default_factory=list)
     full_at: float = math.inf
-    reserve: int = 1
+    reserve: int = 1  # records
+    room_at_s: float = math.inf
     now_s: float = 0.0
     path: Path = Path("memory")
-    lost: bool = False  # a record
+    lost: bool = False  # a record wasn't added at once
 
     def add(self, sort: str, **values: Any) -> None:
-        if len(self.records) >= self.full_at:
+        if len(self.records) >= self.full_at and self.now_s < self.room_at_s:
             self.lost |= not self.reserve
             raise JournalError("journal memory can't be written: disk full; free space")
         self.records.append({"t": sort, "at": self.now_s, **values})
 
     def use_reserve(self) -> bool:
         if self.reserve:
-            self.reserve, self.full_at = 0, math.inf
+            self.full_at, self.reserve = len(self.records) + self.reserve, 0
             return True
         return False
+
+    def keep_reserve(self) -> bool:
+        return self.now_s >= self.room_at_s
 
     def free_bytes(self) -> int:
         return 1 << 40

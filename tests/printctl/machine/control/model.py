@@ -138,7 +138,7 @@ class Life:
         self.wire = RandomWire(rng, self.faults)
         if "full" in self.faults:
             self.journal.full_at = float(rng.integers(10, 80))
-            self.journal.reserve = int(rng.random() < 0.8)
+            self.journal.reserve = 60 * int(rng.random() < 0.8)
 
     def live(self) -> Life:
         """Print, go on where that is possible, and check after each process's end."""

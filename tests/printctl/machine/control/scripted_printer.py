@@ -67,6 +67,7 @@ class ScriptedPrinter(FakeMarlin):
         # lines that lost their numbers in a flushed buffer: made all the same, as by a real one
         self.fragments: list[str] = []
         self.now, self.feed = 0.0, 1800.0
+        self.last_made_s = 0.0  # when the last move ended
         self._queue: deque[str] = deque()
         self._planner: deque[_Planned] = deque()
         self._out: deque[tuple[float, bytes]] = deque()
@@ -141,6 +142,7 @@ class ScriptedPrinter(FakeMarlin):
         while self._planner and self._planner[0].ends_s <= self.now:
             one = self._planner.popleft()
             self.made.append(Made(one.line, one.start, one.end))
+            self.last_made_s = one.ends_s
 
     def _begins_s(self, command: str) -> float:
         if command.startswith(("G0", "G1")):

@@ -15,7 +15,7 @@ PART = 10_000
 def assert_all_kinds(lives: list[Life]) -> None:
     """The lives were worth living: they ended in each way, and much went wrong in them."""
     ends = Counter(life.status.state for life in lives if life.status is not None)
-    assert {LinkState.DONE, LinkState.STOPPED, LinkState.FAILED} <= set(ends)
+    assert {LinkState.DONE, LinkState.STOPPED} <= set(ends)
     assert sum("host died" in life.log for life in lives) > 0
 
 

@@ -154,6 +154,36 @@ def test_extra_prime_is_pushed_and_not_counted():
     assert bench.printer.numbered[primed + 1] == f"G92 E{e:.5f}"
 
 
+@pytest.mark.parametrize("firmware", [None, *FAKES])
+@pytest.mark.parametrize("moved_mm", [0.3, -0.3])
+def test_a_plunger_moved_by_hand_in_a_pause_is_never_drawn_back_in_the_gel(firmware, moved_mm):
+    """Relieved by 0.1 mm, moved at the panel: all that follows in the gel is the push of 0.1 mm."""
+    printer = ScriptedPrinter() if firmware is None else Instant(FAKES[firmware]())
+    board = printer if firmware is None else printer.fake
+    care = Care(checkpoint_s=None)
+    bench = Bench(JOB, printer, care, profile=facts(firmware or "marlin"))
+    bench.on_line(8, pause)
+
+    def by_hand(streamer: Streamer) -> None:
+        board.at["E"] += moved_mm
+        if hasattr(board, "motors"):
+            board.motors = dict(board.at)
+        streamer.resume()
+
+    bench.when(LinkState.PAUSED, by_hand)
+    status = bench.run()
+    assert status.state is LinkState.DONE, status
+    at = float(JOB.lines[bench.pauses[0].lines_done - 1].split(b"E")[1].split()[0])
+    commands = board.executed
+    begin = commands.index(f"G92 E{at - 0.1:.5f}")
+    after = [one for one in commands[begin + 1 :] if re.match(r"G1 .*E", one)]
+    assert after[0] == f"G1 E{at:.5f} F30"
+    lowered = [k for k, one in enumerate(commands) if re.match(r"G1 Z[\d.]+ F", one) and k > begin]
+    assert lowered  # the plunger is counted above the gel, before the needle comes down
+    [alarm] = [one for one in bench.alarms if "the plunger is at E" in one]
+    assert f"moved by {moved_mm:+.2f} mm while the print was held" in alarm
+
+
 @pytest.mark.parametrize(("every", "expected"), [(0.0, 6), (1.5, 3), (None, 0)])
 def test_checkpoints_are_made_at_marks_as_often_as_requested(every, expected):
     bench = Bench(layers(6, 8), care=Care(checkpoint_s=every))

@@ -424,18 +424,40 @@ def test_line_that_the_printer_refuses_ends_the_print_before_it():
 # --- the host's own troubles ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("record", [22, 27, 30])
-@pytest.mark.parametrize("reserve", [0, 1])
-def test_full_disk_ends_the_print_by_a_controlled_stop(record, reserve):
-    journal = MemoryJournal(full_at=record, reserve=reserve)
+@pytest.mark.parametrize("record", [9, 11, 13])
+@pytest.mark.parametrize("reserve", [0, 2, 60])
+def test_full_disk_pauses_a_print_which_goes_on_by_itself_once_there_is_room(record, reserve):
+    journal = MemoryJournal(full_at=record, reserve=reserve, room_at_s=1000.0)
     bench = Bench(JOB, journal=journal)
-    bench.on_line(5, pause)
-    bench.when(LinkState.PAUSED, resume)
+    refused: list[str] = []
+    bench.when(LinkState.PAUSED, lambda streamer: streamer.resume(answer=refused.append))
     status = bench.run()
-    assert status.state is LinkState.FAILED, status.message
-    assert "disk full" in status.message
+    assert "disk full; free space; the print goes on by itself" in bench.pauses[0].message
+    assert refused == ["not resumed: journal memory can't be written: disk full; free space"]
+    assert 1000.0 < bench.exchange.now_s < 1020.0
+    assert_exact(bench, status)
+    assert [one["message"] for one in bench.recorded("end")] == [status.message]
+    assert any("disk full" in alarm for alarm in bench.alarms)
+    assert b"M104 S0" not in b"".join(bench.sent)  # heat is kept
+    high = [one for one in bench.printer.made if one.end["Z"] > one.start["Z"] + 3.9]
+    assert len(high) == 1  # the needle waited above the gel
+
+
+def test_a_pause_for_room_that_a_person_takes_over_waits_for_that_person():
+    bench = Bench(JOB, journal=MemoryJournal(full_at=12, room_at_s=100.0))
+    bench.when(LinkState.PAUSED, pause)
+    bench.at(5000.0, resume)
+    assert_exact(bench)
+    assert bench.exchange.now_s > 5000.0
+
+
+def test_disk_that_stays_full_leaves_a_stop_and_its_end():
+    journal = MemoryJournal(full_at=12, reserve=60)
+    bench = Bench(JOB, journal=journal)
+    bench.when(LinkState.PAUSED, lambda streamer: bench.after(100.0, stop))
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, True)
     assert_true(bench, status)
-    assert bool(bench.recorded("end")) == bool(reserve)
 
 
 @pytest.mark.parametrize("effect", [40, 70, 80, 88])
@@ -459,3 +481,54 @@ def test_kill_whose_port_is_lost_is_not_said_to_have_halted_the_printer():
     status = bench.run()
     assert status.state is LinkState.KILLED
     assert UNCONFIRMED in status.message
+
+
+# --- what an ended print leaves ---------------------------------------------------------------
+
+
+def test_lost_port_says_how_long_motors_run_on_and_where_needle_and_heat_are():
+    job = parse_job(b"M140 S37\n" + layers(2, 8), "bench.gcode")
+    bench = Bench(job)
+    bench.on_line(12, lambda _: setattr(bench, "lost_at", bench.effects))
+    status = bench.run()
+    assert status.state is LinkState.FAILED
+    match = re.search(r"still holds, for up to (\d+\.\d) s, then stand", status.message)
+    bench.printer.run_to(1e9)
+    last_s = bench.printer.last_made_s - bench.exchange.now_s
+    assert match, status.message
+    assert last_s - 0.1 <= float(match[1]) < last_s + 1.5
+    assert "the needle wasn't lifted, it may be in the print at Z 10.00 mm" in status.message
+    assert "heaters stay set: the bed at 37 °C" in status.message
+
+
+def test_lost_port_in_a_pause_says_that_the_needle_is_lifted():
+    bench = Bench(JOB)
+    bench.on_line(8, pause)
+    lose: list[Callable[[Streamer], None]] = [lambda _: setattr(bench, "lost_at", bench.effects)]
+    bench.when(LinkState.PAUSED, *lose)
+    status = bench.run()
+    assert "its motors stood; the needle waits above the print" in status.message
+    assert "no heater was set" in status.message
+
+
+@pytest.mark.parametrize(
+    ("act", "words"),
+    [
+        (
+            stop,
+            "the motors stand; the needle was lifted straight up; kept on: bath cooling",
+        ),
+        (
+            lambda streamer: streamer.print.channel.kill.asked.set(),
+            "the needle wasn't lifted, it may be in the print at Z 10.00 mm",
+        ),
+    ],
+    ids=["stop", "kill"],
+)
+def test_each_end_says_where_needle_motors_and_heat_are(act, words):
+    bench = Bench(JOB)
+    bench.on_line(9, act)
+    if act is not stop:
+        bench.on_line(9, lambda s: (act(s), bench.printer.take(b"M112\n", bench.exchange.now_s)))
+    status = bench.run()
+    assert words in status.message, status.message

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from printctl.machine.control.shell import POLL_S, drive
+from printctl.machine.control.shell import POLL_S, drive, write_down
 from printctl.machine.control.steps import Record, Steps, Urgent, Wait, carried_out
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import PortLost, Refused
@@ -152,10 +152,21 @@ def test_journal_that_fails_is_reported_to_the_steps_and_the_record_kept_if_ther
 
     drive(steps(), bench.wiring)
     exchange = bench.wiring.exchange
-    assert exchange.disk_full
-    assert "disk full" in exchange.journal_faults[0]
-    assert exchange.journal_lost == (not reserve)
+    assert "disk full" in exchange.journal_fault
+    assert [one.sort for one in exchange.backlog] == ["insert"] * (not reserve)
     assert len(journal.records) == reserve
+
+
+def test_records_that_didnt_fit_are_added_in_their_order_once_there_is_room(bench):
+    journal, exchange = bench.wiring.journal, bench.wiring.exchange
+    journal.full_at, journal.reserve = 0, 1
+    for sort in ("insert", "looked", "left"):
+        write_down(Record(sort, {}), bench.wiring)
+    assert [one["t"] for one in journal.records] == ["insert"]
+    journal.room_at_s = 0.0
+    write_down(Record("stood", {}), bench.wiring)
+    assert [one["t"] for one in journal.records] == ["insert", "looked", "left", "stood"]
+    assert (exchange.journal_fault, list(exchange.backlog)) == ("", [])
 
 
 def test_bytes_that_havent_left_are_dropped_for_a_kill_and_records_kept(bench):

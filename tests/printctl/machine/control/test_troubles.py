@@ -23,7 +23,9 @@ from tests.printctl.machine.control.bench import (
     Wire,
     assert_exact,
     assert_true,
+    clean_run,
     layers,
+    made_of,
     pause,
     resume,
     stop,
@@ -434,3 +436,66 @@ def test_printer_that_isnt_as_it_was_when_the_host_died_is_not_gone_on_with(othe
     assert status.state is LinkState.POSITION_UNKNOWN
     assert other == "reset" or f"{other.split()[1][0]} is called" in status.message
     assert (printer.place, printer.renamed_mm) == (before, counts)
+
+
+# --- true causes ------------------------------------------------------------------------------
+
+
+class GarbledPlaces(Wire):
+    """The first answers to M114 lose their places on the way."""
+
+    left = 2
+
+    def up(self, data: bytes) -> bytes:
+        if b"Count X:" in data and self.left:
+            self.left -= 1
+            return data.replace(b"X:", b"\x7f").replace(b"Y:", b"\x7f")
+        return data
+
+
+def test_garbled_answers_at_the_start_are_asked_again():
+    bench = Bench(JOB, wire=GarbledPlaces())
+    assert_exact(bench)
+    assert not any("still move" in one.message for one in bench.statuses)
+
+
+def test_a_fault_of_the_printer_s_own_is_no_refusal_of_the_line_in_flight():
+    said = "Error:MINTEMP triggered, system stopped! Heater_ID: bed\n"
+    bench = Bench(LONG)
+    bench.on_line(46, lambda _: bench.printer.say(said.encode()))
+    status = bench.run()
+    assert status.state is LinkState.FAILED
+    assert "the printer says 'Error:MINTEMP triggered, system stopped! Heater_ID: bed'" in (
+        status.message
+    )
+    assert "refused" not in status.message
+
+
+class NoisyFor(Wire):
+    """Garbles every third line to the printer from ``begin`` to ``end``, s."""
+
+    def __init__(self, begin: float, end: float) -> None:
+        self.begin, self.end, self.count = begin, end, 0
+
+    bench: Bench
+
+    def down(self, data: bytes) -> bytes:
+        self.count += 1
+        noisy = self.begin < self.bench.exchange.now_s < self.end and self.count % 3 == 0
+        return data.replace(b"*", b"?") if noisy and data.startswith(b"N") else data
+
+
+def test_a_print_paused_by_noise_goes_on_by_itself_once_errors_are_few():
+    wire = NoisyFor(5.0, 200.0)
+    bench = Bench(LONG, care=Care(checkpoint_s=None, noise_window=50, noise_limit=4), wire=wire)
+    wire.bench = bench
+    assert_exact_long(bench)
+    assert len(bench.pauses) == 1
+    assert "the print goes on by itself once errors are few" in bench.pauses[0].message
+    assert bench.exchange.now_s > 200.0
+
+
+def assert_exact_long(bench: Bench) -> None:
+    status = bench.run()
+    assert status.state is LinkState.DONE, status
+    assert made_of(bench.printer, LONG.lines) == clean_run(LONG.lines)

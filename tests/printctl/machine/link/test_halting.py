@@ -105,7 +105,10 @@ def test_each_command_of_a_halt_is_told_with_its_own_time(monkeypatch, parser, e
 
 @pytest.mark.parametrize(
     ("says_something", "told"),
-    [(True, "stopped before that, by M410"), (False, "may have run on for up to 0.6")],
+    [
+        (True, "have stood since M410 was taken"),
+        (False, "may have run on for up to 0.6"),
+    ],
 )
 def test_only_a_board_that_lived_between_has_obeyed_the_quickstop(says_something, told):
     """One that stood still finds M410 and M112 together, and looks at M112 first."""

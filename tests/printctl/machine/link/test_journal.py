@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -24,13 +25,15 @@ from printctl.cli.main import app
 from printctl.history.index import PrintHistory, remember
 from printctl.history.query import HistoryQuery
 from printctl.machine.control.streamer import Streamer
-from printctl.machine.errors import HistoryError, JournalError, Refused
+from printctl.machine.errors import HistoryError, JournalError, LinkError, Refused
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.wire_log import RING_BYTES, LoggedTransport, WireLog
 from printctl.machine.prints.progress import remaining_time
 from printctl.machine.prints.recovery import beginning
+from printctl.machine.process import one_print
 from printctl.machine.process.outcome import resumable
 from printctl.machine.process.starting import start_print
+from printctl.machine.records import folders
 from printctl.machine.records.folders import (
     archive_journal,
     data_folder,
@@ -235,7 +238,15 @@ class SmallDisk:
 def print_on(disk: SmallDisk, journal: Journal, monkeypatch) -> tuple[Status, Streamer]:
     transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
     monkeypatch.setattr(os, "write", disk)
-    found = printed(gcode(300), journal.path.parent, transport, journal=journal)
+    keep: list[Streamer] = []
+
+    def give_up(status: Status) -> None:
+        if status.state is LinkState.PAUSED:
+            keep[0].stop()
+
+    found = printed(
+        gcode(300), journal.path.parent, transport, journal=journal, on_status=give_up, keep=keep
+    )
     monkeypatch.undo()
     journal.close()
     return found
@@ -245,14 +256,13 @@ def print_on(disk: SmallDisk, journal: Journal, monkeypatch) -> tuple[Status, St
 def test_end_of_a_print_on_a_full_disk_is_in_its_journal(tmp_path, monkeypatch, room):
     journal = Journal(tmp_path / "journal.log", reserve=True)
     status, streamer = print_on(SmallDisk(tmp_path, room + 65_536), journal, monkeypatch)
-    assert status.state is LinkState.FAILED
-    assert "disk full" in status.message or "No space" in status.message
+    assert status.state is LinkState.STOPPED
     history = read_journal(journal.path)
     assert history.end["message"] == status.message
     assert history.damaged == 0
     begin = beginning(streamer.job, history, PRINTER, None)
     assert begin.index == status.lines_executed
-    assert "nothing is left out or written twice" in begin.stood
+    assert "nothing is written twice" in begin.stood
     assert not (tmp_path / RESERVE).exists()
 
 
@@ -494,7 +504,7 @@ def test_history_that_can_not_be_written_is_told_but_disturbs_no_print(tmp_path,
     with pytest.raises(HistoryError, match=r"journals are untouched.*PRINTCTL_DATA"):
         PrintHistory()
     remember(print_in(tmp_path / "one"))
-    remember_folder(tmp_path / "one").join()
+    remember_folder(tmp_path / "one").join(0.5)
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
@@ -583,3 +593,30 @@ def test_attempt_to_go_on_whose_disk_was_full_isnt_gone_on_with_again(tmp_path):
     journal.add("end", **end, position_known=False, lost=True)
     assert read_journal(journal.path).cut_short
     journal.close()
+
+
+def test_history_lists_a_print_once_its_data_folder_can_be_written_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path / "data"))
+    monkeypatch.setattr(folders, "AGAIN_S", 0.01)
+    real, fails, told = folders.add_folder, [1, 2, 3], list[str]()
+
+    def add(folder: Path, data: Path) -> None:
+        if fails:
+            fails.pop()
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+        real(folder, data)
+
+    monkeypatch.setattr(folders, "add_folder", add)
+    folders.remember_folder(tmp_path / "a.print", told.append).join(5.0)
+    assert folders.known_folders(tmp_path / "data") == [tmp_path / "a.print"]
+    [text] = told
+    assert "isn't in the history yet" in text
+    assert "(Read-only file system)" in text
+    assert f"`printctl history rebuild {tmp_path / 'a.print'}`" in text
+
+
+def test_a_print_isnt_begun_on_a_disk_that_is_nearly_full(tmp_path, monkeypatch):
+    free = SimpleNamespace(free=2**20)
+    monkeypatch.setattr(one_print.shutil, "disk_usage", lambda path: free)
+    with pytest.raises(LinkError, match=r"1\.0 MiB are free on the disk of .*needs 16 MiB"):
+        one_print._refuse_full_disk(tmp_path)

@@ -100,7 +100,8 @@ def test_unplugged_port_fails_with_what_was_acknowledged_and_goes_on_when_it_is_
     assert not outcome.position_known
     assert 198 <= outcome.lines_done <= 200
     assert f"{outcome.lines_done} of {len(lines)} lines were acknowledged" in outcome.message
-    assert "position unknown" in outcome.message
+    assert "if it has power, its motors make the moves" in outcome.message
+    assert "the needle wasn't lifted" in outcome.message
     with pty_printer(printer) as served:
         outcome = resume_print(tmp_path / "run", served.name).wait(300)
     assert outcome.state is LinkState.DONE

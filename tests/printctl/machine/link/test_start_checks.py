@@ -235,6 +235,28 @@ def test_start_is_refused_while_a_former_job_moves(tmp_path, profile, feed):
     assert ("at most 30" if feed == 60 else "X50.00 Y50.00 Z10.00") in status.message
 
 
+class Planned(ScriptedPrinter):
+    """It moves for 14 s; M114 tells where the move leads, in steps too; it never says busy."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.keepalive = False
+        self.take(b"G1 X64 F60\n", 0.0)
+        self.said(0.1)
+
+    @property
+    def place(self) -> dict[str, float]:
+        return dict(self.at)
+
+
+def test_start_is_refused_behind_an_m400_that_an_idle_board_answers_at_once():
+    bench = Bench(JOB, Planned())
+    status = bench.run()
+    assert (status.state, status.error) == (LinkState.FAILED, HandshakeError.__name__)
+    assert "still moved when the print was to start (it made for 1" in status.message
+    assert [one.end["X"] for one in bench.printer.made] == [64.0]
+
+
 @pytest.mark.parametrize("profile", ["generic_marlin", "ender5_duet3_replistruder5"])
 def test_job_that_goes_by_the_printers_own_places_waits_until_it_stands(tmp_path, profile):
     status, script, board, _ = begun(tmp_path, profile, "G90\nG1 X80 F180\n", declared=False)

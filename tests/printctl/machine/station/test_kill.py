@@ -335,6 +335,8 @@ def test_kill_halts_the_print_of_a_station_whose_process_has_died(fake, folder, 
     assert served.printer.halted
     assert client.wait(10).state is LinkState.KILLED
     assert "before, the print was interrupted" in station.status.message
+    assert "the needle wasn't lifted, it may be in the print" in station.status.message
+    assert "M112 switches the heaters off" in station.status.message
     served.printer.reset()
     connect(profile, served.name, folder)
 

@@ -35,6 +35,7 @@ def served(
     folder = tmp_path_factory.mktemp("shell")
     secret = folder / "password"
     secret.write_text("bath and needle\n")
+    secret.chmod(0o600)
     with server_process(folder / "workspace", "--password-file", str(secret)) as server:
         logged_in(browser.contexts[0], f"{server.url}/printer").close()
         yield server, folder / "workspace"

@@ -240,6 +240,21 @@ def took(one: socket.socket, port: int) -> bool:
     return False
 
 
+def test_a_server_behind_one_that_died_has_its_stop_at_the_same_port(tmp_path: Path) -> None:
+    workspace = tmp_path / "workspace"
+    with server_process(workspace) as first, under_way(workspace) as print_:
+        assert soon(lambda: connected(first) == 1)
+        first.process.kill()
+        first.process.wait()
+        assert answers(first)  # for the print's sake
+        port = str(urlsplit(first.url).port)
+        with server_process(workspace, "--port", port) as second:
+            assert second.stop == first.stop
+            assert soon(lambda: connected(second) == 1)
+            assert ask(second.stop, **by_token(second))[0] == 200
+            assert ended_by_kill(print_)
+
+
 def test_a_server_that_is_told_to_end_or_killed_leaves_the_print_alone(
     served: tuple[Process, Path],
 ) -> None:

@@ -145,6 +145,25 @@ def test_an_unplugged_printer_ends_what_it_has_and_keeps_the_record(serve, tmp_p
     assert ExecutedMotion.load(record).end[-1, 0] == 15
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+@pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("host_comes", [False, True])
+def test_a_printer_of_the_command_line_leaves_no_process_behind(sign, host_comes):
+    command = [sys.executable, "-m", "printctl", "sim-printer", "--speed", "0"]
+    starter = subprocess.Popen(command, cwd=REPO, stdout=subprocess.PIPE, text=True)
+    address = starter.stdout.readline().strip()
+    children = Path(f"/proc/{starter.pid}/task/{starter.pid}/children").read_text().split()
+    port = serial.serial_for_url(address, 115200, timeout=PATIENCE_S) if host_comes else None
+    starter.send_signal(sign)
+    starter.wait(PATIENCE_S)
+    assert children
+    assert select.select([starter.stdout], [], [], PATIENCE_S)[0]  # closed by the last one's end
+    assert starter.stdout.read() == ""
+    starter.stdout.close()
+    if port:
+        port.close()
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="a host's absence is seen on Linux only")
 @pytest.mark.parametrize("host_comes", [False, True])
 def test_a_printer_lives_as_long_as_its_starter_until_a_host_comes(tmp_path, host_comes):
