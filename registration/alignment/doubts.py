@@ -110,7 +110,7 @@ def rival_doubts(rivals: Iterable[AlternativePose], limit: float) -> list[str]:
 
 
 CROSS_UM = 20.0
-"""Of the surface. On five sound scans of strangers' parts (OCT, and micro-CT with voxels of 40 µm) two
+"""Of the surface. On five sound scans of strangers' parts (OCT, micro-CT with voxels of 40 µm) two
 programs differed by 12 to 18 µm, on all others by less; at the corners of the part's box by 29 µm
 and more on 13 scans nearly all of which had false walls."""
 LEAST_SEEN = 0.5
