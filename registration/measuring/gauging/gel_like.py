@@ -162,6 +162,26 @@ _TILTS = (0.0, 0.4, 0.8)
 _ANGLE = 2 * np.pi * np.arange(12) / 12
 _CIRCLE = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], axis=1)
 _PATTERN = np.concatenate([np.zeros((1, 2)), 0.5 * _CIRCLE[::2], _CIRCLE])
+_ACROSS = 0.75
+"""Of the lumen's radius that a strand has to cross; less where walls are blurred farther in."""
+_STRAND, _STRAND_DIMMEST = 0.35, 0.1
+"""Of the step from liquid to gel, in the mean along a strand and at its dimmest place. A bubble's
+rim and what clings to one wall are dark at one end at least."""
+_STRAND_MM = 0.075
+"""Averaged along the vessel: the thinnest strand."""
+
+
+def _chords() -> FloatArray:
+    """Points (8 directions, 5 offsets, 5 places, 2) on chords of the unit disc."""
+    turn = np.pi * np.arange(8) / 8
+    along = np.stack([np.cos(turn), np.sin(turn)], axis=1)[:, None, None]
+    aside = np.stack([-np.sin(turn), np.cos(turn)], axis=1)[:, None, None]
+    off = np.linspace(-0.7, 0.7, 5)[None, :, None, None]
+    place = np.linspace(-1.0, 1.0, 5)[None, None, :, None]
+    return np.asarray(off * aside + place * np.sqrt(1 - off**2) * along)
+
+
+_CHORDS = _chords()
 
 
 def without_gel_like(
@@ -196,7 +216,13 @@ def without_gel_like(
         for trace, at in zip(traces, along, strict=True)
     )
     return tuple(
-        trace if core is None else _marked(trace, at, _brightened(core, usual, step, trace))
+        trace
+        if core is None
+        else _marked(
+            trace,
+            at,
+            _brightened(core, usual, step, trace) | _strands(trace, evidence, fit, at, usual),
+        )
         for trace, at, core, usual in zip(traces, along, cores, liquids, strict=True)
     )
 
@@ -249,8 +275,17 @@ def _stretches(bright: BoolArray) -> NDArray[np.intp]:
     return edges.reshape(-1, 2) - np.array([0, 1])
 
 
-def _core(trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray) -> FloatArray:
-    """Evidence for gel in the middle of the lumen as measured, (n, points); 0 out of the scan."""
+def _core(
+    trace: VesselTrace,
+    evidence: GelEvidence,
+    fit: Fit,
+    along: FloatArray,
+    pattern: FloatArray = _CORE * _PATTERN,
+) -> FloatArray:
+    """Evidence for gel in the lumen as measured, (n, points); 0 out of the scan.
+
+    `pattern`: (points, 2), in radii of the lumen; its middle.
+    """
     known = trace.counted & trace.sections.open & np.isfinite(trace.sections.shift).all(axis=1)
     shift, radius = np.zeros((len(along), 2)), np.interp(along, trace.along, trace.radius)
     if known.any():
@@ -265,7 +300,7 @@ def _core(trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray
     line = np.concatenate([ends[:1], trace.centre, ends[1:]])
     at = np.concatenate([[-_BEYOND_MM[1]], trace.along, [trace.length + _BEYOND_MM[1]]])
     axis_points = places_along(line, at, along)
-    flat = shift[:, None] + _CORE * radius[:, None, None] * _PATTERN
+    flat = shift[:, None] + radius[:, None, None] * pattern
     across = trace.planes.across[_nearest(trace, along)]
     places = fit.invert(axis_points)[:, None] + flat @ across
     return np.nan_to_num(evidence.fine_at(places))
@@ -311,6 +346,27 @@ def _brightened(core: FloatArray, usual: FloatArray, step: float, trace: VesselT
         | _stands_out(long, own, LEAST_SHARE)
         | (half > max(LEAST_OF_HALF, _SPREADS * noise))
     )
+
+
+def _strands(
+    trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray, usual: FloatArray
+) -> BoolArray:
+    """Samples at which gel reaches across the lumen from wall to wall, (n,), clear of its ends."""
+    least, radius = float(usual.min()), float(np.median(trace.radius))
+    clear = trace.own & (trace.to_end >= HALF_MM / 2)
+    # A wall's blur reaches two voxels in.
+    reach = min(_ACROSS, 1 - 2 * float(evidence.voxel_mm.max()) / radius)
+    if least >= 1 or reach < _CORE or not clear.any():
+        return np.zeros(len(along), dtype=np.bool_)
+    pattern = reach * _CHORDS.reshape(-1, 2)
+    share = (_core(trace, evidence, fit, along, pattern) - usual[:, None]) / (1 - least)
+    size = int(_STRAND_MM / (along[1] - along[0])) | 1
+    share = uniform_filter1d(share, size, axis=0, mode="nearest")
+    chords = share.reshape(len(share), -1, _CHORDS.shape[2])
+    mean = chords.mean(axis=2)
+    noise = _MAD * float(np.median(np.abs(mean - np.median(mean))))
+    lit = (mean > max(_STRAND, _SPREADS * noise)) & (chords.min(axis=2) > _STRAND_DIMMEST)
+    return np.asarray(lit.any(axis=1) & clear[_nearest(trace, along)])
 
 
 _SIDES = (_PATTERN @ _CIRCLE.T > 0.1).astype(np.float64)
