@@ -27,7 +27,6 @@ from printctl.machine.prints.recovery_file import planned
 from printctl.machine.prints.words import print_words, progress_words, state_words, tip_words
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import (
-    LOCK,
     STATION_LOCK,
     STATION_RECORD,
     alive,
@@ -36,7 +35,7 @@ from printctl.machine.process.contact import (
 )
 from printctl.machine.process.outcome import followable, resumable
 from printctl.machine.records.folders import data_folder, known_folders
-from printctl.machine.records.record import JOURNAL, RECORD, load_record
+from printctl.machine.records.record import JOURNAL, LOCK, RECORD, load_record
 from printctl.machine.records.replay import JournalledPrint, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 
