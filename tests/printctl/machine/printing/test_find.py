@@ -21,7 +21,7 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.checks.preflight import Check, gcode_checks, refuse_failed, syringe_checks
 from printctl.errors import PrintctlError, SafetyError
 from printctl.machine.control.excursion import CHANGE
-from printctl.machine.errors import PortMissing, Refused
+from printctl.machine.errors import LinkError, PortMissing, Refused
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
@@ -34,7 +34,7 @@ from printctl.machine.prints.state import PrintTruth, read_print
 from printctl.machine.process.contact import alive, hold_folder
 from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import resumable
-from printctl.machine.process.starting import find_or_start, running
+from printctl.machine.process.starting import find_or_start, resume_print, running
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.states import LinkState, Status
@@ -104,10 +104,13 @@ def test_interrupted_print_is_neither_repeated_nor_resumed_unasked(
         find_or_start(order, lambda: port)
     text = order.job.read_text()
     order.job.write_text(text + "G1 X1\n")  # as of a recipe that was changed meanwhile
-    with pytest.raises(SafetyError, match=r"another file was interrupted.*give-up"):
+    way_out = rf"Restore that file at {order.job}, then `printctl resume .*give-up"
+    with pytest.raises(SafetyError, match=rf"was interrupted.*{way_out}"):
         find_or_start(replace(order), lambda: port)
-    with pytest.raises(SafetyError, match="was of another file"):
+    with pytest.raises(SafetyError, match=way_out):
         find_or_start(replace(order, resume=True), lambda: port)
+    with pytest.raises(LinkError, match=way_out):
+        resume_print(order.folder)
     order.job.write_text(text)
     resumed = find_or_start(replace(order, resume=True), lambda: port)
     resumed.kill()
