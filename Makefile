@@ -11,7 +11,7 @@ PYTEST = $(BIN)/python -m pytest -p tests.forks
 unexport PYTHONDONTWRITEBYTECODE
 BENCHES = bench-vasculature bench-tissue bench-flow bench-solids bench-embedded bench-link bench-operator \
   bench-observe bench-firmware bench-registration bench-identity bench-scans bench-machines bench-paper
-.PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-nightly $(BENCHES) docs gallery looks dist test-dist audit clean
+.PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-first-parts bench-nightly $(BENCHES) docs gallery looks dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -56,6 +56,11 @@ lint: $(VENV)/.ready-test
 # needs what isn't there is skipped by name.
 $(BENCHES): bench-%: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks $* $(BENCH)
+
+# Strangers' parts from recipe to verdict, and planted faults, an hour and a half; SEED=, PARTS=, FAULTS=.
+bench-first-parts: kernels
+	@$(BIN)/python -m tests.system.first_part.run --seed $(or $(SEED),$(shell date +%s)) \
+	  --parts $(or $(PARTS),60) --faults $(or $(FAULTS),10) --out runs/first_parts
 
 # Stages of the two example recipes.
 bench: $(VENV)/.ready-test

@@ -30,7 +30,8 @@ def decisions(numbers: dict[str, Any], tolerances: Tolerances | None = None) -> 
     [
         (0.990, 0.003, "pass"),
         (0.960, 0.003, "fail"),
-        (0.981, 0.003, "undecided"),
+        (0.981, 0.003, "pass"),  # accepted by its value
+        (0.979, 0.003, "undecided"),  # and not refused, as it isn't proven to be shorter
         (1.025, 0.003, "fail"),
     ],
 )
