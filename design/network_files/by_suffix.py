@@ -23,6 +23,7 @@ from design.network_files.json_format import (
     write_network_npz,
 )
 from design.network_files.merge import NetworkWithNotes, merge_shared, side_by_side
+from design.network_files.near_ends import join_near_ends
 from design.network_files.swc import read_network_swc, read_swc_header, write_network_swc
 from design.network_files.vtp import read_vtp_lines, write_network_vtp
 from design.network_files.xcavate import read_network_xcavate
@@ -106,8 +107,8 @@ def read_with_notes(
         network, notes = _read(path, unit, ends)
     numbered = suffix in (".json", ".npz") or (suffix == ".csv" and not has_points(path))
     merged = merge_shared(path, network, by_place=suffix == ".vtp", identical=numbered)
-    beside = side_by_side(merged.network)
-    return NetworkWithNotes(merged.network, (*notes, *merged.notes, *beside))
+    network, joined = join_near_ends(merged.network)
+    return NetworkWithNotes(network, (*notes, *merged.notes, *joined, *side_by_side(network)))
 
 
 def _read(path: Path, unit: LengthUnit | None, ends: Path | None) -> NetworkWithNotes:
