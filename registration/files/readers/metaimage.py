@@ -1,0 +1,127 @@
+"""Read a scan volume from MetaImage (.mha, .mhd), as ITK and its programs write it.
+
+By the MetaIO documentation (itk.org/Wiki/ITK/MetaIO/Documentation).
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from registration.errors import ScanFileError
+from registration.files.readers.common import (
+    DEFLATE_RATIO,
+    Array,
+    FileVolume,
+    check_available,
+    mapped,
+    scan_file_errors,
+)
+from registration.files.readers.detached import data_files, stacked
+
+_START = re.compile(rb"\s*(Comment|ObjectType|ObjectSubType|NDims)\s*=[^\0]*")
+_MOST_LINES = 1000
+_KINDS = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "long": "i4", "ulong": "u4", "long_long": "i8", "ulong_long": "u8",
+    "float": "f4", "double": "f8",
+}  # fmt: skip
+"""Without MET_; MetaIO's long has 4 bytes everywhere."""
+
+
+def is_metaimage(start: bytes) -> bool:
+    """Return whether a file begins as a MetaImage header does."""
+    return _START.match(start) is not None and re.search(rb"\bNDims\s*=", start) is not None
+
+
+def read_metaimage(path: Path) -> FileVolume:
+    """Read the volume; its axes, fastest first, become x, y, z. The format has no unit of length.
+
+    Raises
+    ------
+    ScanFileError
+        When the file is broken or truncated, isn't one grey volume, or a data file is missing.
+    """
+    with scan_file_errors(path, "MetaImage"), path.open("rb") as handle:
+        header, listed = _header(handle)
+        shape = tuple(int(size) for size in header["dimsize"].split())
+        while len(shape) > 3 and shape[-1] == 1:
+            shape = shape[:-1]
+        channels = header.get("elementnumberofchannels", "1")
+        if len(shape) != 3 or channels != "1" or not _is_true(header.get("binarydata", "True")):
+            raise ScanFileError(
+                f"{path}: has {len(shape)} axes, {channels} values a voxel and BinaryData = "
+                f"{header.get('binarydata', 'True')}; write one grey volume of three axes, in "
+                "binary"
+            )
+        name = header["elementtype"].removeprefix("MET_").lower()
+        if name not in _KINDS:
+            raise ScanFileError(f"{path}: numbers of type MET_{name.upper()} aren't read")
+        high = header.get("elementbyteordermsb", header.get("binarydatabyteordermsb", "False"))
+        kind = np.dtype((">" if _is_true(high) else "<") + _KINDS[name])
+        skip = int(header.get("headersize", "0"))
+        zipped = _is_true(header.get("compresseddata", "False"))
+        local = header["elementdatafile"] == "LOCAL"
+
+        def read(file: Path, slab: tuple[int, ...]) -> Array:
+            start = handle.tell() if local else max(skip, 0)
+            if zipped:
+                return _inflated(file, start, slab, kind)
+            if skip == -1:  # the data are the file's end
+                start = file.stat().st_size - int(np.prod(slab)) * kind.itemsize
+            check_available(slab, kind, file.stat().st_size - max(start, 0), file)
+            return mapped(file, kind, start, slab)
+
+        files = [path] if local else data_files(header["elementdatafile"], listed, shape[2], path)
+        volume = stacked(files, read, shape[::-1], kind, path)
+    matrix = np.array(_numbers(header, ("transformmatrix", "rotation", "orientation"), np.eye(3)))
+    offset = np.array(_numbers(header, ("offset", "position", "origin"), np.zeros(3)))
+    rows = matrix.reshape(int(matrix.size**0.5), -1)[:3, :3]
+    notes = [_spacing_note(_numbers(header, ("elementspacing", "elementsize"), ())[:3])]
+    if offset.any() or not np.array_equal(rows, np.eye(3)):
+        notes.append("its TransformMatrix and Offset aren't used, but for a mirror in them")
+    known = {"axes": "zyx", "mirrored": bool(np.linalg.det(rows) < 0)}
+    return FileVolume(volume, known, None, tuple(filter(None, notes)))
+
+
+def _header(handle: IO[bytes]) -> tuple[dict[str, str], list[str]]:
+    """Return fields by their names in small letters, and the lines behind a list of files."""
+    header: dict[str, str] = {}
+    for _ in range(_MOST_LINES):
+        name, _, value = handle.readline(1 << 16).decode("utf-8", "replace").partition("=")
+        header[name.strip().lower()] = value.strip()
+        if "elementdatafile" in header:
+            break
+    is_list = header["elementdatafile"].split()[0] == "LIST"
+    return header, handle.read().decode().splitlines() if is_list else []
+
+
+def _is_true(value: str) -> bool:
+    return value[:1].lower() in ("t", "1", "y")
+
+
+def _numbers(header: dict[str, str], names: tuple[str, ...], default: object) -> list[float]:
+    found = next((header[name].split() for name in names if name in header), None)
+    return np.ravel(default if found is None else found).astype(np.float64).tolist()
+
+
+def _spacing_note(spacing: list[float]) -> str:
+    """Say what the file's spacing means in ITK's convention; nothing where there is none."""
+    if not spacing:
+        return ""
+    stated, as_mm = (",".join(f"{by * size:g}" for size in spacing) for by in (1, 1000))
+    return f"its spacing is {stated} without a unit; if these are mm, as in ITK: --voxel-um {as_mm}"
+
+
+def _inflated(file: Path, start: int, shape: tuple[int, ...], kind: np.dtype[np.generic]) -> Array:
+    """Return numbers that are compressed by zlib or gzip."""
+    check_available(shape, kind, (file.stat().st_size - start) * DEFLATE_RATIO, file)
+    size = int(np.prod(shape)) * kind.itemsize
+    with file.open("rb") as handle:
+        handle.seek(start)
+        data = zlib.decompressobj(47).decompress(handle.read(), size)
+    return np.frombuffer(bytearray(data), kind, int(np.prod(shape))).reshape(shape)
