@@ -78,14 +78,14 @@ def read_metaimage(path: Path) -> FileVolume:
 
         files = [path] if local else data_files(header["elementdatafile"], listed, shape[2], path)
         volume = stacked(files, read, shape[::-1], kind, path)
-    matrix = np.array(_numbers(header, ("transformmatrix", "rotation", "orientation"), np.eye(3)))
-    offset = np.array(_numbers(header, ("offset", "position", "origin"), np.zeros(3)))
-    rows = matrix.reshape(int(matrix.size**0.5), -1)[:3, :3]
-    notes = [_spacing_note(_numbers(header, ("elementspacing", "elementsize"), ())[:3])]
-    if offset.any() or not np.array_equal(rows, np.eye(3)):
-        notes.append("its TransformMatrix and Offset aren't used, but for a mirror in them")
-    known = {"axes": "zyx", "mirrored": bool(np.linalg.det(rows) < 0)}
-    return FileVolume(volume, known, None, tuple(filter(None, notes)))
+        matrix = _numbers(header, ("transformmatrix", "rotation", "orientation"), np.eye(3))
+        offset = _numbers(header, ("offset", "position", "origin"), np.zeros(3))
+        rows = np.reshape(matrix, (round(len(matrix) ** 0.5), -1))[:3, :3]
+        notes = [_spacing_note(_numbers(header, ("elementspacing", "elementsize"), ())[:3])]
+        if any(offset) or not np.array_equal(rows, np.eye(3)):
+            notes.append("its TransformMatrix and Offset aren't used, but for a mirror in them")
+        known = {"axes": "zyx", "mirrored": bool(np.linalg.det(rows) < 0)}
+        return FileVolume(volume, known, None, tuple(filter(None, notes)))
 
 
 def _header(handle: IO[bytes]) -> tuple[dict[str, str], list[str]]:
@@ -124,4 +124,6 @@ def _inflated(file: Path, start: int, shape: tuple[int, ...], kind: np.dtype[np.
     with file.open("rb") as handle:
         handle.seek(start)
         data = zlib.decompressobj(47).decompress(handle.read(), size)
-    return np.frombuffer(bytearray(data), kind, int(np.prod(shape))).reshape(shape)
+    if len(data) < size:
+        raise ScanFileError(f"{file}: holds {len(data)} of {size} bytes; copy or export it again")
+    return np.frombuffer(bytearray(data), kind).reshape(shape)
