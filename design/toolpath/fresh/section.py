@@ -115,7 +115,7 @@ def _united(body: Manifold) -> Manifold:
         return body
     for cavity in shells[: len(shells) - len(solids)]:
         mesh = cavity.to_mesh()
-        hole = Manifold(Mesh(mesh.vert_properties, mesh.tri_verts[:, ::-1]))
+        hole = Manifold(Mesh(mesh.vert_properties, np.ascontiguousarray(mesh.tri_verts[:, ::-1])))
         for k, solid in enumerate(solids):
             if (solid ^ hole).volume() > 0.99 * hole.volume():
                 solids[k] = solid - hole

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.files.readers.common import Array, fill_volume
+from registration.files.readers.common import DEFLATE_RATIO, Array, check_available, fill_volume
 
 _PATTERN = re.compile(r"([^%]*%0?\d{0,2}[diu][^%\s]*)((?:\s+[-+]?\d+)*)")
 """A name with a number in it as C's printf has it; first and last number, step."""
@@ -77,3 +78,15 @@ def stacked(
         return read(files[0], slab)
     slabs = (read(file, slab) for file in files)
     return fill_volume(slabs, (len(files), *slab), dtype, path).reshape(shape)
+
+
+def inflated(file: Path, start: int, shape: tuple[int, ...], kind: np.dtype[np.generic]) -> Array:
+    """Return numbers that are compressed by zlib or gzip."""
+    check_available(shape, kind, (file.stat().st_size - start) * DEFLATE_RATIO, file)
+    size = int(np.prod(shape)) * kind.itemsize
+    with file.open("rb") as handle:
+        handle.seek(start)
+        data = zlib.decompressobj(47).decompress(handle.read(), size)
+    if len(data) < size:
+        raise ScanFileError(f"{file}: holds {len(data)} of {size} bytes; copy or export it again")
+    return np.frombuffer(bytearray(data), kind).reshape(shape)

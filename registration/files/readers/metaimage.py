@@ -1,27 +1,26 @@
 """Read a scan volume from MetaImage (.mha, .mhd), as ITK and its programs write it.
 
-By the MetaIO documentation (itk.org/Wiki/ITK/MetaIO/Documentation).
+By itk.org/Wiki/ITK/MetaIO/Documentation.
 """
 
 from __future__ import annotations
 
 import re
-import zlib
 from pathlib import Path
 from typing import IO
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from registration.errors import ScanFileError
 from registration.files.readers.common import (
-    DEFLATE_RATIO,
     Array,
     FileVolume,
     check_available,
     mapped,
     scan_file_errors,
 )
-from registration.files.readers.detached import data_files, stacked
+from registration.files.readers.detached import data_files, inflated, stacked
 
 _START = re.compile(rb"\s*(Comment|ObjectType|ObjectSubType|NDims)\s*=[^\0]*")
 _MOST_LINES = 1000
@@ -52,25 +51,24 @@ def read_metaimage(path: Path) -> FileVolume:
         while len(shape) > 3 and shape[-1] == 1:
             shape = shape[:-1]
         channels = header.get("elementnumberofchannels", "1")
-        if len(shape) != 3 or channels != "1" or not _is_true(header.get("binarydata", "True")):
+        if len(shape) != 3 or channels != "1" or not _says(header, "binarydata", True):
             raise ScanFileError(
-                f"{path}: has {len(shape)} axes, {channels} values a voxel and BinaryData = "
-                f"{header.get('binarydata', 'True')}; write one grey volume of three axes, in "
-                "binary"
+                f"{path}: has {len(shape)} axes and {channels} values a voxel, BinaryData = "
+                f"{header.get('binarydata')}; write one grey volume of three axes, in binary"
             )
         name = header["elementtype"].removeprefix("MET_").lower()
         if name not in _KINDS:
             raise ScanFileError(f"{path}: numbers of type MET_{name.upper()} aren't read")
-        high = header.get("elementbyteordermsb", header.get("binarydatabyteordermsb", "False"))
-        kind = np.dtype((">" if _is_true(high) else "<") + _KINDS[name])
+        high = _says(header, "elementbyteordermsb") or _says(header, "binarydatabyteordermsb")
+        kind = np.dtype((">" if high else "<") + _KINDS[name])
         skip = int(header.get("headersize", "0"))
-        zipped = _is_true(header.get("compresseddata", "False"))
+        zipped = _says(header, "compresseddata")
         local = header["elementdatafile"] == "LOCAL"
 
         def read(file: Path, slab: tuple[int, ...]) -> Array:
             start = handle.tell() if local else max(skip, 0)
             if zipped:
-                return _inflated(file, start, slab, kind)
+                return inflated(file, start, slab, kind)
             if skip == -1:  # the data are the file's end
                 start = file.stat().st_size - int(np.prod(slab)) * kind.itemsize
             check_available(slab, kind, file.stat().st_size - max(start, 0), file)
@@ -89,7 +87,7 @@ def read_metaimage(path: Path) -> FileVolume:
 
 
 def _header(handle: IO[bytes]) -> tuple[dict[str, str], list[str]]:
-    """Return fields by their names in small letters, and the lines behind a list of files."""
+    """Fields by their names in small letters, and the lines behind ``LIST``."""
     header: dict[str, str] = {}
     for _ in range(_MOST_LINES):
         name, _, value = handle.readline(1 << 16).decode("utf-8", "replace").partition("=")
@@ -100,30 +98,19 @@ def _header(handle: IO[bytes]) -> tuple[dict[str, str], list[str]]:
     return header, handle.read().decode().splitlines() if is_list else []
 
 
-def _is_true(value: str) -> bool:
-    return value[:1].lower() in ("t", "1", "y")
+def _says(header: dict[str, str], name: str, default: bool = False) -> bool:
+    return header.get(name, str(default))[:1].lower() in ("t", "1", "y")
 
 
-def _numbers(header: dict[str, str], names: tuple[str, ...], default: object) -> list[float]:
+def _numbers(header: dict[str, str], names: tuple[str, ...], default: ArrayLike) -> list[float]:
     found = next((header[name].split() for name in names if name in header), None)
-    return np.ravel(default if found is None else found).astype(np.float64).tolist()
+    values = np.asarray(default if found is None else found, dtype=np.float64)
+    return [float(value) for value in values.flat]
 
 
 def _spacing_note(spacing: list[float]) -> str:
-    """Say what the file's spacing means in ITK's convention; nothing where there is none."""
+    """Say what the spacing means in ITK's convention."""
     if not spacing:
         return ""
     stated, as_mm = (",".join(f"{by * size:g}" for size in spacing) for by in (1, 1000))
     return f"its spacing is {stated} without a unit; if these are mm, as in ITK: --voxel-um {as_mm}"
-
-
-def _inflated(file: Path, start: int, shape: tuple[int, ...], kind: np.dtype[np.generic]) -> Array:
-    """Return numbers that are compressed by zlib or gzip."""
-    check_available(shape, kind, (file.stat().st_size - start) * DEFLATE_RATIO, file)
-    size = int(np.prod(shape)) * kind.itemsize
-    with file.open("rb") as handle:
-        handle.seek(start)
-        data = zlib.decompressobj(47).decompress(handle.read(), size)
-    if len(data) < size:
-        raise ScanFileError(f"{file}: holds {len(data)} of {size} bytes; copy or export it again")
-    return np.frombuffer(bytearray(data), kind).reshape(shape)
