@@ -115,7 +115,8 @@ def _united(body: Manifold) -> Manifold:
         return body
     for cavity in shells[: len(shells) - len(solids)]:
         mesh = cavity.to_mesh()
-        hole = Manifold(Mesh(mesh.vert_properties, np.ascontiguousarray(mesh.tri_verts[:, ::-1])))
+        faces = np.array(mesh.tri_verts[:, ::-1], np.uint32, order="C")
+        hole = Manifold(Mesh(np.array(mesh.vert_properties, np.float32, order="C"), faces))
         for k, solid in enumerate(solids):
             if (solid ^ hole).volume() > 0.99 * hole.volume():
                 solids[k] = solid - hole
