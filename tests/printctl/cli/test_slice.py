@@ -88,7 +88,7 @@ def test_bodies_that_overlap_count_once_and_are_told(cut, shells, part_ul, commo
     job = ("bodies.stl", *UNIT, "--out", "b.gcode", "--layer-um", "150", "--line-um", "250")
     told = cut.json(*job)
     assert told["part_ul"] == pytest.approx(part_ul, rel=1e-4)
-    assert told["unfilled_percent"] < 3
+    assert told["unfilled_percent"] < 5
     _, _, err = cut(*job)
     err = " ".join(err.split())
     assert ("overlap or occur twice" in err) == (common_ul > 0)
