@@ -32,6 +32,8 @@ _EXTENSIONS: Final = re.compile("/(core|production|material)/")
 """Namespaces of extensions that a file may require: materials change no shape."""
 _SHAPES: Final = {"beamlattice", "booleanshape", "displacementmesh", "levelset"}
 _MAX_DEPTH: Final = 20
+_FLAT: Final = 1e-9
+"""Determinant of a transform over the product of its rows' lengths."""
 _INK: Final = "part"
 _NEGATIVE: Final = "negative volume"
 _ROLES: Final = {
@@ -311,7 +313,13 @@ def _moved(volume: _Volume, by: Any) -> _Volume:
     if by.get("transform") is None:
         return volume
     matrix = np.array(by.get("transform").split(), np.float64).reshape(4, 3)
-    faces = volume.faces[:, ::-1] if np.linalg.det(matrix[:3]) < 0 else volume.faces
+    volume_factor = np.linalg.det(matrix[:3])
+    if not abs(volume_factor) > _FLAT * np.linalg.norm(matrix[:3], axis=1).prod():
+        raise SolidError(
+            f"the transform {by.get('transform')!r} of {volume.name} makes it flat (determinant "
+            f"{volume_factor:.3g}, needed: not 0); export it again with its full size"
+        )
+    faces = volume.faces[:, ::-1] if volume_factor < 0 else volume.faces
     return replace(volume, vertices=volume.vertices @ matrix[:3] + matrix[3], faces=faces)
 
 

@@ -437,7 +437,8 @@ HEIGHT_SHARE: Final = 0.01
 def job_notes(job: SliceJob, written: JobFigures) -> list[str]:
     """Return what a person should know before printing."""
     notes = [note for solid in job.parts.solids for note in solid.notes]
-    notes += [*_height_note(written), *written.report.narrow_notes]
+    report = written.report
+    notes += [*_height_note(written), *report.overlap_notes, *report.narrow_notes]
     for number, ul in enumerate(written.report.written_ul_of_heads):
         barrel = job.loads[number].syringe
         if ul > barrel.volume_ul:

@@ -158,7 +158,8 @@ class FreshLayers:
         carriage = Carriage(self._heads, low[:2])
         body = Body(self._solids)
         finest = min(one.line_width_mm for one in self._heads)
-        self._tally = Tally(body.volume_ul, LevelPlaces(self._solids, self.levels, finest))
+        places = LevelPlaces(self._solids, self.levels, finest)
+        self._tally = Tally(body.volume_ul, body.overlap_ul, places)
         for layer in layers(body, self.levels, self._inset_mm):
             heads = [one.in_layer(layer.height_mm) for one in self._heads]
             sections = _sections(layer, heads, regions.at(layer.middle_mm), low[:2])

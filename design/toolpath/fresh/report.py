@@ -235,6 +235,10 @@ def _columns(
     return np.concatenate(found)
 
 
+LEAST_OVERLAP: Final = 1e-3
+"""Of the part's volume: what bodies may have in common before it is told."""
+
+
 @dataclass(frozen=True)
 class FreshReport:
     """Figures of a plan of FRESH layers.
@@ -262,6 +266,8 @@ class FreshReport:
         In the layers whose cover was measured.
     low_walls, low_gaps : NarrowPlaces or None
         Between level faces, of a height that whole layers don't make; their width is that height.
+    overlap_ul : float, µL
+        Volume that bodies of one mesh have in common.
     travels : int
         Travels between paths, links included.
     lifted : int
@@ -289,6 +295,18 @@ class FreshReport:
     narrow_gaps: NarrowPlaces | None = None
     low_walls: NarrowPlaces | None = None
     low_gaps: NarrowPlaces | None = None
+    overlap_ul: float = 0.0
+
+    @property
+    def overlap_notes(self) -> tuple[str, ...]:
+        """What bodies of the part have in common, in words; nothing where that is next to none."""
+        if self.overlap_ul <= LEAST_OVERLAP * self.part_ul:
+            return ()
+        return (
+            f"bodies of one mesh overlap or occur twice ({self.overlap_ul:.4g} µL in common): they "
+            "are printed as one; if one of them belongs elsewhere, move it in the model and export "
+            "it again",
+        )
 
     @property
     def narrow_notes(self) -> tuple[str, ...]:
@@ -342,9 +360,9 @@ class LayerNarrow:
 class Tally:
     """Adds up a part's numbers, layer by layer."""
 
-    def __init__(self, part_ul: float, level_places: LevelPlaces) -> None:
+    def __init__(self, part_ul: float, overlap_ul: float, level_places: LevelPlaces) -> None:
         self.moves = 0
-        self._part_ul, self._level_places = part_ul, level_places
+        self._part_ul, self._overlap_ul, self._level_places = part_ul, overlap_ul, level_places
         self._layers = self._lines = self._travels = self._lifted = self._links = 0
         self._written_mm = self._travel_mm = self._material_ul = 0.0
         self._changes = 0
@@ -398,6 +416,7 @@ class Tally:
             written_ul=float(self._written_ul.sum()),
             material_ul=self._material_ul,
             part_ul=self._part_ul,
+            overlap_ul=self._overlap_ul,
             unfilled_ul=max(float(share * self._material_ul + lost - gaps), 0.0),
             unfilled=unfilled / material,
             outside=np.array([layer.outside for layer in self._coverage]) / material,

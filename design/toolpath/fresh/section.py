@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -74,12 +75,22 @@ class Body:
         self.low_mm = min(float(solid.bounds[0, 2]) for solid in solids)
         self.high_mm = max(float(solid.bounds[1, 2]) for solid in solids)
 
+    @cached_property
+    def _united(self) -> list[Manifold]:
+        return [_united(body) for body in self._bodies]
+
     @property
     def volume_ul(self) -> float:
         """Volume of the bodies, µL; where they overlap, once."""
-        if len(self._bodies) == 1:
-            return self._bodies[0].volume()
-        return Manifold.batch_boolean(self._bodies, OpType.Add).volume()
+        if len(self._united) == 1:
+            return self._united[0].volume()
+        return Manifold.batch_boolean(self._united, OpType.Add).volume()
+
+    @property
+    def overlap_ul(self) -> float:
+        """Volume that shells of one body have in common, µL; of three alike, two."""
+        pairs = zip(self._bodies, self._united, strict=True)
+        return sum(max(body.volume() - union.volume(), 0.0) for body, union in pairs)
 
     def slice(self, z_mm: float) -> CrossSection:
         """Section at a height."""
@@ -89,6 +100,28 @@ class Body:
         whole = CrossSection.batch_boolean(cuts, OpType.Add)
         closed = whole.offset(SLICING.closing_mm, JoinType.Miter, 2.0)
         return whole + closed.offset(-SLICING.closing_mm, JoinType.Miter, 2.0)
+
+
+def _united(body: Manifold) -> Manifold:
+    """Return a body whose shells overlap or stand twice as its sections have it: each place once.
+
+    A cavity is cut out of the smallest shell that holds all of it.
+    """
+    shells = sorted(body.decompose(), key=Manifold.volume)
+    solids = [shell for shell in shells if shell.volume() > 0]
+    boxes = np.array([shell.bounding_box() for shell in solids]).reshape(-1, 2, 3)
+    meet = (boxes[:, None, 0] < boxes[None, :, 1]).all(axis=2)
+    if np.count_nonzero(meet & meet.T) == len(solids):
+        return body
+    for cavity in shells[: len(shells) - len(solids)]:
+        mesh = cavity.to_mesh()
+        faces = np.array(mesh.tri_verts[:, ::-1], np.uint32, order="C")
+        hole = Manifold(Mesh(np.array(mesh.vert_properties, np.float32, order="C"), faces))
+        for k, solid in enumerate(solids):
+            if (solid ^ hole).volume() > 0.99 * hole.volume():
+                solids[k] = solid - hole
+                break
+    return Manifold.batch_boolean(solids, OpType.Add)
 
 
 @dataclass(frozen=True)

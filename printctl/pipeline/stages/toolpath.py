@@ -376,8 +376,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     lines = save_gcode(context.folder / GCODE, context.folder / LINE_MAP, job, beside)
     facts, kept = compensation_facts(context)
     figures = planned.report()
-    for note in figures.narrow_notes if isinstance(figures, FreshReport) else ():
-        context.bars.remark("toolpath", note)
+    if isinstance(figures, FreshReport):
+        for note in (*figures.overlap_notes, *figures.narrow_notes):
+            context.bars.remark("toolpath", note)
     summary = {
         "method": context.recipe.toolpath.method,
         **asdict(count),

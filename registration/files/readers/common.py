@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import importlib
 import math
+import re
 import struct
 import tempfile
 import zipfile
@@ -70,26 +71,56 @@ def import_extra(module: str, path: Path) -> Any:
 
 _MM = {
     "m": 1e3, "meter": 1e3, "metre": 1e3, "cm": 10.0, "centimeter": 10.0, "centimetre": 10.0,
-    "mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "µm": 1e-3, "μm": 1e-3, "um": 1e-3,
-    "micron": 1e-3, "microns": 1e-3, "micrometer": 1e-3, "micrometre": 1e-3,
-    "nm": 1e-6, "nanometer": 1e-6, "nanometre": 1e-6, "inch": 25.4,
+    "mm": 1.0, "millimeter": 1.0, "millimetre": 1.0,
+    "um": 1e-3, "micron": 1e-3, "micrometer": 1e-3, "micrometre": 1e-3,
+    "nm": 1e-6, "nanometer": 1e-6, "nanometre": 1e-6, "å": 1e-7, "angstrom": 1e-7,
+    "in": 25.4, "inch": 25.4,
 }  # fmt: skip
+_NO_UNIT = ("", "pixel", "px", "none", "voxel", "unknown")
 
 
-def millimetres(unit: str | None, path: Path) -> float | None:
-    """Return a unit's length in mm; None for unknown ones ("pixel" or nothing).
+def millimetres(unit: str | None) -> float | None:
+    """Return a unit's length in mm; None where it isn't a length that is known."""
+    plain = _plain(unit)
+    return _MM.get(plain, _MM.get(plain.removesuffix("s")))
 
-    Raises
-    ------
-    ScanFileError
-        When the unit isn't a length that is known.
+
+def _plain(unit: str | None) -> str:
+    """A unit in small letters, µ as u: it has two code points, and ImageJ writes it escaped."""
+    plain = (unit or "").strip().strip('\x00"').lower()
+    return re.sub(r"µ|μ|\\u00b5", "u", plain)
+
+
+def known_voxel(
+    sizes: Sequence[Any], units: Sequence[str | None]
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return what a file says of its voxel size, and why none of it is used.
+
+    A unit that isn't known is no error: the user may state the size.
+
+    Parameters
+    ----------
+    sizes : three of number, numeral or None
+        Along z, y, x.
+    units : three of str or None
+        Of each size.
+
+    Returns
+    -------
+    known : dict
+        ``voxel_mm``, or nothing.
+    notes : tuple of str
+        Units that aren't known.
     """
-    plain = (unit or "").strip().strip("\x00").lower().replace("\\u00b5m", "µm")
-    if plain in ("", "pixel", "px", "none", "voxel", "unknown"):
-        return None
-    if plain not in _MM:
-        raise ScanFileError(f"{path}: its unit of length {unit!r} isn't known; give --voxel-um")
-    return _MM[plain]
+    each = [millimetres(unit) for unit in units]
+    if all(sizes) and all(each):
+        scaled = [float(size) * (mm or 0.0) for size, mm in zip(sizes, each, strict=True)]
+        return {"voxel_mm": scaled}, ()
+    strange = [u for u, mm in zip(units, each, strict=True) if not mm and _plain(u) not in _NO_UNIT]
+    told = " and ".join(dict.fromkeys(map(repr, strange)))
+    return {}, (f"its unit of length {told} isn't known, so its voxel size isn't used",) * bool(
+        told
+    )
 
 
 MOST_XML_BYTES = 64 << 20

@@ -16,6 +16,7 @@ from registration.files.readers.common import (
     FileVolume,
     check_available,
     file_space,
+    known_voxel,
     millimetres,
     scan_file_errors,
 )
@@ -36,7 +37,7 @@ def read_nifti(path: Path) -> FileVolume:
     Raises
     ------
     ScanFileError
-        When the file is broken, has a time axis, or a unit that isn't known.
+        When the file is broken or has a time axis.
     """
     with scan_file_errors(path, "NIfTI"):
         image = _open(path)
@@ -46,9 +47,7 @@ def read_nifti(path: Path) -> FileVolume:
         if len(shape) != 3:
             raise ScanFileError(f"{path}: has the axes {image.shape}; export one volume")
         space = _space(image, path)
-        return FileVolume(
-            _volume(image, shape, path), _known(image, path), space, _notes(image, shape)
-        )
+        return FileVolume(_volume(image, shape, path), _known(image), space, _notes(image, shape))
 
 
 def _open(path: Path) -> Any:
@@ -84,12 +83,17 @@ def _volume(image: Any, shape: tuple[int, ...], path: Path) -> Array:
     return volume
 
 
-def _known(image: Any, path: Path) -> dict[str, Any]:
-    unit = millimetres(image.header.get_xyzt_units()[0], path)
-    known: dict[str, Any] = {"axes": "zyx"}
-    if unit:
-        known["voxel_mm"] = [float(size) * unit for size in image.header.get_zooms()[2::-1]]
-    return known
+def _known(image: Any) -> dict[str, Any]:
+    known, _ = known_voxel(image.header.get_zooms()[2::-1], [_unit(image.header)] * 3)
+    return {"axes": "zyx", **known}
+
+
+def _unit(header: Any) -> str:
+    """The unit of length; of a code that NIfTI doesn't have, nothing."""
+    try:
+        return str(header.get_xyzt_units()[0])
+    except KeyError:
+        return ""
 
 
 def _space(image: Any, path: Path) -> FileSpace | None:
@@ -112,7 +116,7 @@ def _space(image: Any, path: Path) -> FileSpace | None:
     if not forms:
         return None
     _check_forms(forms, [float(size) for size in header.get_zooms()[:3]], path)
-    unit = millimetres(header.get_xyzt_units()[0], path) or 1.0
+    unit = millimetres(_unit(header)) or 1.0
     affine = _TO_LPS @ next(iter(forms.values()))
     return file_space(LPS, affine[:3, 2::-1].T, affine[:3, 3] * unit, path)
 

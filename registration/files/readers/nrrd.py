@@ -1,11 +1,12 @@
-"""Read a scan volume from NRRD, data attached or in a file beside it, by pynrrd."""
+"""Read a scan volume from NRRD, data attached or in files beside it, by pynrrd."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -18,10 +19,12 @@ from registration.files.readers.common import (
     FileVolume,
     check_available,
     file_space,
+    known_voxel,
     mapped,
     millimetres,
     scan_file_errors,
 )
+from registration.files.readers.detached import data_files, stacked
 
 MAGIC = b"NRRD"
 
@@ -34,6 +37,7 @@ _SPACES = {
 }
 """By NRRD's name: ours, and the signs that bring its x, y, z there."""
 
+_LIST = re.compile(r"data ?file:\s*LIST\b")
 _DEFLATED = ("gzip", "gz")
 _KINDS = {
     "signed char": "i1", "int8": "i1", "int8_t": "i1", "uchar": "u1", "unsigned char": "u1",
@@ -55,15 +59,39 @@ def read_nrrd(path: Path) -> FileVolume:
     import nrrd  # only where such a file comes
 
     with scan_file_errors(path, "NRRD"), path.open("rb") as handle:
-        header = nrrd.read_header(handle)
-        return FileVolume(
-            _volume(nrrd.read_data, handle, header, path),
-            _known(header, path),
-            _space(header, path),
-        )
+        lines, listed = _header_lines(handle)
+        header = nrrd.read_header(lines)
+        known, notes = _known(header)
+        volume = _volume(nrrd.read_data, handle, header, listed, path)
+        return FileVolume(volume, known, _space(header, path), notes)
 
 
-def _volume(read: Callable[..., Array], handle: Any, header: dict[str, Any], path: Path) -> Array:
+def _header_lines(handle: IO[bytes]) -> tuple[list[str], list[str]]:
+    """Return the header's lines and, behind ``data file: LIST``, the names; pynrrd drops any µ."""
+    lines: list[str] = []
+    for line in handle:
+        lines.append(_text(line))
+        if not lines[-1].rstrip():
+            break
+        if _LIST.match(lines[-1]):
+            return lines, [_text(name) for name in handle]
+    return lines, []
+
+
+def _text(line: bytes) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
+def _volume(
+    read: Callable[..., Array],
+    handle: IO[bytes],
+    header: dict[str, Any],
+    listed: list[str],
+    path: Path,
+) -> Array:
     shape = tuple(int(size) for size in header["sizes"])
     if len(shape) != 3:
         raise ScanFileError(f"{path}: has {len(shape)} axes; export one grey volume")
@@ -72,45 +100,43 @@ def _volume(read: Callable[..., Array], handle: Any, header: dict[str, Any], pat
     if kind.kind == "V":
         raise ScanFileError(f"{path}: numbers of type {header['type']!r}; export real numbers")
     detached = header.get("data file", header.get("datafile"))
-    data = path if detached is None else _beside(path, str(detached))
-    encoding = str(header.get("encoding", "raw")).lower()
-    start = handle.tell() if detached is None else 0
-    size = data.stat().st_size - start
-    ratio = DEFLATE_RATIO if encoding in _DEFLATED else 1 if encoding == "raw" else 100
-    check_available(shape, kind, size * ratio, path)
-    skips = int(header.get("byte skip", 0)) or int(header.get("line skip", 0))
-    if encoding == "raw" and not skips:
-        return mapped(data, kind, start, shape[::-1])
+    files = [path]
     if detached is not None:
-        header = {**header, "data file": data.name}
-    values = read(header, handle, str(path), index_order="C")
-    if values.size != math.prod(shape):
-        raise ScanFileError(f"{path}: holds {values.size} voxels, not {shape}; export it again")
-    return np.asarray(values)
+        files = data_files(str(detached), listed, shape[2], path)
+    encoding = str(header.get("encoding", "raw")).lower()
+    ratio = DEFLATE_RATIO if encoding in _DEFLATED else 1 if encoding == "raw" else 100
+    skips = any(
+        int(header.get(f"{what}{gap}skip", 0)) for what in ("byte", "line") for gap in (" ", "")
+    )
+    begin = handle.tell()
+
+    def read_slab(file: Path, slab: tuple[int, ...]) -> Array:
+        start = begin if detached is None else 0
+        check_available(slab, kind, (file.stat().st_size - start) * ratio, path)
+        if encoding == "raw" and not skips:
+            return mapped(file, kind, start, slab)
+        elsewhere = {} if detached is None else {"datafile": str(file)}
+        one = {**header, "sizes": np.array(slab[::-1]), **elsewhere}
+        values = read(one, handle, str(path), index_order="C")
+        if values.size != math.prod(slab):
+            raise ScanFileError(f"{file}: holds {values.size} voxels, not {slab}; export it again")
+        return np.asarray(values)
+
+    return stacked(files, read_slab, shape[::-1], kind, path)
 
 
-def _beside(path: Path, name: str) -> Path:
-    """The detached data: one file, in the header's own folder."""
-    place = (path.parent / name).resolve()
-    if place.parent != path.parent.resolve() or not place.is_file():
-        raise ScanFileError(f"{path}: its data file {name!r} isn't in its folder; put it there")
-    return place
-
-
-def _known(header: dict[str, Any], path: Path) -> dict[str, Any]:
-    known: dict[str, Any] = {"axes": "zyx"}
+def _known(header: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return order and sizes of the axes, and notes; NRRD has no unit of its own."""
     units = [str(unit) for unit in header.get("space units", header.get("units", ()))]
-    units_mm = {millimetres(unit, path) for unit in units}
-    if len(units_mm) != 1 or None in units_mm:
-        return known  # NRRD has no unit of its own
-    (unit,) = units_mm
-    directions = header.get("space directions")
-    sizes = header.get("spacings")
+    directions, sizes = header.get("space directions"), header.get("spacings")
     if directions is not None:
         sizes = np.linalg.norm(np.asarray(directions, dtype=np.float64), axis=1)
-    if sizes is not None and unit:
-        known["voxel_mm"] = [float(size) * unit for size in sizes[::-1]]
-    return known
+    if sizes is None or not units:
+        return {"axes": "zyx"}, ()
+    if directions is not None and len({millimetres(unit) for unit in units}) > 1:
+        return {"axes": "zyx"}, ("its axes of space have several units",)
+    known, notes = known_voxel(sizes[::-1], units[::-1])
+    return {"axes": "zyx", **known}, notes
 
 
 def _space(header: dict[str, Any], path: Path) -> FileSpace | None:
@@ -123,5 +149,5 @@ def _space(header: dict[str, Any], path: Path) -> FileSpace | None:
         raise ScanFileError(f"{path}: its space directions are {directions}; give three of three")
     name, signs = _SPACES[space]
     origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), dtype=np.float64)
-    units = {millimetres(str(unit), path) or 1.0 for unit in header.get("space units", ("mm",))}
+    units = {millimetres(str(unit)) or 1.0 for unit in header.get("space units", ("mm",))}
     return file_space(name, rows[::-1] * signs, origin * signs * max(units), path)

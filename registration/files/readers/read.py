@@ -15,6 +15,7 @@ from registration.files.readers import (
     hdf5,
     heidelberg,
     matlab,
+    metaimage,
     nifti,
     npz,
     nrrd,
@@ -116,6 +117,8 @@ def _by_start(path: Path, start: bytes) -> Reader | None:
         return bioptigen.read_bioptigen
     if start.startswith(nrrd.MAGIC):
         return nrrd.read_nrrd
+    if metaimage.is_metaimage(start):
+        return metaimage.read_metaimage
     if start.startswith(_GZIP):
         start = _unzipped(path)
     if nifti.is_nifti(start):

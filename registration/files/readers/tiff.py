@@ -24,6 +24,7 @@ from registration.files.readers.common import (
     bytes_of,
     check_available,
     fill_volume,
+    known_voxel,
     mapped,
     millimetres,
     parse_xml,
@@ -33,7 +34,7 @@ from registration.files.readers.metadata import SCHEMA, describe, parse
 from registration.scan import Scan
 
 
-def read_ome_xml(text: str, path: Path) -> dict[str, Any]:
+def read_ome_xml(text: str, path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Read the first image's ``Pixels`` (OME schema 2016-06: sizes in µm by default).
 
     Raises
@@ -43,22 +44,16 @@ def read_ome_xml(text: str, path: Path) -> dict[str, Any]:
     """
     pixels = parse_xml(text, path).find(".//{*}Pixels")
     if pixels is None:
-        return {}
+        return {}, ()
     for name, what in (("SizeC", "channels"), ("SizeT", "time points")):
         if pixels.get(name, "1") != "1":
             raise ScanFileError(f"{path}: has {pixels.get(name)} {what}; export one")
     order = pixels.get("DimensionOrder", "XYZCT")
     axes = "".join(name for name in reversed(order) if name in "XYZ").lower()
-    known: dict[str, Any] = {"axes": axes}
-    voxel = []
-    for name in "ZYX":
-        size = pixels.get(f"PhysicalSize{name}")
-        unit = millimetres(pixels.get(f"PhysicalSize{name}Unit", "µm"), path)
-        if size and unit:
-            voxel.append(float(size) * unit)
-    if len(voxel) == 3:
-        known["voxel_mm"] = voxel
-    return known
+    sizes = [pixels.get(f"PhysicalSize{name}") for name in "ZYX"]
+    units = [pixels.get(f"PhysicalSize{name}Unit", "µm") for name in "ZYX"]
+    known, notes = known_voxel(sizes, units)
+    return {"axes": axes, **known}, notes
 
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -354,40 +349,38 @@ def _known(tiff: tifffile.TiffFile, path: Path) -> tuple[dict[str, Any], tuple[s
     if SCHEMA in text:
         return {"axes": "zyx", **parse(text, str(path))}, ()
     if tiff.is_ome and tiff.ome_metadata:
-        return read_ome_xml(tiff.ome_metadata, path), ()
+        return read_ome_xml(tiff.ome_metadata, path)
     if tiff.is_imagej:
-        return _of_imagej(tiff, path)
+        return _of_imagej(tiff)
     return {}, ()
 
 
-def _of_imagej(tiff: tifffile.TiffFile, path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+def _of_imagej(tiff: tifffile.TiffFile) -> tuple[dict[str, Any], tuple[str, ...]]:
     """ImageJ: slices are z; spacing and units in its own text, pixels by the resolution tags.
 
     ``unit`` is that of all axes for which there is no ``yunit`` or ``zunit``.
     """
     metadata = tiff.imagej_metadata or {}
     tags = tiff.pages.first.tags
-    names = [str(metadata.get(key) or metadata.get("unit", "")) for key in ("zunit", "yunit")]
-    known: dict[str, Any] = {"axes": "zyx"}
-    try:
-        z, y, x = (millimetres(name, path) for name in (*names, metadata.get("unit")))
-    except ScanFileError as exc:  # no matter where the user says the size
-        return known, (str(exc).removeprefix(f"{path}: "),)
-    if not (z and y and x and metadata.get("spacing")) or "YResolution" not in tags:
-        return known, ()
+    every = str(metadata.get("unit", ""))
+    units = [str(metadata.get(key) or every) for key in ("zunit", "yunit")] + [every]
+    if "YResolution" not in tags:
+        return {"axes": "zyx"}, ()
     across, down = (tags[name].value for name in ("XResolution", "YResolution"))
-    wide, high = across[1] / across[0] * x, down[1] / down[0] * y
-    notes: tuple[str, ...] = ()
+    pixel = [per[0] and per[1] / per[0] for per in (down, across)]
+    known, notes = known_voxel([abs(float(metadata.get("spacing", 0))), *pixel], units)
+    if not known:
+        return {"axes": "zyx"}, notes
+    deep, high, wide = known["voxel_mm"]
     if max(wide, high) > _MAX_ASPECT * min(wide, high):
         # Programs that give the text a yunit may leave the tag in the unit of all axes.
-        known_high = high / y * x
+        known_high = pixel[0] * (millimetres(every) or 0.0)
         notes = (
             f"its text says pixels of {wide:g} × {high:g} mm (unit, yunit), which can't be: they "
             f"are taken as {wide:g} × {known_high:g} mm; if that is wrong give --voxel-um",
         )
         high = known_high
-    known["voxel_mm"] = [abs(float(metadata["spacing"])) * z, high, wide]
-    return known, notes
+    return {"axes": "zyx", "voxel_mm": [deep, high, wide]}, notes
 
 
 def write_scan_tiff(path: Path, scan: Scan, *, compress: bool = False) -> None:

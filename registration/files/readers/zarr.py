@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from registration.files.readers.common import (
     empty,
     file_space,
     import_extra,
+    known_voxel,
     millimetres,
     scan_file_errors,
 )
@@ -93,7 +95,7 @@ def anatomical(image: Mapping[str, Any], path: Path) -> FileSpace | None:
     origin = np.zeros(3)
     for axis, shift in zip(image["axes"], shifts, strict=True):
         if axis["name"] in _SPACE:
-            unit = millimetres(axis.get("unit"), path) or 1.0
+            unit = millimetres(axis.get("unit")) or 1.0
             origin += shift * unit * np.array(steps[spatial.index(axis)])
     return file_space(LPS, steps, origin, path)
 
@@ -110,12 +112,12 @@ def is_zarr(path: Path) -> bool:
 
 
 def read_zarr(path: Path) -> FileVolume:
-    """Read the finest level of the first image.
+    """Read the finest level of the image, or of the only image of a group of images.
 
     Raises
     ------
     ScanFileError
-        When metadata or chunks are broken, or there are several channels or time points.
+        When metadata or chunks are broken, or there are several images, channels or time points.
     """
     zarr = import_extra("zarr", path)
     with scan_file_errors(path, "OME-Zarr"):
@@ -123,18 +125,41 @@ def read_zarr(path: Path) -> FileVolume:
         attributes = _attributes(zarr, path, form)
         attributes |= attributes.get("ome", {})
         if "multiscales" not in attributes:
-            raise ScanFileError(f"{path}: has no image metadata (multiscales); export it again")
+            return _first_image(path, attributes)
         image = attributes["multiscales"][0]
         name = _inside(str(image["datasets"][0]["path"]), path)
         array = zarr.open_array(path / name, mode="r", zarr_format=form)
         axes = [str(axis["name"]) for axis in image["axes"]]
-        known = _known(image, axes, path)
+        known, notes = _known(image, axes, path)
         ours = attributes.get("printctl")
         if isinstance(ours, dict) and ours.get("schema") == SCHEMA:
             known |= {**known_keys(ours, str(path)), "axes": known["axes"]}
         _check_sizes(array, path)
-        notes = _missing(array, path)
+        notes = (*notes, *_missing(array, path))
         return FileVolume(_volume(array, axes, path), known, anatomical(image, path), notes)
+
+
+def _first_image(path: Path, attributes: Mapping[str, Any]) -> FileVolume:
+    """Read the only image of a group of images (bioformats2raw: 0, 1, ...).
+
+    Raises
+    ------
+    ScanFileError
+        When the group holds none or several, which are then named, or is a plate of wells.
+    """
+    if "plate" in attributes:
+        field = Path(path, str(attributes["plate"]["wells"][0]["path"]), "0")
+        raise ScanFileError(f"{path}: is a plate of wells; give one image of it, like {field}")
+    within = (one for one in path.iterdir() if one.name.isdigit() and is_zarr(one))
+    images = sorted(within, key=lambda one: int(one.name))
+    if not images:
+        raise ScanFileError(f"{path}: has no image metadata (multiscales); export it again")
+    if len(images) > 1:
+        raise ScanFileError(
+            f"{path}: holds {len(images)} images; give one of them: {', '.join(map(str, images))}"
+        )
+    volume = read_zarr(images[0])
+    return replace(volume, notes=(f"image {images[0].name} of it was read", *volume.notes))
 
 
 def _attributes(zarr: Any, path: Path, form: int) -> dict[str, Any]:
@@ -181,22 +206,18 @@ def _missing(array: Any, path: Path) -> tuple[str, ...]:
     )
 
 
-def _known(image: dict[str, Any], axes: list[str], path: Path) -> dict[str, Any]:
-    """Return order and sizes of the spatial axes."""
+def _known(
+    image: dict[str, Any], axes: list[str], path: Path
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return order and sizes of the spatial axes, and notes on their units."""
     named = "".join(name for name in axes if name in _AXIS_ORDER)
     if sorted(named) != sorted(_AXIS_ORDER):
         raise ScanFileError(f"{path}: has the axes {axes}; three of space (z, y, x) are needed")
-    known: dict[str, Any] = {"axes": named}
     factors, _ = transformed(image, path)
     units = {str(axis["name"]): axis.get("unit") for axis in image["axes"]}
-    voxel = []
-    for name in _AXIS_ORDER:
-        unit = millimetres(units.get(name), path)
-        if name in axes and unit:
-            voxel.append(factors[axes.index(name)] * unit)
-    if len(voxel) == 3:
-        known["voxel_mm"] = voxel
-    return known
+    sizes = [factors[axes.index(name)] for name in _AXIS_ORDER]
+    known, notes = known_voxel(sizes, [units[name] for name in _AXIS_ORDER])
+    return {"axes": named, **known}, notes
 
 
 def _volume(array: Any, axes: list[str], path: Path) -> Array:

@@ -411,6 +411,14 @@ def test_transforms_of_items_and_components_follow_each_other(tmp_path: Path) ->
     assert found.volume_mm3 == pytest.approx(640)
 
 
+@pytest.mark.parametrize("third", ["0 0 0", "1 1 0"])
+def test_a_transform_that_makes_a_part_flat_is_called_flat(tmp_path: Path, third: str) -> None:
+    items = f'<item objectid="1"/><item objectid="1" transform="1 0 0 0 1 0 {third} 3 0 0"/>'
+    text = model(thing(1, mesh(BODY)), items)
+    with pytest.raises(SolidError, match=r"makes it flat \(determinant 0"):
+        read_solid(package(tmp_path / "a.3mf", {MODEL: text}), None)
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from manifold3d import Manifold
 
-from design.solids import block_solid, write_3mf, write_stl
+from design.solids import Solid, block_solid, write_3mf, write_stl
 from firmware_profiles import Printer, load
 from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.shapes import as_solid, block
@@ -60,6 +60,39 @@ def test_a_3mf_says_its_unit(cut: Shell) -> None:
     write_3mf(Path("cube.3mf"), block_solid(np.array([3.0, 2.0, 0.6])))
     assert cut("cube.3mf", "--out", "cube.gcode")[0] == 0
     assert Path("cube.gcode").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("shells", "part_ul", "common_ul"),
+    [
+        ([(0, 4), (0, 4)], 4 * 4 * 1.2, 19.2),
+        ([(0, 4), (2, 4)], 6 * 4 * 1.2, 2 * 4 * 1.2),
+        ([(0, 4), (4.5, 4)], 2 * 4 * 4 * 1.2, 0),
+        ([(0, 4), (0, 4), (1, 1, -1), (1, 1, -1)], 4 * 4 * 1.2 - 0.6, 19.2 - 0.6),
+        ([(0, 4), (1, 2, -1), (1.5, 1)], (16 - 4 + 1) * 0.6 + 16 * 0.6, 0),
+    ],
+)
+def test_bodies_that_overlap_count_once_and_are_told(cut, shells, part_ul, common_ul):
+    """Boxes by where they begin in x and how long they are; those turned inward are cavities."""
+    solids = []
+    for first, side, *inward in shells:
+        half = 0.5 if side < 4 else 1.0
+        corner = (first, 2 - side / 2, 0.6 * (1 - half))
+        solids.append((block_solid((side, side, 1.2 * half), corner), bool(inward)))
+    corners = np.vstack([one.vertices for one, _ in solids])
+    faces = [
+        (one.faces[:, ::-1] if inward else one.faces) + 8 * k
+        for k, (one, inward) in enumerate(solids)
+    ]
+    write_stl(Path("bodies.stl"), Solid(corners, np.vstack(faces).astype(np.int32)))
+    job = ("bodies.stl", *UNIT, "--out", "b.gcode", "--layer-um", "150", "--line-um", "250")
+    told = cut.json(*job)
+    assert told["part_ul"] == pytest.approx(part_ul, rel=1e-4)
+    assert told["unfilled_percent"] < 5
+    _, _, err = cut(*job)
+    err = " ".join(err.split())
+    assert ("overlap or occur twice" in err) == (common_ul > 0)
+    assert common_ul == 0 or f"({common_ul:.4g} µL in common)" in err
 
 
 def test_a_syringe_too_small_is_told(cut: Shell) -> None:

@@ -1,6 +1,8 @@
 """Readers of OME-TIFF, ImageJ, NIfTI, NRRD, raw, npz; grey values in dB; height maps; mosaics."""
 
+import gzip
 import json
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +75,18 @@ def test_an_imagej_unit_that_isnt_known_is_named_and_the_users_size_taken(tmp_pa
     with pytest.raises(ScanFileError, match=r"give --voxel-um.*'furlong' isn't known"):
         read_scan(path, MODALITY)
     same(path, (0.01, 0.02, 0.03), SIZED)
+
+
+@pytest.mark.parametrize("unit", ["reference frame", "pixel", "Å", "furlong"])
+def test_the_users_size_wins_over_an_ome_unit(tmp_path: Path, unit: str) -> None:
+    sizes = {f"PhysicalSize{name}": by for name, by in zip("XYZ", (3e5, 2e5, 1e5), strict=True)}
+    units = {f"PhysicalSize{name}Unit": unit for name in "XYZ"}
+    path = tmp_path / "s.ome.tif"
+    tifffile.imwrite(path, counts(), ome=True, metadata={"axes": "ZYX", **sizes, **units})
+    same(path, (0.01, 0.02, 0.03), SIZED)
+    if unit != "Å":
+        with pytest.raises(ScanFileError, match="give --voxel-um"):
+            read_scan(path, MODALITY)
 
 
 SIZED = ScanOverrides(modality="microct", scale="linear", voxel_mm=(0.01, 0.02, 0.03))
@@ -277,6 +291,133 @@ def test_nrrd_data_elsewhere_is_refused(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("s.raw", "../s.raw"))
     with pytest.raises(ScanFileError, match="isn't in its folder"):
         read_scan(path, MODALITY)
+
+
+@pytest.mark.parametrize("unit", ["µm", "μm", "um", "Micron", "microns", "micrometer", "Å", "pc"])
+@pytest.mark.parametrize("coding", ["utf-8", "latin-1"])
+def test_nrrd_units_mean_what_they_say_or_nothing(tmp_path: Path, unit: str, coding: str) -> None:
+    path = tmp_path / "s.nrrd"
+    by = 1e5 if unit == "Å" else 1
+    head = [
+        "NRRD0005", "# μ", "type: uint16", "dimension: 3", "sizes: 7 8 9", "endian: little",
+        "encoding: raw", f"spacings: {30 * by} {20 * by} {10 * by}", "units:" + f' "{unit}"' * 3,
+    ]  # fmt: skip
+    text = "\n".join([*head, "", ""]).encode(coding, "replace")
+    path.write_bytes(text + counts().astype("<u2").tobytes())
+    if unit == "pc" or b"?" in text.rpartition(b"units")[2]:
+        with pytest.raises(ScanFileError, match=r"give --voxel-um.* isn't known"):
+            read_scan(path, MODALITY)
+    else:
+        same(path, (0.01, 0.02, 0.03) if unit != "Å" else (0.1, 0.2, 0.3))
+    same(path, (0.01, 0.02, 0.03), SIZED)
+
+
+PARTS = {"s07.raw": 0, "s05.raw": 3, "s03.raw": 6}
+
+
+@pytest.mark.parametrize(
+    "named", ["LIST\ns07.raw\ns05.raw\ns03.raw\n", "s%02d.raw 7 3 -2", "LIST 3\n{0}"]
+)
+@pytest.mark.parametrize("kind", ["nrrd", "mhd"])
+@pytest.mark.parametrize("zipped", [False, True])
+def test_data_in_several_files_are_read_in_order(tmp_path, named, kind, zipped):
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    for name, first in PARTS.items():
+        data = counts()[first : first + 3].astype("<u2").tobytes()
+        pack = gzip.compress if kind == "nrrd" else zlib.compress
+        (folder / name).write_bytes(pack(data) if zipped else data)
+    named = named.format("\n".join(PARTS)).replace("\ns", "\nparts/s").replace("s%", "parts/s%")
+    path = tmp_path / f"s.{kind}"
+    if kind == "nrrd":
+        encoding = "gzip" if zipped else "raw"
+        path.write_text(
+            f"NRRD0004\ntype: uint16\ndimension: 3\nsizes: 7 8 9\nendian: little\n"
+            f"encoding: {encoding}\ndata file: {named}"
+        )
+    else:
+        path.write_text(meta(CompressedData=zipped, ElementDataFile=named))
+    same(path, (0.01, 0.02, 0.03), SIZED)
+    (folder / "s05.raw").unlink()
+    with pytest.raises(ScanFileError, match=r"its data file 'parts/s05\.raw' isn't in its folder"):
+        read_scan(path, SIZED)
+    path.write_text(path.read_text().replace("3 -2", "4 -1").replace("parts/s05.raw\n", ""))
+    with pytest.raises(ScanFileError, match=r"names [24] data files for 9 slices"):
+        read_scan(path, SIZED)
+
+
+def meta(**changes: object) -> str:
+    """A header as ITK writes it."""
+    fields = {
+        "ObjectType": "Image", "NDims": 3, "BinaryData": True, "BinaryDataByteOrderMSB": False,
+        "CompressedData": False, "TransformMatrix": "1 0 0 0 1 0 0 0 1", "Offset": "0 0 0",
+        "CenterOfRotation": "0 0 0", "AnatomicalOrientation": "RAI",
+        "ElementSpacing": "0.03 0.02 0.01", "DimSize": "7 8 9", "ElementType": "MET_USHORT",
+        "ElementDataFile": "LOCAL",
+    } | changes  # fmt: skip
+    fields["ElementDataFile"] = fields.pop("ElementDataFile")
+    return "".join(f"{name} = {value}\n" for name, value in fields.items())
+
+
+def metaimage(path: Path, **changes: object) -> Path:
+    data = counts().astype(">u2" if changes.get("BinaryDataByteOrderMSB") else "<u2").tobytes()
+    path.write_bytes(meta(**changes).encode())
+    data = zlib.compress(data) if changes.get("CompressedData") else data
+    where = path.parent / str(changes.get("ElementDataFile", path.name))
+    with where.open("ab") as handle:
+        handle.write(bytes(max(int(str(changes.get("HeaderSize", 0))), 0)) + data)
+    return path
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"BinaryDataByteOrderMSB": True},
+        {"CompressedData": True, "CompressedDataSize": 100},
+        {"ElementDataFile": "s one.raw", "HeaderSize": 12},
+        {"ElementDataFile": "s one.zraw", "CompressedData": True},
+        {"ElementDataFile": "s.raw", "HeaderSize": -1},
+        {
+            "NDims": 4,
+            "DimSize": "7 8 9 1",
+            "TransformMatrix": " ".join(map(str, np.eye(4).ravel())),
+        },
+    ],
+)
+def test_metaimages_come_back_with_the_size_that_the_user_states(tmp_path, changes):
+    path = metaimage(tmp_path / "s.mha", **changes)
+    same(path, (0.01, 0.02, 0.03), SIZED)
+    assert read_scan(path, SIZED).handedness == "right"
+    with pytest.raises(ScanFileError, match="if these are mm, as in ITK: --voxel-um 30,20,10"):
+        read_scan(path, MODALITY)
+
+
+def test_a_metaimage_that_is_mirrored_or_placed_is_told(tmp_path: Path) -> None:
+    turned = {"TransformMatrix": "1 0 0 0 -1 0 0 0 1", "Offset": "4 5 6"}
+    found = read_scan(metaimage(tmp_path / "s.mha", **turned), SIZED)
+    np.testing.assert_array_equal(found.volume, counts()[:, ::-1])
+    assert any("TransformMatrix and Offset aren't used" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"DimSize": "7 8 10"}, "truncated"),
+        ({"DimSize": "7 8 10", "CompressedData": True}, "holds 1008 of 1120 bytes"),
+        ({"DimSize": "9000000 9000000 9000000"}, "no scan is larger"),
+        ({"DimSize": "7 8", "NDims": 2}, "has 2 axes"),
+        ({"ElementNumberOfChannels": 3}, "3 values a voxel"),
+        ({"BinaryData": False}, "in binary"),
+        ({"ElementType": "MET_OTHER"}, "MET_OTHER aren't read"),
+        ({"ElementDataFile": "../s.raw"}, "isn't in its folder"),
+        ({"ElementSpacing": "a b c"}, "broken MetaImage"),
+    ],
+)
+def test_a_metaimage_that_is_no_volume_is_refused(tmp_path, changes, reason):
+    (tmp_path / "in").mkdir()
+    with pytest.raises(ScanFileError, match=reason):
+        read_scan(metaimage(tmp_path / "in" / "s.mha", **changes), SIZED)
 
 
 RAW = {

@@ -173,6 +173,33 @@ def test_ome_zarr_comes_back(tmp_path: Path, codec: dict[str, Any] | None) -> No
         read_scan(path, MODALITY)
 
 
+def test_the_only_image_of_a_group_is_read_and_of_several_one_is_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "b2r.zarr"
+    zarr_2(path / "0", None)
+    (path / ".zgroup").write_text('{"zarr_format": 2}')
+    (path / ".zattrs").write_text('{"bioformats2raw.layout": 3}')
+    found = read_scan(path, MODALITY)
+    np.testing.assert_array_equal(found.volume, counts())
+    assert "image 0 of it was read" in found.notes
+    zarr_2(path / "10", None)
+    with pytest.raises(ScanFileError, match=r"2 images; give one of them: .*zarr/0, .*zarr/10"):
+        read_scan(path, MODALITY)
+    (path / ".zattrs").write_text('{"plate": {"wells": [{"path": "A/1"}]}}')
+    with pytest.raises(ScanFileError, match=r"plate of wells; give .* like .*A/1/0"):
+        read_scan(path, MODALITY)
+
+
+@pytest.mark.parametrize("unit", ["furlong", None])
+def test_the_users_size_wins_over_a_zarr_unit(tmp_path: Path, unit: str | None) -> None:
+    path = zarr_2(tmp_path / "s.zarr", None)
+    text = (path / ".zattrs").read_text()
+    (path / ".zattrs").write_text(text.replace('"micrometer"', json.dumps(unit)))
+    sized = ScanOverrides(modality="microct", scale="linear", voxel_mm=(0.01, 0.02, 0.03))
+    assert read_scan(path, sized).voxel_mm == (0.01, 0.02, 0.03)
+    with pytest.raises(ScanFileError, match="give --voxel-um"):
+        read_scan(path, MODALITY)
+
+
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [

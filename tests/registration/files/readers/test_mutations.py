@@ -15,7 +15,7 @@ from registration.errors import ScanFileError
 from registration.files.writers import write_scan_zarr
 from tests.registration.files.readers.crafted import bioptigen, counts, heidelberg, scan, thorlabs
 from tests.registration.files.readers.oriented import write_enhanced
-from tests.registration.files.readers.test_images import nifti, write_nrrd
+from tests.registration.files.readers.test_images import metaimage, nifti, write_nrrd
 from tests.registration.files.readers.test_libraries import UPRIGHT, hdf5
 
 ALL = ScanOverrides((0.01, 0.02, 0.03), 1.34, True, "linear", "oct", True, "zyx")
@@ -33,6 +33,8 @@ FORMATS: dict[str, Callable[[Path], Any]] = {
     "h.nii.gz": lambda path: nifti(path, np.eye(4)),
     "i.nrrd": write_nrrd,
     "j.nrrd": lambda path: write_nrrd(path, encoding="gzip"),
+    "q.mha": metaimage,
+    "r.mha": lambda path: metaimage(path, CompressedData=True),
     "k.dcm": lambda path: write_enhanced(path, UPRIGHT),
     "l.h5": hdf5,
     "m.mat": lambda path: savemat(path, {"V": counts()}),
