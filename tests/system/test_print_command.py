@@ -51,7 +51,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     job = folder / "job.gcode"
     save_gcode(job, folder / "job.map.npz", [made], beside)
     given = ("--printer", "generic_marlin", "--start", TIP, "--yes", "--checkpoint-every", "0")
-    cut = made.line_count // 2
+    cut = made.line_count // 2 + 10
     with printer_process(
         folder, "--exit-on-hangup", "--start", TIP, "--fault", f"reset@{cut}"
     ) as port:

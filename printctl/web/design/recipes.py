@@ -15,7 +15,6 @@ from pydantic import ValidationError
 
 from design.errors import SolidError
 from design.files import write_bytes, write_text
-from design.geometry.mesh_files import read_mesh
 from design.geometry.surface import START_BYTES, TRIANGLE
 from firmware_profiles import ProfileError, load
 from firmware_profiles.load import FOLDERS
@@ -357,6 +356,8 @@ class Recipes:
         if not path.is_file():
             raise NotFoundError(f"there is no file {name[:80]!r} beside the recipes")
         try:
+            from design.geometry.mesh_files import read_mesh  # half a second, when one is dropped
+
             mesh = read_mesh(path, MESHES)
         except SolidError as exc:
             raise BadRequestError(str(exc).replace(f"{path}: ", f"{path.name}: ")) from exc

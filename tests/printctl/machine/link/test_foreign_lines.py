@@ -143,7 +143,7 @@ def test_moves_that_lead_astray_are_dropped(tmp_path):
     assert status.state is LinkState.POSITION_UNKNOWN
     assert "its motors were told to stop (M410)" in status.message
     assert "X is " in status.message
-    assert "still be in the ink at Z 10.00 mm" in status.message
+    assert "it may be in the print at Z 10.00 mm" in status.message
     assert made.end[-1, 0] < 300
 
 
