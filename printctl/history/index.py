@@ -232,17 +232,18 @@ class PrintHistory:
             ) from exc
 
 
-def remember(print_folder: Path) -> None:
+def remember(print_folder: Path, data: Path | None = None) -> None:
     """Take a print into the history; what goes wrong is logged and disturbs nothing."""
     try:
-        PrintHistory().note(print_folder)
+        PrintHistory(data).note(print_folder)
     except Exception:
         log.exception("the print isn't in the history; `printctl history rebuild` will find it")
 
 
 def remember_meanwhile(print_folder: Path) -> threading.Thread:
     """`remember` in a thread of its own, which doesn't keep the process alive."""
-    thread = threading.Thread(target=remember, args=(print_folder,), name="history", daemon=True)
+    given = print_folder, data_folder()
+    thread = threading.Thread(target=remember, args=given, name="history", daemon=True)
     thread.start()
     return thread
 

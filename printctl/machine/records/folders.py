@@ -71,10 +71,11 @@ def remember_folder(
     process lives; ``on_failure`` is told once, in words.
     """
 
+    data = data_folder()
+
     def work() -> None:
         told = False
         while True:
-            data = data_folder()
             try:
                 add_folder(folder.resolve(), data)
             except OSError as exc:
