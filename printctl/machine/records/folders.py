@@ -70,7 +70,6 @@ def remember_folder(
     Where the data folder can't be written (full, read-only) it is tried again for as long as the
     process lives; ``on_failure`` is told once, in words.
     """
-
     data = data_folder()
 
     def work() -> None:
