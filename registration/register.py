@@ -460,8 +460,7 @@ def _inspected(
 
 def _doubted(case: PreparedScan, alignment: Alignment, cross_um: float | None) -> Alignment:
     """Add the doubts that come up only behind the alignment."""
-    shift_um = 1e3 * float(np.max(alignment.uncertainty.shift_mm))
-    later = later_doubts(cross_um, float(case.segmentation.seen.mean()), shift_um)
+    later = later_doubts(cross_um, float(case.segmentation.seen.mean()))
     limit = case.options.alignment.ambiguous_below
     # A symmetry of the design is no obstacle of its own: what else there is comes first.
     same = rival_doubts((rival for rival in alignment.rivals if rival.same), limit)
