@@ -250,10 +250,10 @@ def test_a_stenosis_that_half_a_wall_shows_is_found_with_place_and_size() -> Non
 
 
 def test_a_missing_vessel_s_gel_is_no_stenosis_of_the_one_that_it_would_lead_into() -> None:
-    """It caps the lumen below its first station: wall 0.09 mm within the junction's design."""
+    """It caps the lumen at its first station: wall 0.09 mm within the junction's design."""
     first, off = walls(0.0, 0.015, 7)
     rng = np.random.default_rng(8)
-    turn, rise = rng.uniform(0, 2 * np.pi, 400), rng.uniform(-0.14, -0.05, 400)
+    turn, rise = rng.uniform(0, 2 * np.pi, 400), rng.uniform(0.01, 0.09, 400)
     cap = np.column_stack([0.15 * np.cos(turn), 0.15 * np.sin(turn), rise])
     points = np.vstack([first[first[:, 2] > 0.3], cap])
     deviation = np.concatenate([off[first[:, 2] > 0.3], np.full(400, -0.09)])
@@ -263,6 +263,16 @@ def test_a_missing_vessel_s_gel_is_no_stenosis_of_the_one_that_it_would_lead_int
     assert [one.kind for one in find_junction_changes(printed, points, deviation, 1e-3)] == [
         "stenosis"
     ]
+
+
+def test_walls_beyond_a_vessel_s_end_are_another_lumen_s() -> None:
+    """Its last station is the nearest to all of a joint's far side, where a crotch may be filled."""
+    first, off = walls(0.0, 0.015, 7)
+    angle = np.linspace(0, np.pi, 400)
+    beyond = np.column_stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), np.full(400, -0.1)])
+    points, deviation = np.vstack([first, beyond]), np.concatenate([off, np.full(400, 0.09)])
+    vessels = trace(0, 0.0), trace(1, 3.0)
+    assert find_junction_changes(vessels, points, deviation, 1e-3) == []
 
 
 def test_sizes_of_changes_within_junctions_arent_biased_and_clean_ones_show_nothing() -> None:

@@ -126,10 +126,18 @@ def _closed(trace: VesselTrace) -> BoolArray:
 def _walls(
     traces: tuple[VesselTrace, ...], wall: FloatArray, off: FloatArray, whole: BoolArray
 ) -> _Walls:
-    """Mean of 2 w over the wall nearest to each station, within half a radius of the design's."""
+    """Mean of 2 w over the wall nearest to each station, within half a radius of the design's.
+
+    A vessel's last station is the nearest to all that lies beyond its end, as the far side of the
+    joint: walls count between a station's neighbours alone.
+    """
     centre = np.concatenate([trace.centre for trace in traces])
     radius = np.concatenate([trace.radius for trace in traces])
+    tangent = np.concatenate([_tangents(trace.centre) for trace in traces])
+    half = np.concatenate([np.full(len(trace.along), trace.spacing / 2) for trace in traces])
     which, near = near_walls(centre, radius, wall)
+    along = ((wall - centre[which]) * tangent[which]).sum(axis=1)
+    near &= np.abs(along) <= half[which] * (1 + 1e-6)
     which, off = which[near], off[near]
     normal = wall[near] - centre[which]
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
@@ -138,6 +146,14 @@ def _walls(
     total = np.bincount(which, 2 * off, len(centre))
     with np.errstate(invalid="ignore", divide="ignore"):
         return _Walls(total / count, count.astype(np.int64))
+
+
+def _tangents(centre: FloatArray) -> FloatArray:
+    """Unit vectors along an axis of (n, 3) points, (n, 3); 0 of a single point."""
+    if len(centre) < 2:
+        return np.zeros_like(centre)
+    way = np.gradient(centre, axis=0)
+    return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
 
 def _aside(

@@ -246,11 +246,7 @@ def apart_from_sections(band: Band, finding: Record) -> bool:
 
 
 def _alone(row: Record, limit: Limit, rule: Rule, change: Record) -> dict[str, Any]:
-    """Decide on such a change by its own size and interval; a widening is listed, and passes.
-
-    A limit of the diameter is one of a whole section. How far a joint's crotch is filled isn't: it
-    narrows nothing, and where it reaches another lumen it is a bridge.
-    """
+    """Decide on such a change by its own size and interval."""
     size, u = float(change["size_um"]), float(change["error_um"] or math.nan)
     percent = float(change["percent"] or math.nan)
     designed = 100 * size / percent if math.isfinite(percent) else float(row["designed_um"])
@@ -258,7 +254,7 @@ def _alone(row: Record, limit: Limit, rule: Rule, change: Record) -> dict[str, A
     half = np.array([u])
     code = decide(rule, np.array([size]), half, np.array([single_width(u)]), below, above)
     return {
-        "decision": "pass" if size > 0 else ORDER[int(code[0])],
+        "decision": ORDER[int(code[0])],
         "deviation_um": size,
         "deviation_percent": 100 * size / designed,
         "u_um": u if math.isfinite(u) else None,
