@@ -266,7 +266,7 @@ def test_a_missing_vessel_s_gel_is_no_stenosis_of_the_one_that_it_would_lead_int
 
 
 def test_walls_beyond_a_vessel_s_end_are_another_lumen_s() -> None:
-    """Its last station is the nearest to all of a joint's far side, where a crotch may be filled."""
+    """A vessel's last station is the nearest to a joint's whole far side, crotch included."""
     first, off = walls(0.0, 0.015, 7)
     angle = np.linspace(0, np.pi, 400)
     beyond = np.column_stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), np.full(400, -0.1)])
