@@ -294,7 +294,9 @@ class Embedded(Part):
     write_speed_mm_s: Speed = 5.0
     travel_speed_mm_s: Speed = 20.0
     overlap_radii: Annotated[float, Field(ge=0, le=5)] = Field(
-        default=0.5, description="Overlap of a joint, in radii of the thinner vessel."
+        default=0.0,
+        description="How far a pass continues past the centreline that it joins, in radii of the "
+        "thinner vessel.",
     )
     allowed_crossings: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
         default=0,

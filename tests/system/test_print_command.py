@@ -37,7 +37,7 @@ UNSEEN = "whether the shaft passes through written vessels wasn't looked at"
 def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A job of vessels whose printer was reset in mid-print."""
     folder = tmp_path_factory.mktemp("job")
-    net, options = random_tree(12, 12.0, 3, 0.1), EmbeddedOptions(open_joints=99)
+    net, options = random_tree(12, 12.0, 3, 0.1), EmbeddedOptions(overlap_radii=0.5, open_joints=99)
     flow = load(Ink, "gelatin_sacrificial").flow_factor
     made = write_gcode(
         plan_embedded(net, options).toolpath,

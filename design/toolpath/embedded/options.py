@@ -67,7 +67,7 @@ class EmbeddedOptions:
     travel_speed_mm_s: float = 20.0
     lift_speed_mm_s: float = 5.0
     lift_mm: float = 1.0
-    overlap_radii: float = 0.5
+    overlap_radii: float = 0.0
     retract_ul: float = 0.02
     plunger_ul_s: float = 0.4
     dwell_s: float = 0.0

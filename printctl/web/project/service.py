@@ -370,7 +370,7 @@ _ENTRIES: Final[dict[str, dict[str, Any]]] = {
 # How a file that a user brings is printed, until somebody says otherwise.
 _EMBEDDED: Final[dict[str, Any]] = {
     "flow": {"viscosity_mpa_s": 1.0, "inlet_flow_ml_min": 1.0},
-    "toolpath": {"method": "embedded", "needle": "30g_50mm", "overlap_radii": 0.0},
+    "toolpath": {"method": "embedded", "needle": "30g_50mm"},
     "printer": {
         "profile": "generic_marlin",
         "port": "simulated",

@@ -26,7 +26,7 @@ from tests.design.toolpath.shaft_checker import crossings
 from tests.design.toolpath.shapes import random_tree
 from tests.slower import first_of
 
-OPTIONS = EmbeddedOptions()
+OPTIONS = EmbeddedOptions(overlap_radii=0.5)
 PATIENT = replace(OPTIONS, open_joints=99)
 
 
@@ -240,7 +240,7 @@ NODES = np.array([[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0], [0, 6, 0], [4, 6, 
 ENDS = np.array([[0, 1], [1, 2], [3, 2], [3, 4], [4, 5]])
 KIND = np.array([ARTERY, ARTERY, VEIN, ARTERY, VEIN], dtype=np.int64)
 NETWORK = VesselNetwork.from_segments(NODES, ENDS, np.full(5, 0.2), KIND, np.zeros(5, np.int64))
-FIRST = EmbeddedOptions(retract_ul=0.02, plunger_ul_s=0.4)
+FIRST = EmbeddedOptions(overlap_radii=0.5, retract_ul=0.02, plunger_ul_s=0.4)
 SECOND = replace(
     FIRST, needle_inner_mm=0.21, needle_outer_mm=0.41, retract_ul=0.05, write_speed_mm_s=3.0
 )
@@ -289,7 +289,7 @@ def test_a_vessel_too_thin_for_its_own_needle_or_given_to_no_head_is_refused():
 # Thick vessels as strands side by side.
 
 
-COARSE = EmbeddedOptions(needle_inner_mm=0.41, needle_outer_mm=0.72)
+COARSE = EmbeddedOptions(overlap_radii=0.5, needle_inner_mm=0.41, needle_outer_mm=0.72)
 
 
 def volume(net: VesselNetwork) -> float:

@@ -30,7 +30,7 @@ from tests.design.networks import network, polyline, polylines
 from tests.design.toolpath.shapes import cage, helix, random_tree, ring
 from tests.slower import examples
 
-OPTIONS = EmbeddedOptions()
+OPTIONS = EmbeddedOptions(overlap_radii=0.5)
 FORKS = network(
     [(0, 0, 0), (1.5, 0, 1.2), (2, 1, 0.3), (0.4, 0.3, 1.5)], [(0, 1), (0, 2), (3, 0)], 0.15
 )

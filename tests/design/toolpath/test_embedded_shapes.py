@@ -26,7 +26,7 @@ from tests.design.toolpath.shaft_checker import crossings
 from tests.design.toolpath.shapes import cage, helix, random_tree, ring
 from tests.slower import examples, first_of
 
-OPTIONS = EmbeddedOptions()
+OPTIONS = EmbeddedOptions(overlap_radii=0.5)
 ARCH = np.linspace(0, np.pi, 60)
 KNOT = np.linspace(0, 2 * np.pi, 120)
 STACK_NODES = [(x, 0, z) for z in (3, 1, 4, 0, 2) for x in (0, 5)]
@@ -306,7 +306,7 @@ def test_the_ground_is_never_below_the_highest_ink_nor_far_above(seed):
 # Vessels left out when no order avoids the needle; joints left open.
 
 
-LEAVES = EmbeddedOptions(leave_out=True)
+LEAVES = EmbeddedOptions(overlap_radii=0.5, leave_out=True)
 RADIUS_MM, GAP_MM = 0.1, 0.215
 """Needle's radius and filament's are 0.255 mm together; filaments that near don't overlap."""
 
@@ -413,7 +413,7 @@ def test_no_network_is_crossed_once_vessels_may_be_left_out(seed):
 # Waiting for the bath to close behind the needle before writing across its path.
 
 
-PATIENT = EmbeddedOptions(open_joints=99)
+PATIENT = EmbeddedOptions(overlap_radii=0.5, open_joints=99)
 
 
 def youngest_wake(path: Toolpath, radius_mm: float) -> float:

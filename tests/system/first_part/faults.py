@@ -115,11 +115,10 @@ def _printed(
     )  # fmt: skip
     if done.code:
         return done
-    voxels = ",".join(map(str, scan.get("voxel_um", [25, 25, 15])))
     more = ["--syringe", syringe] if syringe else []
     scanned = program.call(
         "scan", folder / "job", "--out", folder / "scan.tif", "--device", scan["simulated"],
-        "--voxel-um", voxels, *more, cwd=folder, folder=folder / "report",
+        *more, cwd=folder, folder=folder / "report",
     )  # fmt: skip
     if scanned.code:
         return scanned

@@ -370,7 +370,6 @@ def _part(
     if style.layer_um:
         toolpath |= {"layer_um": style.layer_um, "line_um": style.line_um}
     if style.method == "embedded":
-        toolpath["overlap_radii"] = 0.0
         materials = {"ink": "gelatin_sacrificial", "bath": "cell_matrix"}
     else:
         materials = {"ink": "collagen_fresh", "bath": "gelatin_support"}
@@ -390,10 +389,7 @@ def _part(
 
 
 def _scan(rng: np.random.Generator, mesh: trimesh.Trimesh, style: Style) -> dict[str, Any]:
-    """Return the scanner that sees this part, at voxels that a user would take for its size."""
+    """Return the scanner that sees this part; its voxels are the product's choice."""
     size = mesh.extents
     shallow = style.method == "fresh" and size[2] <= 6 and size.max() <= 12
-    if shallow and rng.random() < 0.75:
-        return {"simulated": "oct"}
-    voxel = 40 if size.max() <= LARGE_MM else 60
-    return {"simulated": "microct", "voxel_um": [voxel] * 3}
+    return {"simulated": "oct" if shallow and rng.random() < 0.75 else "microct"}

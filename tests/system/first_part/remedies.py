@@ -118,7 +118,7 @@ def _scaled(section: str, key: str, factor: float, default: float) -> Callable[[
 
 
 def _microct(recipe: Recipe) -> None:
-    recipe["scan"] = {"simulated": "microct", "voxel_um": [40, 40, 40]}
+    recipe["scan"] = {"simulated": "microct"}
 
 
 VAGUE: tuple[tuple[str, Callable[[re.Match[str]], Callable[[Recipe], None]]], ...] = (

@@ -205,7 +205,7 @@ def checked(made: Gcode, beside: dict[str, Any], start_mm: tuple[float, float, f
 
 @pytest.mark.parametrize("seed", first_of(range(8), 2))
 def test_the_checker_flags_nothing_that_a_plan_of_a_tree_doesnt_tell(seed: int) -> None:
-    options = replace(EmbeddedOptions(), open_joints=99)
+    options = EmbeddedOptions(overlap_radii=0.5, open_joints=99)
     net = random_tree(4 + 3 * seed, 12.0, seed, 0.1)
     plan = plan_embedded(net, options)
     writer = GcodeOptions(start_mm=START_SHAFT_PLANS, flow_factor=SACRIFICIAL.flow_factor)
@@ -224,7 +224,7 @@ def test_the_checker_flags_nothing_that_a_plan_of_a_tree_doesnt_tell(seed: int) 
     ("seed", "size_mm"), first_rows([(0, 12.0), (0, 20.0), (1, 20.0), (2, 20.0), (3, 20.0)])
 )
 def test_bundles_pass_the_checker_but_for_what_the_plan_tells(seed: int, size_mm: float) -> None:
-    options = replace(EmbeddedOptions(), open_joints=99)
+    options = EmbeddedOptions(overlap_radii=0.5, open_joints=99)
     net = random_tree(5 + 2 * seed, size_mm, seed, 0.3)
     made = bundled(net, np.full(net.vessel_count, 1.2 * float(net.radius.max())))
     assert not made.is_plain
@@ -257,7 +257,7 @@ def said_and_seen(seed: int) -> tuple[dict[tuple[int, int], float], dict[tuple[i
     net, needle = random_network(seed)
     outer, tip, cone = needle
     options = replace(
-        EmbeddedOptions(),
+        EmbeddedOptions(overlap_radii=0.5),
         open_joints=9999,
         needle_inner_mm=0.1,
         needle_outer_mm=outer,
