@@ -68,7 +68,8 @@ class Feature:
         ``offset``, far aside where nobody has said what is allowed; undecided. ``index``: of
         ``size``, along the light of an OCT without a depth standard; a pass by its value alone.
     words, of : str
-        Of a zone: which characteristic, of which feature. Of ``size``: of which axis.
+        Of a zone: which characteristic, of which feature. Of ``size``: what narrows its interval,
+        of which axis.
     interval_um : (low, high), µm
         Of a zone.
     probability : float or None

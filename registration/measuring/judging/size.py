@@ -21,9 +21,9 @@ def size_features(numbers: Record, tolerances: Tolerances) -> list[Feature]:
     A frame that is laid on datums isn't fitted, so that its RMS has no limit.
 
     An end that lies off by less than the surface may isn't a wrong size: along a short axis the
-    limit is the RMS tolerance. A pass is simple acceptance (JCGM 106, 8.2), a fail is proven as
-    elsewhere: of a part of a few millimetres the interval alone is as wide as the limit. Along the
-    light of an OCT without a depth standard, where all rests on the refractive index, words say so.
+    limit is the RMS tolerance. Lengths along the light of an OCT without a depth standard rest on
+    the refractive index, whose interval alone is as wide as the usual limit: there a pass is
+    simple acceptance (JCGM 106, 8.2), which its words state, and a fail is proven as elsewhere.
     An axis that was too short to fit has no size; the rigid fit's RMS limits what it may be off.
 
     Parameters
@@ -54,7 +54,7 @@ def _along(numbers: Record, axis: int, size_um: float, tolerances: Tolerances) -
     by_index = along_light and bool(numbers.get("depth_from_index"))
     limit = max(tolerances.size_percent / 100 * size_um, tolerances.rms_um)
     decision = _decided(tolerances.limits.rule, off, u, limit)
-    accepted = decision == "undecided" and abs(off) <= limit
+    accepted = by_index and decision == "undecided" and abs(off) <= limit
     return Feature(
         "size",
         "pass" if accepted else decision,
@@ -64,9 +64,16 @@ def _along(numbers: Record, axis: int, size_um: float, tolerances: Tolerances) -
         upper_um=limit,
         designed_um=size_um,
         limit=f"±{100 * limit / size_um:.3g} %",
-        doubt="index" if accepted and by_index else "",
+        doubt="index" if accepted else "",
         of=AXES[axis],
+        words=_remedy(numbers, AXES[axis]) if decision == "undecided" else "",
     )
+
+
+def _remedy(numbers: Record, axis: str) -> str:
+    """Return what narrows the interval of an axis' size most, as its budget says."""
+    budgets = {budget["quantity"]: budget for budget in numbers.get("budget", ())}
+    return str(budgets.get(f"scale_{axis}", {}).get("reduce", ""))
 
 
 def _decided(rule: Rule, off: float, u: float, limit: float) -> Decision:

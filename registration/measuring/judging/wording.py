@@ -78,7 +78,8 @@ def _size(feature: Record) -> str:
     text = f"Size along {axis}: {known}, limit {feature['limit']}"
     if feature.get("doubt") == "index":
         return f"{text}: not proven, as depth rests on the refractive index; scan a depth standard"
-    return text + _end(feature)
+    remedy = feature.get("words")
+    return text + _end(feature) + (f"; for a narrower interval, {remedy}" if remedy else "")
 
 
 def _way(feature: Record) -> str:

@@ -30,8 +30,7 @@ def decisions(numbers: dict[str, Any], tolerances: Tolerances | None = None) -> 
     [
         (0.990, 0.003, "pass"),
         (0.960, 0.003, "fail"),
-        (0.981, 0.003, "pass"),  # accepted by its value
-        (0.979, 0.003, "undecided"),  # and not refused, as it isn't proven to be shorter
+        (0.981, 0.003, "undecided"),
         (1.025, 0.003, "fail"),
     ],
 )
@@ -66,6 +65,13 @@ def test_depth_that_rests_on_an_index_passes_by_its_value_and_says_so(scale, hal
     assert found["decision"] == decided
     said = "; ".join(verdict(judged)["reasons"])
     assert ("depth rests on the refractive index" in said) == (decided == "pass")
+
+
+def test_a_size_too_close_to_its_limit_says_what_narrows_its_interval() -> None:
+    budget = [{"quantity": "scale_y", "reduce": "smaller voxels"}]
+    judged = judge(sized([0.99, 0.981, 0.99], [0.003] * 3, budget=budget), Tolerances())
+    (reason,) = [one for one in verdict(judged)["reasons"] if "Size along y" in one]
+    assert reason.endswith("too close to the limit to decide; for a narrower interval, smaller voxels")
 
 
 def test_the_rigid_fit_is_judged_as_the_scaled_one_unless_its_limit_is_given() -> None:
