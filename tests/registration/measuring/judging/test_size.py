@@ -71,7 +71,7 @@ def test_a_size_too_close_to_its_limit_says_what_narrows_its_interval() -> None:
     budget = [{"quantity": "scale_y", "reduce": "smaller voxels"}]
     judged = judge(sized([0.99, 0.981, 0.99], [0.003] * 3, budget=budget), Tolerances())
     (reason,) = [one for one in verdict(judged)["reasons"] if "Size along y" in one]
-    assert reason.endswith("too close to the limit to decide; for a narrower interval, smaller voxels")
+    assert reason.endswith("to decide; for a narrower interval, smaller voxels")
 
 
 def test_the_rigid_fit_is_judged_as_the_scaled_one_unless_its_limit_is_given() -> None:
