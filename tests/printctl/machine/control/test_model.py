@@ -26,9 +26,11 @@ def test_motors_make_each_line_once_whatever_happens(seed):
     assert_all_kinds(lives)
 
 
-def test_inserts_are_among_what_lives_meet():
+def test_inserts_and_failures_are_among_what_lives_meet():
     # rarer than the rest: a part of the lives may have none
-    assert any(life.journal.history().inserts for life in live_through(2 * PART, 0))
+    lives = live_through(2 * PART, 0)
+    assert any(life.journal.history().inserts for life in lives)
+    assert any(life.status and life.status.state is LinkState.FAILED for life in lives)
 
 
 @pytest.mark.slow
