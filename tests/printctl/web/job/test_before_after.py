@@ -30,7 +30,7 @@ from tests.waiting import wait_for as until
 
 pytestmark = pytest.mark.browser
 HOSTILE = b"<script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
-MOST_PX = {WIDE["width"]: 1020, PHONE["width"]: 2000}
+MOST_PX = {WIDE["width"]: 1000, PHONE["width"]: 2000}
 ASIDE = (90.0, 100.0, 30.0)
 
 

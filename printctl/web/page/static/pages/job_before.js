@@ -236,10 +236,8 @@ function Checks(all) {
 }
 
 // The operator's name is asked for by its field alone, and a confirmation by its tick.
-const asField = (one) => {
-  if (one.action === "operator") return { ...one, place: "", remedy: "" };
-  return one.action === "for_mounted" ? { ...one, check: "", place: "", remedy: "" } : one;
-};
+const asField = (one) => (
+  ["operator", "for_mounted"].includes(one.action) ? { ...one, check: "", place: "", remedy: "" } : one);
 const refusing = (count) => `${count} ${count === 1 ? "thing refuses" : "things refuse"} the start`;
 
 const FILL = {
