@@ -245,3 +245,28 @@ def test_what_names_a_family_is_found(text: str) -> None:
 
 def test_words_in_a_docstring_and_in_a_sentence_are_none() -> None:
     assert not faults('"""As marlin does."""\nraise ValueError("Marlin reads another number")')
+
+
+TOP_LEVEL = [
+    ".gitignore",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "LICENSE",
+    "MANIFEST.in",
+    "Makefile",
+    "README.md",
+    "SECURITY.md",
+    "constraints.txt",
+    "mkdocs.yml",
+    "pyproject.toml",
+    "setup.py",
+]
+
+
+def test_no_stray_file_was_committed_at_the_top() -> None:
+    """Commands that are tried in the project folder write their files there."""
+    git = ["git", "-C", str(PLACE.parents[1]), "ls-files"]
+    listed = subprocess.run(git, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("not a git checkout")
+    assert [name for name in listed.stdout.split("\n") if name and "/" not in name] == TOP_LEVEL

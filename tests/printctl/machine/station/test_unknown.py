@@ -1,4 +1,4 @@
-"""What isn't known of a printer is called unknown, with its reason, in every state."""
+"""Unknown positions, inks and temperatures are shown as unknown, with the reason, in each state."""
 
 from __future__ import annotations
 

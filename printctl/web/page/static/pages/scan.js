@@ -10,7 +10,7 @@ import Findings, { Vessels } from "./scan_findings.js";
 import { Metadata, Missing } from "./scan_metadata.js";
 import Slices from "./scan_slices.js";
 
-const FORMATS = "TIFF, OME-TIFF, NRRD, NIfTI, DICOM, HDF5, MATLAB, Thorlabs .oct, Bioptigen, Heidelberg, .npz; "
+const FORMATS = "TIFF, OME-TIFF, NRRD, NIfTI, MetaImage, DICOM, HDF5, MATLAB, Thorlabs .oct, Bioptigen, Heidelberg, .npz; "
   + "or a .zip of TIFF or DICOM slices, or of an OME-Zarr.";
 const FOLLOWED_MS = 1500;
 const MODALITIES = { oct: "OCT", microct: "micro-CT", confocal: "confocal" };
