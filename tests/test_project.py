@@ -259,4 +259,5 @@ def test_no_stray_file_was_committed_at_the_top() -> None:
     listed = subprocess.run(git, capture_output=True, text=True, check=False)
     if listed.returncode:
         pytest.skip("not a git checkout")
-    assert [name for name in listed.stdout.split("\n") if name and "/" not in name] == TOP_LEVEL.split()
+    names = [name for name in listed.stdout.split("\n") if name and "/" not in name]
+    assert names == TOP_LEVEL.split()

@@ -34,7 +34,8 @@ SECTIONS = {
 SECTION_OF = {key: section for section, keys in SECTIONS.items() for key in keys}
 NUMBER = r"[-+−]?\d+(?:\.\d+)?"
 FILLER = r"(?:to|of|is|at|least|most|about|or|more|be|say|like|and|by|in|on|for)\b"
-VALUE = rf"(\[[^\]]*\]|\{{[^}}]*\}}|{NUMBER}(?:\s*,\s*{NUMBER})*|(?!{FILLER})[a-z][a-z0-9_]*)"
+VALUE = rf"(\[[^\]]*\]|\{{[^}}]*\}}|{NUMBER}(?:\s*,\s*{NUMBER})*(?!\w)"
+VALUE += rf"|(?!{FILLER})[a-z0-9][a-z0-9_]*)"
 
 
 @dataclass(frozen=True)

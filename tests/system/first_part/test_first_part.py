@@ -157,6 +157,7 @@ def test_remedies_are_read_from_a_message() -> None:
         ("raise clearance_mm to 0.25 mm", "vasculature", {"clearance_mm": 0.25}),
         ("set vasculature.root_mm: [1, 2, 3]", "vasculature", {"root_mm": [1, 2, 3]}),
         ("root_mm 1.5, 2, 3 is one", "vasculature", {"root_mm": [1.5, 2, 3]}),
+        ("one of the same bore (needle: 30g_50mm)", "toolpath", {"needle": "30g_50mm"}),
         ("needs voxels of at most 30 µm", "scan", {"voxel_um": [30, 30, 30]}),
         ("scan: {simulated: microct, voxel_um: [40, 40, 40]}", "scan", {"simulated": "microct"}),
     ):
