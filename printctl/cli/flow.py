@@ -39,7 +39,6 @@ def flow(
     ),
     scanned: bool = opt("3D as printed in the scan's own surface.", False),
     others: options.OtherSolvers,
-    match: options.Match,
     results: Literal["csv", "npz"] | None = opt(
         "Tables as csv, or as arrays of one npz (NumPy, fast)."
     ),
@@ -80,7 +79,7 @@ def flow(
     # Loaded late: a case of svZeroDSolver needs no network, mesh or figure.
     from printctl.cli.flow_network import run_network
 
-    output = run_network(context, network, out, others, match)
+    output = run_network(context, network, out, others)
     for text in output.warnings:
         cli.print_warning(text)
     _say(output.summary, output.files)

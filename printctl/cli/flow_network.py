@@ -14,7 +14,7 @@ from printctl.analysis.flow.network_flow import FlowOutput, NetworkFlow
 from printctl.analysis.flow.printed_case import PrintedCase, solve_as_printed
 from printctl.analysis.flow.typed_over import conditions_said
 from printctl.analysis.networks import load_source
-from printctl.cli.flow_options import Match, OtherSolvers, part_of, space_of
+from printctl.cli.flow_options import OtherSolvers, part_of, space_of
 from printctl.cli.options import messages
 from printctl.errors import UsageError
 
@@ -23,9 +23,9 @@ FILLET: Final = 0.5
 
 
 def run_network(
-    context: typer.Context, network: Path, out: Path, others: OtherSolvers, how: Match
+    context: typer.Context, network: Path, out: Path, others: OtherSolvers
 ) -> FlowOutput:
-    """Solve and write what the options in ``context.params`` ask for; some are ``others``, ``how``.
+    """Solve and write what the options in ``context.params`` ask for; some are ``others``.
 
     Raises `UsageError` for options that don't go together, and what the solvers raise.
     """
@@ -59,20 +59,7 @@ def run_network(
         made.in_space()
         if others.ranks is not None:
             made.on_ranks(others.ranks, others.ranks_python)
-        if how.match_split:
-            made.matched(_wanted(how.want or []), how.match_percent, how.least_lumen_mm)
     return output
-
-
-def _wanted(texts: list[str]) -> dict[int, float]:
-    flows: dict[int, float] = {}
-    for text in texts:
-        node, _, flow = text.partition(",")
-        try:
-            flows[int(node)] = float(flow)
-        except ValueError:
-            raise UsageError(f"--want {text!r} isn't NODE,ML_MIN; write 4,0.05") from None
-    return flows
 
 
 _ELSEWHERE: Final = "svzerod", "svoned", "ranks", "svmultiphysics", "compare", "check", "results"

@@ -28,16 +28,6 @@ class OtherSolvers:
     svmultiphysics: Path | None = opt("Write the 3D case for svMultiPhysics here.")
 
 
-@settings
-class Match:
-    """Options that adjust radii until 3D flow divides as wanted."""
-
-    match_split: bool = opt("Adjust radii until 3D divides as 0D, or --want.", False)
-    want: list[str] | None = opt("Flow wanted at an outlet; again for more.", metavar="NODE,ML_MIN")
-    match_percent: float | None = opt("Largest deviation, of the inlet's flow; 0.5.")
-    least_lumen_mm: float | None = opt("Smallest diameter that can be printed.", min=0.0)
-
-
 _FLUID: Final[TypeAdapter[Any]] = TypeAdapter(parts.FluidPart)
 _GIVE: Final = "write model: carreau, power_law or pries_1994, and its numbers"
 
@@ -129,17 +119,16 @@ SECTIONS: Final[Any] = Sections(
 )
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
-_IN_SPACE: Final = ("three_d", "match_split", "ranks", "svmultiphysics")
+_IN_SPACE: Final = ("three_d", "ranks", "svmultiphysics")
 """Options that solve in the lumens' space, which fillets round."""
 _NEED: Final = {
     "ranks_python": "ranks",
-    **dict.fromkeys(("want", "match_percent", "least_lumen_mm"), "match_split"),
 }
 """Options that mean nothing without another one."""
 _OTHERS: Final = SectionOptions(parts.ThreeDPart, renamed=THREE_D.renamed)
 _TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
-    "edge_ratio": ("match_split", "ranks", "svmultiphysics"),
-    "inertia": ("match_split", "ranks"),
+    "edge_ratio": ("ranks", "svmultiphysics"),
+    "inertia": ("ranks",),
 }
 """Options of --three-d that others who solve in space take, too."""
 
@@ -203,7 +192,7 @@ def _refuse_idle_options(requested: Mapping[str, Any]) -> None:
     if requested["fillet_ratio"] is not None and not any(requested[key] for key in _IN_SPACE):
         raise UsageError(
             "--fillet-ratio rounds the lumens that 3D flow is solved in; give --three-d, "
-            "--match-split, --ranks or --svmultiphysics, or leave it out"
+            "--ranks or --svmultiphysics, or leave it out"
         )
 
 

@@ -21,11 +21,11 @@ from design.hemodynamics import (
     steady_at_probes,
 )
 from design.hemodynamics.probes import Probes, ProbeWaves, clear_parts, midpoints, probes_along
-from design.hemodynamics.three_d import check_cycles, probe_steady
+from design.hemodynamics.three_d import ThreeDSolution, check_cycles, probe_steady
+from design.hemodynamics.three_d.vessels.effective import effective_network, flow_error
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray
-from printctl.analysis.flow.match import reduced_summary
 from printctl.analysis.flow.solve import one_d_options
 from printctl.analysis.flow.tables import write_columns
 from printctl.analysis.flow.three_d import (
@@ -270,7 +270,7 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
         resolved, summary = resolve(
             case.network, driven, case.part.three_d, case.fillet_ratio, tell
         )
-        summary["reduced"] = reduced_summary(case.network, driven, resolved.steady)
+        summary["reduced"] = _reduced_summary(case.network, driven, resolved.steady)
         done.summary["three_d"] = summary
         done.files += write_resolved(folder, resolved)
         write_bytes(folder / SEEN, shear_figure(resolved.mesh, resolved.steady.wall_shear))
@@ -321,3 +321,26 @@ def _steady_at(resolved: FlowInMesh, probes: Probes) -> ProbeWaves:
     """Pressure at probes, and the flow of their vessels: a section amid a fork isn't one's own."""
     at = probe_steady(resolved.network, probes, resolved.steady.field)
     return replace(at, flow=resolved.flow[probes.vessel, None])
+
+
+def _reduced_summary(
+    network: VesselNetwork, conditions: FlowConditions, solution: ThreeDSolution
+) -> dict[str, Any]:
+    """How far 0D is from 3D, with the network's radii and with those that 3D behaves as.
+
+    Raises
+    ------
+    FlowError
+        As `effective_network`.
+    """
+    effective = effective_network(network, conditions, solution)
+    ratio = effective.resistance / effective.nominal
+    summary: dict[str, Any] = {
+        "resistance_over_nominal_least": float(ratio.min()),
+        "resistance_over_nominal_most": float(ratio.max()),
+    }
+    for name, each in (("nominal", network), ("effective", effective.network)):
+        off = flow_error(each, conditions, effective)
+        summary[f"{name}_flow_off_percent_of_inlet"] = 100.0 * off.flow
+        summary[f"{name}_pressure_off_percent_of_drop"] = 100.0 * off.pressure
+    return summary

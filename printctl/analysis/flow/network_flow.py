@@ -1,8 +1,8 @@
-"""Flow of one network in all fidelities asked for: lumped, waves, in space, on ranks, matched."""
+"""Flow of one network in all fidelities asked for: lumped, waves, in space, on ranks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -15,17 +15,13 @@ from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
 from printctl.analysis.flow.conditions import Driven
 from printctl.analysis.flow.fidelities import Case, solve_fidelities
-from printctl.analysis.flow.match import HISTORY, MATCHED, VESSELS, match_and_write, options_from
 from printctl.analysis.flow.printed_fidelities import mesh_of
 from printctl.analysis.flow.ranks import run_on_ranks
 from printctl.analysis.flow.solve import solve_section
 from printctl.analysis.flow.tables import FlowTables
-from printctl.analysis.flow.three_d import SHARP
 from printctl.recipe.parts import ThreeDPart
 
 RANKS: Final = "ranks"
-MATCH_PERCENT: Final = 0.5
-"""Largest deviation of a matched split, of the inlet's flow."""
 Tell = Callable[[str], None]
 
 
@@ -47,7 +43,7 @@ class NetworkFlow:
     network : VesselNetwork
     driven : Driven
     space : ThreeDPart
-        Of ranks and matching, which solve in space by their own.
+        Of ranks, which solve in space by their own.
     out : Path
         Folder that is written to.
     fillet_ratio : float
@@ -106,44 +102,3 @@ class NetworkFlow:
         result = run_on_ranks(folder, ranks, python, self.tell)
         drop = float(np.ptp(result.port_pressure)) / PA_PER_MMHG
         self.output.summary["ranks"] = {"ranks": ranks, "pressure_drop_mmhg": drop}
-
-    def matched(
-        self, wanted: Mapping[int, float], percent: float | None, least_lumen_mm: float | None
-    ) -> None:
-        """Adjust radii until 3D flow divides as wanted; write the network and its history.
-
-        Parameters
-        ----------
-        wanted : mapping of int to float, mL/min
-            By outlet node; as 0D where it is empty.
-        percent : float or None
-            Largest deviation, of the inlet's flow; `MATCH_PERCENT` without.
-        least_lumen_mm : float or None, mm
-            Smallest diameter.
-        """
-        options = options_from(
-            MATCH_PERCENT if percent is None else percent,
-            least_lumen_mm or 0.0,
-            self.space.edge_ratio,
-            max(self.fillet_ratio, SHARP),
-            self.space.inertia,
-        )
-        self.tell("matching the split")
-        result = match_and_write(
-            self.out,
-            self.network,
-            self.driven.steady(self.network),
-            wanted,
-            options,
-            lambda _, doing: self.tell(f"matching the split: {doing}"),
-        )
-        self.output.summary["match"] = result
-        self.output.files += [self.out / name for name in (MATCHED, HISTORY, VESSELS)]
-        if not result["met"]:
-            bounds = result["vessels_at_a_bound"]
-            why = f"vessels {bounds} stand at a bound of their radius" if bounds else ""
-            self.output.warnings.append(
-                f"the split isn't met: {result['worst_percent_of_inlet']:.2g} % of the inlet's "
-                f"flow is left in vessel {result['worst_vessel']} "
-                f"({why or 'rounds bring no more'})"
-            )

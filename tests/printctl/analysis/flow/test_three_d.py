@@ -17,7 +17,6 @@ from skimage.measure import marching_cubes
 
 from design.errors import FlowError
 from design.network import VesselNetwork
-from design.network_files.csv_format import read_network_csv
 from design.solids import Solid, write_ply
 from design.solids.manifolds import to_manifold
 from kernels.arrays import FloatArray
@@ -95,31 +94,8 @@ def test_a_pulse_is_compared_over_its_cycle(fork: Path) -> None:
     assert swing[1] + swing[2] == pytest.approx(swing[0], rel=0.02)
 
 
-def test_radii_are_matched_to_flows_that_are_wanted(fork: Path) -> None:
-    found = _flow(
-        fork, "--match-split", "--want", "2,0.1", "--want", "3,0.15", "--match-percent", "1",
-        "--least-lumen-mm", "0.6",
-    )["match"]  # fmt: skip
-    assert found["met"]
-    assert found["worst_percent_of_inlet_before"] > 1.0 >= found["worst_percent_of_inlet"]
-    history = _rows(fork / "flow" / "flow_match.csv")
-    assert [int(row["round"]) for row in history] == list(range(1, found["rounds"] + 1))
-    assert float(history[0]["radius_scale_most"]) == 1.0
-    matched = read_network_csv(fork / "flow" / "network_matched.csv", "mm")
-    assert matched.radius.min() >= 0.3
-    rows = _rows(fork / "flow" / "flow_match_vessels.csv")
-    assert rows[0]["wanted_ml_min"] == "nan"
-    assert float(rows[2]["flow_ml_min"]) == pytest.approx(0.15, abs=0.0026)
-    scale = [float(row["radius_scale"]) for row in rows]
-    assert matched.mean_radius() == pytest.approx(np.array([0.5, 0.4, 0.4]) * scale)
-
-
 def test_wrong_options_have_a_message_each(fork: Path) -> None:
     for options, said in (
-        (("--want", "2,0.1"), "--want is for --match-split"),
-        (("--match-split", "--want", "two"), "isn't NODE,ML_MIN"),
-        (("--match-split", "--want", "1,0.1"), "node 1 is given a flow and isn't an outlet"),
-        (("--match-split", "--want", "2,0.2", "--want", "3,0.2"), "sum to 6.66667"),
         (("--edge-ratio", "0.5"), "--edge-ratio is for --three-d"),
         (("--along-vessel", "1"), "--along-vessel is for --compare"),
         (("--three-d", "--edge-ratio", "3"), "--edge-ratio: must be at most 1 (is 3.0)"),
