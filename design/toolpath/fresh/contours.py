@@ -168,7 +168,7 @@ def _meet(
 
 
 @jit
-def _crosses(ax: float, ay: float, bx: float, by: float, cells: Cells) -> bool:
+def crosses(ax: float, ay: float, bx: float, by: float, cells: Cells) -> bool:
     """Whether the way from a to b crosses an edge; looked up a cell's length at a time."""
     low, side, start, end = cells.low, cells.side, cells.start, cells.end
     steps = int(math.hypot(bx - ax, by - ay) / side) + 1
@@ -192,10 +192,10 @@ def _crosses(ax: float, ay: float, bx: float, by: float, cells: Cells) -> bool:
 @jit
 def crossing(a: FloatArray, b: FloatArray, cells: Cells) -> NDArray[np.bool_]:
     """Whether each way from a to b (n, 2) crosses an edge."""
-    crosses = np.zeros(len(a), np.bool_)
+    crossed = np.zeros(len(a), np.bool_)
     for k in range(len(a)):
-        crosses[k] = _crosses(a[k, 0], a[k, 1], b[k, 0], b[k, 1], cells)
-    return crosses
+        crossed[k] = crosses(a[k, 0], a[k, 1], b[k, 0], b[k, 1], cells)
+    return crossed
 
 
 # Find the radius of the largest disc inside a layer's contours at each contour point.

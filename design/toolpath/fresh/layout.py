@@ -1,9 +1,10 @@
 """Convert a layer's ordered paths to moves, with links, hops, retractions between them.
 
 Between two paths the needle goes level where they are near and no lumen lies between (a link);
-else the plunger is relieved and the needle hops, just clear of the fresh ink, or rises higher
-where it would cross an open lumen, and primes when it is down again. Beside a lumen it primes and
-relieves a little way into the material, so that what weeps doesn't stand in the lumen.
+else the plunger is relieved and the needle hops, just clear of the fresh ink, and primes when it
+is down again. Where it would cross an open lumen it goes around, or rises higher where that takes
+less time. Beside a lumen it primes and relieves a little way into the material, so that what weeps
+doesn't stand in the lumen.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from design.toolpath.fresh.contours import (
     Cells,
     Contours,
     contours_of,
+    crosses,
     crossing,
     put_in_cells,
     sample,
@@ -73,6 +75,7 @@ class _Ways(NamedTuple):
     away: FloatArray  # (m, 2), where it relieves after it, mm
     blocked: BoolArray  # (m,), whether a link from the path before would cross a contour
     over: BoolArray  # (m,), whether the way from where that was left does
+    around: FloatArray  # (m, 2, 2), points of a way that doesn't, mm; NaN where there is none
 
 
 class _Settings(NamedTuple):
@@ -141,7 +144,14 @@ def lay_out(
         options.travel_speed_mm_s,
         options.lift_speed_mm_s,
     )
-    rows, kind, counts = _lay(paths, sequence, _Ways(lead, away, blocked, over), tip, settings)
+    # A higher rise takes its time, in which the needle could go so far level.
+    rising_mm = 2 * max(options.lift_mm - options.hop_mm, 0.0)
+    most_mm = rising_mm * options.travel_speed_mm_s / options.lift_speed_mm_s
+    level = over & (np.arange(len(over)) > 0)  # the first comes from another layer
+    around = _around(came, lead, level, most_mm, here)
+    over &= np.isnan(around).any(axis=(1, 2))
+    ways = _Ways(lead, away, blocked, over, around)
+    rows, kind, counts = _lay(paths, sequence, ways, tip, settings)
     tool = np.full(len(kind), head)
     columns = rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5], kind, tool
     return LayerMoves(tip, *columns, *map(int, counts))
@@ -177,6 +187,42 @@ def _leads(
     return lead
 
 
+_SIDEWAYS_MM: Final = (0.3, 0.45, 0.6, 0.9, 1.2, 1.8, 2.4, 3.6)
+"""How far aside of the straight way its points are tried."""
+_ALONG: Final = ((0.5, 0.5), (0.25, 0.25), (0.75, 0.75), (0.0, 1.0), (0.2, 0.8), (0.35, 0.65))
+"""Where along the straight way the two points are tried, in parts of it."""
+
+
+@jit
+def _around(
+    start: FloatArray, end: FloatArray, which: BoolArray, most_mm: float, here: Cells
+) -> FloatArray:
+    """Shortest of the tried ways over two points that crosses no contour; (m, 2, 2), NaN for none.
+
+    No way is more than `most_mm` longer than the straight one.
+    """
+    found = np.full((len(start), 2, 2), np.nan)
+    for k in np.flatnonzero(which):
+        ax, ay, bx, by = start[k, 0], start[k, 1], end[k, 0], end[k, 1]
+        dx, dy = bx - ax, by - ay
+        straight = math.hypot(dx, dy)
+        least = straight + most_mm
+        for aside in _SIDEWAYS_MM:
+            for side in (-aside / straight, aside / straight):
+                for first, last in _ALONG:
+                    px, py = ax + first * dx - side * dy, ay + first * dy + side * dx
+                    qx, qy = ax + last * dx - side * dy, ay + last * dy + side * dx
+                    length = math.hypot(px - ax, py - ay) + math.hypot(bx - qx, by - qy)
+                    length += (last - first) * straight
+                    if length >= least or crosses(ax, ay, px, py, here):
+                        continue
+                    if not (crosses(px, py, qx, qy, here) or crosses(qx, qy, bx, by, here)):
+                        least = length
+                        found[k, 0, 0], found[k, 0, 1] = px, py
+                        found[k, 1, 0], found[k, 1, 1] = qx, qy
+    return found
+
+
 @jit
 def _add(
     rows: FloatArray,
@@ -206,17 +252,21 @@ def _fly(
     tip_z: float,
     to_x: float,
     to_y: float,
+    around: FloatArray,
     rise: float,
     settings: _Settings,
 ) -> int:
-    """Relieve, go up by ``rise`` above both ends, across and down, and prime."""
+    """Relieve, go up by ``rise`` above both ends, across or around, and down, and prime."""
     pause, top = settings.relief / settings.flow, max(tip_z, settings.z) + rise
     if settings.relief > 0:
         n = _add(rows, kind, n, _RETRACT, x, y, tip_z, -settings.relief, 0.0, pause)
     if top != tip_z:
         n = _add(rows, kind, n, _TRAVEL, x, y, top, 0.0, settings.rising, 0.0)
-    if to_x != x or to_y != y:
-        n = _add(rows, kind, n, _TRAVEL, to_x, to_y, top, 0.0, settings.level, 0.0)
+    for k in range(3):
+        on_x, on_y = (around[k, 0], around[k, 1]) if k < 2 else (to_x, to_y)
+        if not math.isnan(on_x) and (on_x != x or on_y != y):
+            x, y = on_x, on_y
+            n = _add(rows, kind, n, _TRAVEL, x, y, top, 0.0, settings.level, 0.0)
     if top != settings.z:
         n = _add(rows, kind, n, _TRAVEL, to_x, to_y, settings.z, 0.0, settings.rising, 0.0)
     if settings.relief > 0:
@@ -232,7 +282,7 @@ def _lay(
     points, width, offset, closed = paths.points, paths.width_mm, paths.offset, paths.closed
     path, first, backward = sequence.path, sequence.first, sequence.backward
     lead, away, over = ways.lead, ways.away, ways.over
-    most = len(points) + 10 * len(path) + 1
+    most = len(points) + 12 * len(path) + 1
     rows, kind = np.zeros((most, 6)), np.zeros(most, np.int64)
     counts = np.zeros(3, np.int64)
     n, z, level = 0, settings.z, settings.level
@@ -254,7 +304,7 @@ def _lay(
                     n = _add(rows, kind, n, _TRAVEL, x, y, tip_z, 0.0, level, 0.0)
                 in_x, in_y = lead[k, 0], lead[k, 1]
                 rise = settings.lift if over[k] else settings.hop
-                n = _fly(rows, kind, n, x, y, tip_z, in_x, in_y, rise, settings)
+                n = _fly(rows, kind, n, x, y, tip_z, in_x, in_y, ways.around[k], rise, settings)
                 if in_x != to_x or in_y != to_y:
                     n = _add(rows, kind, n, _TRAVEL, to_x, to_y, z, 0.0, level, 0.0)
         x, y, tip_z = to_x, to_y, z

@@ -16,6 +16,7 @@ from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.paths import Role, gather, order_lines, order_paths
 from design.toolpath.fresh.report import measure_coverage
 from design.toolpath.fresh.walls import build_walls, remove_short_moves
+from design.toolpath.toolpath import MoveKind
 from tests.slower import examples
 
 RING = np.array([[0.0, 0.0], [4.0, 0.3], [3.5, 3.0], [0.4, 2.6]])
@@ -83,9 +84,17 @@ def test_order_is_complete_and_no_longer_than_nearest_neighbour(count, seed, lin
     assert travel(start, end, order, flipped, at) <= naive + 1e-9
 
 
+def travels_of(lines, sequence, at):
+    """Straight ways from each line's end to the next one's begin."""
+    for k, turned in zip(sequence.path, sequence.backward, strict=True):
+        first, last = lines[k][::-1] if turned else lines[k]
+        yield at, first
+        at = last
+
+
 @settings(max_examples=examples(30), deadline=None)
 @given(seed=st.integers(0, 1000))
-def test_travels_rise_where_shapely_sees_them_cross_a_contour(seed):
+def test_travels_rise_or_go_around_where_shapely_sees_them_cross_a_contour(seed):
     rng = np.random.default_rng(seed)
     section = CrossSection([RING]) - CrossSection([HOLE[::-1]])
     spots = rng.uniform(0.2, 3.4, (12, 2))
@@ -97,13 +106,23 @@ def test_travels_rise_where_shapely_sees_them_cross_a_contour(seed):
     options = FreshOptions(link_mm=0.0)
     rows = lay_out(paths, sequence, tip, 0.06, (here, here), options)
     edge = SHAPE.boundary
-    crossed, at = 0, tip[:2]
-    for k, first, turned in zip(sequence.path, sequence.first, sequence.backward, strict=True):
-        crossed += shapely.LineString([at, paths.points[first]]).intersects(edge)
-        at = lines[k][0] if turned else lines[k][-1]
-    assert rows.lifted == crossed
+    crossed = sum(
+        shapely.LineString(ends).intersects(edge) for ends in travels_of(lines, sequence, tip[:2])
+    )
+    assert rows.lifted <= crossed
     assert rows.travels == 12
-    assert (rows.end[:, 2] > 0.06 + options.lift_mm - 1e-9).sum() == 2 * crossed
+    assert (rows.end[:, 2] > 0.06 + options.lift_mm - 1e-9).sum() == 2 * rows.lifted
+    ends = np.vstack([rows.start, rows.end])
+    level = (ends[1:, 2] == ends[:-1, 2]) & (rows.kind == MoveKind.TRAVEL)
+    crosses = shapely.intersects(
+        shapely.linestrings(np.stack([ends[:-1, :2], ends[1:, :2]], axis=1)[level]), edge
+    )
+    assert (ends[1:, 2][level] > 0.06 + options.lift_mm - 1e-9).tolist() == crosses.tolist()
+    going = np.hypot(*np.diff(ends[:, :2], axis=0)[level & (ends[1:, 2] > 0.06)].T).sum()
+    straight = sum(np.linalg.norm(a - b) for a, b in travels_of(lines, sequence, tip[:2]))
+    saved = 2 * (options.lift_mm - options.hop_mm) * (crossed - rows.lifted)
+    limit = saved * options.travel_speed_mm_s / options.lift_speed_mm_s
+    assert going <= straight + limit + 1e-9
 
 
 @settings(max_examples=examples(20), deadline=None)

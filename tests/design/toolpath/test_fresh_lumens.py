@@ -88,18 +88,22 @@ def test_level_lumen_is_a_slot_of_the_chord_at_mid_layer():
         assert open_mm == pytest.approx(chord, abs=FEW_UM)
 
 
-def test_no_level_travel_crosses_a_lumen_and_crossings_are_lifted(drilled):
+ROUND = shapely.union_all([shapely.Point(x, y).buffer(d / 2 - FEW_UM) for x, y, d in HOLES])
+SLOT = shapely.box(0, 1.3 + FEW_UM, 4, 1.7 - FEW_UM)
+
+
+@pytest.mark.parametrize(("slotted", "lumens"), [(False, ROUND), (True, SLOT)])
+def test_travels_go_around_round_lumens_and_are_lifted_over_a_slot(drilled, slotted, lumens):
     options = FreshOptions()
-    toolpath = fresh_toolpath(drilled, options)
-    lumens = shapely.union_all(
-        [shapely.Point(x, y).buffer(d / 2 - FEW_UM) for x, y, d in HOLES if d > 0.01]
-    )
+    slot = block(4, 0.4, 0.24).translate([0, 1.3, 0])
+    body = as_solid(block(4, 3, 0.24) - slot) if slotted else drilled
+    toolpath = fresh_toolpath(body, options)
     travel = toolpath.kind == MoveKind.TRAVEL
     ends = np.stack([toolpath.start[travel, :2], toolpath.end[travel, :2]], axis=1)
     crosses = shapely.intersects(shapely.linestrings(ends), lumens)
     height = np.minimum(toolpath.start[travel, 2], toolpath.end[travel, 2])
     layer_top = (toolpath.source[travel] + 1) * options.layer_height_mm
-    assert crosses.any()
+    assert crosses.any() == slotted
     assert (height[crosses] >= layer_top[crosses] + options.lift_mm - 1e-9).all()
 
 
