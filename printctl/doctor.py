@@ -8,7 +8,6 @@ import platform
 import re
 import shutil
 import socket
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -28,10 +27,6 @@ _NAME: Final = re.compile(r"^[A-Za-z0-9._-]+")
 _EXTRA: Final = re.compile(r"extra *== *['\"]([^'\"]+)['\"]")
 
 
-_COMPILED: Final = {"svzerod"}
-"""Packages that import under their own name, quickly, where they were built for this machine."""
-
-
 def extras() -> dict[str, str]:
     """Each extra: "present", or what is missing and the command that installs it."""
     try:
@@ -49,10 +44,7 @@ def extras() -> dict[str, str]:
 def _said(extra: str, names: list[str]) -> str:
     missing = sorted(name for name in names if not _is_there(name))
     install = f"pip install 'printctl[{extra}]'"
-    if missing:
-        return f"missing {', '.join(missing)}; {install}"
-    broken = [name for name in names if name in _COMPILED and not _is_importable(name)]
-    return f"can't import {', '.join(broken)}; {install} --force-reinstall" if broken else "present"
+    return f"missing {', '.join(missing)}; {install}" if missing else "present"
 
 
 def _is_there(name: str) -> bool:
@@ -61,12 +53,6 @@ def _is_there(name: str) -> bool:
     except metadata.PackageNotFoundError:
         return False
     return True
-
-
-def _is_importable(name: str) -> bool:
-    """Whether a process of its own can import a package: a broken one may end it."""
-    command = [sys.executable, "-P", "-c", f"import {name}"]
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
 OURS: Final = ("kernels", "firmware_profiles", "design", "sim", "registration", "printctl")

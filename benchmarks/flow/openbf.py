@@ -1,4 +1,4 @@
-"""openBF's own networks by the command line, against the waves stored in its repository.
+"""openBF's own networks by our 1D solver, against the waves stored in its repository.
 
 ``OPENBF_CHECKOUT`` names a checkout of github.com/INSIGNEO/openBF, with ``models`` and
 ``test/ref_*.jls``; without it nothing is run. The stored waves and ours are read by this file's
@@ -12,13 +12,17 @@ from __future__ import annotations
 
 import os
 import re
+import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from benchmarks.common import Row, SkippedError, printctl, row, scratch, timed
+from benchmarks.common import Row, SkippedError, row, scratch
+from benchmarks.flow.openbf_case import OpenBFCase, case_of, run_openbf
+from firmware_profiles.yaml_file import read_yaml
 
 _HEAD: Final = re.compile(
     rb"\x21\x01([PQAu])\x15\x00\x0e\x14\x02(?:\x31(.{4})|([\xe0-\xff]))(.)", re.S
@@ -65,12 +69,10 @@ def _case(checkout: Path, case: Case, straight: bool = True) -> Row:
     stored = stored_waves((checkout / "test" / f"ref_{case.name}.jls").read_bytes())
     with scratch() as folder:
         file = _prepared(checkout / "models" / case.path, folder, straight)
-        command = ["flow", str(file), "--results", "npz", "--out", str(folder)]
-        if case.cell_mm is not None:
-            command += ["--cell-mm", str(case.cell_mm)]
-        spent = timed(printctl(*command))[0]
-        with np.load(folder / "openbf.npz") as found:
-            ours = {name: found[name] for name in found.files}
+        inlet = np.loadtxt(folder / f"{file.stem}_inlet.dat", ndmin=2)
+        begun = time.process_time()
+        ours = _solved(case_of(read_yaml(file.read_text(encoding="utf-8")), inlet), case.cell_mm)
+        spent = time.process_time() - begun
     away = {q: _away(ours, stored, q) for q in ("P", "Q")}
     what = f"openBF's {case.name}" + ("" if straight else ", tapers as written")
     median = max(float(np.median(a)) for a in away.values())
@@ -78,6 +80,13 @@ def _case(checkout: Path, case: Case, straight: bool = True) -> Row:
     made = row(what + ": rms over the swing, median", median, "", *bar)
     worst = {"pressure_worst": float(away["P"].max()), "flow_worst": float(away["Q"].max())}
     return made | worst | {"cpu_s": spent}
+
+
+def _solved(case: OpenBFCase, cell_mm: float | None) -> dict[str, np.ndarray]:
+    if cell_mm is not None:
+        case = replace(case, options=replace(case.options, cell_mm=cell_mm))
+    waves = run_openbf(case)[1]
+    return {"label": np.array(waves.labels), "time_s": waves.time_s} | waves.waves
 
 
 def _prepared(source: Path, folder: Path, straight: bool) -> Path:

@@ -1,4 +1,4 @@
-"""`printctl flow`: flow in a network, a part, a solver's case; options, results and figures."""
+"""`printctl flow`: flow in a network or a part; options, results and figures."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 import typer
 
-from printctl.analysis.flow import solver_cases
 from printctl.cli import flow_options as options
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command
@@ -45,50 +44,15 @@ def flow(
 ) -> None:
     """Solve the flow in a network: lumped; as waves (--one-d); in the lumens' space (--three-d).
 
-    Steady, and in pulses, too, where a wave is given. --as-printed takes a registered run. An
-    input file of svZeroDSolver (.json) is run by its own package instead (the extra "svzerod"), one
-    of openBF (.yaml) is solved as waves.
+    Steady, and in pulses, too, where a wave is given. --as-printed takes a registered run.
     """
-    # What isn't handed on is read from the context, by the options' names.
-    kind = results or "csv"
-    if (case := solver_cases.read_svzerod(network)) is not None:
-        _refuse_idle(context, ("network", "out", "results", "as_json"), "svZeroDSolver")
-        file = out / f"{solver_cases.SVZEROD}.{kind}"
-        summary, doubts = solver_cases.run_svzerod_case(case, network, file)
-        for text in doubts:
-            cli.print_warning(text)
-        _say(summary, [file])
-        return
-    if (case := solver_cases.read_openbf(network)) is not None:
-        known = ("network", "out", "results", "as_json", "cell_mm")
-        _refuse_idle(context, known, "openBF")
-
-        def where(own: str | None) -> Path:
-            folder = out if cli.is_typed(context, "out") or own is None else Path(own)
-            return folder / f"{solver_cases.OPENBF}.{kind}"
-
-        with cli.messages().status("1D flow") as status:
-
-            def tell(cycle: int, change: float) -> None:
-                status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
-
-            cell_mm = context.params["cell_mm"]
-            summary, file = solver_cases.run_openbf_case(case, network, where, cell_mm, tell)
-        _say(summary, [file])
-        return
-    # Loaded late: a case of svZeroDSolver needs no network, mesh or figure.
+    # Loaded late: --help needs no network, mesh or figure.
     from printctl.cli.flow_network import run_network
 
     output = run_network(context, network, out, others)
     for text in output.warnings:
         cli.print_warning(text)
     _say(output.summary, output.files)
-
-
-def _refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) -> None:
-    """Refuse an option typed that isn't among ``known``: the case says all else by itself."""
-    others = (name for name in context.params if name not in known)
-    cli.refuse_typed(context, others, f"is for networks; a case of {solver} says all by itself")
 
 
 def _say(summary: dict[str, Any], files: list[Path]) -> None:

@@ -1,5 +1,5 @@
-"""Exchange flow cases with svZeroDSolver, svOneDSolver, svMultiPhysics and openBF.
+"""Write flow cases for svZeroDSolver, svOneDSolver and svMultiPhysics.
 
-Goes in: a network or a lumen's mesh with pulsatile conditions, or another solver's input file.
-Comes out: that solver's input, or its results. Begin with `svzerod.py`.
+Goes in: a network or a lumen's mesh with pulsatile conditions. Comes out: that solver's input.
+Begin with `svzerod.py`.
 """

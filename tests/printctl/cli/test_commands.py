@@ -400,13 +400,6 @@ def test_a_missing_extra_comes_with_its_command(monkeypatch):
     assert extras() == {"scans": "missing no-such-thing; pip install 'printctl[scans]'"}
 
 
-def test_an_extra_that_cannot_be_imported_is_reported(monkeypatch):
-    monkeypatch.setattr("printctl.doctor.metadata.requires", lambda name: ["a; extra == 'b'"])
-    monkeypatch.setattr("printctl.doctor.metadata.version", lambda name: "1")
-    monkeypatch.setattr("printctl.doctor._COMPILED", {"a"})
-    assert extras() == {"b": "can't import a; pip install 'printctl[b]' --force-reinstall"}
-
-
 def test_two_homes_of_our_packages_block(monkeypatch):
     monkeypatch.setattr("printctl.doctor.OURS", ("design", "json"))
     done = doctor()

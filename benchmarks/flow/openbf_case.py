@@ -1,18 +1,24 @@
-"""Read openBF's YAML input as a case of the 1D solver; run it; write its waves as openBF does."""
+"""Read openBF's YAML input as a case of the 1D solver, and run it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from benchmarks.flow.case_keys import (
+    check_keys,
+    entries,
+    flag,
+    number,
+    text,
+    whole,
+)
 from design.errors import FlowError
-from design.files import atomic_replacement
 from design.hemodynamics.conditions import (
     Outlet,
     PressureOutlet,
@@ -22,14 +28,6 @@ from design.hemodynamics.conditions import (
 from design.hemodynamics.one_d.grid import OneDOptions
 from design.hemodynamics.one_d.solution import OneDSolution
 from design.hemodynamics.one_d.solve import Progress, solve_one_d
-from design.hemodynamics.other_solvers.json_keys import (
-    check_keys,
-    entries,
-    flag,
-    number,
-    text,
-    whole,
-)
 from design.hemodynamics.probes import Probes
 from design.hemodynamics.vessel_coefficients import VesselWalls
 from design.hemodynamics.waveforms import Constant, Tabulated
@@ -459,7 +457,7 @@ def quantity(
     return amount
 
 
-# Run an openBF case; write waves at five places of its vessels as CSV or NPZ, in SI units.
+# Run an openBF case: waves at five places of its vessels, in SI units.
 
 _TO_SI: Final = {"P": 1.0, "Q": 1e-9, "A": 1e-6, "u": 1e-3}
 
@@ -512,37 +510,3 @@ def _waves(case: OpenBFCase, solution: OneDSolution) -> OpenBFWaves:
         time_s=solution.time_s,
         waves={q: waves[q].reshape(shape)[shown] * _TO_SI[q] for q in case.quantities},
     )
-
-
-def write_openbf_csv(path: Path, waves: OpenBFWaves) -> None:
-    """Write a row for each vessel and time, five columns a quantity, at full precision.
-
-    Raises
-    ------
-    OSError
-        When the file can't be written.
-    """
-    names = [f"{q}_{k + 1}" for q in waves.waves for k in range(len(PLACES))]
-    with atomic_replacement(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
-        out.write(",".join(["label", "time_s", *names]) + "\n")
-        out.writelines(_lines(waves))
-
-
-def _lines(waves: OpenBFWaves) -> Iterator[str]:
-    for k, label in enumerate(waves.labels):
-        rows = np.vstack([waves.time_s, *(w[k] for w in waves.waves.values())]).T
-        for row in rows.tolist():
-            yield f"{label},{','.join(map(repr, row))}\n"
-
-
-def write_openbf_npz(path: Path, waves: OpenBFWaves) -> None:
-    """Write NumPy arrays: ``label`` (n,), ``time_s`` (t,), and each quantity (n, 5, t).
-
-    Raises
-    ------
-    OSError
-        When the file can't be written.
-    """
-    arrays = {"label": np.array(waves.labels), "time_s": waves.time_s} | waves.waves
-    with atomic_replacement(path) as draft:
-        np.savez(draft, **arrays)  # type: ignore[arg-type]
