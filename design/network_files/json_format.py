@@ -18,7 +18,7 @@ from design.network_files.pieces import KINDS
 _FORMAT = "printctl-network"
 _VERSION = 1
 _OF_SVZEROD = {
-    "simulation_parameters": "a case of svZeroDSolver, which `printctl flow` runs",
+    "simulation_parameters": "a case of svZeroDSolver; run it by its package, pysvzerod",
     "calibration_parameters": "an input of svZeroDCalibrator",
 }
 

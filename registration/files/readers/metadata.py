@@ -405,8 +405,8 @@ def _index(value: Any, path: Path) -> float:
 
 # Read a scan's sidecar metadata (``NAME.json`` or ``NAME.yaml``).
 
-RAW_KEYS = ("shape", "dtype", "offset_bytes", "byte_order", "spectra")
-"""What a raw file's sidecar says besides: how its numbers lie, and what spectra are."""
+RAW_KEYS = ("shape", "dtype", "offset_bytes", "byte_order")
+"""What a raw file's sidecar says besides: how its numbers lie."""
 _SUFFIXES = (".json", ".yaml", ".yml")
 
 

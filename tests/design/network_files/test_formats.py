@@ -147,7 +147,7 @@ def test_bad_json_is_refused(tmp_path: Path) -> None:
         with pytest.raises(NetworkError, match=says):
             read_network_json(path)
     for key, says in (
-        ("simulation_parameters", "is a case of svZeroDSolver, which `printctl flow` runs"),
+        ("simulation_parameters", "is a case of svZeroDSolver"),
         ("calibration_parameters", "is an input of svZeroDCalibrator, not a network"),
     ):
         path.write_text(json.dumps({"vessels": [], key: {}}))
