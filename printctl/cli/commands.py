@@ -122,52 +122,65 @@ def summary(module: str, attribute: str) -> str:
     raise LookupError(f"{module} has no help of {attribute}")
 
 
-COMMANDS: dict[str, str] = {
-    "run": "run:run",
-    "design": "run:design",
-    "toolpath": "run:toolpath",
-    "slice": "slice:slice_mesh",
-    "simulate": "simulate:simulate",
-    "print": "print_job:print_job",
-    "commission": "commission:commission",
-    "mount": "mount:mount",
-    "station": "station:station",
-    "status": "running_print:status",
-    "stop": "running_print:stop",
-    "kill": "running_print:kill",
-    "pause": "running_print:pause",
-    "resume": "running_print:resume",
-    "reload": "running_print:reload",
-    "alive": "running_print:confirm_presence",
-    "recover": "running_print:recover",
-    "give-up": "running_print:give_up",
-    "sim-printer": "station:sim_printer",
-    "scan": "scan:scan",
-    "register": "register:register",
-    "dye": "dye:dye",
-    "overlay": "overlay:overlay",
-    "compare": "compare:compare_prints",
-    "compensate": "compare:compensate",
-    "view": "view:view",
-    "film": "view:film",
-    "convert": "solid:convert",
-    "solid": "solid:solid",
-    "measure": "measure:measure",
-    "search": "search:search",
-    "flow": "flow:flow",
-    "oxygen": "measure:oxygen",
-    "lumens": "lumens:lumens",
-    "ports": "station:ports",
-    "profiles": "profiles:profiles",
-    "history": "history:history",
-    "calibrate": "calibrate:calibrate",
-    "observe": "observe:observe",
-    "serve": "serve:serve",
-    "doctor": "doctor:doctor",
-    "init": "run:init",
-    "recipe": "run:recipe",
+GROUPS: Final[dict[str, dict[str, str]]] = {
+    "Design": {
+        "init": "run:init",
+        "run": "run:run",
+        "recipe": "run:recipe",
+        "design": "run:design",
+        "search": "search:search",
+        "flow": "flow:flow",
+        "oxygen": "measure:oxygen",
+        "measure": "measure:measure",
+        "solid": "solid:solid",
+    },
+    "Prepare a print": {
+        "toolpath": "run:toolpath",
+        "slice": "slice:slice_mesh",
+        "simulate": "simulate:simulate",
+        "lumens": "lumens:lumens",
+    },
+    "Machine": {
+        "commission": "commission:commission",
+        "ports": "station:ports",
+        "profiles": "profiles:profiles",
+        "calibrate": "calibrate:calibrate",
+        "mount": "mount:mount",
+        "station": "station:station",
+        "print": "print_job:print_job",
+        "observe": "observe:observe",
+        "status": "running_print:status",
+        "pause": "running_print:pause",
+        "resume": "running_print:resume",
+        "reload": "running_print:reload",
+        "stop": "running_print:stop",
+        "kill": "running_print:kill",
+        "alive": "running_print:confirm_presence",
+        "recover": "running_print:recover",
+        "give-up": "running_print:give_up",
+        "history": "history:history",
+        "sim-printer": "station:sim_printer",
+    },
+    "Judge": {
+        "scan": "scan:scan",
+        "register": "register:register",
+        "overlay": "overlay:overlay",
+        "dye": "dye:dye",
+        "compare": "compare:compare_prints",
+        "compensate": "compare:compensate",
+    },
+    "Files": {
+        "view": "view:view",
+        "film": "view:film",
+        "convert": "solid:convert",
+    },
+    "Page and help": {
+        "serve": "serve:serve",
+        "doctor": "doctor:doctor",
+    },
 }
-"""Name to module of `printctl.cli` and what stands in it: a function, or a group of commands."""
+"""By panel of the help: name to module of `printctl.cli` and the function or group in it."""
+COMMANDS: Final = {name: place for group in GROUPS.values() for name, place in group.items()}
 CALLED_WITH: dict[str, dict[str, Any]] = {
     "sim-printer": {"allow_extra_args": True, "ignore_unknown_options": True}
 }
@@ -209,7 +222,8 @@ class LazyGroup(TyperGroup):
         module, attribute = COMMANDS[cmd_name].split(":")
         module = f"printctl.cli.{module}"
         if self._listing:
-            return TyperCommand(cmd_name, help=summary(module, attribute))
+            panel = next(panel for panel, names in GROUPS.items() if cmd_name in names)
+            return TyperCommand(cmd_name, help=summary(module, attribute), rich_help_panel=panel)
         loaded = getattr(import_module(module), attribute)
         if isinstance(loaded, typer.Typer):
             command: Any = typer.main.get_group(loaded)
