@@ -245,8 +245,16 @@ def syringe_check(run: DryRun, syringe: Syringe) -> Check:
         "µL",
         needed <= syringe.volume_ul,
         f"{line}syringe: volume_ul",
-        f"more than {syringe.name} holds; use a larger syringe or a smaller part",
+        f"more than {syringe.name} holds; {larger_syringe(needed - syringe.dead_volume_ul)} or a smaller part",
     )
+
+
+def larger_syringe(pushed_ul: float) -> str:
+    """Say which shipped syringe can push so much, µL: the smallest, if there is one."""
+    syringes = {name: load(Syringe, name) for name in shipped(Syringe)}
+    large = [n for n, one in syringes.items() if one.volume_ul - one.dead_volume_ul >= pushed_ul]
+    least = min(large, key=lambda name: syringes[name].volume_ul, default="")
+    return f"use a larger syringe (syringe: {least})" if least else "use a larger syringe"
 
 
 def syringe_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:

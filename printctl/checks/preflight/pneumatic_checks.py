@@ -22,7 +22,7 @@ from firmware_profiles import (
     steady_flow,
 )
 from firmware_profiles.families import family_of
-from printctl.checks.preflight.mounted import profile_checks
+from printctl.checks.preflight.mounted import larger_syringe, profile_checks
 from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.heads import flowing_s
@@ -377,7 +377,7 @@ def _flow(
             "µL",
             needed <= syringe.volume_ul,
             "syringe: volume_ul",
-            f"more than {syringe.name} holds; use a larger syringe or a smaller part",
+            f"more than {syringe.name} holds; {larger_syringe(needed - syringe.dead_volume_ul)} or a smaller part",
         )
     ]
     if not flow.measured:
