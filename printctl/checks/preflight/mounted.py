@@ -245,7 +245,8 @@ def syringe_check(run: DryRun, syringe: Syringe) -> Check:
         "µL",
         needed <= syringe.volume_ul,
         f"{line}syringe: volume_ul",
-        f"more than {syringe.name} holds; {larger_syringe(needed - syringe.dead_volume_ul)} or a smaller part",
+        f"more than {syringe.name} holds; {larger_syringe(needed - syringe.dead_volume_ul)} or a "
+        "smaller part",
     )
 
 
