@@ -377,8 +377,8 @@ def _flow(
             "µL",
             needed <= syringe.volume_ul,
             "syringe: volume_ul",
-            f"more than {syringe.name} holds; {larger_syringe(needed - syringe.dead_volume_ul)} or a "
-        "smaller part",
+            f"more than {syringe.name} holds; {larger_syringe(needed - syringe.dead_volume_ul)} or "
+            "a smaller part",
         )
     ]
     if not flow.measured:
