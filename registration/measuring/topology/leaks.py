@@ -101,7 +101,8 @@ def _with_interval(area: FloatArray, step: float, voxel: float) -> tuple[float, 
     error = np.sqrt(np.pi / 2 / len(area)) * spread * bare / (2 * middle)
     speckle = float(stdtrit(max(len(area) - 1, 1), 0.975)) * error
     shared = 1.96 * np.hypot(RELATIVE * (bare + edge), edge / 2)
-    return bare + edge, float(np.hypot(speckle, shared))
+    # An interval of two or three cuts would reach far below none.
+    return bare + edge, min(float(np.hypot(speckle, shared)), bare + edge)
 
 
 def outline_width(path: FloatArray, field: GelField, fit: Fit) -> tuple[float, float]:
