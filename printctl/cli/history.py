@@ -20,10 +20,15 @@ from printctl.history.bundle import filed, write_bundle
 from printctl.history.index import PrintHistory
 from printctl.history.query import HistoryQuery, SortBy
 from printctl.history.repeat import entry_of_bundle, make_job, plan_repeat
-from printctl.history.signing import known_lab_key, lab_key, read_public_file, signing_missing
 from printctl.history.table import local_time
 from printctl.history.timeline import TimeLine, time_line
 from printctl.history.verify import verify_bundle
+from printctl.machine.records.lab_key import (
+    known_lab_key,
+    lab_key,
+    read_public_file,
+    signing_missing,
+)
 from printctl.machine.records.states import ENDED
 from printctl.pipeline.evidence import evidence
 from printctl.pipeline.past_print import INTERRUPTED, PrintEntry

@@ -19,11 +19,11 @@ from printctl.history.signing import (
     BundleError,
     FiledPrint,
     FileEntry,
-    LabKey,
     Manifest,
 )
 from printctl.history.table import outcome
 from printctl.machine.process.contact import alive
+from printctl.machine.records.lab_key import LabKey
 from printctl.pipeline.evidence import Evidence, evidence
 from printctl.pipeline.past_print import INTERRUPTED, PrintEntry
 from printctl.version import version

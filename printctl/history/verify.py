@@ -17,13 +17,10 @@ from printctl.history.signing import (
     PUBLIC_KEY,
     SIGNATURE,
     BundleError,
-    KeyTrouble,
     Manifest,
-    PublicKey,
     read_manifest,
-    read_public,
-    signing_missing,
 )
+from printctl.machine.records.lab_key import KeyTrouble, PublicKey, read_public, signing_missing
 
 _SIGNATURE_BYTES = 64
 

@@ -13,8 +13,14 @@ from pydantic import Field
 from printctl.history.bundle import filed, write_bundle
 from printctl.history.index import PrintHistory
 from printctl.history.query import HistoryPage, HistoryQuery
-from printctl.history.signing import (
-    FiledPrint,
+from printctl.history.signing import FiledPrint
+from printctl.history.table import Outcome, outcome, tell_running
+from printctl.history.timeline import Event, Stretch, TimeLine, time_line
+from printctl.history.verify import Signature, verify_stream
+from printctl.machine.errors import LinkError, NoSuchPrint
+from printctl.machine.prints.progress import Progress
+from printctl.machine.prints.state import read_print
+from printctl.machine.records.lab_key import (
     KeyTrouble,
     PublicKey,
     known_lab_key,
@@ -22,12 +28,6 @@ from printctl.history.signing import (
     read_public,
     signing_missing,
 )
-from printctl.history.table import Outcome, outcome, tell_running
-from printctl.history.timeline import Event, Stretch, TimeLine, time_line
-from printctl.history.verify import Signature, verify_stream
-from printctl.machine.errors import LinkError, NoSuchPrint
-from printctl.machine.prints.progress import Progress
-from printctl.machine.prints.state import read_print
 from printctl.machine.records.record import JOURNAL
 from printctl.pipeline.evidence import GCODE, PHOTOS, evidence
 from printctl.pipeline.past_print import PrintEntry

@@ -18,17 +18,11 @@ from hypothesis import strategies as st
 from printctl.history.bundle import cover_page, write_bundle
 from printctl.history.plain_zip import PlainZipWriter, read_members, safe_name
 from printctl.history.repeat import entry_of_bundle, make_job, plan_repeat
-from printctl.history.signing import (
-    PRIVATE,
-    BundleError,
-    KeyTrouble,
-    RecordsError,
-    lab_key,
-    read_manifest,
-)
+from printctl.history.signing import BundleError, read_manifest
 from printctl.history.table import safe_cell
 from printctl.history.verify import Signature, verify_bundle, verify_stream
 from printctl.machine.records.folders import film_file
+from printctl.machine.records.lab_key import PRIVATE, KeyTrouble, RecordsError, lab_key
 from printctl.pipeline.evidence import evidence
 from printctl.pipeline.past_print import Alarm
 from tests.printctl.history.records.prints import GCODE, printed, with_run
