@@ -65,20 +65,31 @@ class FiledPrint(_Part):
 
 
 class Manifest(_Part):
-    """Signed contents list of a bundle."""
+    """Signed contents list of a bundle.
+
+    ``journal`` is what was found of the journal when it was packed, ``hashes`` the SHA-256 of what
+    the print was made of and by, in the bundle or not; None in format version 1.
+    """
 
     format: Literal["printctl print record"] = "printctl print record"
-    format_version: Literal[1] = 1
+    format_version: Literal[1, 2] = 2
     print: FiledPrint
     verdict: Text
     versions: dict[str, Text]
     missing: tuple[Text, ...]
+    journal: Text | None = None
+    hashes: dict[str, Digest] | None = None
     files: tuple[FileEntry, ...]
     signed_by: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
 
     def to_bytes(self) -> bytes:
         """As it is written and signed; the same content gives the same bytes."""
-        text = json.dumps(self.model_dump(mode="json"), indent=1, sort_keys=True, allow_nan=False)
+        text = json.dumps(
+            self.model_dump(mode="json", exclude_none=True),
+            indent=1,
+            sort_keys=True,
+            allow_nan=False,
+        )
         return text.encode() + b"\n"
 
 

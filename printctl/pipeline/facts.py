@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from printctl.run_folder.manifest import digest_file
+from printctl.version import version
 
 if TYPE_CHECKING:  # a scan registered alone has neither
     from printctl.pipeline.context import RunContext
@@ -26,7 +27,7 @@ def input_digests(context: RunContext) -> dict[str, str]:
 
 def versions() -> dict[str, str]:
     """Of what numbers rest on."""
-    return {name: metadata.version(name) for name in LIBRARIES}
+    return {name: metadata.version(name) for name in LIBRARIES} | {"printctl": version()}
 
 
 def scan_origin(scan: Path, network: Path) -> dict[str, Any]:

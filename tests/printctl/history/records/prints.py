@@ -9,6 +9,7 @@ from pathlib import Path
 from firmware_profiles import Printer, load
 from printctl.history.index import PrintHistory
 from printctl.machine.records.journal import Journal, origin
+from printctl.machine.records.sealing import sign_journal
 from printctl.pipeline.past_print import PrintEntry
 
 GCODE = b"G21\nG90\nG1 X1 ; a comment\n"
@@ -27,7 +28,7 @@ def printed(
     job, place = folder / name, folder / "print"
     place.mkdir(parents=True, exist_ok=True)
     job.write_bytes(GCODE)
-    journal = Journal(place / "journal.log")
+    journal = Journal(place / "journal.log", sign=sign_journal)
     journal.add(
         "job",
         name=name,
