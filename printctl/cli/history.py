@@ -145,7 +145,8 @@ def bundle(
     path = out or Path(f"print_{entry.id}.zip")
     manifest = write_bundle(path, entry, None if unsigned else lab_key())
     signed = f"signed by key {manifest.signed_by}" if manifest.signed_by else "unsigned"
-    lines = [f"{path}: {len(manifest.files)} files, {signed}", f"  journal: {manifest.journal}"]
+    lines = [f"{path}: {len(manifest.files)} files, {signed}"]
+    lines += [f"  journal: {manifest.journal.words}"] if manifest.journal else []
     lines += [f"  not in it: {text}" for text in manifest.missing or ("nothing is missing",)]
     print_result({"bundle": str(path), "manifest": manifest.model_dump(mode="json")}, lines)
 

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from firmware_profiles.errors import wording
 from printctl.machine.records.lab_key import RecordsError
+from printctl.machine.records.sealing import Finding
 
 
 class BundleError(RecordsError):
@@ -64,11 +65,18 @@ class FiledPrint(_Part):
     alarms: tuple[FiledAlarm, ...]
 
 
+class FiledJournal(_Part):
+    """What the journal proved to be when it was packed."""
+
+    finding: Finding
+    words: Text
+
+
 class Manifest(_Part):
     """Signed contents list of a bundle.
 
-    ``journal`` is what was found of the journal when it was packed, ``hashes`` the SHA-256 of what
-    the print was made of and by, in the bundle or not; None in format version 1.
+    ``hashes`` are the SHA-256 of what the print was made of and by, in the bundle or not; they and
+    ``journal`` are None in format version 1.
     """
 
     format: Literal["printctl print record"] = "printctl print record"
@@ -77,7 +85,7 @@ class Manifest(_Part):
     verdict: Text
     versions: dict[str, Text]
     missing: tuple[Text, ...]
-    journal: Text | None = None
+    journal: FiledJournal | None = None
     hashes: dict[str, Digest] | None = None
     files: tuple[FileEntry, ...]
     signed_by: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""

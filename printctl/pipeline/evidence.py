@@ -29,7 +29,7 @@ from printctl.machine.records.folders import (
 )
 from printctl.machine.records.journal import digest_of, read_records
 from printctl.machine.records.record import JOURNAL
-from printctl.pipeline.past_print import PrintEntry
+from printctl.pipeline.past_print import PrintEntry, entry_of
 from printctl.run_folder.artefacts import GCODE, HTML, JOURNAL_FOLDER, JSON, PDF
 from printctl.run_folder.manifest import MANIFEST, Manifest, digest_file, digest_json
 
@@ -204,8 +204,8 @@ def _report(run: Path, entry: PrintEntry, missing: list[str]) -> dict[str, Path]
     if not files:
         return {}
     folder = entry.journal.parent
-    later = [float(first_job_record(one).get("started", 0.0)) for one in journals_in(folder)]
-    ends = min((at for at in later if at > entry.started), default=math.inf)
+    others = [entry_of(one) for one in journals_in(folder)]
+    ends = min((o.started for o in others if o and o.started > entry.started), default=math.inf)
     own = run == folder.parent or run.parent == folder.parent / EARLIER
     current = {k: p for k, p in files.items() if entry.started <= p.stat().st_mtime < ends}
     if own and HTML in current:
