@@ -235,7 +235,7 @@ class Machine:
     def _note(self, action: dict[str, Any]) -> None:
         """Have an action written down by the thread that owns the port: this one mustn't wait."""
         if (streamer := self.streamer) is not None:
-            streamer.print.logbook.record("action", **action)
+            streamer.note(action)
         else:
             self._actions.append(action)
 

@@ -193,8 +193,9 @@ def _unsigned_words(seals: Sequence[_Seal], given: Sequence[_Seal], count: int, 
     if seals and seals[-1].line == count and "unsigned" in seals[-1].record:
         return f"not signed: {seals[-1].record['unsigned']}"
     if given:
-        last = given[-1].line
-        return f"not signed: {count - last} lines follow the last signature, which is line {last}"
+        more, last = count - given[-1].line, given[-1].line
+        follow = "1 line follows" if more == 1 else f"{more} lines follow"
+        return f"not signed: {follow} the last signature, which is line {last}"
     if ended:
         return "not signed: the print ended without a signature"
     return (

@@ -23,6 +23,7 @@ def printed(
     who: str = "ada",
     message: str = "over",
     alarm: str = "the printer says 'cold'",
+    relative: str = "../part.gcode",
 ) -> PrintEntry:
     """A job file, its print's journal, and its line in the history."""
     job, place = folder / name, folder / "print"
@@ -33,6 +34,7 @@ def printed(
         "job",
         name=name,
         path=str(job),
+        **({"relative": relative} if relative else {}),
         sha256=hashlib.sha256(GCODE).hexdigest(),
         lines=3,
         profile="generic_marlin",
