@@ -1,4 +1,4 @@
-"""Who requests something of a print or a printer, and from where.
+"""Origin of a request to a print or printer: who makes it, and from where.
 
 What a client says is written down as it is: whoever may open the process's socket may say anything.
 """
