@@ -25,8 +25,7 @@ from printctl.history.bundle import write_bundle
 from printctl.history.plain_zip import PlainZipWriter
 from printctl.history.signing import MANIFEST, PUBLIC_KEY, SIGNATURE, BundleError
 from printctl.history.verify import verify_bundle, verify_stream
-from printctl.machine.records.chain import BEGIN, link, shown
-from printctl.machine.records.journal import Journal, decode, encode
+from printctl.machine.records.journal import BEGIN, Journal, decode, encode, link, shown
 from printctl.machine.records.lab_key import LabKey, lab_key
 from printctl.machine.records.sealing import sign_journal
 from printctl.pipeline.past_print import PrintEntry, entry_of

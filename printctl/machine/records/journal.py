@@ -3,7 +3,7 @@ r"""Print journal: append-only file of all events of a print.
 One record a line: ``<crc32 of the JSON, 8 hex digits> <JSON>\n``. A record is one ``write`` to a
 file opened for appending, so a killed process leaves at most one torn line at the end, which the
 reader drops and reports. Its last key, ``chain``, is the hash of all lines before it, whole or torn
-(`printctl.machine.records.chain`); the checksum shows a torn line by itself. Record sorts (key
+(`link`, `shown`); the checksum shows a torn line by itself. Record sorts (key
 ``t``):
 
 ========== =====================================================================================
@@ -85,7 +85,6 @@ from typing import Any, Final
 from firmware_profiles import Printer
 from firmware_profiles.strict_model import Facts
 from printctl.machine.errors import JournalError
-from printctl.machine.records.chain import BEGIN, link, shown
 from printctl.version import version
 
 Record = dict[str, Any]
@@ -96,6 +95,9 @@ _DATED: Final = frozenset(
     {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
     | {"look", "insert", "looked", "firmware", "host", "action", "asked"}
 )
+BEGIN: Final = bytes(32)
+"""The chain's hash before the first line."""
+_SHOWN: Final = 16
 _UNFORCED: Final = frozenset({"action", "asked"})
 _ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
 Sign = Callable[[Record, bytes, bytes], Record]
@@ -246,6 +248,22 @@ def bytes_in(path: Path) -> int:
         return path.stat().st_size
     except OSError:
         return 0
+
+
+def link(head: bytes, line: bytes) -> bytes:
+    """Return the chain's hash after a line: SHA-256 of the one before and its bytes, no line end.
+
+    Torn lines count as they are.
+    """
+    return hashlib.sha256(head + line).digest()
+
+
+def shown(head: bytes) -> str:
+    """Return what a line holds of the hash before it: 64 bits tell where a change begins.
+
+    A signature is of all 256.
+    """
+    return head[: _SHOWN // 2].hex()
 
 
 def encode(record: Record) -> bytes:

@@ -11,9 +11,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from printctl.machine.records.chain import BEGIN, link, shown
 from printctl.machine.records.folders import data_folder
-from printctl.machine.records.journal import Record, decode, encode
+from printctl.machine.records.journal import BEGIN, Record, decode, encode, link, shown
 from printctl.machine.records.lab_key import (
     KeyTrouble,
     PublicKey,

@@ -9,9 +9,8 @@ import pytest
 from printctl.machine.errors import JournalError
 from printctl.machine.records import journal as journal_module
 from printctl.machine.records import lab_key as keys
-from printctl.machine.records.chain import BEGIN, link, shown
 from printctl.machine.records.folders import data_folder
-from printctl.machine.records.journal import Journal, decode, encode
+from printctl.machine.records.journal import BEGIN, Journal, decode, encode, link, shown
 from printctl.machine.records.lab_key import lab_key
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.sealing import (
