@@ -174,7 +174,10 @@ def verify(
         check = check_journal_file(journal, trusted)
         told = {"journal": str(journal), "finding": check.finding.value, "words": check.words}
         right = check.finding is Finding.SIGNED
-        print_result({**told, "fingerprint": check.fingerprint}, [f"JOURNAL: {check.words}"], right)
+        entry = entry_of(journal)
+        lines = [f"JOURNAL: {check.words}"]
+        lines += [f"  {entry.file}, {entry.state}, {local_time(entry.started)}"] if entry else []
+        print_result({**told, "fingerprint": check.fingerprint}, lines, right)
         return
     result = verify_bundle(file, trusted)
     entry = result.manifest.print if result.manifest else None

@@ -99,14 +99,16 @@ def evidence(entry: PrintEntry) -> Evidence:
     paths = _job_paths(entry, job)
     gcode = _gcode(entry, paths, missing)
     runs = {path.parent: Manifest.load(path.parent) for path in paths if path.name == GCODE}
-    run = next((one for one, made in runs.items() if _wrote(made) == entry.sha256), None)
+    reports = {k: _report(k, entry) for k, one in runs.items() if _wrote(one) == entry.sha256}
+    run = next((one for one in reports if reports[one]), next(iter(reports), None))
     if run is None and any(made.stages for made in runs.values()):
         missing.append("the run's folder has another design by now: its recipe isn't here")
-    manifest = runs[run] if run is not None else Manifest(Path())
-    planned = _there(run, _PLANNED) if run is not None else {}
-    report = _report(run, entry, missing) if run is not None else {}
+    manifest, report = (runs[run], reports[run]) if run else (Manifest(Path()), {})
+    planned = _there(run, _PLANNED) if run else {}
+    if run and not report and _there(run, (HTML, JSON, PDF, *_MEASURED)):
+        missing.append("the report in the run's folder is of another print")
     made = {k: v for record in manifest.stages.values() for k, v in record.outputs.items()}
-    if run is not None:
+    if run:
         scans = manifest.stages["scan"].outputs if "scan" in manifest.stages else {}
         packed = {*planned, *report, *(name for name in scans if (run / name).is_file())}
         changed = [k for k in sorted(packed & {*made}) if digest_file(run / k) != made[k]]
@@ -120,7 +122,7 @@ def evidence(entry: PrintEntry) -> Evidence:
         manifest.facts,
         job,
         {f"run/{name}": digest for name, digest in made.items()},
-        planned | (_there(run, (MANIFEST,)) if run is not None else {}),
+        planned | (_there(run, (MANIFEST,)) if run else {}),
         report,
         dict(_noted(entry)),
         verdict if isinstance(verdict, dict) else None,
@@ -199,19 +201,15 @@ def _there(folder: Path, names: tuple[str, ...]) -> dict[str, Path]:
     return {name: folder / name for name in names if (folder / name).is_file()}
 
 
-def _report(run: Path, entry: PrintEntry, missing: list[str]) -> dict[str, Path]:
-    files = _there(run, (HTML, JSON, PDF, *_MEASURED))
-    if not files:
-        return {}
+def _report(run: Path, entry: PrintEntry) -> dict[str, Path]:
+    """The files of a print's report in a run's folder; none where they are another print's."""
     folder = entry.journal.parent
     others = [entry_of(one) for one in journals_in(folder)]
     ends = min((o.started for o in others if o and o.started > entry.started), default=math.inf)
     own = run == folder.parent or run.parent == folder.parent / EARLIER
-    current = {k: p for k, p in files.items() if entry.started <= p.stat().st_mtime < ends}
-    if own and HTML in current:
-        return current
-    missing.append("the report in the run's folder is of another print")
-    return {}
+    files = _there(run, (HTML, JSON, PDF, *_MEASURED)).items()
+    current = {k: p for k, p in files if entry.started <= p.stat().st_mtime < ends}
+    return current if own and HTML in current else {}
 
 
 def _job_record(entry: PrintEntry, missing: list[str]) -> dict[str, Any]:

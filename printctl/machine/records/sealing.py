@@ -134,10 +134,7 @@ def check_journal(
         first = head if number == 1 else first
     given = [one for one in seals if "signature" in one.record]
     if given and (missing := signing_missing()):
-        words = (
-            "signature not checked: cryptography isn't installed; pip install 'printctl[records]'"
-        )
-        return JournalCheck(Finding.UNCHECKED, words)
+        return JournalCheck(Finding.UNCHECKED, f"signature not checked: {missing}")
     for seal in given:
         if not seal.right():
             return _changed(f"before line {seal.line}: it isn't what was signed there")
@@ -153,14 +150,10 @@ def check_journal(
     words = f"{len(lines)} lines, chained and signed at the print's end"
     words += f"; the first {old} are of a version without a chain" if old else ""
     words += f"; {torn} torn, as a loss of power leaves them" if torn else ""
-    known = any(key.raw == one.raw for one in trusted)
-    finding = Finding.SIGNED if known else Finding.UNKNOWN_KEY
-    words += (
-        f" by the trusted key {key.fingerprint}"
-        if known
-        else (f" BY A KEY THAT ISN'T KNOWN HERE: {key.fingerprint}")
-    )
-    return JournalCheck(finding, words, key.fingerprint)
+    finding, by = Finding.UNKNOWN_KEY, "BY A KEY THAT ISN'T KNOWN HERE:"
+    if any(key.raw == one.raw for one in trusted):
+        finding, by = Finding.SIGNED, "by the trusted key"
+    return JournalCheck(finding, f"{words} {by} {key.fingerprint}", key.fingerprint)
 
 
 def check_journal_file(path: Path, trusted: Sequence[PublicKey]) -> JournalCheck:
