@@ -172,12 +172,10 @@ def verify(
     if file.is_dir() or file.suffix == ".log":
         journal = _journal(file)
         check = check_journal_file(journal, trusted)
-        told = {"journal": str(journal), "finding": check.finding.value, "words": check.words}
-        right = check.finding is Finding.SIGNED
-        entry = entry_of(journal)
-        lines = [f"JOURNAL: {check.words}"]
-        lines += [f"  {entry.file}, {entry.state}, {local_time(entry.started)}"] if entry else []
-        print_result({**told, "fingerprint": check.fingerprint}, lines, right)
+        past, lines = entry_of(journal), [f"JOURNAL: {check.words}"]
+        lines += [f"  {past.file}, {past.state}, {local_time(past.started)}"] if past else []
+        told = {"journal": str(journal), **asdict(check)}
+        print_result(told, lines, check.finding is Finding.SIGNED)
         return
     result = verify_bundle(file, trusted)
     entry = result.manifest.print if result.manifest else None

@@ -161,7 +161,7 @@ def write_bundle(path: Path, entry: PrintEntry, key: LabKey | None) -> Manifest:
 
 def _hashes(record: Evidence) -> dict[str, str]:
     """Hashes as far as there are any: an old recipe's folder of pictures has none."""
-    return {k: v for k, v in record.hashes.items() if re.fullmatch("[0-9a-f]{64}", v)}
+    return {k: v for k, v in record.hashes.items() if re.fullmatch("[0-9a-f]{64}", str(v))}
 
 
 def _write(stream: BinaryIO, record: Evidence, key: LabKey | None) -> Manifest:

@@ -56,8 +56,6 @@ class Evidence:
         Of the run's manifest: recipe with all defaults, profiles, versions.
     job : dict
         The journal's job record.
-    hashes : dict of str to str
-        SHA-256 of G-code, profiles, what the recipe names, what the run made, and so of each scan.
     planned, report, noted : dict of str to Path
         Files by what they are called in a bundle: checks before the print, what was found
         afterwards, what the operator noted.
@@ -65,6 +63,8 @@ class Evidence:
         Of the report: ``passed``, ``undecided``, ``reasons``.
     missing : tuple of str
         What there was once, and isn't any more or isn't of this print; for people.
+    hashes : dict of str to str
+        SHA-256 of G-code, profiles, what the recipe names, what the run made, and so of each scan.
     """
 
     entry: PrintEntry
@@ -72,12 +72,12 @@ class Evidence:
     run: Path | None = None
     facts: dict[str, Any] = field(default_factory=dict)
     job: dict[str, Any] = field(default_factory=dict)
-    hashes: dict[str, str] = field(default_factory=dict)
     planned: dict[str, Path] = field(default_factory=dict)
     report: dict[str, Path] = field(default_factory=dict)
     noted: dict[str, Path] = field(default_factory=dict)
     verdict: dict[str, Any] | None = None
     missing: tuple[str, ...] = ()
+    hashes: dict[str, str] = field(default_factory=dict)
 
     @property
     def profiles(self) -> dict[str, dict[str, Any]]:
@@ -121,7 +121,6 @@ def evidence(entry: PrintEntry) -> Evidence:
         run,
         manifest.facts,
         job,
-        {f"run/{name}": digest for name, digest in made.items()},
         planned | (_there(run, (MANIFEST,)) if run else {}),
         report,
         dict(_noted(entry)),
@@ -129,8 +128,9 @@ def evidence(entry: PrintEntry) -> Evidence:
         tuple(missing),
     )
     named = {f"recipe/{k}": v for k, v in manifest.facts.get("inputs", {}).items()}
+    named |= {f"run/{name}": digest for name, digest in made.items()}
     profiles = {f"profiles/{name}": digest_of(values) for name, values in found.profiles.items()}
-    return replace(found, hashes={GCODE: entry.sha256, **found.hashes, **named, **profiles})
+    return replace(found, hashes={GCODE: entry.sha256, **named, **profiles})
 
 
 def keep_earlier(folder: Path, facts: Mapping[str, Any]) -> Path | None:

@@ -97,7 +97,6 @@ _DATED: Final = frozenset(
 )
 BEGIN: Final = bytes(32)
 """The chain's hash before the first line."""
-_SHOWN: Final = 16
 _UNFORCED: Final = frozenset({"action", "asked"})
 _ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
 Sign = Callable[[Record, bytes, bytes], Record]
@@ -263,7 +262,7 @@ def shown(head: bytes) -> str:
 
     A signature is of all 256.
     """
-    return head[: _SHOWN // 2].hex()
+    return head[:8].hex()
 
 
 def encode(record: Record) -> bytes:
