@@ -10,7 +10,7 @@ PYTEST = $(BIN)/python -m pytest -p tests.forks
 # Without kept bytecode each process compiles all that it imports: three CPU seconds for SciPy and numba.
 unexport PYTHONDONTWRITEBYTECODE
 BENCHES = bench-vasculature bench-tissue bench-flow bench-solids bench-embedded bench-link bench-operator \
-  bench-observe bench-firmware bench-registration bench-identity bench-scans bench-machines bench-paper
+  bench-observe bench-firmware bench-registration bench-identity bench-scans bench-machines bench-paper bench-evidence
 .PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-first-parts bench-nightly $(BENCHES) docs gallery looks dist test-dist audit clean
 
 demo: $(VENV)/.ready

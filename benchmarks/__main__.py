@@ -23,6 +23,7 @@ from benchmarks.common import ROOT, Row, SkippedError, commit, machine, row
 
 SUBJECTS: dict[str, dict[str, str]] = {
     "pipeline": {"recipes": "pipeline:rows"},
+    "evidence": {"tampers": "evidence:rows"},
     "vasculature": {
         "gyrus": "vasculature.organs:gyrus_rows",
         "cube": "vasculature.organs:cube_rows",

@@ -20,13 +20,21 @@ from printctl.history.bundle import filed, write_bundle
 from printctl.history.index import PrintHistory
 from printctl.history.query import HistoryQuery, SortBy
 from printctl.history.repeat import entry_of_bundle, make_job, plan_repeat
-from printctl.history.signing import known_lab_key, lab_key, read_public_file, signing_missing
 from printctl.history.table import local_time
 from printctl.history.timeline import TimeLine, time_line
 from printctl.history.verify import verify_bundle
+from printctl.machine.records.lab_key import (
+    known_lab_key,
+    lab_key,
+    read_public_file,
+    signing_missing,
+)
+from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.sealing import Finding, check_journal_file
 from printctl.machine.records.states import ENDED
 from printctl.pipeline.evidence import evidence
-from printctl.pipeline.past_print import INTERRUPTED, PrintEntry
+from printctl.pipeline.past_print import INTERRUPTED, PrintEntry, entry_of
+from printctl.run_folder.artefacts import JOURNAL_FOLDER
 from printctl.settings import arg, opt, settings
 
 STATES = (*sorted(state.value for state in ENDED), INTERRUPTED)
@@ -35,7 +43,7 @@ CsvFlag = Annotated[bool, opt("Every column as CSV.", False, "--csv")]
 IdArg = Annotated[
     str,
     arg(
-        "The print, as `printctl history` names it in brackets; its beginning will do.",
+        "The print's id (`printctl history` has it in brackets), or its beginning; or its folder.",
         metavar="ID",
     ),
 ]
@@ -87,7 +95,7 @@ def show(print_id: IdArg) -> None:
 
     Example: `printctl history show 1795267901`
     """
-    entry = PrintHistory().one(print_id)
+    entry = _entry(print_id)
     record = evidence(entry)
     line = TimeLine((), ())
     with suppress(OSError):
@@ -133,32 +141,42 @@ def bundle(
     missing = signing_missing()
     if missing and not unsigned:
         raise UsageError(f"{missing}; or pack it --unsigned")
-    entry = PrintHistory().one(print_id)
+    entry = _entry(print_id)
     path = out or Path(f"print_{entry.id}.zip")
     manifest = write_bundle(path, entry, None if unsigned else lab_key())
     signed = f"signed by key {manifest.signed_by}" if manifest.signed_by else "unsigned"
     lines = [f"{path}: {len(manifest.files)} files, {signed}"]
+    lines += [f"  journal: {manifest.journal.words}"] if manifest.journal else []
     lines += [f"  not in it: {text}" for text in manifest.missing or ("nothing is missing",)]
     print_result({"bundle": str(path), "manifest": manifest.model_dump(mode="json")}, lines)
 
 
 @json_command
 def verify(
-    file: Path = arg("The bundle."),
+    file: Path = arg("The bundle; or a run or print folder, or a journal in one."),
     keys: list[Path] | None = opt(
         "A public key (PEM) that you know to be the lab's; this machine's own by default.",
         None,
         "--key",
     ),
 ) -> None:
-    """Tell whether a bundle is as it was filed, and who signed it; nothing is unpacked.
+    """Tell whether a bundle is as it was filed, or a journal as it was signed, and who signed it.
 
-    Exit code 0: whole, and signed by a trusted key; 1: anything else.
+    Exit code 0: whole, and signed by a trusted key, with the journal at the print's end; 1:
+    anything else. Nothing is unpacked.
 
     Example: `printctl history verify heart_3.zip --key lab.pem`
     """
     own = known_lab_key() if not keys else None
     trusted = [read_public_file(path) for path in keys or ()] + ([own] if own else [])
+    if file.is_dir() or file.suffix == ".log":
+        journal = _journal(file)
+        check = check_journal_file(journal, trusted)
+        past, lines = entry_of(journal), [f"JOURNAL: {check.words}"]
+        lines += [f"  {past.file}, {past.state}, {local_time(past.started)}"] if past else []
+        told = {"journal": str(journal), **asdict(check)}
+        print_result(told, lines, check.finding is Finding.SIGNED)
+        return
     result = verify_bundle(file, trusted)
     entry = result.manifest.print if result.manifest else None
     facts = {
@@ -166,6 +184,7 @@ def verify(
         "signature": result.signature.value,
         "fingerprint": result.fingerprint,
         "changed": list(result.changed),
+        "journal": result.journal and result.journal.words,
         "print": entry.model_dump(mode="json") if entry else None,
     }
     lines = [*result.lines()]
@@ -254,6 +273,19 @@ def rebuild(
     kept = PrintHistory()
     count = kept.rebuild(folders or ())
     print_result({"prints": count, "index": str(kept.path)}, [f"{count} prints in {kept.path}"])
+
+
+def _journal(path: Path) -> Path:
+    """Return the journal that a path is, or the last one of a run or print folder."""
+    inner = path / JOURNAL_FOLDER / JOURNAL
+    return path if path.is_file() else inner if inner.is_file() else path / JOURNAL
+
+
+def _entry(print_id: str) -> PrintEntry:
+    """Return a print by its id, or the last one of a folder."""
+    journal = _journal(Path(print_id))
+    entry = entry_of(journal) if print_id and journal.is_file() else None
+    return entry or PrintHistory().one(print_id)
 
 
 def _show(query: HistoryQuery, as_csv: bool) -> None:

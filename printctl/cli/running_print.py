@@ -38,7 +38,7 @@ from printctl.machine.prints.words import alarm_words
 from printctl.machine.process.client import attach
 from printctl.machine.process.contact import alive
 from printctl.machine.process.outcome import may_still_move
-from printctl.machine.records.journal import this_user
+from printctl.machine.records.actor import this_user
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, Status

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -17,15 +18,17 @@ from printctl.history.signing import (
     PUBLIC_KEY,
     SIGNATURE,
     BundleError,
+    FiledJournal,
     FiledPrint,
     FileEntry,
-    LabKey,
     Manifest,
 )
 from printctl.history.table import outcome
 from printctl.machine.process.contact import alive
+from printctl.machine.records.lab_key import LabKey
+from printctl.machine.records.sealing import check_journal_file
 from printctl.pipeline.evidence import Evidence, evidence
-from printctl.pipeline.past_print import INTERRUPTED, PrintEntry
+from printctl.pipeline.past_print import INTERRUPTED, PrintEntry, entry_of
 from printctl.version import version
 
 # Pack a print's files and their cover page into one signed bundle.
@@ -146,11 +149,23 @@ def write_bundle(path: Path, entry: PrintEntry, key: LabKey | None) -> Manifest:
             f"the journal {entry.journal} isn't there any more, and without it there is no "
             "record; if the folder was moved, `printctl history rebuild FOLDER`"
         )
+    now = entry_of(entry.journal)
+    if now is None or now.id != entry.id:
+        raise BundleError(
+            f"the journal {entry.journal} isn't of print {entry.id} any more, but of "
+            f"{now.id if now else 'none'}; `printctl history rebuild` reads the journals again"
+        )
     with atomic_replacement(path) as draft, draft.open("w+b") as stream:
         return _write(stream, record, key)
 
 
+def _hashes(record: Evidence) -> dict[str, str]:
+    """Hashes as far as there are any: an old recipe's folder of pictures has none."""
+    return {k: v for k, v in record.hashes.items() if re.fullmatch("[0-9a-f]{64}", str(v))}
+
+
 def _write(stream: BinaryIO, record: Evidence, key: LabKey | None) -> Manifest:
+    check = check_journal_file(record.entry.journal, [key.public] if key else [])
     out = PlainZipWriter(stream)
     files = []
     for name, what, source in sorted(_sources(record, key)):
@@ -161,6 +176,8 @@ def _write(stream: BinaryIO, record: Evidence, key: LabKey | None) -> Manifest:
         verdict=outcome(record.verdict),
         versions=_versions(record),
         missing=tuple(text[:_LETTERS] for text in record.missing),
+        journal=FiledJournal(finding=check.finding, words=check.words[:_LETTERS]),
+        hashes=_hashes(record),
         files=tuple(files),
         signed_by=key.public.fingerprint if key else "",
     )
@@ -192,7 +209,10 @@ def _sources(record: Evidence, key: LabKey | None) -> Iterator[Source]:
         if safe_name(f"{name}.json"):
             yield f"profiles/{name}.json", "a profile as it was", _json(values)
     for name, path in record.planned.items():
-        yield f"preflight/{name}", "checked before the print", path
+        what = (
+            "the run's stages and their hashes" if name == MANIFEST else "checked before the print"
+        )
+        yield "run.json" if name == MANIFEST else f"preflight/{name}", what, path
     for name, path in record.report.items():
         yield f"report/{name}", "found after the print", path
     for k, (name, path) in enumerate(record.noted.items()):

@@ -16,10 +16,11 @@ from design.files import atomic_replacement, write_text
 from firmware_profiles import Bath, Ink, Needle, Printer, ProfileError, Syringe, load
 from firmware_profiles.strict_model import Facts
 from printctl.history.plain_zip import blocks_of, read_members
-from printctl.history.signing import MANIFEST, RecordsError
+from printctl.history.signing import MANIFEST
 from printctl.history.verify import verify_bundle
 from printctl.machine.ports.detection import list_ports
 from printctl.machine.records.journal import digest_of, profile_digest
+from printctl.machine.records.lab_key import RecordsError
 from printctl.pipeline.evidence import Evidence, evidence
 from printctl.pipeline.past_print import PrintEntry
 from printctl.run_folder.manifest import digest_file

@@ -24,7 +24,7 @@ class Event:
     ----------
     at : float, s since 1970
     kind : str
-        begun, state, alarm, checkpoint, look, insert, reload, syringe, end, damaged.
+        begun, state, action, alarm, checkpoint, look, insert, reload, syringe, end, damaged.
     text : str
     after_s : float, s
         Since the print began.
@@ -141,6 +141,9 @@ def _event_of(record: Record | None, folder: Path) -> tuple[str, str] | None:
     if sort == "syringe":
         fields = {k: v for k, v in record.items() if k not in ("t", "at", "n", "command")}
         return "syringe", "new syringe: " + ", ".join(f"{k} {v}" for k, v in fields.items() if v)
+    if sort == "action":
+        by = f"by {record.get('who', '')}, {record.get('from', '')}"
+        return "action", f"{str(record.get('do', '')).replace('_', ' ')} {by}"
     if sort == "end":
         return "end", f"{record.get('state', '')}: {record.get('message', '')}"
     return None

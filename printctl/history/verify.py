@@ -17,13 +17,12 @@ from printctl.history.signing import (
     PUBLIC_KEY,
     SIGNATURE,
     BundleError,
-    KeyTrouble,
     Manifest,
-    PublicKey,
     read_manifest,
-    read_public,
-    signing_missing,
 )
+from printctl.machine.records.lab_key import KeyTrouble, PublicKey, read_public, signing_missing
+from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.sealing import Finding, JournalCheck, check_journal
 
 _SIGNATURE_BYTES = 64
 
@@ -51,12 +50,15 @@ class BundleCheck:
         Of the key that signed; empty where none did.
     manifest : Manifest or None
         As far as it could be read; to be believed only as far as the rest says.
+    journal : JournalCheck or None
+        What its journal proves to be; None where it can't be read.
     """
 
     changed: tuple[str, ...]
     signature: Signature = Signature.NONE
     fingerprint: str = ""
     manifest: Manifest | None = None
+    journal: JournalCheck | None = None
 
     @property
     def whole(self) -> bool:
@@ -65,14 +67,18 @@ class BundleCheck:
 
     @property
     def good(self) -> bool:
-        """Whole, and signed by a key that is trusted."""
-        return self.whole and self.signature is Signature.TRUSTED
+        """Whole and signed by a trusted key; since format 2 its journal at the print's end, too."""
+        signed = self.whole and self.signature is Signature.TRUSTED
+        if self.manifest is None or self.journal is None or self.manifest.format_version == 1:
+            return signed and (self.journal is None or self.journal.finding is not Finding.CHANGED)
+        return signed and self.journal.finding is Finding.SIGNED
 
     def lines(self) -> list[str]:
         """For people, the most important first."""
         if not self.whole:
             return ["CHANGED: this isn't what was filed", *(f"  {text}" for text in self.changed)]
-        return ["WHOLE: every file is as it was filed", _SAID[self.signature].format(self)]
+        said = ["WHOLE: every file is as it was filed", _SAID[self.signature].format(self)]
+        return said + ([f"JOURNAL: {self.journal.words}"] if self.journal else [])
 
 
 _SAID = {
@@ -131,7 +137,15 @@ def verify_stream(stream: BinaryIO, trusted: Sequence[PublicKey]) -> BundleCheck
     signature, fingerprint = _signature(stream, members, manifest, manifest_bytes, trusted)
     if signature is Signature.WRONG:
         changed.append(f"{MANIFEST}: it isn't what was signed, or the signature was changed")
-    return BundleCheck(tuple(changed), signature, fingerprint, manifest)
+    journal = None
+    if JOURNAL in members:
+        data = b"".join(blocks_of(stream, members[JOURNAL]))
+        journal = check_journal(data, trusted)
+        if (
+            manifest.journal and manifest.journal.finding is Finding.CHANGED
+        ):  # by what was known there
+            journal = JournalCheck(Finding.CHANGED, manifest.journal.words)
+    return BundleCheck(tuple(changed), signature, fingerprint, manifest, journal)
 
 
 def _files(stream: BinaryIO, members: dict[str, Member], manifest: Manifest) -> list[str]:

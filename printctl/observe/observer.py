@@ -21,6 +21,7 @@ from pydantic import TypeAdapter
 
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import LinkError, Refused
+from printctl.machine.records.actor import ACTOR
 from printctl.observe.deciding import Decider, Decision, DecisionKind
 from printctl.observe.deciding.evidence import ThinStretch
 from printctl.observe.devices import DeviceError, find_picture
@@ -36,6 +37,7 @@ from printctl.observe.records import (
     read_answer,
     read_looks,
     save_look,
+    who_answered,
 )
 from registration.inspection.values import Gap
 
@@ -278,6 +280,13 @@ class Observer:
 
     def _follow_answer(self, look: Look, decision: Decision) -> None:
         answer = self._await_answer(look.number)
+        before = ACTOR.set(who_answered(self.folder, look.number))
+        try:
+            self._do_as_answered(look, decision, answer)
+        finally:
+            ACTOR.reset(before)
+
+    def _do_as_answered(self, look: Look, decision: Decision, answer: Answer | None) -> None:
         if answer == "approve":
             put = self._insert_mend(look, decision, approved=True)
             if put.done:

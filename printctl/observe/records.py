@@ -19,6 +19,7 @@ from typing import Any, Final, Literal
 
 from design.files import write_text
 from printctl.machine.process.contact import alive
+from printctl.machine.records.actor import actor, read_actor
 from printctl.machine.records.states import LinkState, Status
 
 Answer = Literal["approve", "go_on", "stop"]
@@ -192,7 +193,7 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
     if not open_looks:
         raise ValueError(f"look {number} asks for nothing; `printctl observe looks` lists them")
     path = look_folder(print_folder, number) / _ANSWER_FILE
-    text = json.dumps({"answer": answer}) + "\n"
+    text = json.dumps({"answer": answer, **actor()}) + "\n"
     try:
         with path.open("x", encoding="utf-8") as file:  # of two at once one is refused
             file.write(text)
@@ -234,12 +235,22 @@ def refuse_without_observer(print_folder: Path) -> None:
 
 def read_answer(print_folder: Path, number: int) -> Answer | None:
     """Return the operator's answer to a look; None while there is none."""
+    answer = _answer_file(print_folder, number).get("answer")
+    return answer if answer in ANSWERS else None
+
+
+def who_answered(print_folder: Path, number: int) -> dict[str, str]:
+    """Return ``who`` has answered a look and ``from`` where; empty where that isn't known."""
+    return read_actor(_answer_file(print_folder, number))
+
+
+def _answer_file(print_folder: Path, number: int) -> dict[str, Any]:
     path = print_folder / LOOKS_FOLDER / f"{number:04d}" / _ANSWER_FILE
     try:
-        answer = json.loads(path.read_text(encoding="utf-8"))["answer"]
-    except (OSError, ValueError, KeyError):
-        return None
-    return answer if answer in ANSWERS else None
+        given = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return given if isinstance(given, dict) else {}
 
 
 def seen_words(look: LookRecord) -> str:

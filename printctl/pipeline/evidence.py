@@ -1,25 +1,40 @@
 """Collect a print's existing files (G-code, run, report, notes, photos), checked by hash or time.
 
 Files beside a print may be of a later one: the G-code counts only with the hash that the journal
-has, a run only if it wrote that G-code, a report only if it was written after the print began.
+has, a run only if it wrote that G-code, a report only if it was written after the print began and
+before the next one did. They are looked for from the journal, so that a folder that was moved or
+copied is found whole, and in what `keep_earlier` has put by.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+import math
+import os
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.machine.records.folders import NOTED, TIMELAPSE, film_file, notes_path, read_notes
-from printctl.machine.records.journal import read_records
+from printctl.machine.records.folders import (
+    NOTED,
+    TIMELAPSE,
+    film_file,
+    first_job_record,
+    journals_in,
+    notes_path,
+    read_notes,
+)
+from printctl.machine.records.journal import digest_of, read_records
 from printctl.machine.records.record import JOURNAL
-from printctl.pipeline.past_print import PrintEntry
-from printctl.run_folder.artefacts import HTML, JSON, PDF
-from printctl.run_folder.manifest import MANIFEST, Manifest, digest_file
+from printctl.pipeline.past_print import PrintEntry, entry_of
+from printctl.run_folder.artefacts import GCODE, HTML, JOURNAL_FOLDER, JSON, PDF
+from printctl.run_folder.manifest import MANIFEST, Manifest, digest_file, digest_json
 
-GCODE: Final = "part.gcode"
+EARLIER: Final = "earlier"
+"""In a run's folder: evidence of its prints that a later run would have replaced."""
 PHOTOS: Final = "photos"
 _LARGEST_JSON: Final = 64 * 2**20
 _MEASURED: Final = ("registration.json", "vessels.csv", "defects.csv", "sections.csv")
@@ -48,6 +63,8 @@ class Evidence:
         Of the report: ``passed``, ``undecided``, ``reasons``.
     missing : tuple of str
         What there was once, and isn't any more or isn't of this print; for people.
+    hashes : dict of str to str
+        SHA-256 of G-code, profiles, what the recipe names, what the run made, and so of each scan.
     """
 
     entry: PrintEntry
@@ -60,6 +77,7 @@ class Evidence:
     noted: dict[str, Path] = field(default_factory=dict)
     verdict: dict[str, Any] | None = None
     missing: tuple[str, ...] = ()
+    hashes: dict[str, str] = field(default_factory=dict)
 
     @property
     def profiles(self) -> dict[str, dict[str, Any]]:
@@ -77,27 +95,65 @@ class Evidence:
 def evidence(entry: PrintEntry) -> Evidence:
     """Look for what there is of a print."""
     missing: list[str] = []
-    gcode = _gcode(entry, missing)
-    run = _run_folder(entry)
-    manifest = Manifest.load(run) if run is not None else None
-    if manifest is not None and _wrote(manifest) != entry.sha256:
-        run, manifest = None, None
+    job = _job_record(entry, missing)
+    paths = _job_paths(entry, job)
+    gcode = _gcode(entry, paths, missing)
+    runs = {path.parent: Manifest.load(path.parent) for path in paths if path.name == GCODE}
+    reports = {k: _report(k, entry) for k, one in runs.items() if _wrote(one) == entry.sha256}
+    run = next((one for one in reports if reports[one]), next(iter(reports), None))
+    if run is None and any(made.stages for made in runs.values()):
         missing.append("the run's folder has another design by now: its recipe isn't here")
-    report = _report(run, entry, missing) if run is not None else {}
+    manifest, report = (runs[run], reports[run]) if run else (Manifest(Path()), {})
+    planned = _there(run, _PLANNED) if run else {}
+    if run and not report and _there(run, (HTML, JSON, PDF, *_MEASURED)):
+        missing.append("the report in the run's folder is of another print")
+    made = {k: v for record in manifest.stages.values() for k, v in record.outputs.items()}
+    if run:
+        scans = manifest.stages["scan"].outputs if "scan" in manifest.stages else {}
+        packed = {*planned, *report, *(name for name in scans if (run / name).is_file())}
+        changed = [k for k in sorted(packed & {*made}) if digest_file(run / k) != made[k]]
+        missing += [f"{name} was changed since its run: it is as it is now" for name in changed]
     numbers = read_json(report[JSON]) if JSON in report else None
     verdict = numbers.get("verdict") if isinstance(numbers, dict) else None
-    return Evidence(
+    found = Evidence(
         entry,
         gcode,
         run,
-        manifest.facts if manifest is not None else {},
-        _job_record(entry, missing),
-        _there(run, _PLANNED) if run is not None else {},
+        manifest.facts,
+        job,
+        planned | (_there(run, (MANIFEST,)) if run else {}),
         report,
         dict(_noted(entry)),
         verdict if isinstance(verdict, dict) else None,
         tuple(missing),
     )
+    named = {f"recipe/{k}": v for k, v in manifest.facts.get("inputs", {}).items()}
+    named |= {f"run/{name}": digest for name, digest in made.items()}
+    profiles = {f"profiles/{name}": digest_of(values) for name, values in found.profiles.items()}
+    return replace(found, hashes={GCODE: entry.sha256, **named, **profiles})
+
+
+def keep_earlier(folder: Path, facts: Mapping[str, Any]) -> Path | None:
+    """Put the evidence of a run's print by before other inputs, or another build, replace it.
+
+    Return the folder with the copies; None where there is no print, or nothing differs. A file that
+    the recipe names and that wasn't there yet, as a scan before it is taken, makes no difference.
+    """
+    manifest = Manifest.load(folder)
+    printed = first_job_record(folder / JOURNAL_FOLDER / JOURNAL).get("sha256")
+    before = {**manifest.facts.get("inputs", {})}
+    now = {name: digest for name, digest in facts["inputs"].items() if name in before}
+    same = before == now and all(
+        digest_json(manifest.facts.get(key)) == digest_json(facts[key])
+        for key in ("recipe", "versions", "profiles")
+    )
+    if same or not printed or _wrote(manifest) != printed:
+        return None
+    kept = folder / EARLIER / time.strftime("%Y%m%d-%H%M%S", time.gmtime())
+    kept.mkdir(parents=True)
+    for path in _there(folder, (MANIFEST, GCODE, *_PLANNED, HTML, JSON, PDF, *_MEASURED)).values():
+        shutil.copy2(path, kept)
+    return kept
 
 
 def read_json(path: Path) -> Any:
@@ -111,24 +167,29 @@ def read_json(path: Path) -> Any:
         return None
 
 
-def _gcode(entry: PrintEntry, missing: list[str]) -> Path | None:
-    path = Path(entry.path)
-    if not entry.path or not path.is_file():
+def _job_paths(entry: PrintEntry, job: Mapping[str, Any]) -> list[Path]:
+    """Where the job's file may be: seen from the journal, put by, and where it was printed from."""
+    if not entry.path:
+        return []
+    folder = entry.journal.parent
+    near = os.path.normpath(folder / str(job.get("relative") or f"../{Path(entry.path).name}"))
+    earlier = sorted(Path(near).parent.glob(f"{EARLIER}/*/{Path(near).name}"), reverse=True)
+    return list(dict.fromkeys([Path(near), *earlier, Path(entry.path)]))
+
+
+def _gcode(entry: PrintEntry, paths: list[Path], missing: list[str]) -> Path | None:
+    there = [path for path in paths if path.is_file()]
+    for path in there:
+        try:
+            if digest_file(path) == entry.sha256:
+                return path
+        except OSError as exc:
+            missing.append(f"the G-code file {path} can't be read: {exc.strerror}")
+    if there:
+        missing.append(f"the G-code file {there[0]} was changed since the print")
+    else:
         missing.append(f"the G-code file {entry.path or entry.file} isn't there any more")
-        return None
-    try:
-        same = digest_file(path) == entry.sha256
-    except OSError as exc:
-        missing.append(f"the G-code file {path} can't be read: {exc.strerror}")
-        return None
-    if not same:
-        missing.append(f"the G-code file {path} was changed since the print")
-    return path if same else None
-
-
-def _run_folder(entry: PrintEntry) -> Path | None:
-    path = Path(entry.path)
-    return path.parent if path.name == GCODE and (path.parent / MANIFEST).is_file() else None
+    return None
 
 
 def _wrote(manifest: Manifest) -> str:
@@ -140,16 +201,15 @@ def _there(folder: Path, names: tuple[str, ...]) -> dict[str, Path]:
     return {name: folder / name for name in names if (folder / name).is_file()}
 
 
-def _report(run: Path, entry: PrintEntry, missing: list[str]) -> dict[str, Path]:
-    files = _there(run, (HTML, JSON, PDF, *_MEASURED))
-    if not files:
-        return {}
-    latest = entry.journal.name == JOURNAL and entry.journal.parent.parent == run
-    current = {k: p for k, p in files.items() if p.stat().st_mtime >= entry.started}
-    if latest and HTML in current:
-        return current
-    missing.append("the report in the run's folder is of another print")
-    return {}
+def _report(run: Path, entry: PrintEntry) -> dict[str, Path]:
+    """The files of a print's report in a run's folder; none where they are another print's."""
+    folder = entry.journal.parent
+    others = [entry_of(one) for one in journals_in(folder)]
+    ends = min((o.started for o in others if o and o.started > entry.started), default=math.inf)
+    own = run == folder.parent or run.parent == folder.parent / EARLIER
+    files = _there(run, (HTML, JSON, PDF, *_MEASURED)).items()
+    current = {k: p for k, p in files if entry.started <= p.stat().st_mtime < ends}
+    return current if own and HTML in current else {}
 
 
 def _job_record(entry: PrintEntry, missing: list[str]) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from printctl.run_folder.manifest import digest_file
+from printctl.run_folder.manifest import digest_file, digest_json
+from printctl.version import version
 
 if TYPE_CHECKING:  # a scan registered alone has neither
     from printctl.pipeline.context import RunContext
@@ -18,15 +19,21 @@ LIBRARIES = ("printctl", "numpy", "scipy", "numba", "manifold3d", "shapely", "tr
 
 
 def input_digests(context: RunContext) -> dict[str, str]:
-    """SHA-256 of each file that the recipe names."""
+    """SHA-256 of each file that the recipe names; of a scan that is a folder of its files' list."""
     recipe = context.recipe
-    named = [*recipe.files(), getattr(recipe.scan, "file", None)]
-    return context.digests([name for name in named if name])
+    named = [name for name in (*recipe.files(), getattr(recipe.scan, "file", None)) if name]
+    folders = {name: context.recipe_folder / name for name in named}
+    listed = {
+        name: digest_json({one.name: digest_file(one) for one in path.iterdir() if one.is_file()})
+        for name, path in folders.items()
+        if path.is_dir()
+    }
+    return context.digests(named) | listed
 
 
 def versions() -> dict[str, str]:
     """Of what numbers rest on."""
-    return {name: metadata.version(name) for name in LIBRARIES}
+    return {name: metadata.version(name) for name in LIBRARIES} | {"printctl": version()}
 
 
 def scan_origin(scan: Path, network: Path) -> dict[str, Any]:

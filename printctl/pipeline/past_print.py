@@ -83,7 +83,7 @@ class PrintEntry:
 
 
 def entry_of(journal: Path) -> PrintEntry | None:
-    """Read a journal from its first job record on; None where there is none.
+    """Read a journal from its first job record on; None where there is none that can be read.
 
     Raises
     ------
@@ -94,24 +94,30 @@ def entry_of(journal: Path) -> PrintEntry | None:
     first, end = known.first_job, (known.end or {}) if known.over else {}
     if not first:
         return None
-    alarms = zip(known.alarm_times, map(plain_text, known.alarms), strict=True)
-    return PrintEntry(
-        id=known.print_id,
-        journal=journal,
-        started=known.started,
-        ended=float(end.get("at", 0.0)),
-        state=plain_text(end.get("state", INTERRUPTED)),
-        message=plain_text(end.get("message", known.message)),
-        error=plain_text(end.get("error", "")),
-        done=known.done,
-        total=known.total,
-        begun=known.attempts,
-        alarms=tuple(Alarm(at, text) for at, text in alarms),
-        operator=_operator(journal),
-        file=plain_text(first.get("name", "")),
-        port=reported_port(journal.parent, plain_text(first.get("port", ""))),
-        **{k: plain_text(first.get(k, "")) for k in ("who", "host", "path", "sha256", "profile")},
-    )
+    try:
+        alarms = zip(known.alarm_times, map(plain_text, known.alarms), strict=True)
+        return PrintEntry(
+            id=known.print_id,
+            journal=journal,
+            started=known.started,
+            ended=float(end.get("at", 0.0)),
+            state=plain_text(end.get("state", INTERRUPTED)),
+            message=plain_text(end.get("message", known.message)),
+            error=plain_text(end.get("error", "")),
+            done=known.done,
+            total=known.total,
+            begun=known.attempts,
+            alarms=tuple(Alarm(at, text) for at, text in alarms),
+            operator=_operator(journal),
+            file=plain_text(first.get("name", "")),
+            port=reported_port(journal.parent, plain_text(first.get("port", ""))),
+            **{
+                k: plain_text(first.get(k, ""))
+                for k in ("who", "host", "path", "sha256", "profile")
+            },
+        )
+    except (TypeError, ValueError, OverflowError):  # written by something else
+        return None
 
 
 def _operator(journal: Path) -> str:

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from design.files import atomic_replacement
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.evidence import keep_earlier
 from printctl.pipeline.facts import run_facts
 from printctl.pipeline.lock import run_lock
 from printctl.pipeline.run_options import DESIGN_NAMES, RunOptions, names_until
@@ -72,9 +73,17 @@ def begun_run(
 
 def run_all(context: RunContext, stages: Sequence[Stage]) -> None:
     """Note where and with what the run is made, and run its stages."""
-    context.manifest.facts = run_facts(context)
-    context.manifest.save()
+    begin_facts(context)
     run_stages(context, stages, context.bars)
+
+
+def begin_facts(context: RunContext) -> None:
+    """Note where and with what the run is made; what that would replace of a print is put by."""
+    facts = run_facts(context)
+    if kept := keep_earlier(context.folder, facts):
+        context.bars.say("earlier print", f"its files, of other inputs or another build: {kept}")
+    context.manifest.facts = facts
+    context.manifest.save()
 
 
 def run_stages(context: RunContext, stages: Sequence[Stage], bars: StageBars) -> None:

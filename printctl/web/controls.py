@@ -19,15 +19,24 @@ LEASE_S: Final = 30.0
 
 @dataclass(frozen=True)
 class Principal:
-    """Who sends a request: a browser's session or a script, and its name for other people."""
+    """Who sends a request: a browser's session or a script, and its name for other people.
+
+    ``user`` is the name given at log-in; empty for none.
+    """
 
     id: str
     name: str = ""
+    user: str = ""
 
     @property
     def by(self) -> str:
         """Who is written down: the name, else the id."""
         return self.name or self.id
+
+    @property
+    def actor(self) -> dict[str, str]:
+        """As journals have it: ``who``, ``from``."""
+        return {"who": self.user or "no name given", "from": f"page, {self.by}"}
 
 
 @dataclass

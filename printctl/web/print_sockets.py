@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, cast
 
+from printctl.machine.records.actor import ACTOR
+
 RECORDS: Final = (
     "station/station.json", "station/link.json", "runs/*/print/link.json", "jobs/*.print/link.json",
 )  # fmt: skip
@@ -59,7 +61,8 @@ class _PrintSocket(asyncio.Protocol):
 
     def send(self, *requests: str) -> bool:
         """Send requests; return whether the connection takes them."""
-        lines = [json.dumps({"do": one, "token": self._token}) + "\n" for one in requests]
+        about = {"token": self._token, "by": ACTOR.get()}
+        lines = [json.dumps({"do": one, **about}) + "\n" for one in requests]
         if not self.transport.is_closing():
             self.transport.write("".join(lines).encode())
         return not self.transport.is_closing()

@@ -34,7 +34,9 @@ from uvicorn.server import ServerState
 
 import printctl
 from printctl.errors import PrintctlError, UsageError
+from printctl.machine.records.actor import ACTOR
 from printctl.sources import python_command
+from printctl.web.controls import Principal
 from printctl.web.detached_runs import DetachedProcesses
 from printctl.web.listening import Connections, bind
 from printctl.web.print_sockets import PATIENCE_S, PrintSockets, SentStop
@@ -78,6 +80,10 @@ class StopApp:
                     facts = {"ready": True, "connected": self.prints.connected}
                     answer = JSONResponse(facts, headers=more)
                 else:
+                    session = self._access.session(headers, STOP_GRACE_S) or {}
+                    address = (scope.get("client") or ["an unknown address"])[0]
+                    name = f"the stop button at {address} ({session.get('id', 'script')[:3]})"
+                    ACTOR.set(Principal("", name, session.get("user", "")).actor)
                     sent = await self.prints.kill(began)
                     ending = asyncio.to_thread(DetachedProcesses().end_rehearsals, self._root)
                     self._ending = asyncio.create_task(ending)

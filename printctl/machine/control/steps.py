@@ -76,9 +76,10 @@ class Exchange:
 
     def drop_bytes(self) -> None:
         """Send none of the bytes that haven't left yet."""
-        kept = [one for one in self.effects if not isinstance(one, (bytes, Urgent))]
-        self.effects.clear()
-        self.effects.extend(kept)
+        for _ in range(len(self.effects)):  # other threads may add to them meanwhile
+            effect = self.effects.popleft()
+            if not isinstance(effect, (bytes, Urgent)):
+                self.effects.append(effect)
 
 
 def carried_out() -> Steps[None]:

@@ -7,6 +7,7 @@ The states are in ``docs/link_reference.md``; the sequence is in
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from printctl.checks.gate import LineOrigin, judge
 from printctl.machine.control.aftermath import aftermath_of
@@ -91,6 +92,10 @@ class Streamer:
         self.print.logbook.alarm(text)
 
     # --- for any thread
+
+    def note(self, action: dict[str, Any]) -> None:
+        """Have a request written down, and by whom, by the thread that speaks to the printer."""
+        self.print.logbook.record("action", **action)
 
     @property
     def job(self) -> Job:

@@ -25,6 +25,7 @@ import re
 import threading
 import time
 from bisect import bisect_right
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -151,6 +152,7 @@ class FilePrint:
         silent_limit_s: float | None = None,
     ) -> None:
         self.address, self.hosted, self._journal = address, hosted, journal
+        self.actions: deque[dict[str, Any]] = deque()  # requests, for the print's thread to write
         self.on_status, self._silent_limit_s = on_status, silent_limit_s or SILENT_LIMIT_S
         self._host = make_host(address, key)
         self._ready = ReadyConnection(address)
@@ -308,6 +310,10 @@ class FilePrint:
             if self._journal.use_reserve():
                 with suppress(JournalError):
                     self._journal.add(sort, **values)
+
+    def _write_actions(self) -> None:
+        while self.actions:
+            self._write("action", **self.actions.popleft())
 
     # --- the print's thread --------------------------------------------------------------------
 
@@ -658,6 +664,7 @@ class FilePrint:
 
     def _poll(self) -> HostReport | None:
         """Ask the host for its state; None without an answer."""
+        self._write_actions()
         asked_at = time.monotonic()  # the answer may have been under way for as long
         try:
             report = self._host.state(self.hosted.name).without_nonsense(len(self.hosted.data))
@@ -749,6 +756,7 @@ class FilePrint:
         if ended.state is LinkState.DONE:
             status = replace(status, lines_executed=status.lines_done)
         self._status = status
+        self._write_actions()
         self._write("end", **status.end_record())
         self.on_status(status)
 

@@ -11,10 +11,12 @@ from printctl.machine.errors import JobError, Refused
 from printctl.machine.prints.state import PrintAction, possible_actions
 from printctl.machine.process.client import attach
 from printctl.machine.process.contact import hold_folder
+from printctl.machine.records.actor import actor
 from printctl.machine.records.folders import remember_folder
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import load_printed_job, read_journal, read_journal_if_any
+from printctl.machine.records.sealing import sign_journal
 from printctl.machine.records.states import LinkState, Status
 
 _LIST_LIMIT_S = 5.0
@@ -56,7 +58,8 @@ def give_up(folder: Path, who: str) -> Status:
             message=f"given up by {who}; before: {status.message}{left}",
             position_known=False,
         )
-        journal = Journal(folder / JOURNAL)
+        journal = Journal(folder / JOURNAL, sign=sign_journal)
+        journal.add("action", do="give_up", **actor())
         journal.add("end", **status.end_record())
         journal.close()
         closed = replace(record, address="", token="", refused={}, status=status.to_dict())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -17,11 +18,14 @@ from printctl.machine.job.job import Job
 from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.process.client import attach_station
 from printctl.machine.process.contact import STATION_LOCK, alive
+from printctl.machine.records.actor import actor
+from printctl.machine.records.journal import Journal
 from printctl.machine.records.mounting import (
     PARTS,
     Mounting,
     load_mounting,
     mounted_folder,
+    mounting_file,
     refuse_impossible,
     save_mounting,
 )
@@ -178,6 +182,9 @@ def mount_parts(
     refuse_impossible(printer, parts, plunger_mm, given)
     kept = replace(kept, parts=parts, plunger_mm=plunger_mm, part_in_dish=in_dish)
     save_mounting(kept)
+    # no station's journal is open: what was mounted, and by whom, is written beside it
+    with closing(Journal(mounting_file(kept.printer).with_suffix(".log"))) as journal:
+        journal.add("asked", do="mount", values={**given, "fill_ul": fill_ul}, **actor())
     return kept
 
 

@@ -35,6 +35,7 @@ from printctl.machine.process.contact import (
 from printctl.machine.process.launch import START_LIMIT_S
 from printctl.machine.process.outcome import may_still_move, read_outcome
 from printctl.machine.process.socket_server import open_address
+from printctl.machine.records.actor import actor
 from printctl.machine.records.record import LOG, ContactRecord, load_record
 from printctl.machine.records.states import EARLY, LinkState, Status
 
@@ -107,7 +108,7 @@ class Connection:
 
 
 def _line(do: str, token: str, values: dict[str, Any]) -> bytes:
-    return json.dumps({"do": do, "token": token, **values}).encode() + b"\n"
+    return json.dumps({"do": do, "token": token, "by": actor(), **values}).encode() + b"\n"
 
 
 class Client:

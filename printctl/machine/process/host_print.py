@@ -31,11 +31,12 @@ from printctl.machine.network.http_client import ReadyConnection
 from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import followable, may_still_move
 from printctl.machine.process.socket_server import Guest, Server, forget, listen
-from printctl.machine.process.vocabulary import WORDS, read_values
+from printctl.machine.process.vocabulary import WORDS, action_of, read_values
 from printctl.machine.records.folders import archive_journal, remember_folder
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import JournalledPrint
+from printctl.machine.records.sealing import sign_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.processes import ignore_signals
 from sim.user_files import read_gcode_path
@@ -100,12 +101,12 @@ class HostDoor:
             printing.pause()
         elif do == "resume" and not (values["change"] or values["unchanged"]):
             printing.resume(partial(self._resumed, guest))
-            return True
         else:
             raise Refused(
                 f"{do} isn't possible: {printing.address.kind} runs the file by itself, and "
                 "printctl holds it at no layer, look or change of syringe"
             )
+        printing.actions.append(action_of(request, values))
         return WORDS[do].answers
 
     def _resumed(self, guest: Guest, why: str) -> None:
@@ -127,7 +128,7 @@ def run_host_print(order: Order, contact: Any, begin_journal: Any) -> Status:
     heard = {"heard": (order.folder / JOURNAL).stat().st_mtime} if history else {}
     path = order.folder / JOURNAL if history else archive_journal(order.folder)
     with ExitStack() as parting:
-        journal = Journal(path, reserve=True)
+        journal = Journal(path, reserve=True, sign=sign_journal)
         parting.callback(journal.close)
         step, name = ("", name_on_host(identity, job.name)) if history is None else history.hosted
         name = name or name_on_host(identity, job.name)

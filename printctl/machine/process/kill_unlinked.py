@@ -32,9 +32,11 @@ from printctl.machine.process.contact import (
 )
 from printctl.machine.process.host_print import halt_on_host
 from printctl.machine.process.outcome import read_outcome
+from printctl.machine.records.actor import actor
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import read_journal_if_any
+from printctl.machine.records.sealing import sign_journal
 from printctl.machine.records.states import LinkState, PrintEnded, Status
 
 
@@ -60,6 +62,7 @@ def kill_unlinked(folder: Path) -> Status:
             before, state=LinkState.KILLED, message=message, position_known=False, error=""
         )
         with suppress(JournalError):  # of a full disk: the printer is halted all the same
+            journal.add("action", do="kill", **actor())
             journal.add("end", **status.end_record())
         with suppress(OSError):
             replace(record, address="", token="", status=status.to_dict()).save(folder)
@@ -127,7 +130,7 @@ def _halt_at(record: ContactRecord, capabilities: dict[str, bool], journal: Jour
 def _journal(path: Path) -> Journal:
     """Return the journal there; a full or damaged disk doesn't keep the halt from going out."""
     try:
-        return Journal(path)
+        return Journal(path, sign=sign_journal)
     except JournalError:
         return Journal(Path(os.devnull))
 

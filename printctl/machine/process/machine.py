@@ -14,7 +14,7 @@ import threading
 import time
 from collections import deque
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -30,7 +30,16 @@ from printctl.machine.errors import JournalError, NoLink, PortLost, Refused
 from printctl.machine.process.contact import save_station
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.socket_server import Guest, Server, forget, listen, refusal
-from printctl.machine.process.vocabulary import WORDS, Asked, Idle, Reply, Values, read_values
+from printctl.machine.process.vocabulary import (
+    WORDS,
+    Asked,
+    Idle,
+    Reply,
+    Values,
+    action_of,
+    read_values,
+)
+from printctl.machine.records.actor import actor, read_actor
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.mounting import Mounting, as_kept, save_mounting
 from printctl.machine.records.record import ContactRecord
@@ -60,6 +69,7 @@ class Request:
     do: str
     values: Values
     reply: Reply
+    by: dict[str, str] = field(default_factory=actor)
 
     @property
     def alone(self) -> bool:
@@ -102,6 +112,7 @@ class Machine:
         self._reach_of: tuple[Bounds, Place] | None = None
         self._reached: tuple[tuple[float, ...], tuple[float, ...]] = (), ()
         self._requests: deque[Request] = deque()
+        self._actions: deque[dict[str, Any]] = deque()
         self._bell, self._lock = threading.Event(), threading.Lock()
         self._alone = False
 
@@ -206,18 +217,27 @@ class Machine:
         elif do == "kill":
             if self.server is not None:
                 self.server.kill()
+            self._note(action_of(request, values))
             return False
         elif do == "stop_motion":
             self._stop_motion(reply)
         elif streamer is not None and word.on_print is not None:
             guest.of_print = guest.of_print or own or word.answers
             word.on_print(streamer, Asked(values, reply))
+            self._note(action_of(request, values))
             if do in ("pause", "reload"):
                 self.publish(streamer.status)
             return word.answers
         else:
-            self._queue(Request(do, values, reply))
+            self._queue(Request(do, values, reply, read_actor(request.get("by"))))
         return do != "detach"
+
+    def _note(self, action: dict[str, Any]) -> None:
+        """Have an action written down by the thread that owns the port: this one mustn't wait."""
+        if (streamer := self.streamer) is not None:
+            streamer.note(action)
+        else:
+            self._actions.append(action)
 
     def _post(self, guest: Guest, message: dict[str, Any]) -> None:
         if self.server is not None:
@@ -294,6 +314,8 @@ class Machine:
         """Return the oldest request; None where there is none within ``wait_s``."""
         if wait_s:
             self._bell.wait(wait_s)
+        while self._actions:
+            self.write_down("asked", **self._actions.popleft())
         with self._lock:
             self._bell.clear()
             return self._requests.popleft() if self._requests else None

@@ -39,8 +39,9 @@ from printctl.machine.process.machine import Machine, serve_in
 from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import resumable
 from printctl.machine.process.plug import Plug
+from printctl.machine.records.actor import this_user
 from printctl.machine.records.folders import archive_journal, remember_folder
-from printctl.machine.records.journal import Journal, new_print_id, origin, this_user
+from printctl.machine.records.journal import Journal, new_print_id, origin
 from printctl.machine.records.mounting import (
     Mounting,
     after_print,
@@ -49,6 +50,7 @@ from printctl.machine.records.mounting import (
 )
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record, reported_port
 from printctl.machine.records.replay import grown_in, read_journal
+from printctl.machine.records.sealing import sign_journal
 from printctl.machine.records.states import LinkState, Status
 
 MIN_FREE_BYTES: Final = 16 * 2**20
@@ -266,7 +268,7 @@ def run_print(
         with _disk_of(order.folder):
             path = order.folder / JOURNAL if order.resume else archive_journal(order.folder)
         heard = {"heard": path.stat().st_mtime} if order.resume else {}
-        journal = Journal(path, reserve=True)
+        journal = Journal(path, reserve=True, sign=sign_journal)
         parting.callback(journal.close)
 
         def on_status(status: Status) -> None:
@@ -319,6 +321,7 @@ def _begin_journal(
         "job",
         name=job.name,
         path=str(order.job.resolve()),
+        relative=os.path.relpath(order.job.resolve(), order.folder.resolve()),
         sha256=job.sha256,
         profile=order.printer,
         port=order.port,
@@ -329,6 +332,7 @@ def _begin_journal(
         **this_user(),
         **origin(printer),
     )
+    journal.add("action", do="resume" if order.resume else "start", **order.by)
 
 
 @dataclass

@@ -16,6 +16,7 @@ from printctl.machine.job.care import Care
 from printctl.machine.job.coordinates import declared_start, last_of
 from printctl.machine.job.job import Job
 from printctl.machine.job.retreat import Retreat
+from printctl.machine.records.actor import actor
 from sim.gcode.reading import code_of
 
 ASIDE_MM: Final = 0.05
@@ -38,6 +39,8 @@ class Order:
         For journal and record.
     baud : int, "auto" or None
         In place of the profile's.
+    by : dict
+        ``who`` orders it and ``from`` where: whoever makes the order.
     resume : bool
         Whether to go on with an interrupted print of the same file.
     once : bool
@@ -54,6 +57,7 @@ class Order:
     once: bool = False
     care: Care = field(default_factory=Care)
     baud: int | str | None = None
+    by: dict[str, str] = field(default_factory=actor)
 
     @property
     def sha256(self) -> str:

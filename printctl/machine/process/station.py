@@ -335,7 +335,7 @@ def _attend(machine: Machine, request: Request) -> None:
 def _by_hand(machine: Machine, request: Request) -> dict[str, Any]:
     """Have the standing printer do what is asked for; return the answer."""
     do, before = request.do, machine.message
-    machine.write_down("asked", do=do, values=request.values)
+    machine.write_down("asked", do=do, values=request.values, **request.by)
     if WORDS[do].idle is Idle.MOVES:
         typed_home = do == "command" and "G28" in request.values["text"].upper()
         machine.enter(StationState.BUSY, HOMING if typed_home else do)

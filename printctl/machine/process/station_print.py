@@ -51,7 +51,8 @@ def print_here(machine: Machine, request: Request) -> Status:
     check_homing(job, known.mounted.needle)
     declared = check_start(job, at, known.trusted)
     here = _Print(order, job, at, declared, record_for(order.folder))
-    machine.write_down("asked", do="print", values={"job": str(order.job), "sha256": job.sha256})
+    values = {"job": str(order.job), "sha256": job.sha256}
+    machine.write_down("asked", do="print", values=values, **order.by)
     reports = machine.reports
 
     def on_begin(streamer: Streamer) -> None:

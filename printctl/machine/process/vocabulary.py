@@ -1,5 +1,6 @@
 """Requests of a machine process: values, modes in which each is allowed, what it does to a print.
 
+Each has ``by`` with it, which is written down: ``who`` requests it and ``from`` where.
 A request's values are read once, here; what they mean for the printer is checked where it is done.
 While a print goes on ``command`` goes to it, between two lines; else to the standing printer.
 
@@ -24,6 +25,7 @@ from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import Refused
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.marks import MarkKind
+from printctl.machine.records.actor import read_actor
 
 Values = dict[str, Any]
 Reply = Callable[[dict[str, Any]], None]
@@ -264,7 +266,7 @@ def read_values(request: Mapping[str, Any]) -> Values:
     """
     values = WORDS[request["do"]].values
     if values is None:
-        own = ("do", "token", "answer", "print")
+        own = ("do", "token", "answer", "print", "by")
         return {name: value for name, value in request.items() if name not in own}
     read = {}
     for name, value in values.items():
@@ -274,3 +276,10 @@ def read_values(request: Mapping[str, Any]) -> Values:
             shown = repr(request[name])[:80] if name in request else "missing"
             raise Refused(f"{request['do']}: {name} is {shown}, and must be {exc}") from exc
     return read
+
+
+def action_of(request: Mapping[str, Any], values: Values) -> dict[str, Any]:
+    """Return the journal's record of a request: what, by whom, from where, with which values."""
+    given = {k: v for k, v in values.items() if v not in (None, False, "", []) and k != "lines"}
+    told = {"given": given} if given else {}
+    return {"do": request["do"], **told, **read_actor(request.get("by"))}

@@ -2,7 +2,9 @@ r"""Print journal: append-only file of all events of a print.
 
 One record a line: ``<crc32 of the JSON, 8 hex digits> <JSON>\n``. A record is one ``write`` to a
 file opened for appending, so a killed process leaves at most one torn line at the end, which the
-reader drops and reports. Record sorts (key ``t``):
+reader drops and reports. Its last key, ``chain``, is the hash of all lines before it, whole or torn
+(`link`, `shown`); the checksum shows a torn line by itself. Record sorts (key
+``t``):
 
 ========== =====================================================================================
 job        ``id`` of the print, file name, sha256, lines, profile, port, pid, who, host, wall-clock
@@ -45,14 +47,19 @@ stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `StopPlace`; 
 end        state, message, done, error, position_known: last; where the printer refused a line of
            the job: ``refused``, the lines before it, and ``made``, those of them surely made;
            ``lost`` where records before it couldn't be written
+action     ``do``: what a person, or a program of theirs, has requested of the print, ``who`` and
+           ``from`` where: see `printctl.machine.records.actor`; ``given``: with which values
+seal       signature of all lines before it, after the end: ``key``, ``signature``; or why there is
+           none: ``unsigned``
 ========== =====================================================================================
 
 job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, looked, firmware, host,
-stood and end records also have ``at``, the wall-clock time, s since 1970.
+stood, end, action and seal records also have ``at``, the wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
-death of the process (kill -9). The dated ones above are also forced to the disk, but for a
-checkpoint that agrees and was made at no mark. That one and ack and control records are not, since
+death of the process (kill -9). The dated ones above are also forced to the disk, but for actions,
+as a kill may come next on the same thread, and for a checkpoint that agrees and was made at no
+mark. That one and ack and control records are not, since
 forcing the disk several times a second would stall the line, and after a loss of power the printer
 has lost its position as well.
 
@@ -63,17 +70,15 @@ written down. Emptied, it says that records may be missing at the journal's end.
 from __future__ import annotations
 
 import contextlib
-import getpass
 import hashlib
 import json
 import os
-import platform
 import secrets
 import shutil
 import threading
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -88,20 +93,29 @@ RESERVE_BYTES: Final = 65_536
 _PACE_EVERY_S: Final = 1.0
 _DATED: Final = frozenset(
     {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
-    | {"look", "insert", "looked", "firmware", "host"}
+    | {"look", "insert", "looked", "firmware", "host", "action", "asked"}
 )
+BEGIN: Final = bytes(32)
+"""The chain's hash before the first line."""
+_UNFORCED: Final = frozenset({"action", "asked"})
+_ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
+Sign = Callable[[Record, bytes, bytes], Record]
+"""Return a seal record completed; given the chain's hash before it and that of the first line."""
 
 
 class Journal:
     """An append-only journal; any thread may add to it.
 
     An existing one is gone on with (a torn tail is closed by a line end). With ``reserve`` room is
-    kept back on the disk until the print has ended. Raises `JournalError` when it can't be written.
+    kept back on the disk until the print has ended. With ``sign`` it is sealed at the print's end.
+    Raises `JournalError` when it can't be written.
     """
 
-    def __init__(self, path: Path, reserve: bool = False) -> None:
-        self.path = path
-        self._lock, self._torn, self._ended = threading.Lock(), False, False
+    def __init__(self, path: Path, reserve: bool = False, sign: Sign | None = None) -> None:
+        self.path, self._sign = path, sign
+        self._lock, self._ended = threading.Lock(), False
+        self._over, self._sealed = False, False
+        self._head, self._first, self._part = BEGIN, BEGIN, b""
         self._last_pace = 0.0
         self._reserve = path.with_name(RESERVE) if reserve else None
         try:
@@ -109,9 +123,9 @@ class Journal:
                 self._reserve.write_bytes(os.urandom(RESERVE_BYTES))  # no disk can make it smaller
             self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
             if os.fstat(self._fd).st_size:
-                os.lseek(self._fd, -1, os.SEEK_END)
-                if os.read(self._fd, 1) != b"\n":
-                    os.write(self._fd, b"\n")
+                self._took(path.read_bytes())
+                if self._part:
+                    self._took(b"\n"[: os.write(self._fd, b"\n")])
         except OSError as exc:
             raise JournalError(f"journal {path} can't be opened: {exc.strerror}") from exc
 
@@ -123,23 +137,49 @@ class Journal:
         dated, now = sort in _DATED, time.time()
         paced = sort == "ack" and now - self._last_pace >= _PACE_EVERY_S
         self._last_pace = now if paced else self._last_pace
-        line = encode({"t": sort, **({"at": now} if dated or paced else {}), **values})
+        record = {"t": sort, **({"at": now} if dated or paced else {}), **values}
         passing = sort == "checkpoint" and values.get("agrees") and not values.get("mark")
         with self._lock:
-            try:
-                if self._torn:  # a part of the last record is there
-                    line = b"\n" + line
-                written = os.write(self._fd, line)
-                self._torn = written != len(line) and (self._torn or written > 0)
-                if written != len(line):
-                    raise OSError("disk full")
-                self._ended = sort == "end"
-                if dated and not passing:
-                    os.fsync(self._fd)
-            except OSError as exc:
-                raise JournalError(
-                    f"journal {self.path} can't be written: {exc}; free space on the disk"
-                ) from exc
+            self._append(record, sync=dated and not passing and sort not in _UNFORCED)
+            self._ended = sort == "end"
+            if self._ended:
+                self._over = True
+                self._seal()
+
+    def _append(self, record: Record, sync: bool, sign: Sign | None = None) -> None:
+        head = link(self._head, self._part) if self._part else self._head
+        record["chain"] = shown(head)
+        if sign is not None:
+            record = sign(record, head, self._first)
+        line = encode(record)
+        if self._part:  # a part of the last record is there
+            line = b"\n" + line
+        try:
+            written = os.write(self._fd, line)
+            self._took(line[:written])
+            if written != len(line):
+                raise OSError("disk full")
+            if sync:
+                os.fsync(self._fd)
+        except OSError as exc:
+            raise JournalError(
+                f"journal {self.path} can't be written: {exc}; free space on the disk"
+            ) from exc
+
+    def _took(self, data: bytes) -> None:
+        """Count what was written in the chain."""
+        *lines, self._part = (self._part + data).split(b"\n")
+        for line in lines:
+            first, self._head = self._head is BEGIN, link(self._head, line)
+            self._first = self._head if first else self._first
+        self._sealed = False
+
+    def _seal(self) -> None:
+        """Sign what is there; where the disk has no room, the end is there without."""
+        if self._sign is not None:
+            with contextlib.suppress(JournalError):
+                self._append({"t": "seal", "at": time.time()}, sync=True, sign=self._sign)
+                self._sealed = True
 
     def use_reserve(self) -> bool:
         """Free the room kept back, so that the record that didn't fit may be added once more.
@@ -151,11 +191,11 @@ class Journal:
                 return False
             try:
                 os.truncate(self._reserve, 0)
-                if self._torn:
+                if self._part:
                     os.ftruncate(self._fd, self.path.read_bytes().rfind(b"\n") + 1)
             except OSError:
                 return False
-            self._torn = False
+            self._part = b""
             return True
 
     def keep_reserve(self) -> bool:
@@ -189,6 +229,8 @@ class Journal:
         """
         with self._lock:
             if self._fd >= 0:
+                if self._over and not self._sealed:  # an alarm came after the end
+                    self._seal()
                 with contextlib.suppress(OSError):
                     os.fsync(self._fd)
                 with contextlib.suppress(OSError):
@@ -207,20 +249,40 @@ def bytes_in(path: Path) -> int:
         return 0
 
 
+def link(head: bytes, line: bytes) -> bytes:
+    """Return the chain's hash after a line: SHA-256 of the one before and its bytes, no line end.
+
+    Torn lines count as they are.
+    """
+    return hashlib.sha256(head + line).digest()
+
+
+def shown(head: bytes) -> str:
+    """Return what a line holds of the hash before it: 64 bits tell where a change begins.
+
+    A signature is of all 256.
+    """
+    return head[:8].hex()
+
+
 def encode(record: Record) -> bytes:
     """One record as a line."""
-    text = json.dumps(record, separators=(",", ":"), ensure_ascii=True).encode()
+    text = _ENCODER.encode(record).encode()
     return b"%08x %b\n" % (zlib.crc32(text), text)
 
 
-def decode(line: bytes) -> Record | None:
-    """Read a line; None when its checksum is wrong."""
+def decode(line: bytes, chained: bool = False) -> Record | None:
+    """Read a line; None when its checksum is wrong. With ``chained`` its chain's hash stays."""
     crc, _, text = line.rstrip(b"\n").partition(b" ")
     try:
         record = json.loads(text.decode()) if crc == b"%08x" % zlib.crc32(text) else None
     except ValueError:
         return None
-    return record if isinstance(record, dict) else None
+    if not isinstance(record, dict):
+        return None
+    if not chained:
+        record.pop("chain", None)
+    return record
 
 
 def read_records(path: Path) -> Iterator[Record | None]:
@@ -247,15 +309,6 @@ def print_id(job: Record) -> str:
         return str(job["id"])
     words = "|".join(str(job.get(key)) for key in ("started", "pid", "host", "sha256", "path"))
     return f"{int(job.get('started', 0)):010d}-{zlib.crc32(words.encode()):08x}"
-
-
-def this_user() -> dict[str, str]:
-    """Return who prints here: ``who``, ``host``."""
-    try:
-        who = getpass.getuser()
-    except (OSError, KeyError, ImportError):  # a container's user may have no name
-        who = ""
-    return {"who": who, "host": platform.node()}
 
 
 def origin(printer: Printer) -> dict[str, Any]:

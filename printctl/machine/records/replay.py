@@ -68,8 +68,9 @@ class JournalledPrint:
     over : bool
         Whether the last attempt has ended: an end record follows its job record.
     damaged, gaps : int
-        Lines with a wrong checksum, a torn last one included; those of them after which the same
-        link process wrote on: no torn ends, but missing records, so that lines can't be counted.
+        Lines with a wrong checksum, or values that no record has, a torn last one included; those
+        of them after which the same link process wrote on: no torn ends, but missing records, so
+        that lines can't be counted.
     cut_short : bool
         Whether the disk was full, and the last attempt's end, or what came before it, isn't there.
     written_s : float
@@ -215,11 +216,14 @@ class JournalledPrint:
         if self._torn:  # a process that begins, or whose disk was full for a while, may go on there
             self._torn, begins = False, record.get("state") == LinkState.CONNECTING
             self.gaps += not (sort in ("job", "end") or begins)
-        act = _BY_SORT.get(sort)
-        if act is not None:
-            act(self, record)
-        if "at" in record:
-            self.last_at = max(self.last_at, record["at"])
+        act = _BY_SORT.get(str(sort))
+        try:
+            if act is not None:
+                act(self, record)
+            if "at" in record:
+                self.last_at = max(self.last_at, record["at"])
+        except (TypeError, ValueError, LookupError, AttributeError):  # written by something else
+            self.damaged, self._torn = self.damaged + 1, True
 
 
 def read_journal(path: Path) -> JournalledPrint:

@@ -12,14 +12,13 @@ import numpy as np
 from printctl.errors import PrinterFailedError, SafetyError
 from printctl.machine.job.job import load_job
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.facts import run_facts
 from printctl.pipeline.plate.dry_run import dry_run_stage
 from printctl.pipeline.plate.job import NOWHERE, job_stage
 from printctl.pipeline.plate.results import collect_plate, write_results, write_table
 from printctl.pipeline.plate.wells import PlateRun, check_fit, make_folders, plate_run
 from printctl.pipeline.plate_plan import StandingPlate
 from printctl.pipeline.run_options import SIMULATED_PORT
-from printctl.pipeline.run_stages import DESIGN, run_stages, run_under_one_bar
+from printctl.pipeline.run_stages import DESIGN, begin_facts, run_stages, run_under_one_bar
 from printctl.pipeline.sequences import JOB
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import printing, registration, report, scan
@@ -146,8 +145,7 @@ def run_plate(whole: RunContext, pdf: bool = False) -> dict[str, Any]:
 def _begin(whole: RunContext) -> PlateRun:
     """Everything that can be refused before hours are spent, then the designs."""
     run = plate_run(whole)
-    whole.manifest.facts = run_facts(whole)
-    whole.manifest.save()
+    begin_facts(whole)
     make_folders(run)
     _each(run, DESIGN, "design")
     for context in run.runs.values():

@@ -14,8 +14,8 @@ from printctl.errors import UsageError
 from printctl.history.index import PrintHistory
 from printctl.history.query import MOST, PAGE, HistoryQuery, SortBy
 from printctl.history.repeat import Difference, make_job, plan_repeat
-from printctl.history.signing import lab_key
 from printctl.history.table import csv_lines, day_begins, day_ends
+from printctl.machine.records.lab_key import lab_key
 from printctl.pipeline.evidence import PHOTOS, evidence
 from printctl.web.errors import BadRequestError, NotFoundError
 from printctl.web.history.service import (

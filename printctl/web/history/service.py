@@ -13,8 +13,14 @@ from pydantic import Field
 from printctl.history.bundle import filed, write_bundle
 from printctl.history.index import PrintHistory
 from printctl.history.query import HistoryPage, HistoryQuery
-from printctl.history.signing import (
-    FiledPrint,
+from printctl.history.signing import FiledPrint
+from printctl.history.table import Outcome, outcome, tell_running
+from printctl.history.timeline import Event, Stretch, TimeLine, time_line
+from printctl.history.verify import Signature, verify_stream
+from printctl.machine.errors import LinkError, NoSuchPrint
+from printctl.machine.prints.progress import Progress
+from printctl.machine.prints.state import read_print
+from printctl.machine.records.lab_key import (
     KeyTrouble,
     PublicKey,
     known_lab_key,
@@ -22,15 +28,10 @@ from printctl.history.signing import (
     read_public,
     signing_missing,
 )
-from printctl.history.table import Outcome, outcome, tell_running
-from printctl.history.timeline import Event, Stretch, TimeLine, time_line
-from printctl.history.verify import Signature, verify_stream
-from printctl.machine.errors import LinkError, NoSuchPrint
-from printctl.machine.prints.progress import Progress
-from printctl.machine.prints.state import read_print
 from printctl.machine.records.record import JOURNAL
-from printctl.pipeline.evidence import GCODE, PHOTOS, evidence
+from printctl.pipeline.evidence import PHOTOS, evidence
 from printctl.pipeline.past_print import PrintEntry
+from printctl.run_folder.artefacts import GCODE
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError
 
@@ -83,7 +84,8 @@ class Verification:
     """What was found of a bundle.
 
     ``fingerprint`` is the SHA-256 of the key that signed, ``lines`` the same for people;
-    ``print_id`` and ``file`` are empty unless the bundle is whole.
+    ``print_id`` and ``file`` are empty unless the bundle is whole; ``good`` is one that is whole,
+    and signed by a trusted key as its journal is.
     """
 
     whole: bool
@@ -93,6 +95,7 @@ class Verification:
     lines: tuple[str, ...]
     print_id: str
     file: str
+    good: bool
 
 
 class HistoryService:
@@ -194,6 +197,7 @@ def verified(stream: BinaryIO, key_pem: bytes = b"") -> Verification:
         lines=tuple(check.lines()),
         print_id=past.id if past else "",
         file=past.file if past else "",
+        good=check.good,
     )
 
 

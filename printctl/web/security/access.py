@@ -20,7 +20,7 @@ from base64 import b64decode
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import itsdangerous
 from starlette.datastructures import Headers
@@ -102,17 +102,18 @@ class Access:
         """Return whether a script's token is right, in constant time."""
         return hmac.compare_digest(shown.encode(), self.token.encode())
 
-    def session(self, headers: Headers, grace_s: float) -> str | None:
-        """Return the id of the session in a cookie; None when it is forged, old or logged out."""
+    def session(self, headers: Headers, grace_s: float) -> dict[str, Any] | None:
+        """Return the session in a cookie; None when it is forged, old or logged out."""
         value = cookie_parser(headers.get("cookie", "")).get(self.cookie, "")
         signer = itsdangerous.TimestampSigner(self.secret)
         try:
             data, issued = signer.unsign(value, return_timestamp=True)
-            session = str(json.loads(b64decode(data))["id"])
+            session: dict[str, Any] = json.loads(b64decode(data))
+            identity = str(session["id"])
         except (itsdangerous.BadSignature, ValueError, KeyError):
             return None
         late = time.time() - issued.timestamp() > LIFETIME_S + grace_s
-        return None if late or self.is_revoked(session) else session
+        return None if late or self.is_revoked(identity) else session
 
     def revoke(self, session: str) -> None:
         """Log a session out, for good."""

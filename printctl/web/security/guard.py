@@ -25,6 +25,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from printctl.machine.records.actor import ACTOR
 from printctl.web.controls import Principal
 from printctl.web.rest import error_response
 from printctl.web.security.access import LIFETIME_S, Access, bearer, doubled
@@ -124,8 +125,10 @@ class Guard:
             answer = error_response(exc.status_code, str(exc.detail), "TooLargeError")
             await answer(scope, receive, send)
         else:
-            if scope["state"]["principal"] is not None and "know" in scope["state"]:
-                scope["state"]["know"]()
+            if scope["state"]["principal"] is not None:
+                ACTOR.set(scope["state"]["principal"].actor)
+                if "know" in scope["state"]:
+                    scope["state"]["know"]()
             if scope["type"] == "websocket" and "id" in asking.session:
                 await self._until_logged_out(asking.session["id"], scope, receive, send)
             else:
@@ -217,10 +220,10 @@ class Guard:
                 await send(_CLOSED)
 
 
-def start_session(session: dict[str, Any]) -> None:
+def start_session(session: dict[str, Any], user: str = "") -> None:
     """Begin a new session, which the answer's cookie hands out."""
     session.clear()
-    session.update(id=secrets.token_hex(16), at=int(time.time()))
+    session.update(id=secrets.token_hex(16), at=int(time.time()), user=user)
 
 
 def _is_for_page(asking: HTTPConnection) -> bool:
@@ -248,7 +251,9 @@ def _browser(asking: HTTPConnection) -> Principal:
     system = next((one for one in _SYSTEMS if one in agent), "").replace("Macintosh", "Mac")
     where = "this machine" if address.startswith(("127.", "::1")) else address
     name += f"{' on ' + system if system else ''} at {where or 'an unknown address'}"
-    return Principal(session["id"], f"{name} ({session['id'][:3]})")
+    user = session.get("user", "")
+    name = f"{user}, {name}" if user else name
+    return Principal(session["id"], f"{name} ({session['id'][:3]})", user)
 
 
 def _dressed(send: Send, policy: str) -> Send:

@@ -18,6 +18,7 @@ from printctl.web.security.guard import Guard, log, start_session
 
 _HOME: Final = "/"
 _LONGEST: Final = 1024
+_LONGEST_NAME: Final = 80
 MANY_OF_ONE: Final = 5
 """Wrong passwords a minute of one address, after which it waits."""
 MANY: Final = 30
@@ -40,6 +41,7 @@ def router() -> APIRouter:
     async def enter(
         request: Request,
         password: Annotated[str, Form(max_length=_LONGEST)],
+        user: Annotated[str, Form(max_length=_LONGEST_NAME)] = "",
         next: Annotated[str, Form()] = _HOME,  # noqa: A002
     ) -> Response:
         guard: Guard = request.state.guard
@@ -57,7 +59,7 @@ def router() -> APIRouter:
             wrong.append((time.monotonic(), address))
             log.warning("wrong password from %s", address)
             return _page(guard, next, "Wrong password.", 401)
-        start_session(request.session)
+        start_session(request.session, " ".join(user.split()))
         return RedirectResponse(_inside(next), 303)
 
     @routes.post("/logout")
@@ -92,7 +94,10 @@ def _page(guard: Guard, way: str, problem: str = "", status: int = 200) -> HTMLR
     else:
         form = (
             f'<form method="post" action="/login"><input type="hidden" name="next" '
-            f'value="{escape(_inside(way))}"><label for="password">Password</label>'
+            f'value="{escape(_inside(way))}"><label for="user">Your name, for '
+            "the print's journal</label>"
+            f'<input id="user" name="user" maxlength="{_LONGEST_NAME}" autocomplete="name">'
+            '<label for="password">Password</label>'
             '<input id="password" name="password" type="password" required autofocus '
             'autocomplete="current-password">'
             '<button class="button button-main">Log in</button></form>'

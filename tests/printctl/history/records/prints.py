@@ -9,6 +9,7 @@ from pathlib import Path
 from firmware_profiles import Printer, load
 from printctl.history.index import PrintHistory
 from printctl.machine.records.journal import Journal, origin
+from printctl.machine.records.sealing import sign_journal
 from printctl.pipeline.past_print import PrintEntry
 
 GCODE = b"G21\nG90\nG1 X1 ; a comment\n"
@@ -22,16 +23,18 @@ def printed(
     who: str = "ada",
     message: str = "over",
     alarm: str = "the printer says 'cold'",
+    relative: str = "../part.gcode",
 ) -> PrintEntry:
     """A job file, its print's journal, and its line in the history."""
     job, place = folder / name, folder / "print"
     place.mkdir(parents=True, exist_ok=True)
     job.write_bytes(GCODE)
-    journal = Journal(place / "journal.log")
+    journal = Journal(place / "journal.log", sign=sign_journal)
     journal.add(
         "job",
         name=name,
         path=str(job),
+        **({"relative": relative} if relative else {}),
         sha256=hashlib.sha256(GCODE).hexdigest(),
         lines=3,
         profile="generic_marlin",

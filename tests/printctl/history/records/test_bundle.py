@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
@@ -18,19 +19,15 @@ from hypothesis import strategies as st
 from printctl.history.bundle import cover_page, write_bundle
 from printctl.history.plain_zip import PlainZipWriter, read_members, safe_name
 from printctl.history.repeat import entry_of_bundle, make_job, plan_repeat
-from printctl.history.signing import (
-    PRIVATE,
-    BundleError,
-    KeyTrouble,
-    RecordsError,
-    lab_key,
-    read_manifest,
-)
+from printctl.history.signing import BundleError, read_manifest
 from printctl.history.table import safe_cell
 from printctl.history.verify import Signature, verify_bundle, verify_stream
 from printctl.machine.records.folders import film_file
-from printctl.pipeline.evidence import evidence
-from printctl.pipeline.past_print import Alarm
+from printctl.machine.records.journal import decode, encode
+from printctl.machine.records.lab_key import PRIVATE, KeyTrouble, RecordsError, lab_key
+from printctl.pipeline.evidence import evidence, keep_earlier
+from printctl.pipeline.past_print import Alarm, entry_of
+from printctl.version import version
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.slower import examples
 
@@ -220,6 +217,83 @@ def test_compressed_bomb_is_refused_without_unpacking_it():
 )
 def test_what_is_no_bundle_is_told_without_a_traceback(data):
     assert not verify_stream(io.BytesIO(data), ()).whole
+
+
+@pytest.mark.parametrize("old_journal", [False, True])
+def test_folder_that_was_moved_is_bundled_whole(tmp_path, old_journal):
+    entry = printed(tmp_path / "run", relative="" if old_journal else "../part.gcode")
+    with_run(tmp_path / "run")
+    before = write_bundle(tmp_path / "out.zip", entry, lab_key())
+    (tmp_path / "run").rename(tmp_path / "moved")
+    moved = entry_of(tmp_path / "moved" / "print" / "journal.log")
+    after = write_bundle(tmp_path / "moved.zip", moved, lab_key())
+    assert [one.path for one in after.files] == [one.path for one in before.files]
+    assert after.missing == ()
+    assert verify_bundle(tmp_path / "moved.zip", [lab_key().public]).good
+
+
+def test_manifest_has_the_hashes_of_scan_profiles_and_inputs_and_the_build(tmp_path):
+    entry = printed(tmp_path / "run")
+    with_run(tmp_path / "run")
+    (tmp_path / "run" / "scan.tif").write_bytes(b"a scan")
+    (tmp_path / "run" / "manifest.json").write_text(_with_scan(tmp_path / "run"))
+    manifest = write_bundle(tmp_path / "out.zip", entry, lab_key())
+    assert manifest.hashes["part.gcode"] == entry.sha256
+    assert manifest.hashes["run/scan.tif"] == hashlib.sha256(b"a scan").hexdigest()
+    assert manifest.hashes["recipe/tissue.stl"] == "1" * 64
+    assert {"profiles/printer", "profiles/ink"} <= set(manifest.hashes)
+    assert manifest.versions["printed by"] == version()
+    assert "run.json" in [one.path for one in manifest.files]
+    (tmp_path / "run" / "scan.tif").write_bytes(b"another")
+    changed = write_bundle(tmp_path / "out.zip", entry, lab_key()).missing
+    assert changed == ("scan.tif was changed since its run: it is as it is now",)
+
+
+def _with_scan(run: Path) -> str:
+    told = json.loads((run / "manifest.json").read_text())
+    digest = hashlib.sha256((run / "scan.tif").read_bytes()).hexdigest()
+    told["stages"]["scan"] = {**told["stages"]["toolpath"], "outputs": {"scan.tif": digest}}
+    told["facts"]["inputs"] = {"tissue.stl": "1" * 64}
+    return json.dumps(told)
+
+
+def test_evidence_stays_when_another_build_runs_in_the_folder(tmp_path):
+    run = tmp_path / "run"
+    entry = printed(run)
+    with_run(run)
+    told = json.loads((run / "manifest.json").read_text())["facts"]
+    facts = {"versions": None, "inputs": {}, **told}
+    assert keep_earlier(run, {**facts, "inputs": {"scan.tif": "2" * 64}}) is None  # a new scan
+    kept = keep_earlier(run, {**facts, "versions": {"printctl": "0.2.0"}})
+    assert kept.parent == run / "earlier"
+    before = write_bundle(tmp_path / "before.zip", entry, lab_key())
+    for name in ("part.gcode", "report.html", "report.json", "dry_run.json"):
+        (run / name).write_text("another design's")
+    (run / "manifest.json").write_text('{"schema": 1, "facts": {}, "stages": {}}')
+    assert keep_earlier(run, facts) is None  # what is there now was never printed
+    after = write_bundle(tmp_path / "after.zip", entry, lab_key())
+    assert after.files == before.files
+    assert after.verdict == "pass"
+
+
+def test_bundle_of_a_changed_journal_says_from_which_line(tmp_path):
+    entry = printed(tmp_path / "run")
+    text = entry.journal.read_text().splitlines(keepends=True)
+    record = decode(text[3].encode(), chained=True) | {"text": "all was well"}
+    entry.journal.write_text("".join([*text[:3], encode(record).decode(), *text[4:]]))
+    write_bundle(tmp_path / "out.zip", entry, lab_key())
+    found = verify_bundle(tmp_path / "out.zip", [lab_key().public])
+    assert (found.whole, found.signature, found.good) == (True, Signature.TRUSTED, False)
+    assert found.lines()[-1] == (
+        "JOURNAL: the journal was changed after line 3: line 5 doesn't follow"
+    )
+
+
+def test_journal_of_another_print_in_its_place_makes_no_bundle(tmp_path):
+    entry, other = printed(tmp_path / "run"), printed(tmp_path / "other", started=2e9)
+    entry.journal.write_bytes(other.journal.read_bytes())
+    with pytest.raises(BundleError, match=f"isn't of print {entry.id} any more, but of {other.id}"):
+        write_bundle(tmp_path / "out.zip", entry, lab_key())
 
 
 def test_changed_gcode_is_missing_and_not_filed_as_the_prints(tmp_path):

@@ -33,7 +33,12 @@ from printctl.machine.process import contact, launch, starting
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import alive
 from printctl.machine.process.starting import resume_print, start_print
+from printctl.machine.records.actor import ACTOR, this_user
+from printctl.machine.records.journal import read_records
+from printctl.machine.records.lab_key import lab_key
+from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal
+from printctl.machine.records.sealing import Finding, check_journal_file
 from printctl.machine.records.states import LinkState
 from printctl.progress import StageBars
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
@@ -121,6 +126,26 @@ def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile,
         assert client.command("M105")[0].startswith("ok T:")
         client.resume()
         assert client.wait(300).state is LinkState.DONE
+
+
+def test_journal_says_who_asked_for_what_and_is_signed_at_the_end(tmp_path, profile):
+    with held_print(tmp_path, profile) as (_, served, client):
+        client.pause()
+        served.gate.set()
+        until(client, LinkState.PAUSED)
+        by = ACTOR.set({"who": "Grace", "from": "page, Chrome at 192.168.1.7 (4f2)"})
+        client.resume()
+        client.stop()
+        ACTOR.reset(by)
+        client.wait(300)
+    wait_for(lambda: not alive(client.folder))
+    records = [one for one in read_records(client.folder / JOURNAL) if one["t"] == "action"]
+    asked = [(one["do"], one["who"], one["from"]) for one in records]
+    me, page = this_user()["who"], "page, Chrome at 192.168.1.7 (4f2)"
+    assert [one[:2] for one in asked[:2]] == [("start", me), ("pause", me)]
+    assert all(one[2].endswith(f" {os.getpid()}") for one in asked[:2])
+    assert asked[2:] == [("resume", "Grace", page), ("stop", "Grace", page)]
+    assert check_journal_file(client.folder / JOURNAL, [lab_key().public]).finding is Finding.SIGNED
 
 
 def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path, profile):

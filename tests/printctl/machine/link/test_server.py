@@ -36,6 +36,7 @@ class Spy:
 
     def __init__(self) -> None:
         self.requests: list[str] = []
+        self.notes: list[dict] = []
         self.killed = threading.Event()
         self.wiring = SimpleNamespace(printer=load(Printer, "generic_marlin"))
         self.protocol = SimpleNamespace(report=b"")
@@ -70,6 +71,9 @@ class Spy:
         known = PrinterSituation(Bounds(self.wiring.printer), Phase.PRINTING)
         self.requests.append(allowed_command(judge(text, LineOrigin.CONSOLE, known)).text)
         done((b"X:0.00", b"ok"))
+
+    def note(self, action: dict) -> None:
+        self.notes.append(action)
 
     def kill(self) -> None:
         self.killed.set()
@@ -128,6 +132,20 @@ def hear(guest: socket.socket) -> dict:
     while not data.endswith(b"\n"):
         data += guest.recv(1)
     return json.loads(data)
+
+
+def test_each_request_that_is_granted_is_noted_with_who_and_from_where(door):
+    spy, _, enter, token = door
+    guest, by = enter(), {"who": "ada", "from": "page, Chrome at 192.168.1.7", "more": "x"}
+    say(guest, do="kill", token=token, by=by)
+    assert spy.killed.wait(5)
+    say(guest, do="pause", after="vessel", answer=True, token=token, by=by)
+    assert hear(guest)["event"] == "refused"
+    say(guest, do="pause", after="layer", answer=True, token=token, by=["no", "object"])
+    hear(guest)
+    killed, paused = spy.notes
+    assert killed == {"do": "kill", "who": "ada", "from": "page, Chrome at 192.168.1.7"}
+    assert paused == {"do": "pause", "given": {"after": "layer"}, "who": "", "from": ""}
 
 
 def test_request_that_asks_for_an_answer_is_heard_or_refused(door):

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
-from printctl.history.signing import lab_key
+from printctl.machine.records.lab_key import lab_key
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.printctl.web.serving import Served, served
 

@@ -13,6 +13,7 @@ import pytest
 from starlette.testclient import TestClient, WebSocketDenialResponse
 from starlette.websockets import WebSocketDisconnect
 
+from printctl.machine.records.actor import actor
 from printctl.web.controls import Principal
 from printctl.web.errors import ConflictError
 from printctl.web.job.jobs import add_job
@@ -233,6 +234,20 @@ def test_the_password_lets_in_and_a_wrong_one_does_not(tmp_path: Path) -> None:
     entered = client.post("/login", data=right, headers=OURS)
     assert (entered.status_code, entered.headers["location"]) == (303, "/job")
     assert client.get("/api/v1/controls").status_code == 200
+
+
+def test_the_name_given_at_log_in_is_who_asks(tmp_path: Path, monkeypatch) -> None:
+    there, asked = served(tmp_path, password="right"), []
+    client = there.client()
+    take = there.core.controls.take
+    monkeypatch.setattr(
+        there.core.controls, "take", lambda *given, **more: asked.append(actor()) or take(*given)
+    )
+    client.post("/login", data={"password": "right", "user": " Ada \n L. "}, headers=OURS)
+    assert client.post("/api/v1/controls", headers=OURS).json()["holder"]["user"] == "Ada L."
+    [one] = asked
+    assert one["who"] == "Ada L."
+    assert one["from"].startswith("page, Ada L., a browser at ")
 
 
 @pytest.mark.parametrize("way", ["//evil.example", "https://evil.example", "/\\evil", "/a\r\nb"])
