@@ -6,6 +6,7 @@ import re
 import statistics
 from collections import defaultdict
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +26,14 @@ from printctl.checks.preflight.steps import single_step_share, writing_moves
 from printctl.checks.set_up import ProfileNames
 from printctl.commissioning.bench import Bench
 from printctl.commissioning.first_part import slice_first_part
-from printctl.commissioning.state import EXPECTED, YES_NO, CheckFailedError, Desk
+from printctl.commissioning.state import (
+    EXPECTED,
+    YES_NO,
+    CheckFailedError,
+    Desk,
+    asked_again,
+    profile_choices,
+)
 from printctl.errors import SafetyError, UsageError
 from printctl.machine.errors import Refused
 from printctl.machine.prints.mounted import mount_parts
@@ -85,9 +93,8 @@ def mounted_parts(desk: Desk, bench: Bench) -> str:
     given: dict[str, Any] = {}
     for part, model in PARTS.items():
         usual = names[part] or (_USUAL.get(part, "") if bench.simulated else "")
-        choices = ", ".join(shipped(model))
-        given[part] = desk.ask(part, f"Which {part}: a .yaml file, or of {choices}?", usual)
-        load(model, given[part])
+        text = f"Which {part}: {profile_choices(model)}?"
+        given[part] = desk.ask(part, text, usual, check=partial(load, model))
     syringe, dish = load(Syringe, given["syringe"]), load(Dish, given["dish"])
     text = f"Ink in the syringe, µL (it holds {syringe.volume_ul:g})?"
     (fill_ul,) = desk.numbers("fill_ul", text, 1, f"{syringe.volume_ul:g}")
@@ -100,7 +107,8 @@ def mounted_parts(desk: Desk, bench: Bench) -> str:
     given |= {"bath_depth_mm": depth, "dish_centre_mm": (centre[0], centre[1])}
     parts = replace(MountedParts(), **given)
     desk.record.facts["mounted"] = asdict(parts)
-    mount_parts(load_mounting(bench.printer), printer, dict(given), fill_ul)
+    with asked_again("fill_ul", "bath_depth", "dish_centre"):
+        mount_parts(load_mounting(bench.printer), printer, dict(given), fill_ul)
     load(Bath, parts.bath)
     fine = _fineness(desk, bench, parts)
     if fine["share"] > MOST_SINGLE_STEPS:
