@@ -13,6 +13,7 @@ from typing import Any, Final, Literal
 from design.files import write_text
 from firmware_profiles import Facts, ProfileError, shipped
 from printctl.errors import PrintctlError, SafetyError, UsageError
+from printctl.machine.errors import Refused
 from printctl.machine.records.folders import data_folder
 from printctl.machine.records.mounting import as_kept, file_name
 
@@ -151,7 +152,7 @@ def asked_again(*keys: str) -> Iterator[None]:
     """
     try:
         yield
-    except (UsageError, ProfileError) as exc:
+    except (UsageError, ProfileError, Refused) as exc:
         raise CheckFailedError(str(exc), *keys) from exc
 
 

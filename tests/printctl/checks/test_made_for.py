@@ -120,6 +120,7 @@ HEAD = b"G21\nG90\nM82\nM302 P1\nG92 X100 Y100 Z10 E0\nG0 Z1\n"
         (b"G1 X110 E0.1 F600\nG1 Y110 E0.2\nG1 X100 E0.", "cut off"),
         (b"G1 X110 E0 F600\nG1 Y110 E0\nG0 Z10\n", "never rises along one of them"),
         (b"G1 X110 E-0.1 F600\nG1 Y110 E-0.2\nG0 Z10\n", "never rises along one of them"),
+        (b"T1\nG1 X110 E0.1 F600\nG0 Z10\n", "heads chosen that aren't there"),
         (b"G1 E1 F60\nG1 X110 F600\nG1 Y110\nG1 E0 F60\nG0 Z10\n", "whose E1 opens a valve"),
     ],
 )
