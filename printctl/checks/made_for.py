@@ -113,6 +113,12 @@ def read_made_for(opening: bytes) -> MadeFor:
     return found
 
 
+def is_recorded(recorded: MadeFor, printer: Printer) -> bool:
+    """Return whether a record names what every dose depends on; a header that was cut doesn't."""
+    needed = {"printer"} if printer.airs else {"printer", "syringe"}
+    return needed <= set(recorded)
+
+
 def set_up_checks(recorded: MadeFor, setup: SetUp) -> list[Check]:
     """Compare what a job was made for with what is mounted: a refusal for each difference.
 

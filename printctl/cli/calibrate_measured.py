@@ -13,8 +13,9 @@ from typing import Annotated, Literal, cast, get_args
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl import calibration
 from printctl.calibration.paths import Axis
-from printctl.checks.made_for import refuse_other
+from printctl.checks.made_for import MadeFor, is_recorded, refuse_other
 from printctl.cli import options as cli
+from printctl.cli.confirmation import ForMountedFlag, confirm_set_up
 from printctl.cli.declare import json_command
 from printctl.errors import UsageError
 from printctl.machine.prints.mounted import refuse_unknown, with_mounted
@@ -49,6 +50,14 @@ def read_csv_argument(path: Path | None, *numbers: str, word: str = "") -> calib
             "test, --gcode FILE writes it and the file to fill in"
         )
     return calibration.read_readings(path, numbers, words)
+
+
+def ask_unrecorded(
+    sheet: Path | None, data: calibration.Readings, made: MadeFor, machine: Printer, agreed: bool
+) -> None:
+    """Have the set-up of a sheet confirmed, once, where the sheet doesn't record it."""
+    if sheet is not None and not is_recorded(data.recorded, machine):
+        confirm_set_up(sheet, made, agreed)
 
 
 def print_estimates(lines: Mapping[str, calibration.Estimate], notes: Sequence[str]) -> None:
@@ -141,6 +150,7 @@ def lag(
     gcode: Gcode = None,
     write: Write = None,
     accept_change: AcceptChange = False,
+    for_mounted: ForMountedFlag = False,
 ) -> None:
     """Pressure lag (K, τ) and flow factor: CSV with x_mm along the line and width_mm there.
 
@@ -163,7 +173,10 @@ def lag(
         write_test(calibration.Job(gcode, test, machine, filled, place, factor, material, tip))
         return
     data = read_csv_argument(readings, "x_mm", "width_mm")
-    refuse_other(data.recorded, calibration.record_of_test(machine, filled, material, tip))
+    made = calibration.record_of_test(machine, filled, material, tip)
+    refuse_other(data.recorded, made)
+    if write is not None:
+        ask_unrecorded(readings, data, made, machine, for_mounted)
     finish(calibration.lag_result(data, line, material, tip, filled), write, accept_change)
 
 
@@ -206,6 +219,7 @@ def weigh(
     gcode: Gcode = None,
     write: Write = None,
     accept_change: AcceptChange = False,
+    for_mounted: ForMountedFlag = False,
 ) -> None:
     """Steps per µL, by weight: CSV with travel_mm and mass_mg of each dose.
 
@@ -225,11 +239,17 @@ def weigh(
         data = read_csv_argument(readings, "open_s", "mass_mg")
         refuse_unknown(parts["printer"], parts, ["ink", "needle"])
         used = load(Ink, parts["ink"]), load(Needle, parts["needle"])
+        if write is not None:
+            made = calibration.record_of_test(machine, None, *used)
+            ask_unrecorded(readings, data, made, machine, for_mounted)
         finish(calibration.flow_result(data, known, machine, *used), write, accept_change)
         return
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
     data = read_csv_argument(readings, "travel_mm", "mass_mg")
+    if write is not None:
+        made = calibration.record_of_test(machine, filled)
+        ask_unrecorded(readings, data, made, machine, for_mounted)
     what: Literal["bore", "steps"] = "bore" if mend == "bore" else "steps"
     finish(calibration.weighing_result(data, known, machine, filled, what), write, accept_change)
 

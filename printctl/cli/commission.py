@@ -10,8 +10,15 @@ from typing import Any
 from firmware_profiles import Printer, shipped
 from printctl.cli.declare import json_command, wants_json
 from printctl.cli.options import print_note, print_result
-from printctl.commissioning.state import Commission, Question
-from printctl.commissioning.steps import do_next, next_step, overview, reopen, step_named
+from printctl.commissioning.state import CheckFailedError, Commission, Question
+from printctl.commissioning.steps import (
+    change_port,
+    do_next,
+    next_step,
+    overview,
+    reopen,
+    step_named,
+)
 from printctl.errors import UsageError
 from printctl.machine.process.contact import usual_folder
 from printctl.settings import opt
@@ -59,11 +66,21 @@ def commission(
         given |= {"port": port} if port is not None else {}
         given |= {} if named == printer or Path(named).exists() else {"profile": printer}
         given |= {"accept_change": "yes"} if accept_change else {}
-        answering = _answering(given, yes)
+        if port is not None:
+            change_port(kept, port)
+        typed: set[str] = set()
+        answering = _answering(given, yes, typed)
         while (step := next_step(kept)) is not None:
             number = [one["key"] for one in overview(kept)["steps"]].index(step.key) + 1
             print_note(f"\n{number}. {step.title}: {step.how}. Needs {step.needs}.")
-            do_next(kept, answering, print_note, folder or usual_folder(), sim_speed)
+            try:
+                do_next(kept, answering, print_note, folder or usual_folder(), sim_speed)
+            except CheckFailedError as failed:
+                if not failed.forget or not typed.issuperset(failed.forget):
+                    raise
+                print_note(f"   {failed}")
+                typed.clear()
+                continue
             print_note(f"   done: {kept.step(step.key).message}")
             if step.key == until:
                 break
@@ -79,8 +96,13 @@ def _given(answers: list[str]) -> dict[str, str]:
     return {key: value for key, _, value in pairs}
 
 
-def _answering(given: dict[str, str], yes: bool) -> Callable[[Question], str | None]:
-    """Answer by what is given, then as --yes says, then by asking on the terminal."""
+def _answering(
+    given: dict[str, str], yes: bool, typed: set[str]
+) -> Callable[[Question], str | None]:
+    """Answer by what is given, then as --yes says, then by asking on the terminal.
+
+    Keys of what was asked there go into ``typed``: such an answer can be asked for again at once.
+    """
 
     def answer(question: Question) -> str | None:
         if question.key in given:
@@ -89,6 +111,7 @@ def _answering(given: dict[str, str], yes: bool) -> Callable[[Question], str | N
             return "yes" if question.acts else question.default or None
         if wants_json() or not sys.stdin.isatty():
             return None
+        typed.add(question.key)
         return _ask(question)
 
     return answer
@@ -107,7 +130,8 @@ def _ask(question: Question) -> str | None:
         text = line.strip() or question.default
         if text and (not question.choices or text in question.choices):
             return text
-        print_note("   please give one of " + ", ".join(question.choices or ("a value",)))
+        allowed = ", ".join(question.choices)
+        print_note(f"   please answer one of {allowed}" if allowed else "   please type an answer")
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from firmware_profiles import Printer, load
-from printctl.checks.made_for import MadeFor, read_made_for, record_of
+from printctl.checks.made_for import is_recorded, read_made_for, record_of
 from printctl.checks.preflight import file_checks, refuse_failed, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
 from printctl.cli import options as cli
+from printctl.cli.confirmation import ForMountedFlag, confirm_set_up
 from printctl.cli.declare import json_command
 from printctl.cli.simulate import read_start_position
-from printctl.errors import SafetyError
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
@@ -25,12 +24,9 @@ from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
 from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
 from printctl.machine.prints.mounted import (
     ASSUMED,
-    is_confirmed,
-    keep_confirmed,
     left_check,
     or_assumed,
     refuse_unknown,
-    unconfirmed,
     with_mounted,
 )
 from printctl.machine.process.orders import Order
@@ -110,9 +106,7 @@ def print_job(
         "Print although the needle's shaft passes through written vessels; the journal keeps it.",
         False,
     ),
-    for_mounted: bool = opt(
-        "Confirm that a file which doesn't record its set-up was made for what is mounted.", False
-    ),
+    for_mounted: ForMountedFlag = False,
     host_key: cli.HostKeyOption = None,
     yes: cli.YesFlag = False,
 ) -> None:
@@ -152,8 +146,8 @@ def print_job(
         if real and (left_ul := kept.left_ul(profile)) is not None:
             checks.append(left_check(job, plan.reload_at, left_ul, set_for.syringe.area_mm2))
         refuse_failed(checks)
-        if real and not read_made_for(run.opening):
-            _confirm_set_up(file, order.sha256, record_of(set_for), for_mounted)
+        if real and not is_recorded(read_made_for(run.opening), profile):
+            confirm_set_up(file, record_of(set_for), for_mounted)
         cli.print_notes(warnings(checks))
         care = replace(
             care,
@@ -208,23 +202,6 @@ def _parts(
         dish_centre=centre,
     )
     return parts["syringe"], parts["ink"], names
-
-
-def _confirm_set_up(file: Path, sha256: str, mounted: MadeFor, for_mounted: bool) -> None:
-    """Have a person confirm, once, the set-up of a file that doesn't record it."""
-    if is_confirmed(sha256, mounted):
-        return
-    words = unconfirmed(file.name, mounted)
-    if not for_mounted:
-        answer = ""
-        if sys.stdin.isatty():
-            question = f"{words}. Was it made for that? Type yes to confirm: "
-            answer = cli.messages().input(question, markup=False)
-        if answer.strip().lower() != "yes":
-            raise SafetyError(
-                f"{words}; if it was made for that, add --for-mounted (asked once for each file)"
-            )
-    keep_confirmed(sha256, mounted)
 
 
 def _print(order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool) -> Status:

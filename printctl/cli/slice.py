@@ -21,6 +21,7 @@ from printctl.settings import arg, of, opt, three_numbers
 
 _LINES_UM = (10.0, 5000.0)
 _NEEDLE = "fresh_150um"
+_BATH = "gelatin_support"
 
 
 @json_command
@@ -45,7 +46,9 @@ def slice_mesh(
         show_default=_NEEDLE,
     ),
     thinnest_bore: float = of(ProfileNames, "thinnest_bore"),
-    bath: str = opt("Bath profile: its floor clearance is kept below the part.", "gelatin_support"),
+    bath: str | None = opt(
+        "Bath profile: its floor clearance is kept below the part.", show_default=_BATH
+    ),
     dish: str | None = opt("Dish profile: several heads are changed above its wall."),
     place: str | None = opt(
         "Where the meshes' origin goes in the printer's frame, mm; by default the part is centred "
@@ -97,11 +100,13 @@ def slice_mesh(
         write_speed_mm_s=speed,
     )
     stands_in = None if dish is None else load(Dish, dish)
+    filled = None if bath is None else load(Bath, bath)
+    clearance_mm = (filled or load(Bath, _BATH)).floor_clearance_mm
     at = None if place is None else three_numbers(place, "--place")
     with freed_memory_returned():
         pieces = slicing.assemble(models, chosen, modifiers, filling, unit)
         job = slicing.SliceJob(
-            pieces, profile, loads, widths, how, stands_in, load(Bath, bath).floor_clearance_mm, at
+            pieces, profile, loads, widths, how, stands_in, clearance_mm, at, filled
         )
         written = slicing.slice_parts(job, out)
     print_notes([*notes, *slicing.job_notes(job, written)])

@@ -81,15 +81,17 @@ class Bench:
         if alive(self.folder, STATION_LOCK):
             station = attach_station(self.folder)
             status = station.status
-            if (Path(status.profile), status.port) != (Path(self.printer), self.port):
+            if Path(status.profile) == Path(self.printer) and status.port == self.port:
+                if not status.open:
+                    station.reconnect()
+                return station
+            if status.open or Path(status.profile) != Path(self.printer):
                 raise SafetyError(
                     f"{status.profile} at {status.port} is connected, not {self.printer} at "
                     f"{self.port}; disconnect it first (`printctl station disconnect`, or page "
                     "Printer)"
                 )
-            if not status.open:
-                station.reconnect()
-            return station
+            station.close()  # Its cable is in another socket now.
         return connect(
             self.printer,
             self.port,

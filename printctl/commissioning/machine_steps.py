@@ -16,7 +16,7 @@ from firmware_profiles.families import family_of
 from printctl import calibration
 from printctl.calibration.writing import MAX_CHANGE, MeasuredValue, save_measured
 from printctl.commissioning.bench import Bench
-from printctl.commissioning.state import YES_NO, CheckFailedError, Desk
+from printctl.commissioning.state import YES_NO, CheckFailedError, Desk, profile_choices
 from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
 from printctl.machine.ports.detection import (
@@ -187,7 +187,8 @@ def plunger_steps(desk: Desk, bench: Bench) -> str:
     """Weigh doses of water; send, store and verify the plunger's steps/mm."""
     kept = load_mounting(bench.printer).parts.syringe
     usual = kept or ("hamilton_1ml" if bench.simulated else "")
-    name = desk.ask("syringe", "Which syringe is mounted, full of water?", usual)
+    text = f"Which syringe is mounted, full of water: {profile_choices(Syringe)}?"
+    name = desk.ask("syringe", text, usual, check=lambda one: load(Syringe, one))
     syringe = load(Syringe, name)
     push_ul = PUSH * min(syringe.volume_ul, 2000.0)
     desk.once(

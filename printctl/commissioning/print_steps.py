@@ -6,6 +6,7 @@ import re
 import statistics
 from collections import defaultdict
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +26,14 @@ from printctl.checks.preflight.steps import single_step_share, writing_moves
 from printctl.checks.set_up import ProfileNames
 from printctl.commissioning.bench import Bench
 from printctl.commissioning.first_part import slice_first_part
-from printctl.commissioning.state import EXPECTED, YES_NO, CheckFailedError, Desk
+from printctl.commissioning.state import (
+    EXPECTED,
+    YES_NO,
+    CheckFailedError,
+    Desk,
+    asked_again,
+    profile_choices,
+)
 from printctl.errors import SafetyError, UsageError
 from printctl.machine.errors import Refused
 from printctl.machine.prints.mounted import mount_parts
@@ -85,9 +93,8 @@ def mounted_parts(desk: Desk, bench: Bench) -> str:
     given: dict[str, Any] = {}
     for part, model in PARTS.items():
         usual = names[part] or (_USUAL.get(part, "") if bench.simulated else "")
-        choices = ", ".join(shipped(model))
-        given[part] = desk.ask(part, f"Which {part}: a .yaml file, or of {choices}?", usual)
-        load(model, given[part])
+        text = f"Which {part}: {profile_choices(model)}?"
+        given[part] = desk.ask(part, text, usual, check=partial(load, model))
     syringe, dish = load(Syringe, given["syringe"]), load(Dish, given["dish"])
     text = f"Ink in the syringe, µL (it holds {syringe.volume_ul:g})?"
     (fill_ul,) = desk.numbers("fill_ul", text, 1, f"{syringe.volume_ul:g}")
@@ -100,7 +107,8 @@ def mounted_parts(desk: Desk, bench: Bench) -> str:
     given |= {"bath_depth_mm": depth, "dish_centre_mm": (centre[0], centre[1])}
     parts = replace(MountedParts(), **given)
     desk.record.facts["mounted"] = asdict(parts)
-    mount_parts(load_mounting(bench.printer), printer, dict(given), fill_ul)
+    with asked_again("fill_ul", "bath_depth", "dish_centre"):
+        mount_parts(load_mounting(bench.printer), printer, dict(given), fill_ul)
     load(Bath, parts.bath)
     fine = _fineness(desk, bench, parts)
     if fine["share"] > MOST_SINGLE_STEPS:
@@ -178,6 +186,9 @@ def touch_off(desk: Desk, bench: Bench) -> str:
         for key in ("tip", "heights", "taken", "foil", "floor", "lifted", "height"):
             record.answers.pop(key, None)
             record.facts.pop(key, None)
+        for axis in _WAYS:  # a move that nobody has judged is made again
+            if f"moved_{axis}" not in record.answers:
+                record.facts.pop(f"jogged_{axis}", None)
     if not status.position_trusted:
         at = status.position_mm or bench.middle_mm()
         counts = ",".join(f"{mm:g}" for mm in at)
@@ -186,6 +197,7 @@ def touch_off(desk: Desk, bench: Bench) -> str:
             f"menu (never home with the needle on). Where is it, X,Y,Z in mm (it counts {counts})?"
         )
         x, y, z = desk.numbers("tip", text, 3, counts if bench.simulated else "")
+        _refuse_outside(parts, x, y)
         station.set_position(x, y, z)
     for axis, (plus, minus) in _WAYS.items():
         _check_axis(desk, bench, station, axis, plus, minus)
@@ -218,6 +230,22 @@ def touch_off(desk: Desk, bench: Bench) -> str:
     return f"axes move as they should; the dish's floor is Z {floor:g} mm in the printer's frame"
 
 
+def _refuse_outside(parts: MountedParts, x: float, y: float) -> None:
+    """Refuse a place of the tip that isn't above the dish, as its centre was entered."""
+    dish, centre = load(Dish, parts.dish), parts.dish_centre_mm
+    if centre is None:
+        return
+    off_x, off_y = abs(x - centre[0]), abs(y - centre[1])
+    if off_x < dish.inner_x_mm / 2 and off_y < dish.inner_y_mm / 2:
+        return
+    raise CheckFailedError(
+        f"{x:g},{y:g} isn't above the middle of {dish.name}, which was entered as "
+        f"{centre[0]:g},{centre[1]:g} mm: with the tip there, give X,Y as {centre[0]:g},"
+        f"{centre[1]:g}; or correct the dish's centre first (begin again at the step parts)",
+        "tip",
+    )
+
+
 def _check_axis(
     desk: Desk, bench: Bench, station: Station, axis: str, plus: str, minus: str
 ) -> None:
@@ -229,7 +257,8 @@ def _check_axis(
     )
     way = desk.ask(
         f"moved_{axis}",
-        "Which way did the needle move relative to the dish, seen from the front?",
+        f"By 1 mm along +{axis.upper()}: which way did the needle move relative to the dish, seen "
+        "from the front?",
         plus if bench.simulated else "",
         (plus, minus, "not"),
     )

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from design.files import write_text
+from firmware_profiles import Facts, ProfileError, shipped
 from printctl.errors import PrintctlError, SafetyError, UsageError
+from printctl.machine.errors import Refused
 from printctl.machine.records.folders import data_folder
 from printctl.machine.records.mounting import as_kept, file_name
 
@@ -139,6 +142,20 @@ class CheckFailedError(PrintctlError):
         self.forget = forget
 
 
+@contextmanager
+def asked_again(*keys: str) -> Iterator[None]:
+    """Turn a user's mistake into a failed check that asks for these answers again.
+
+    Raises
+    ------
+    CheckFailedError
+    """
+    try:
+        yield
+    except (UsageError, ProfileError, Refused) as exc:
+        raise CheckFailedError(str(exc), *keys) from exc
+
+
 Answering = Callable[[Question], str | None]
 """Gives a person's answer to a question; None where there is none yet."""
 
@@ -157,7 +174,14 @@ class Desk:
         """The step's."""
         return self.commission.step(self.key)
 
-    def ask(self, key: str, text: str, default: str = "", choices: Iterable[str] = ()) -> str:
+    def ask(
+        self,
+        key: str,
+        text: str,
+        default: str = "",
+        choices: Iterable[str] = (),
+        check: Callable[[str], object] | None = None,
+    ) -> str:
         """Return the answer, as it was given before or is given now.
 
         Raises
@@ -165,11 +189,16 @@ class Desk:
         UnansweredError
         UsageError
             For an answer that isn't among the choices.
+        CheckFailedError
+            For one that ``check`` refuses; it is asked for again.
         """
         if key not in self.record.answers:
             question = Question(key, text, default, tuple(choices))
             self.record.answers[key] = self._answer(question)
             self.commission.save()
+        if check is not None:
+            with asked_again(key):
+                check(self.record.answers[key])
         return self.record.answers[key]
 
     def numbers(self, key: str, text: str, count: int, default: str = "") -> list[float]:
@@ -225,6 +254,11 @@ class Desk:
                 + (f"one of {', '.join(question.choices)}" if question.choices else "a value")
             )
         return answer
+
+
+def profile_choices(model: type[Facts]) -> str:
+    """Return what a question about a profile takes: the shipped names, or a file."""
+    return f"{', '.join(shipped(model))}, or a .yaml file of your own"
 
 
 def now() -> str:

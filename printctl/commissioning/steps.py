@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
+from firmware_profiles import Printer, load
 from firmware_profiles.yaml_file import read_yaml
 from printctl.commissioning.bench import Bench
 from printctl.commissioning.state import (
@@ -20,6 +21,7 @@ from printctl.commissioning.state import (
     now,
 )
 from printctl.errors import UsageError
+from printctl.machine.ports.detection import named_port
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,16 @@ def reopen(commission: Commission, key: str) -> None:
     """Forget a step and those after it, which rest on it."""
     for step in STEPS[KEYS.index(step_named(key).key) :]:
         commission.steps[step.key] = StepRecord()
+    commission.save()
+
+
+def change_port(commission: Commission, port: str) -> None:
+    """Go on at another port: a cable in another socket. Its firmware is compared again."""
+    answers = commission.step("profile").answers
+    if answers.get("port", port) == port or commission.step("profile").state != "done":
+        return
+    answers["port"] = named_port(port, load(Printer, commission.printer))
+    commission.steps["connection"] = StepRecord()
     commission.save()
 
 

@@ -25,7 +25,7 @@ from design.toolpath.gcode import (
     stream_gcode,
 )
 from design.units import LengthUnit
-from firmware_profiles import Dish, Printer, steady_flow
+from firmware_profiles import Bath, Dish, Printer, steady_flow
 from kernels.arrays import FloatArray
 from printctl.checks.made_for import header_lines, made_for
 from printctl.checks.set_up import ABOVE_WALL_MM, HeadLoading
@@ -288,6 +288,8 @@ class SliceJob:
         Of the part's lowest point above the floor.
     place_mm : (x, y, z) or None, mm
         Where the meshes' origin goes, printer's frame; None centres the part.
+    bath : Bath or None
+        That the job is recorded to be made for; None where any will do.
     """
 
     parts: Assembly
@@ -298,6 +300,7 @@ class SliceJob:
     dish: Dish | None = None
     clearance_mm: float = 0.0
     place_mm: tuple[float, float, float] | None = None
+    bath: Bath | None = None
 
 
 @dataclass(frozen=True)
@@ -374,7 +377,7 @@ def _writer(job: SliceJob, start: tuple[float, float, float]) -> GcodeOptions:
     needle = first.needle
     flow = None if head is None or needle is None else steady_flow(head, first.ink, needle).ul_s
     options = gcode_options(first.ink, start, FreshOptions.travel_speed_mm_s, flow)
-    header = header_lines(made_for(job.printer, job.loads, dish=job.dish))
+    header = header_lines(made_for(job.printer, job.loads, job.bath, job.dish))
     options = replace(options, header=header)
     if not job.printer.heads:
         return options

@@ -495,7 +495,8 @@ LEFT_DOWN: Final = SORTS["left_down"]
 
 
 def _other(finding: Finding) -> Check:
-    name = {**SORTS, "empty_file": "files without a command"}.get(finding.code, finding.code)
+    names = {**SORTS, **ABOUT_HEADS, "empty_file": "files without a command"}
+    name = names.get(finding.code, finding.code)
     weight: Weight = "warns" if name == LEFT_DOWN else "refuses"
     line = _line(finding)
     return Check(name, finding.count, 0, "", False, line, finding.message, weight)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
-from printctl.checks.made_for import read_made_for
+from printctl.checks.made_for import is_recorded, read_made_for
 from printctl.checks.preflight import (
     Check,
     SetUp,
@@ -60,7 +60,7 @@ def check_job(gcode: Path, set_up: JobSetUp, table_file: Path) -> dict[str, Any]
         "sha256": hashlib.sha256(data).hexdigest(),
         "checks": [_with_accepted(one, shaft.accepted).as_dict() for one in plan.checks],
         "accepted": list(shaft.accepted),
-        "recorded": bool(read_made_for(run.opening)),
+        "recorded": is_recorded(read_made_for(run.opening), mounted.printer),
         "duration_s": run.duration_s,
         "commands": len(job),
         "layers": table.layer_count,

@@ -97,9 +97,9 @@ def _idle_e_words(program: Program, gcode: bytes) -> list[Finding]:
     length = np.linalg.norm((program.target - program.before)[:, :3], axis=1)
     pushed = program.pushed
     extrudes = (program.kind == MOVE) & (pushed > 0) & (length > 0)
-    if not extrudes.any():
-        return []
     lines = gcode.splitlines()
+    if not extrudes.any():
+        return _nothing_extruded(program, length > _SAME_MM, lines)
     idle = (program.kind == MOVE) & (np.abs(pushed) <= 1e-12) & (length > 0)
     rows = np.array(list(_with_e_word(program, idle, lines)), dtype=np.int64)
     if not len(rows):
@@ -122,6 +122,45 @@ def _idle_e_words(program: Program, gcode: bytes) -> list[Finding]:
             count=len(wrong),
         )
     ]
+
+
+def _nothing_extruded(
+    program: Program, travels: NDArray[np.bool_], lines: list[bytes]
+) -> list[Finding]:
+    """A file without any line of ink: its E words must be meant for another kind of printer.
+
+    Doses at a standstill are a file of their own kind (drops, a weighing), but for E words of 0
+    and 1 alone with travel at 1, which open and close a valve.
+    """
+    moves = program.kind == MOVE
+    numbers = sorted({int(line) for line in program.line[moves]})
+    words = {number: word for number in numbers if (word := _e_value(lines, number))}
+    along = sorted(set(words) & {int(line) for line in program.line[moves & travels]})
+    open_travel = moves & travels & (program.target[:, 3] == 1.0)
+    if open_travel.any() and {float(word) for word in words.values()} == {0.0, 1.0}:
+        line = next(number for number, word in words.items() if float(word))
+        why = (
+            "E takes the values 0 and 1 alone, as on a printer whose E1 opens a valve; here it is "
+            "the plunger's travel in mm"
+        )
+    elif along:
+        line = along[0]
+        why = (
+            f"{len(along)} moves have an E word, and it never rises along one of them (E is "
+            "absolute, M82); it may be meant to be relative, or to count the other way"
+        )
+    else:
+        return []
+    text = f"line {line}: no move of the file extrudes: {why}; export it for this printer"
+    return [Finding(line, "idle_e", text, count=max(1, len(along)))]
+
+
+def _e_value(lines: list[bytes], number: int) -> bytes:
+    """Return the number of a line's E word; empty without one."""
+    if number > len(lines):
+        return b""
+    word = _E_WORD.search(lines[number - 1].partition(b";")[0])
+    return word[1] if word is not None and word[1].strip(b"+-.") else b""
 
 
 def _with_e_word(program: Program, idle: NDArray[np.bool_], lines: list[bytes]) -> Iterator[int]:

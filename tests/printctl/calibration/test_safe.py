@@ -57,9 +57,12 @@ def test_only_the_machine_that_was_measured_is_written(tmp_path: Path) -> None:
         called("weigh", sheet, *other)
     sheet.write_text("\n".join(s for s in sheet.read_text().splitlines() if s[0] != "#"))
     with pytest.raises(SafetyError, match=r"is 'Ours' with other values than the printer"):
-        called("weigh", sheet, *other, "--accept-change")
+        called("weigh", sheet, *other, "--accept-change", "--for-mounted")
+    mine = ("--printer", ours, "--syringe", "hamilton_5ml", "--write", ours)
+    with pytest.raises(SafetyError, match=r"weigh\.csv doesn't record.*Hamilton 5 mL.*--for-moun"):
+        called("weigh", sheet, *mine)
     assert ours.read_bytes() == before
-    called("weigh", sheet, "--printer", ours, "--syringe", "hamilton_5ml", "--write", ours)
+    called("weigh", sheet, *mine, "--for-mounted")
     assert load(Printer, str(ours)).name == "Ours"
     assert load(Printer, str(ours)).steps_per_mm.e == pytest.approx(1280.0, rel=2e-3)
 

@@ -8,8 +8,14 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
-from printctl.checks.made_for import header_lines, made_for, profile_hash, read_made_for
+from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
+from printctl.checks.made_for import (
+    header_lines,
+    is_recorded,
+    made_for,
+    profile_hash,
+    read_made_for,
+)
 from printctl.checks.preflight import file_checks
 from printctl.checks.set_up import HeadLoading, SetUp
 from printctl.cli.main import app
@@ -112,11 +118,42 @@ HEAD = b"G21\nG90\nM82\nM302 P1\nG92 X100 Y100 Z10 E0\nG0 Z1\n"
     [
         (b"G1 X110 E1 F600\nG0 X100\nG1 X110 Y101 E1\nG0 Z10\n", "E word that extrude nothing"),
         (b"G1 X110 E0.1 F600\nG1 Y110 E0.2\nG1 X100 E0.", "cut off"),
+        (b"G1 X110 E0 F600\nG1 Y110 E0\nG0 Z10\n", "never rises along one of them"),
+        (b"G1 X110 E-0.1 F600\nG1 Y110 E-0.2\nG0 Z10\n", "never rises along one of them"),
+        (b"T1\nG1 X110 E0.1 F600\nG0 Z10\n", "heads chosen that aren't there"),
+        (b"G1 E1 F60\nG1 X110 F600\nG1 Y110\nG1 E0 F60\nG0 Z10\n", "whose E1 opens a valve"),
     ],
 )
 def test_a_file_that_isn_t_whole_is_refused(body: bytes, words: str) -> None:
     sentences = failed(HEAD + body, SetUp(PRINTER, SYRINGE, INK, load(Needle, "22g")))
     assert any(words in text for text in sentences)
+
+
+def test_doses_at_a_standstill_are_no_fault() -> None:
+    body = b"G1 E0.3 F30\nG0 X105\nG1 E0.6 F30\nG0 Z10\n"
+    run = dry_run(HEAD + body, PRINTER, (100.0, 100.0, 10.0))
+    assert {one.code for one in run.findings} <= {"speed_z"}
+
+
+def test_a_named_bath_is_recorded(tmp_path: Path) -> None:
+    trimesh.creation.box((2, 2, 0.3)).export(tmp_path / "plate.stl")
+    out = tmp_path / "plate.gcode"
+    words = ["slice", str(tmp_path / "plate.stl"), "--unit", "mm", "--out", str(out)]
+    assert CliRunner().invoke(app, [*words, "--bath", "gelatin_calcium"]).exit_code == 0
+    [bath] = read_made_for(out.read_bytes())["bath"]
+    other = SetUp(PRINTER, SYRINGE, INK, NEEDLE, load(Bath, "gelatin_support"))
+    [sentence] = of_set_up(failed(out.read_bytes(), other))
+    assert bath.name in sentence
+    assert other.bath is not None
+    assert repr(other.bath.name) in sentence
+
+
+@pytest.mark.parametrize("kept", [b"printer", b"syringe"])
+def test_a_cut_record_is_none(job: bytes, kept: bytes) -> None:
+    lines = job.split(b"\n")
+    cut = [line for line in lines if not line.startswith(b"; printctl ") or kept in line[:20]]
+    assert is_recorded(read_made_for(job), PRINTER)
+    assert not is_recorded(read_made_for(b"\n".join(cut)), PRINTER)
 
 
 def test_a_tip_left_in_the_print_is_a_warning() -> None:

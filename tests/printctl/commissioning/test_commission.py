@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -161,3 +163,50 @@ def test_nothing_moves_unasked_and_nothing_hangs(lab: Lab) -> None:
 def test_what_cannot_be_commissioned_is_told_where_to_go(lab: Lab) -> None:
     lab.fails("runs files by itself", "--port", "moonraker://x:1")
     lab.fails("is no answer", "--port", "simulated", "--answer", "profile=pneumatic_marlin", code=2)
+
+
+def test_an_answer_that_cannot_be_used_is_asked_for_again(lab: Lab) -> None:
+    begin = ("--port", "simulated", "--yes", "--until", "parts")
+    lab.fails("no syringe profile 'BD 5 ml'", *begin, "--answer", "syringe=BD 5 ml")
+    full = ("--answer", "syringe=bd_1ml", "--answer", "fill_ul=9000")
+    lab.fails("BD Plastipak 1 mL holds 1000", *begin, *full)
+    deep = ("--answer", "fill_ul=900", "--answer", "bath_depth=80")
+    lab.fails("bath depth 80 mm isn't between 0 and 12 mm", *begin, *deep)
+    lab.commission(*begin)
+    mounted = load_mounting(str(lab.folder / "my_printer.yaml")).parts
+    assert (mounted.syringe, mounted.bath_depth_mm) == ("bd_1ml", 8.0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_on_a_terminal_it_is_asked_for_at_once(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = ("--port", "simulated", "--answer", "profile=generic_marlin")
+    main, terminal = os.openpty()
+    os.write(main, b"BD 5 ml\nbd_5ml\nno\n")
+    with os.fdopen(terminal) as typed:
+        monkeypatch.setattr(sys, "stdin", typed)
+        done = called("commission", *chosen, cwd=lab.folder)
+    os.close(main)
+    assert done.stderr.count("Which syringe is mounted") == 2
+    assert "no syringe profile 'BD 5 ml'; shipped: bd_10ml" in done.stderr
+    assert "not confirmed, and nothing was done: Push 20 µL?" in " ".join(done.stderr.split())
+
+
+def test_another_port_is_taken_and_its_firmware_compared(lab: Lab) -> None:
+    begin = ("--yes", "--until", "steps", "--answer", "profile=generic_marlin")
+    with printer_process(lab.folder) as port:
+        lab.waits("Which syringe is mounted", "--port", port, *begin)
+    (lab.folder / "socket").mkdir()
+    with printer_process(lab.folder / "socket") as other:
+        told = lab.commission("--port", other, "--yes", "--until", "connection")
+        assert told["port"] == other
+        assert told["steps"][1]["state"] == "done"
+
+
+def test_a_tip_outside_the_dish_is_refused(lab: Lab) -> None:
+    lab.commission("--port", "simulated", "--yes", "--until", "parts")
+    attach_station(usual_folder()).close()
+    with printer_process(lab.folder) as port:
+        begin = ("--port", port, "--yes", "--until", "touch-off")
+        away = (*begin, "--answer", "tip=0,0,15")
+        lab.fails("0,0 isn't above the middle of Round dish, 60 mm, which was entered as", *away)
+        lab.waits("Where is it, X,Y,Z in mm", *begin)
