@@ -81,7 +81,7 @@ def test_a_new_user_gets_from_the_choice_of_printer_to_the_weighed_steps(
     confirmed(page, "Push 12 doses")
     answered(page, "Masses of the 12 doses", ",".join(["21", "42", "63"] * 4))
     confirmed(page, "Send M92 E6")
-    answered(page, "Which syringe: a .yaml file", "hamilton_1ml")
+    answered(page, "Which syringe: bd_10ml", "hamilton_1ml")
     expect(page.get_by_label("Which needle")).to_be_visible()
     steps = page.get_by_role("list").filter(has_text="Plunger steps").get_by_role("listitem")
     expect(steps.nth(2)).to_contain_text("6400.00 to 60")
