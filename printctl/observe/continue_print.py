@@ -11,6 +11,7 @@ from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import runs_files
+from printctl.machine.prints.mounted import refuse_remounted
 from printctl.machine.prints.state import refuse_forgotten
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import alive
@@ -61,6 +62,8 @@ def continue_print(
         When no observer can be started; nothing has moved.
     PrintctlError
         When the print isn't paused, or its observer is judging a look.
+    SafetyError
+        When other parts are mounted than the file was made for.
     LinkError
         When the printer can't be reached, or the print can't be resumed.
     """
@@ -70,6 +73,7 @@ def continue_print(
     with attach(folder) as attached:
         status = attached.status
     _refuse_status(folder, status, changed, unchanged, unobserved)
+    refuse_remounted(folder)
     started = not (status.ended or unobserved) and ensure_observer(folder)
     with restart(folder, port, unobserved) if status.ended else attach(folder) as client:
         if status.ended and client.status.state is not LinkState.PAUSED:

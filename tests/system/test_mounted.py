@@ -8,8 +8,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from firmware_profiles import Ink, Printer, Syringe, load
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from firmware_profiles.load import shipped_text
+from printctl.checks.made_for import named
+from printctl.errors import SafetyError
+from printctl.machine.prints.mounted import refuse_remounted
+from printctl.machine.records.record import ContactRecord
 from tests.printctl.machine.link.layered import layered
 from tests.sim_process import printer_process
 from tests.system.cli import called, recipe_file
@@ -146,3 +150,19 @@ def test_a_run_on_a_real_port_keeps_to_what_is_mounted(tmp_path: Path) -> None:
     told = refused(2, *words, cwd=tmp_path)
     assert "note: assumed syringe hamilton_1ml, as the recipe names no other" in told
     assert "syringe unknown: neither named nor mounted on generic_marlin" in told
+
+
+def test_a_print_isnt_continued_with_another_needle_than_its_file_names(tmp_path: Path) -> None:
+    needle = named(load(Needle, "30g_50mm"))
+    file = job(tmp_path, LIFT)
+    file.write_text(f"; printctl needle: {needle.name} #{needle.hash}\n" + file.read_text())
+    record = ContactRecord(
+        job=str(file), profile="generic_marlin", port="/dev/ttyNONE9", started=0.0,
+        pid=1, address="", token="",
+    )  # fmt: skip
+    record.save(tmp_path)
+    assert called("mount", *PRINTER, *FILLED, *PARTS, cwd=tmp_path).returncode == 0
+    refuse_remounted(tmp_path)
+    assert called("mount", *PRINTER, "--needle", "22g", cwd=tmp_path).returncode == 0
+    with pytest.raises(SafetyError, match=r"needle .* made for '30G.*', and '22G, .*' is mounted"):
+        refuse_remounted(tmp_path)

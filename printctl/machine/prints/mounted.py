@@ -5,17 +5,25 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import Printer, Syringe, load
-from printctl.checks.made_for import MadeFor, header_lines, profile_hash
+from printctl.checks.made_for import (
+    MadeFor,
+    differences,
+    header_lines,
+    named,
+    profile_hash,
+    read_made_for,
+)
 from printctl.checks.set_up import NONE, Check
 from printctl.errors import SafetyError, UsageError
 from printctl.machine.errors import Refused
 from printctl.machine.job.job import Job
 from printctl.machine.job.syringes import plunger_travel
+from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.process.client import attach_station
 from printctl.machine.process.contact import STATION_LOCK, alive
 from printctl.machine.records.actor import actor
@@ -29,10 +37,12 @@ from printctl.machine.records.mounting import (
     refuse_impossible,
     save_mounting,
 )
+from printctl.machine.records.record import load_record, reported_port
 
 ASSUMED: Final = {"syringe": "hamilton_1ml", "ink": "collagen_fresh"}
 """Parts of a dry run, a simulated print or a sliced file that names none."""
 _CONFIRMED: Final = "confirmed.txt"
+_OPENING_BYTES: Final = 1 << 16
 
 
 def with_mounted(
@@ -66,6 +76,27 @@ def _same(part: str, name: str, other: str) -> bool:
         return name == other
     first, second = (profile_hash(load(PARTS[part], one)) for one in (name, other))
     return first == second
+
+
+def refuse_remounted(folder: Path) -> None:
+    """Raise `SafetyError` where other parts are mounted now than a print's file was made for.
+
+    A syringe may be another: `resume` is told which. Heads of several aren't compared.
+    """
+    record = load_record(folder)
+    if reported_port(folder, record.port) == SIMULATED:
+        return
+    names = asdict(load_mounting(record.profile).parts)
+    mounted = {
+        part: (named(load(PARTS[part], names[part])),)
+        for part in ("needle", "ink", "bath", "dish")
+        if names.get(part) and names[part] != NONE
+    }
+    recorded = read_made_for(Path(record.job).read_bytes()[:_OPENING_BYTES])
+    alone = {part: profiles for part, profiles in recorded.items() if len(profiles) == 1}
+    failed = [check.sentence() for check in differences(alone, mounted)]
+    if failed:
+        raise SafetyError("\n".join(["nothing was moved:", *failed]))
 
 
 def refuse_unknown(
