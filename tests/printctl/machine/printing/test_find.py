@@ -300,6 +300,7 @@ def test_a_new_observer_makes_the_look_that_the_print_is_held_for(
     )
     save_look(tmp_path, LookRecord(4, 9, 9, "end of layer 1", 1.0, "pause", "1 gap", asked))
     monkeypatch.setattr(module, "attach", lambda _: nullcontext(client))
+    monkeypatch.setattr(module, "refuse_remounted", lambda _: None)  # no print was started
     monkeypatch.setattr(module, "ensure_observer", lambda _: started)
     assert continue_print(tmp_path) is client.status
     assert len(said) == resumed
@@ -318,6 +319,7 @@ def test_a_look_that_is_being_judged_is_not_gone_on_with(
         resume=lambda *words: said.append(words),
     )
     monkeypatch.setattr(module, "attach", lambda _: nullcontext(client))
+    monkeypatch.setattr(module, "refuse_remounted", lambda _: None)  # no print was started
     with hold_folder(tmp_path, OBSERVER_LOCK, "an observer is at work"):
         refused = pytest.raises(PrintctlError, match=r"look 4 is being judged.*120 s.*--unobserved")
         with nullcontext() if unobserved else refused:
