@@ -248,7 +248,7 @@ def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(shell: Shell) -> 
         ("profiles check needle.yaml", 2, "needle.yaml: name is missing"),
         ("profiles check bad.csv", 2, "ends in .yaml"),
         ("slice nothing.stl --unit mm --out a.gcode", 1, "No such file"),
-        ("slice cube.stl --out a.gcode", 1, "doesn't say its unit"),
+        ("slice cube.stl --out a.gcode", 2, "doesn't say the unit of its coordinates; give --unit, one"),
         ("slice cube.stl --unit mm --out .", 2, "is a folder"),
         ("slice cube.stl --unit m --out a.gcode", 2, "2000 mm long in x, more than the 200 mm"),
         ("slice cube.stl --unit um --out a.gcode", 1, "check the part's unit"),

@@ -56,6 +56,27 @@ def test_a_place_out_of_reach_is_refused_with_one_that_is_not(cut: Shell) -> Non
     assert re.search(said, err)
 
 
+@pytest.mark.parametrize(
+    ("option", "command"),
+    [
+        ("--unit", "slice cube.stl --out a.gcode"),
+        ("--unit", "lumens a.gcode --model cube.stl --filament-mm 1.75"),
+        ("--unit", "view a.gcode --model cube.stl --filament-mm 1.75 --no-open"),
+        ("--unit", "flow fork.csv"),
+        ("--unit", "convert fork.csv fork.json"),
+        ("--tissue-unit", "view fork.csv --unit mm --tissue cube.stl --no-open"),
+        ("--tissue-unit", "measure fork.csv --unit mm --tissue cube.stl"),
+    ],
+)
+def test_a_missing_unit_is_asked_for_in_one_way(
+    option: str, command: str, cut: Shell, shell: Shell
+) -> None:
+    Path("a.gcode").write_text("G1 X1 Y1 Z0.2 E1\nG1 X9 E2\n")
+    Path("fork.csv").write_text(HEADER + FORK)
+    said = f"doesn't say the unit of its coordinates; give {option}, one of um, mm, cm, m, in"
+    shell.refuses(said, *command.split())
+
+
 def test_a_3mf_says_its_unit(cut: Shell) -> None:
     write_3mf(Path("cube.3mf"), block_solid(np.array([3.0, 2.0, 0.6])))
     assert cut("cube.3mf", "--out", "cube.gcode")[0] == 0
