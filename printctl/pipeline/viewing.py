@@ -60,7 +60,9 @@ class ViewOptions:
     seen_from: View = opt("Where the picture is seen from.", "oblique", "--from")
     width: int = opt("Of --png.", 1600, min=300, max=6000)
     palette: bool = opt("Keep --png to 256 colours: a third of the size.", False)
-    unit: LengthUnit | None = opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc).")
+    unit: LengthUnit | None = opt(
+        "Of the file, where it doesn't say (.csv, .vtp, .stl, .swc, .txt)."
+    )
 
 
 @settings

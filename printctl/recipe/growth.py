@@ -67,10 +67,11 @@ def check_unit(network: str, unit: LengthUnit | None) -> None:
         raise ValueError(
             f"network {network} isn't a .csv, .vtp, .swc, .json, .npz or .txt; convert it"
         )
-    if kind != "swc" and (kind in ("csv", "vtp")) != (unit is not None):
+    if kind not in ("swc", "txt") and (kind in ("csv", "vtp")) != (unit is not None):
         wanted = "give unit" if unit is None else "remove unit"
         raise ValueError(
-            f"network {network}: .csv, .vtp and .swc alone are in a unit of the user's; {wanted}"
+            f"network {network}: .csv, .vtp, .swc and .txt alone are in a unit of the user's; "
+            f"{wanted}"
         )
 
 
@@ -108,7 +109,7 @@ class GivenNetwork(NetworkSection):
     ]
     unit: LengthUnit | None = Field(
         default=None,
-        description="Of a .csv or .vtp, and of an .swc that isn't in um; other files say it.",
+        description="Of a .csv or .vtp; of an .swc that isn't in um, and a .txt that isn't in cm.",
     )
     clearance_mm: float = Field(default=0.0, ge=0, le=10, description="Least wall between vessels.")
     overlaps: Literal["refuse", "tell"] = Field(

@@ -490,7 +490,7 @@ NETWORK_CASES: tuple[tuple[int, tuple[str, ...], str], ...] = (
     (1, ("c.csv", "UTF-8"), "view c.csv --unit mm"),
     (1, ("d.vtp", "not XML"), "measure d.vtp --unit mm --tissue ."),
     (1, ("e.txt", "line 1", "announces 2 points and has 1"), "view e.txt"),
-    (2, ("e.txt", "in cm", "--unit"), "view e.txt --unit mm"),
+    (1, ("long.txt", "200 mm long", "--unit"), "view long.txt"),
     (2, (".txt", "a.csv"), "convert a.csv a.json --unit mm --inlet-outlet e.txt"),
     (2, ("none.txt",), "convert e.txt a.json --inlet-outlet none.txt"),
     (2, ("run folder",), "view ."),
@@ -515,6 +515,7 @@ def test_wrong_networks_are_told_in_one_message_and_leave_nothing(
     (tmp_path / "c.csv").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "d.vtp").write_text("no xml at all")
     (tmp_path / "e.txt").write_text("Vessel: 0, Number of Points: 2\n0, 0, 0, 0.1")
+    (tmp_path / "long.txt").write_text("Vessel: 0, Number of Points: 2\n0, 0, 0, 1\n20, 0, 0, 1")
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     shell.refuses(words, *command.split(), code=code)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
