@@ -421,3 +421,23 @@ def test_kernels_that_are_not_compiled_are_told(monkeypatch, tmp_path: Path):
     done = doctor()
     assert done.exit_code == 0
     assert "printctl doctor --warm" in done.output
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("M600", "M600 is unknown to marlin"),
+        ("M20", "M20 is unknown to marlin"),
+    ],
+)
+def test_simulate_and_print_refuse_a_command_for_one_reason(
+    line: str, said: str, shell: Shell
+) -> None:
+    text = f"M302 P1\nG1 Z5 F200\nG1 X10 Y10 E0.1 F600\n{line}\nG1 Z20 F200\n"
+    Path("a.gcode").write_text(text)
+    for command in (["simulate", "a.gcode"], ["print", "a.gcode", "--port", "simulated"]):
+        code, _, err = shell(*command, "--printer", "generic_marlin")
+        told = " ".join(err.split())
+        assert code == 3
+        assert said in told
+        assert "take it out, or name it in the printer's profile (extra_commands)" in told
