@@ -18,7 +18,7 @@ from printctl.checks.gate.inputs import (
     Refusal,
     Verdict,
 )
-from printctl.checks.gate.rule_makers import reason
+from printctl.checks.gate.rule_makers import REASONS, reason
 from printctl.checks.gate.rules import of_the_moment, rule, rules
 from sim.errors import GcodeError
 from sim.gcode.reading import BLANK, GcodeLine, read_line
@@ -82,9 +82,8 @@ def judge_line(line: GcodeLine, origin: LineOrigin, known: PrinterSituation) -> 
         if not console and line.code in printer.extra_commands:
             return AllowedLine(shown)
         if not console and not is_known_line(printer, line):
-            return Refusal(
-                f"{prefix}: {line.code} is unknown to {printer.firmware}; {UNKNOWN_REMEDY}"
-            )
+            remedy = REASONS.get(line.code, UNKNOWN_REMEDY)
+            return Refusal(f"{prefix}: unknown to {printer.firmware}; {remedy}")
         listed = rules(printer.firmware, origin)
         in_print = console and known.phase is not Phase.STANDING
         return Refusal(f"{prefix}: {reason(line.code, listed, console, in_print)}")
