@@ -16,7 +16,7 @@ import pytest
 import yaml
 from rich.console import Console
 
-from design.errors import SolidError, ToolpathError
+from design.errors import DesignError, ToolpathError
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load, supported_diameter_mm
@@ -33,6 +33,7 @@ from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpat
 from printctl.pipeline.stages import lumens, printing
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.making import Embedded, Fresh
+from registration.errors import ScanFileError
 from sim.errors import ServeError
 from tests.printctl.checks.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube
 from tests.printctl.cli.shell import Shell
@@ -195,13 +196,21 @@ def test_an_ink_without_a_role_is_a_warning(tmp_path: Path) -> None:
     assert "set role in the ink's profile" in check.sentence()
 
 
-def test_step_without_its_extra_is_refused_before_anything_is_designed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("module", "extra", "keys"),
+    [
+        ("netgen", "step", {"solid": {"formats": ["stl", "step"]}}),
+        ("ngsolve", "flow3d", {"flow": {"three_d": {}}}),
+        ("h5py", "scans", {"scan": {"file": "later.h5"}, "printer": {"port": "/dev/ttyACM0"}}),
+    ],
+)
+def test_a_missing_extra_is_refused_before_anything_is_designed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, extra: str, keys: dict[str, Any]
 ) -> None:
-    monkeypatch.setitem(sys.modules, "netgen", None)
-    made = recipe(tmp_path, network(), solid={"formats": ["stl", "step"]})
-    with pytest.raises(SolidError, match=r"pip install 'printctl\[step\]'"):
-        design_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
+    monkeypatch.setitem(sys.modules, module, None)
+    made = recipe(tmp_path, network(), **keys)
+    with pytest.raises((DesignError, ScanFileError), match=rf"pip install 'printctl\[{extra}\]'"):
+        run_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
     assert not (tmp_path / "run").exists()
 
 
