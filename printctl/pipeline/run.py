@@ -129,8 +129,12 @@ def design_recipe(
 def toolpath_recipe(
     recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
 ) -> dict[str, Any]:
-    """Run the stages up to the dry run; return their summaries."""
-    return run_recipe(recipe, recipe_folder, folder, console, RunOptions(until=TOOLPATH_NAMES[-1]))
+    """Run the stages up to the checked G-code; return their summaries.
+
+    The solid of a network that is written along its centrelines isn't built.
+    """
+    how = RunOptions(until=TOOLPATH_NAMES[-1], gcode_alone=True)
+    return run_recipe(recipe, recipe_folder, folder, console, how)
 
 
 def _rehearsed(recipe: Recipe, how: RunOptions, folder: Path) -> Recipe:

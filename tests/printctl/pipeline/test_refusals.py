@@ -532,3 +532,19 @@ def test_part_too_big_for_the_plunger_is_refused_or_printed_with_changes(tmp_pat
 def test_wrong_choice_names_place_value_and_limit(care: dict[str, Any], message: str) -> None:
     with pytest.raises(RecipeError, match=message):
         cared_recipe(care)
+
+
+@pytest.mark.parametrize("method", ["embedded", "fresh"])
+def test_toolpath_builds_a_solid_for_layers_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, method: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    printer = GELATIN if method == "embedded" else {}
+    way = EMBEDDED if method == "embedded" else FRESH
+    made = network_recipe(tmp_path, network(2.0, 0.4), (10, 6, 4), toolpath=way, printer=printer)
+    (tmp_path / "one.yaml").write_text(yaml.safe_dump(made))
+    data = shell.of("toolpath").json("one.yaml", "--out", "one.gcode")
+    assert ("solid" in data) == (method == "fresh")
+    whole = shell.json("one.yaml", "--until", "lumens", "--out", "run")
+    assert "solid" in whole
+    assert data["toolpath"] == whole["toolpath"]
