@@ -31,7 +31,7 @@ from printctl.analysis.networks import read_model
 from printctl.checks.made_for import header_lines, made_for
 from printctl.checks.set_up import ABOVE_WALL_MM, HeadLoading
 from printctl.errors import UsageError
-from printctl.pipeline.heads import gcode_options, head_loads
+from printctl.pipeline.heads import gcode_options, head_loads, speed_notes
 
 # Parse modifier meshes (FILE:setting=value,...): regions with their own infill or head.
 
@@ -440,6 +440,9 @@ def job_notes(job: SliceJob, written: JobFigures) -> list[str]:
     notes = [note for solid in job.parts.solids for note in solid.notes]
     report = written.report
     notes += [*_height_note(written), *report.overlap_notes, *report.narrow_notes]
+    speed = job.options.write_speed_mm_s
+    if speed != FreshOptions.write_speed_mm_s:
+        notes += speed_notes(job.printer, f"--speed {speed:g}")
     for number, ul in enumerate(written.report.written_ul_of_heads):
         barrel = job.loads[number].syringe
         if ul > barrel.volume_ul:

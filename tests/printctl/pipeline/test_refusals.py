@@ -548,3 +548,19 @@ def test_toolpath_builds_a_solid_for_layers_alone(
     whole = shell.json("one.yaml", "--until", "lumens", "--out", "run")
     assert "solid" in whole
     assert data["toolpath"] == whole["toolpath"]
+
+
+def test_a_writing_speed_that_air_overrides_is_reported_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    air = {"profile": "pneumatic_marlin", "ink": "fibrinogen_fresh", "bath": "gelatin_thrombin"}
+    said = "toolpath.write_speed_mm_s (7 mm/s) isn't used for"
+    for speed, times in (({"write_speed_mm_s": 7}, 1), ({}, 0)):
+        way = FRESH | {"needle": "fresh_150um", "layer_um": 60, "line_um": 150} | speed
+        made = network_recipe(tmp_path, network(1, 0.4), (10, 6, 3), toolpath=way, printer=air)
+        (tmp_path / "one.yaml").write_text(yaml.safe_dump(made))
+        code, out, err = shell.of("toolpath")("one.yaml", "--out", "one.gcode", "--json")
+        assert code == 0, err
+        assert " ".join(err.split()).count(said) == times
+        assert len(json.loads(out)["toolpath"].get("notes", ())) == times
