@@ -85,13 +85,17 @@ def read_noted(path: Path, unit: LengthUnit | None, ends: Path | None = None) ->
     return read_with_notes(path, unit, ends)
 
 
+def unit_missing(path: Path, option: str) -> UsageError:
+    """Return the refusal of a file whose unit isn't given; ``option`` takes it."""
+    return UsageError(
+        f"{path} doesn't say the unit of its coordinates; give {option}, one of {', '.join(MM_PER)}"
+    )
+
+
 def require_unit(path: Path, unit: LengthUnit | None, option: str = "--unit") -> None:
     """Raise `UsageError` naming ``option`` if no unit is given of a file that holds none."""
     if unit is None and path.suffix.lower() in (*UNIT_NEEDED, *MESHES_WITHOUT_UNIT):
-        raise UsageError(
-            f"{path} doesn't say the unit of its coordinates; give {option}, one of "
-            f"{', '.join(MM_PER)}"
-        )
+        raise unit_missing(path, option)
 
 
 def read_model(
