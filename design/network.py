@@ -5,15 +5,16 @@ Every stage after vasculature (flow, solids, toolpath, registration) takes this 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import NetworkError
+from design.notebook import NotebookView, draw_lines, span
 from kernels.arrays import FloatArray, IntArray
 
 MAX_MM: Final = 1e6
@@ -30,8 +31,8 @@ class VesselKind(IntEnum):
     CHANNEL = 4
 
 
-@dataclass(frozen=True)
-class VesselNetwork:
+@dataclass(frozen=True, repr=False)
+class VesselNetwork(NotebookView):
     """Nodes, and vessels between them, each a polyline with a radius at each point.
 
     Attributes
@@ -59,6 +60,31 @@ class VesselNetwork:
     offset: IntArray
     points: FloatArray
     radius: FloatArray
+
+    projection: ClassVar[str | None] = "3d"
+
+    def _facts(self) -> Mapping[str, str]:
+        return {
+            "vessels": f"{self.vessel_count}",
+            "nodes": f"{len(self.nodes)}",
+            "kinds": ", ".join(sorted(set(self.kind_names().tolist()))),
+            "diameters": span(2.0 * self.radius, "mm"),
+            "size": f"{' × '.join(f'{mm:.4g}' for mm in np.ptp(self.points, axis=0))} mm",
+        }
+
+    def _columns(self) -> Mapping[str, Any]:
+        return {
+            "node0": self.vessel_nodes[:, 0],
+            "node1": self.vessel_nodes[:, 1],
+            "kind": self.kind_names(),
+            "tree": self.tree,
+            "length_mm": self.lengths(),
+            "mean_radius_mm": self.mean_radius(),
+        }
+
+    def _draw(self, axes: Any) -> None:
+        start, end, r0, r1, _ = self.pieces()
+        draw_lines(axes, np.stack([start, end], axis=1), r0 + r1, "diameter (mm)")
 
     def __post_init__(self) -> None:
         check_shapes(self)

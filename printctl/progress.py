@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from time import monotonic
-from typing import Final, Protocol
+from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -34,8 +34,14 @@ class Listener(Protocol):
         """Something that the user should know about a stage."""
 
 
-TOLD_EVERY_S: Final = 30.0
-"""Of a stage that takes long, how far it is, where there is no terminal to draw a bar on."""
+TOLD_AFTER_S, TOLD_EVERY_S, TOLD_SHARE = 10.0, 30.0, 0.05
+"""Where no bar can be drawn, a line says how far a stage is: once this share more is done, at most
+every so many seconds, or after the longer time in any case."""
+
+
+def draws_bars(console: Console) -> bool:
+    """Whether lines on the console can be drawn over: it is a terminal, and no dumb one."""
+    return console.is_terminal and not console.is_dumb_terminal
 
 
 class StageBars:
@@ -50,7 +56,7 @@ class StageBars:
             TimeElapsedColumn(),
             TextColumn("[dim]{task.fields[note]}"),
             console=console,
-            disable=not console.is_terminal,
+            disable=not draws_bars(console),
         )
 
     @contextmanager
@@ -79,13 +85,15 @@ class StageBars:
         if self._listener is not None:
             self._listener.stage(name, 0.0)
 
-        last_s = monotonic()
+        last_s, last = monotonic(), 0.0
 
         def report(fraction: float, note: str = "") -> None:
-            nonlocal last_s
-            if not self._console.is_terminal and monotonic() >= last_s + TOLD_EVERY_S:
-                last_s = monotonic()
-                self._console.print(f"{name:<14} {fraction:.0%}", highlight=False)
+            nonlocal last_s, last
+            due_s = TOLD_AFTER_S if fraction >= last + TOLD_SHARE else TOLD_EVERY_S
+            if not draws_bars(self._console) and monotonic() >= last_s + due_s:
+                last_s, last = monotonic(), fraction
+                line = f"{name:<14} {fraction:.0%} {note}".rstrip()
+                self._console.print(line, highlight=False, markup=False)
             if self._listener is not None:
                 self._listener.stage(name, fraction, note)
             self._bars.update(task, total=1.0, completed=fraction, note=note)
@@ -100,7 +108,7 @@ class StageBars:
         for task in self._bars.tasks:
             if task.description == name:
                 self._bars.update(task.id, note=note)
-        if not self._console.is_terminal:
+        if not draws_bars(self._console):
             self._console.print(f"{name:<14} {note}", highlight=False)
 
     def remark(self, name: str, text: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
+from design.notebook import NotebookView
 from kernels.arrays import FloatArray
 from registration.alignment import AXES, AlternativePose, Uncertainty
 from registration.alignment.as_printed import AsPrinted
@@ -25,8 +27,8 @@ SIGN = "positive where the lumen, or the outside, reaches beyond the design: too
 """Of every deviation."""
 
 
-@dataclass(frozen=True)
-class RegistrationReport:
+@dataclass(frozen=True, repr=False)
+class RegistrationReport(NotebookView):
     """Numbers of one scan against its design; frame of vertices and maps: the part's.
 
     Deviations are positive where the lumen (or the outside) reaches beyond the design, see
@@ -173,6 +175,26 @@ class RegistrationReport:
     gel_at: FloatArray | None
     walls: WallCalibration | None
     notes: tuple[str, ...]
+
+    def _facts(self) -> Mapping[str, str]:
+        closed = sum(vessel.open is False for vessel in self.vessels)
+        return {
+            "deviation": f"RMS {self.scaled.rms_um:.4g} µm",
+            "scale": " × ".join(f"{one:.4f}" for one in self.scale),
+            "vessels": f"{len(self.vessels)}, {closed} closed, {len(self.defects)} defects",
+            "pose": "ambiguous" if self.ambiguous else "sure",
+        }
+
+    def _columns(self) -> Mapping[str, Any]:
+        rows = report_dict(self)["vessels"]
+        first = rows[0] if rows else {}
+        names = [name for name, value in first.items() if not isinstance(value, list | dict)]
+        return {name: [row[name] for row in rows] for name in names}
+
+    def _draw(self, axes: Any) -> None:
+        axes.stairs(self.histogram_counts, self.histogram_edges_um, fill=True)
+        axes.set_xlabel("deviation of the surface (µm)")
+        axes.set_ylabel("vertices")
 
 
 def scaled_vertices(report: RegistrationReport) -> FloatArray:

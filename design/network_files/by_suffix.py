@@ -32,10 +32,10 @@ from design.units import MM_PER, LengthUnit
 UNIT_NEEDED: Final = (".csv", ".vtp")
 """Suffixes of the formats that don't say their unit."""
 
-UNIT_DEFAULT: Final[dict[str, LengthUnit]] = {".swc": "um"}
+UNIT_DEFAULT: Final[dict[str, LengthUnit]] = {".swc": "um", ".txt": "cm"}
 """Formats in a unit that files don't keep to: the user may name another."""
 
-UNIT_FIXED: Final[dict[str, LengthUnit]] = {".json": "mm", ".npz": "mm", ".txt": "cm"}
+UNIT_FIXED: Final[dict[str, LengthUnit]] = {".json": "mm", ".npz": "mm"}
 """Formats that say their unit, or are always in it."""
 
 READ: Final = (*UNIT_NEEDED, *UNIT_DEFAULT, *UNIT_FIXED)
@@ -54,6 +54,11 @@ WRITERS: Final[dict[str, Callable[[Path, VesselNetwork], None]]] = {
     ".npz": write_network_npz,
 }
 """By suffix, of the formats that are one file."""
+
+
+XCAVATE_LONGEST_MM: Final = 150.0
+"""Twice the longest of the six networks published with X-CAVATE, 73 mm; one in mm that is read in
+cm, as they are, is ten times too long."""
 
 
 def read_network(path: Path, unit: LengthUnit | None = None) -> VesselNetwork:
@@ -75,7 +80,7 @@ def read_with_notes(
         Ends in .csv, .vtp, .swc, .json, .npz or .txt (X-CAVATE's).
     unit : {"um", "mm", "cm", "m", "in"}, optional
         Of the coordinates: needed for .csv and .vtp, which don't say it; never guessed. SWC is in
-        µm, or as its comments say, unless another unit is given here.
+        µm, or as its comments say, and X-CAVATE's text in cm, unless another unit is given here.
     ends : Path, optional
         Inlets and outlets that come with X-CAVATE's file.
 
@@ -83,7 +88,7 @@ def read_with_notes(
     ------
     NetworkError
         For an unknown suffix, a unit that is missing or isn't the format's, a bad file, or an SWC
-        file without unit of sizes that nothing prints.
+        or X-CAVATE file of improbable size whose unit isn't given.
     OSError
         When the file can't be read.
     """
@@ -117,8 +122,7 @@ def _read(path: Path, unit: LengthUnit | None, ends: Path | None) -> NetworkWith
         case ".swc":
             return _swc(path, unit)
         case ".txt":
-            xcavate = read_network_xcavate(path, ends)
-            return NetworkWithNotes(xcavate.network, (*xcavate.notes, *_size(xcavate.network)))
+            return _xcavate(path, unit, ends)
         case ".json":
             network = read_network_json(path)
         case ".npz":
@@ -133,11 +137,8 @@ def _swc(path: Path, unit: LengthUnit | None) -> NetworkWithNotes:
     header = read_swc_header(path)
     network = read_network_swc(path, unit)
     notes = _size(network)
-    if unit is None and header.unit is None and notes:
-        raise NetworkError(
-            f"{path}: {notes[0]} SWC is in µm, and so it was taken; give unit (--unit), one of "
-            f"{', '.join(MM_PER)}: um to take it so all the same"
-        )
+    if unit is None and header.unit is None:
+        _check_assumed(path, notes, "SWC is in µm", "um")
     if header.unit is not None:
         taken = f"read in {unit or header.unit}" + (", as asked" if unit else "")
         notes = (f"The file's comments say that it is in {header.unit}; {taken}.", *notes)
@@ -151,16 +152,36 @@ def _swc(path: Path, unit: LengthUnit | None) -> NetworkWithNotes:
     return NetworkWithNotes(network, notes)
 
 
-def _size(network: VesselNetwork) -> tuple[str, ...]:
+def _xcavate(path: Path, unit: LengthUnit | None, ends: Path | None) -> NetworkWithNotes:
+    network, _, notes = read_network_xcavate(path, ends, unit=unit or UNIT_DEFAULT[".txt"])
+    size = _size(network)
+    if unit is None:
+        usual = _size(network, XCAVATE_LONGEST_MM, "X-CAVATE's networks are shorter than")
+        _check_assumed(path, usual, "X-CAVATE's files are in cm", "cm")
+    return NetworkWithNotes(network, (*notes, *size))
+
+
+def _check_assumed(path: Path, size: tuple[str, ...], assumed: str, usual: LengthUnit) -> None:
+    """Raise `NetworkError` where the unit that a format has by default makes sizes improbable."""
+    if size:
+        raise NetworkError(
+            f"{path}: {size[0]} {assumed}, and so it was taken; give unit (--unit), one of "
+            f"{', '.join(MM_PER)}: {usual} to take it so all the same"
+        )
+
+
+def _size(
+    network: VesselNetwork, longest_mm: float = _LONG_MM, limited: str = ""
+) -> tuple[str, ...]:
     """A sentence on sizes that nothing prints; none for others."""
     widest = float(network.radius.max())
     extent = float(np.ptp(network.points, axis=0).max())
-    if widest >= _THIN_MM and extent <= _LONG_MM:
+    if widest >= _THIN_MM and extent <= longest_mm:
         return ()
     limit = (
         f"no vessel thinner than {_THIN_MM:g} mm in radius is printed"
         if widest < _THIN_MM
-        else f"nothing longer than {_LONG_MM:g} mm is printed"
+        else f"{limited or 'nothing is printed longer than'} {longest_mm:g} mm"
     )
     return (
         f"The network is {extent:.3g} mm long, its widest radius {widest:.3g} mm: {limit}. Is its "

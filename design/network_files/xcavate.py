@@ -1,4 +1,4 @@
-"""Read vessels from X-CAVATE's text (points in cm), and join them to a network."""
+"""Read vessels from X-CAVATE's text, and join them to a network."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import Final, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from design.errors import NetworkError
@@ -24,10 +26,9 @@ from design.network_files.pieces import (
     chain_pieces,
     read_utf8,
 )
-from design.units import MM_PER
+from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
 
-_MM: Final = MM_PER["cm"]
 _HEAD: Final = re.compile(r"vessel:\s*(\d+)\s*,\s*number of points:\s*(\d+)\s*$", re.IGNORECASE)
 
 
@@ -35,6 +36,8 @@ REACH: Final = 1.05
 """An end within so many radii of a vessel's axis lies in that vessel."""
 SAME_JOINT: Final = 0.05
 """Joints nearer to each other along a vessel than this part of its radius are one."""
+MOST_NAMED: Final = 5
+"""Detached pieces, and vessels of each, that the report names."""
 _TINY_MM: Final = 1e-6
 """A point so near to a joint is left out."""
 
@@ -58,14 +61,17 @@ class XcavateNetwork(NamedTuple):
 
 
 def read_network_xcavate(
-    path: Path, ends: Path | None = None, kind: VesselKind = VesselKind.ARTERY
+    path: Path,
+    ends: Path | None = None,
+    kind: VesselKind = VesselKind.ARTERY,
+    unit: LengthUnit = "cm",
 ) -> XcavateNetwork:
     """Read vessels and join them.
 
     A vessel is a line ``Vessel: 0, Number of Points: 100`` and a line ``x, y, z, radius`` for
-    each point, all in cm; a fifth number, where there is one, is 0 in a vein and another in an
-    artery. Vessels begin and end within the vessel that they leave or join, not on its axis:
-    each is put there, once lines through one lumen are merged. Designed flow runs along
+    each point, all in cm as X-CAVATE has it; a fifth number, where there is one, is 0 in a vein and
+    another in an artery. Vessels begin and end within the vessel that they leave or join, not on
+    its axis: each is put there, once lines through one lumen are merged. Designed flow runs along
     each vessel as it is given.
 
     Parameters
@@ -73,10 +79,12 @@ def read_network_xcavate(
     path : Path
     ends : Path, optional
         The file of inlets and outlets: the word ``inlet`` or ``outlet`` on a line of its own, then
-        a line ``x, y, z`` (cm) for each. A vessel that ends at an inlet or begins at an outlet is
+        a line ``x, y, z`` for each. A vessel that ends at an inlet or begins at an outlet is
         turned round.
     kind : VesselKind
         Of points without a fifth number.
+    unit : {"um", "mm", "cm", "m", "in"}
+        Of both files.
 
     Raises
     ------
@@ -86,15 +94,16 @@ def read_network_xcavate(
     OSError
         When a file can't be read.
     """
-    lines = _lines(path, kind)
+    scale = MM_PER[unit]
+    lines = [line.scaled(scale) for line in _lines(path, kind)]
     if ends is not None:
-        lines = _turned(lines, ends)
+        lines = _turned(lines, ends, scale)
     merged, notes = _merged(path, lines)
-    network, snaps = _join_lines(path, merged)
+    network, snaps, detached = _join_lines(path, merged)
     # Merged vessels meet at nodes already.
     moved = tuple(snap for snap in snaps if not notes or snap.moved_mm > 0.0)
     free = int(np.count_nonzero(network.degree() == 1))
-    return XcavateNetwork(network, moved, (*notes, _note(moved, free)))
+    return XcavateNetwork(network, moved, (*notes, _note(moved, free), *detached))
 
 
 def _merged(path: Path, lines: list[_Line]) -> tuple[list[_Line], tuple[str, ...]]:
@@ -177,7 +186,7 @@ def _lines(path: Path, kind: VesselKind) -> list[_Line]:
                 "fifth for artery or vein",
             )
         if values[3] <= 0:
-            _fail(path, number, f"radius {values[3]:g} cm isn't above 0; mend the line")
+            _fail(path, number, f"radius {values[3]:g} isn't above 0; mend the line")
         rows[-1].append((number, values))
     if not heads:
         raise NetworkError(
@@ -219,19 +228,19 @@ def _line(
     return _Line(
         vessel=vessel,
         number=np.array([n for n, _ in rows], dtype=np.int64)[moves],
-        points=table[:, :3] * _MM,
-        radius=table[:, 3] * _MM,
+        points=table[:, :3],
+        radius=table[:, 3],
         kind=kinds.astype(np.int64),
     )
 
 
-def _turned(lines: list[_Line], ends: Path) -> list[_Line]:
+def _turned(lines: list[_Line], ends: Path, scale: float) -> list[_Line]:
     """The same lines, those turned round that end at an inlet or begin at an outlet."""
     turned = list(lines)
     tips = np.array([line.points[[0, -1]] for line in lines])
     reach = REACH * np.array([line.radius[[0, -1]] for line in lines])
     for number, word, place in _ends(ends):
-        gap = np.linalg.norm(tips - place, axis=2)
+        gap = np.linalg.norm(tips - place * scale, axis=2)
         which, side = np.unravel_index(int(np.argmin(gap)), gap.shape)
         if gap[which, side] > reach[which, side]:
             _fail(
@@ -254,7 +263,7 @@ def _ends(path: Path) -> Iterator[tuple[int, str, FloatArray]]:
         values = _numbers(path, number, row)
         if not word or len(values) != 3:
             _fail(path, number, f"{row[:60]!r} isn't 'inlet', 'outlet' or x, y, z below one")
-        yield number, word, np.array(values) * _MM
+        yield number, word, np.array(values)
 
 
 # Join separately read vessel polylines to a network: put loose ends on axes, make nodes.
@@ -269,6 +278,10 @@ class _Line(NamedTuple):
     radius: FloatArray  # (k,), mm
     kind: IntArray  # (k,), a `VesselKind` each
 
+    def scaled(self, factor: float) -> _Line:
+        """The same, its points and radii times a factor."""
+        return self._replace(points=self.points * factor, radius=self.radius * factor)
+
     def reversed(self) -> _Line:
         """The same from its other end."""
         return _Line._make([self.vessel, *(column[::-1] for column in self[1:])])
@@ -282,13 +295,16 @@ class _Foot(NamedTuple):
     gap_mm: float
 
 
-def _join_lines(path: Path, lines: list[_Line]) -> tuple[VesselNetwork, list[Snap]]:
+def _join_lines(
+    path: Path, lines: list[_Line]
+) -> tuple[VesselNetwork, list[Snap], tuple[str, ...]]:
     """Put every end that lies within another vessel on its axis, and cut that vessel there.
 
     An end lies within the vessel of whose radius (at the nearest place of its axis) the distance
     is the smallest part, if that is at most `REACH`. The end moves, the other vessel doesn't;
     points that the end would have to turn back to are left out. Ends that lie in the same place
-    of a vessel, to `SAME_JOINT` of its radius, share a node. Also returns the ends that were moved.
+    of a vessel, to `SAME_JOINT` of its radius, share a node. Also returns the
+    ends that were moved, and a sentence on detached pieces.
     """
     near = _Near(lines)
     ends = [(i, side) for i in range(len(lines)) for side in (0, 1)]
@@ -304,7 +320,45 @@ def _join_lines(path: Path, lines: list[_Line]) -> tuple[VesselNetwork, list[Sna
         labels.unite(2 * i + side, _joint(paths[foot.line], foot.at, labels))
         end = ("start", "end")[side]
         snaps.append(Snap(lines[i].vessel, lines[foot.line].vessel, end, foot.gap_mm))
-    return chain_pieces(_pieces(path, lines, paths, labels)), snaps
+    joined = [(i, foot.line) for (i, _), foot in zip(ends, feet, strict=True) if foot is not None]
+    detached = _detached(lines, near, np.array(joined, dtype=np.int64).reshape(-1, 2))
+    return chain_pieces(_pieces(path, lines, paths, labels)), snaps, detached
+
+
+def _detached(lines: list[_Line], near: _Near, joined: IntArray) -> tuple[str, ...]:
+    """A sentence on the groups of lines that no joint connects with the largest; none for one.
+
+    ``joined`` (k, 2) are pairs of lines that share a joint.
+    """
+    pairs = coo_array((np.ones(len(joined)), joined.T), shape=(len(lines), len(lines)))
+    count, group = connected_components(pairs, directed=False)
+    if count == 1:
+        return ()
+    length = [np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() for line in lines]
+    main = int(np.argmax(np.bincount(group, length)))
+    named = []
+    for own in np.flatnonzero(np.arange(count) != main)[:MOST_NAMED]:
+        # Either an end of the group lies nearest to the others' axes, or one of theirs to its.
+        inside = group == own
+        gap, onto, end = min(
+            (*near.gap(lines[i].points[-side], inside[near.line] != inside[i]), i)
+            for i in range(len(lines))
+            for side in (0, 1)
+        )
+        which, against = (end, onto) if inside[end] else (onto, end)
+        of = np.flatnonzero(inside)
+        vessels = f"vessel {lines[of[0]].vessel}"
+        if len(of) > 1:
+            vessels = f"vessels {', '.join(str(lines[i].vessel) for i in of[:MOST_NAMED])}"
+            vessels += f" and {len(of) - MOST_NAMED} more" if len(of) > MOST_NAMED else ""
+        nearest = f"vessel {lines[which].vessel}, " if len(of) > 1 else ""
+        named.append(f"{vessels} ({nearest}{gap:.3g} mm from vessel {lines[against].vessel})")
+    more = f" and {count - 1 - MOST_NAMED} more" if count - 1 > MOST_NAMED else ""
+    return (
+        f"The network is in {count} pieces; apart from the largest: {'; '.join(named)}{more}; "
+        f"distances are between axes. An end joins a vessel within {REACH:g} of its radius: extend "
+        "the file's vessels where they should meet.",
+    )
 
 
 class _Near:
@@ -330,15 +384,26 @@ class _Near:
         self._far = REACH * widest + float(np.sqrt(self._length2.max())) / 2
         self._tree = cKDTree(self._start + self._way / 2)
 
+    def gap(self, end: FloatArray, among: NDArray[np.bool_]) -> tuple[float, int]:
+        """Distance of an end from the nearest axis ``among`` all stretches, and that one's line."""
+        rows = np.flatnonzero(among)
+        gap = self._along(end, rows)[1]
+        k = int(np.argmin(gap))
+        return float(gap[k]), int(self.line[rows[k]])
+
+    def _along(self, end: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Nearest place on each stretch to an end, as a share of it, and its distance, mm."""
+        start, way = self._start[rows], self._way[rows]
+        along = (np.einsum("ij,ij->i", end - start, way) / self._length2[rows]).clip(0.0, 1.0)
+        return along, np.linalg.norm(start + along[:, None] * way - end, axis=1)
+
     def foot(self, end: FloatArray, own: int) -> _Foot | None:
         """Place on another line's axis within whose vessel an end lies deepest; None for none."""
         rows = np.sort(np.array(self._tree.query_ball_point(end, self._far), dtype=np.int64))
         rows = rows[self.line[rows] != own]
         if not len(rows):
             return None
-        start, way = self._start[rows], self._way[rows]
-        along = (np.einsum("ij,ij->i", end - start, way) / self._length2[rows]).clip(0.0, 1.0)
-        gap = np.linalg.norm(start + along[:, None] * way - end, axis=1)
+        along, gap = self._along(end, rows)
         ratio = gap / (self._radius[rows] + along * self._taper[rows])
         k = int(np.argmin(ratio))
         if ratio[k] > REACH:

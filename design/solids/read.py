@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     import trimesh
 
 
-SUFFIXES: Final = (".stl", ".3mf", ".ply", ".obj", ".off")
+MESHES_WITHOUT_UNIT: Final = (".stl", ".ply", ".obj", ".off")
+SUFFIXES: Final = (*MESHES_WITHOUT_UNIT, ".3mf")
 _MM_OF_3MF: Final = {
     "micron": 1e-3,
     "millimeter": 1.0,

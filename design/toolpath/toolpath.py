@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from pathlib import Path
-from typing import Any, Final, Literal, cast
+from typing import Any, ClassVar, Final, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from design.errors import ToolpathError
 from design.files import atomic_replacement
+from design.notebook import NotebookView, draw_lines, span
 from kernels.arrays import FloatArray, IntArray
 
 
@@ -36,8 +37,8 @@ class MoveKind(IntEnum):
     """Within a pass: what follows would bar a mend of what is written; nothing moves."""
 
 
-@dataclass(frozen=True)
-class Toolpath:
+@dataclass(frozen=True, repr=False)
+class Toolpath(NotebookView):
     """Moves as arrays, in the part's frame.
 
     Attributes
@@ -75,6 +76,39 @@ class Toolpath:
     source_kind: Literal["layer", "vessel"]
     layer_height_mm: float = 0.0
     heights_mm: Mapping[int, float] = field(default_factory=dict)
+
+    projection: ClassVar[str | None] = "3d"
+
+    def _facts(self) -> Mapping[str, str]:
+        writes = self.kind == MoveKind.WRITE
+        named = self.source[writes & (self.source >= 0)]
+        return {
+            "moves": f"{len(self)}",
+            f"{self.source_kind}s": f"{len(np.unique(named))}",
+            "written": f"{self.lengths[writes].sum():.4g} mm, {self.written_ul:.4g} µL",
+            "writing speed": span(self.speed_mm_s[writes], "mm/s"),
+        }
+
+    def _columns(self) -> Mapping[str, Any]:
+        places = {
+            f"{name}{axis}_mm": ends[:, k]
+            for name, ends in (("from_", self.start), ("to_", self.end))
+            for k, axis in enumerate("xyz")
+        }
+        names = np.array([kind.name.lower() for kind in MoveKind])
+        return places | {
+            "kind": names[self.kind],
+            "volume_ul": self.volume_ul,
+            "speed_mm_s": self.speed_mm_s,
+            "duration_s": self.duration_s,
+            "tool": self.tool,
+            self.source_kind: self.source,
+        }
+
+    def _draw(self, axes: Any) -> None:
+        rows = self.kind == MoveKind.WRITE
+        lines = np.stack([self.start[rows], self.end[rows]], axis=1)
+        draw_lines(axes, lines, self.source[rows].astype(np.float64), self.source_kind)
 
     def __len__(self) -> int:
         return len(self.kind)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
         check_supply,
         supply_balance,
     )
-    from design.vasculature.growth.tree import grow_tree
+    from design.vasculature.growth.tree import grow_tree, place_root
     from design.vasculature.loops.loops import ClosedLoops, LoopOptions, close_loops
     from design.vasculature.loops.mixing import JoinedTrees, join_forest, mix_trees
     from design.vasculature.named import (
@@ -69,6 +69,7 @@ __all__ = [
     "join_forest",
     "mix_trees",
     "parts_to_network",
+    "place_root",
     "planar_four_vessel",
     "scaled_to_smallest_radius",
     "supply_balance",

@@ -190,7 +190,9 @@ class FrontOptions:
     frames_per_s: float = opt("Of the film to come (--predict).", 25.0, min=1e-3)
     as_printed: bool = opt("Lumens as registration found them (--predict).", False)
     at: list[str] | None = opt("Places of curves (--predict).", metavar="VESSEL:SHARE")
-    unit: LengthUnit | None = opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc).")
+    unit: LengthUnit | None = opt(
+        "Of the file, where it doesn't say (.csv, .vtp, .stl, .swc, .txt)."
+    )
     diffusivity_mm2_s: float = opt("Of the dye (--predict).", DYE_DIFFUSIVITY, min=0.0)
 
 

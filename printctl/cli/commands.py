@@ -22,8 +22,9 @@ from printctl.errors import PrintctlError, UsageError
 def equipped(command: Any, name: str) -> Any:
     """Give a command, and those in it, what all have in common.
 
-    That is the shipped names for options of profiles, the refusal of options given twice, and help
-    that ends with examples and keeps names whole. A group has no options of its own.
+    That is the shipped names for options of profiles, the refusal of options given twice or without
+    their value, and help that ends with examples and keeps names whole. A group has no options of
+    its own.
     """
     inner = getattr(command, "commands", {})
     for word, one in inner.items():
@@ -52,11 +53,12 @@ def _write_help(
 
 
 def _parse_once(command: Any, parse: Callable[..., Any], ctx: Any, args: list[str]) -> Any:
-    """Parse, once no option is repeated."""
+    """Parse, once no option is repeated or takes another for its value."""
     # What is typed twice is known to the parser alone, which keeps the last.
-    given = command.make_parser(ctx).parse_args(args=list(args))[2]
+    values, _, given = command.make_parser(ctx).parse_args(args=list(args))
     if not ctx.resilient_parsing:
         _refuse_repeated(given)
+        _refuse_swallowed(command, values)
     return parse(ctx, args)
 
 
@@ -71,6 +73,20 @@ def _refuse_repeated(given: list[Any]) -> None:
             f"{names} is given {'twice' if times == 2 else f'{times} times'}, and takes one value; "
             "give it once"
         )
+
+
+def _refuse_swallowed(command: Any, values: dict[str, Any]) -> None:
+    """Refuse an option whose value is the name of another: its own value was left out."""
+    options = [param for param in command.params if param.param_type_name == "option"]
+    names = {name for param in options for name in (*param.opts, *param.secondary_opts)}
+    for param in options:
+        value = values.get(param.name)
+        for word in value if isinstance(value, list) else [value]:
+            if isinstance(word, str) and word in names:
+                raise UsageError(
+                    f"{'/'.join(param.opts)} takes a value, and {word} follows it, which is an "
+                    f"option; give the value behind {param.opts[-1]}"
+                )
 
 
 # Shell completion of commands, options, choices and profile names.

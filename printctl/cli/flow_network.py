@@ -7,6 +7,7 @@ from typing import Final
 
 import typer
 
+from design.hemodynamics.three_d.engine import load_engine
 from printctl.analysis.flow import NPZ, CsvTables, NpzTables
 from printctl.analysis.flow.conditions import Driven, driven_by_run, recipe_of
 from printctl.analysis.flow.exports import EXPORTS, export_notes, write_exports
@@ -42,6 +43,8 @@ def run_network(
     else:
         driven = Driven(part_of(requested)[0])
         fillet = FILLET if requested["fillet_ratio"] is None else requested["fillet_ratio"]
+    if how.match_split or driven.part.three_d is not None:
+        load_engine()  # Missing, it is better told before 0D is solved.
     tables = NpzTables(out / NPZ) if requested["results"] == "npz" else CsvTables(out)
     space = space_of(requested)
     with messages().status("0D flow") as status:

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Final
 
 from printctl.cli.options import messages
-from printctl.progress import Listener, StageBars
+from printctl.progress import Listener, StageBars, draws_bars
 
 if TYPE_CHECKING:
     from kernels.ahead import NeededKernel
@@ -65,7 +65,7 @@ def _compiling(
     note += f"; {len(late)} more while stages run" if late else ""
     with ExitStack() as stack:
         with bars.all(), bars.stage("kernels") as report:
-            if not messages().is_terminal:
+            if not draws_bars(messages()):
                 messages().print(f"{'kernels':<14} {note} ...")
             report(0.0, note)
             work = compiling(rows, late, lambda done: report(done / len(rows), note))

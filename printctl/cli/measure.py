@@ -13,7 +13,7 @@ from design.network_files.by_suffix import READ
 from design.tissue import SizeLimits, Tissue, load_tissue
 from design.units import LengthUnit
 from printctl.analysis.measure_words import measure_lines
-from printctl.analysis.networks import Drive, load_source
+from printctl.analysis.networks import Drive, load_source, unit_missing
 from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, known_flow, solve_and_write
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command
@@ -46,7 +46,7 @@ class NetworkInTissue:
         elif path.suffix.lower() in READ:
             raise UsageError("a network alone has no tissue; give --tissue a mesh or a run folder")
         if unit is None:
-            raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
+            raise unit_missing(path, "--tissue-unit")
         cli.messages().print("preparing the tissue ...")
         return load_tissue(path, unit, limits=_ANY_SIZE)
 

@@ -93,7 +93,7 @@ StartOption = Annotated[
 # A vessel network.
 SourceArg = Annotated[Path, arg("A run folder, or a network: .csv, .vtp, .swc, .json, .npz, .txt.")]
 UnitOption = Annotated[
-    LengthUnit | None, opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc).")
+    LengthUnit | None, opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc, .txt).")
 ]
 
 

@@ -75,8 +75,9 @@ def convert(
 ) -> None:
     """Convert a vessel network between CSV, VTP, SWC, JSON and npz, and to SimVascular paths.
 
-    X-CAVATE's networks (.txt, cm) are read, and their vessels joined. All our files are in mm, but
-    for SWC (µm) and SimVascular's (cm). An old file is replaced only by a whole new one.
+    X-CAVATE's networks (.txt, in cm unless --unit says otherwise) are read, and their vessels
+    joined. All our files are in mm, but for SWC (µm) and SimVascular's (cm). An old file
+    is replaced only by a whole new one.
     """
     check_target(target)
     cli.refuse_input_as_output(target, source)

@@ -188,6 +188,19 @@ def head_loads(printer: Printer, loads: Sequence[HeadLoading]) -> tuple[HeadLoad
     return tuple(each)
 
 
+def speed_notes(printer: Printer, speed: str) -> list[str]:
+    """A sentence on ``speed``, as the user gave it, where air sets the speed; else none."""
+    if not printer.airs:
+        return []
+    which = "" if len(printer.airs) == max(1, len(printer.heads)) else "the pneumatic heads of "
+    pressures = " and ".join(f"{head.pressure_kpa:g} kPa" for head in printer.airs)
+    return [
+        f"{speed} isn't used for {which}{printer.name}: the pressure ({pressures}) fixes the flow, "
+        "and each line is written at flow × length / volume; to change that speed, change the "
+        "pressure, the needle or the line's width"
+    ]
+
+
 def gcode_options(
     ink: Ink,
     start_mm: tuple[float, float, float],

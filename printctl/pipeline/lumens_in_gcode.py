@@ -12,7 +12,7 @@ from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.bead import BeadSection
-from printctl.analysis.networks import read_noted
+from printctl.analysis.networks import read_model, read_noted
 from printctl.checks.gcode_view import read_line_map
 from printctl.checks.gcode_view.levels import is_flat
 from printctl.checks.lumens import (
@@ -259,7 +259,7 @@ def read_part(
 ) -> Solid | None:
     """The model; of a network in a run folder, the tissue."""
     if model is not None:
-        solid = read_solid(model, unit)
+        solid = read_model(model, unit)
         for note in solid.notes:
             say(note)
         return solid

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -67,10 +68,7 @@ def run_recipe(
     names = WHOLE_NAMES if how.until is None else names_until(how.until)
     if "print" in names:
         _refuse_pretended_scan(recipe)
-    if "solid" in names and "step" in recipe.solid.formats:
-        from design.solids.step import load_occ  # heavy, and few ask for it
-
-        load_occ()  # Missing, it is better told before a tree is grown.
+    _refuse_missing_extras(recipe, recipe_folder, names)
     if JOB_NAMES[0] in names:
         from printctl.pipeline.refusals import refuse_before  # a design needs none of it
 
@@ -86,6 +84,25 @@ def run_recipe(
     from printctl.pipeline.whole_run import run_wanted
 
     return run_wanted(recipe, recipe_folder, folder, console, how)
+
+
+def _refuse_missing_extras(recipe: Recipe, recipe_folder: Path, names: Sequence[str]) -> None:
+    """Raise before a tree is grown if a stage needs a package that isn't installed.
+
+    The packages are heavy, and few recipes need them.
+    """
+    if "solid" in names and "step" in recipe.solid.formats:
+        from design.solids.step import load_occ
+
+        load_occ()
+    if "flow" in names and recipe.flow.three_d is not None:
+        from design.hemodynamics.three_d.engine import load_engine
+
+        load_engine()
+    if "scan" in names and isinstance(recipe.scan, FileScan):
+        from registration.files.readers.common import check_extra
+
+        check_extra(recipe_folder / recipe.scan.file)
 
 
 def _refuse_pretended_scan(recipe: Recipe) -> None:
@@ -112,8 +129,12 @@ def design_recipe(
 def toolpath_recipe(
     recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
 ) -> dict[str, Any]:
-    """Run the stages up to the dry run; return their summaries."""
-    return run_recipe(recipe, recipe_folder, folder, console, RunOptions(until=TOOLPATH_NAMES[-1]))
+    """Run the stages up to the checked G-code; return their summaries.
+
+    The solid of a network that is written along its centrelines isn't built.
+    """
+    how = RunOptions(until=TOOLPATH_NAMES[-1], gcode_alone=True)
+    return run_recipe(recipe, recipe_folder, folder, console, how)
 
 
 def _rehearsed(recipe: Recipe, how: RunOptions, folder: Path) -> Recipe:

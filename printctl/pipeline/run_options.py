@@ -62,6 +62,8 @@ class RunOptions:
     rehearse : float or None, 1
         Print on the simulated printer, whatever the recipe names, so many times as fast as a real
         one; 0 for as fast as it can.
+    gcode_alone : bool
+        Leave out the solid of a part whose path needs the network alone.
     """
 
     assume_yes: bool = False
@@ -70,3 +72,4 @@ class RunOptions:
     printed: bool = False
     listener: Listener | None = None
     rehearse: float | None = None
+    gcode_alone: bool = False

@@ -31,12 +31,16 @@ def in_order(stages: Sequence[Stage], recipe: Recipe) -> Sequence[Stage]:
     A path along centrelines needs the network alone: it is planned and checked before anything is
     computed or united that a refusal would make useless. With a compensation it needs the solid.
     """
-    part = recipe.toolpath
-    if not isinstance(part, Embedded) or part.compensation is not None:
+    if not along_centrelines(recipe):
         return stages
     first = [stage for stage in stages if stage in (tissue.STAGE, vasculature.STAGE)]
     job = [stage for stage in stages if stage in JOB]
     return [*first, *job, *(stage for stage in stages if stage not in first and stage not in job)]
+
+
+def along_centrelines(recipe: Recipe) -> bool:
+    """Whether the path is planned from the network alone."""
+    return isinstance(recipe.toolpath, Embedded) and recipe.toolpath.compensation is None
 
 
 def stages_until(name: str) -> Sequence[Stage]:

@@ -13,7 +13,7 @@ from typing import Any, Final, cast, get_args
 
 import numpy as np
 
-from design.solids import Solid, read_solid
+from design.solids import Solid
 from design.solids.manifolds import solid_manifold
 from design.toolpath.fresh import Filling, FreshLayers, FreshOptions, FreshReport, Infill, Region
 from design.toolpath.gcode import (
@@ -27,10 +27,11 @@ from design.toolpath.gcode import (
 from design.units import LengthUnit
 from firmware_profiles import Bath, Dish, Printer, steady_flow
 from kernels.arrays import FloatArray
+from printctl.analysis.networks import read_model
 from printctl.checks.made_for import header_lines, made_for
 from printctl.checks.set_up import ABOVE_WALL_MM, HeadLoading
 from printctl.errors import UsageError
-from printctl.pipeline.heads import gcode_options, head_loads
+from printctl.pipeline.heads import gcode_options, head_loads, speed_notes
 
 # Parse modifier meshes (FILE:setting=value,...): regions with their own infill or head.
 
@@ -197,17 +198,17 @@ def assemble(
     Raises
     ------
     UsageError
-        For a modifier that lies outside of all models.
+        No unit of a file that holds none, or a modifier that lies outside of all models.
     SolidError
         For a mesh that can't be read or isn't closed.
     """
-    solids = tuple(read_solid(model, unit, for_sections=True) for model in models)
+    solids = tuple(read_model(model, unit, for_sections=True) for model in models)
     # With one mesh of head 0 there is nothing to part.
     parted = [] if set(heads) == {0} else zip(solids, heads, strict=True)
     regions = [Region(solid, filling, head) for solid, head in parted]
     bodies = None
     for modifier in modifiers:
-        own = read_solid(modifier.path, unit)
+        own = read_model(modifier.path, unit)
         bodies = bodies or [
             solid_manifold(*pair) for pair in zip(solids, map(str, models), strict=True)
         ]
@@ -442,6 +443,9 @@ def job_notes(job: SliceJob, written: JobFigures) -> list[str]:
     notes = [note for solid in job.parts.solids for note in solid.notes]
     report = written.report
     notes += [*_height_note(written), *report.overlap_notes, *report.narrow_notes]
+    speed = job.options.write_speed_mm_s
+    if speed != FreshOptions.write_speed_mm_s:
+        notes += speed_notes(job.printer, f"--speed {speed:g}")
     for number, ul in enumerate(written.report.written_ul_of_heads):
         barrel = job.loads[number].syringe
         if ul > barrel.volume_ul:

@@ -11,10 +11,9 @@ import numpy as np
 from design.files import write_bytes
 from design.geometry.surface import Surface
 from design.network import VesselNetwork
-from design.solids import read_solid
 from design.units import LengthUnit
 from firmware_profiles import Printer, Syringe, load
-from printctl.analysis.networks import Drive, Source, load_source
+from printctl.analysis.networks import Drive, Source, load_source, read_model
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.checks.gcode_view.outline import PartOutlines
 from printctl.errors import UsageError
@@ -61,7 +60,9 @@ class ViewOptions:
     seen_from: View = opt("Where the picture is seen from.", "oblique", "--from")
     width: int = opt("Of --png.", 1600, min=300, max=6000)
     palette: bool = opt("Keep --png to 256 colours: a third of the size.", False)
-    unit: LengthUnit | None = opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc).")
+    unit: LengthUnit | None = opt(
+        "Of the file, where it doesn't say (.csv, .vtp, .stl, .swc, .txt)."
+    )
 
 
 @settings
@@ -291,9 +292,7 @@ def _tissue(settings: NetworkView, loaded: Source, say: Say) -> Surface | None:
         path, unit = path / SURFACE, "mm"
     if not path.is_file():
         raise UsageError(f"--tissue {path} isn't there; give a mesh or a run folder")
-    if unit is None:
-        raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
-    solid = read_solid(path, unit=unit)
+    solid = read_model(path, unit, option="--tissue-unit")
     for note in solid.notes:
         say(note)
     return solid

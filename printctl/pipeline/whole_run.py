@@ -14,9 +14,9 @@ from printctl.pipeline.observing import order_observer
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
 from printctl.pipeline.run_options import RunOptions
 from printctl.pipeline.run_stages import DESIGN, begun_run, run_all
-from printctl.pipeline.sequences import TOOLPATH, WHOLE, in_order, stages_until
+from printctl.pipeline.sequences import TOOLPATH, WHOLE, along_centrelines, in_order, stages_until
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages import report
+from printctl.pipeline.stages import report, solid
 from printctl.pipeline.stages.collect import collect
 from printctl.recipe import Recipe
 
@@ -26,6 +26,8 @@ def run_wanted(
 ) -> dict[str, Any]:
     """Run the stages as `printctl.pipeline.run.run_recipe` says."""
     stages = in_order(WHOLE if how.until is None else stages_until(how.until), recipe)
+    if how.gcode_alone and recipe.plate is None and along_centrelines(recipe):
+        stages = [stage for stage in stages if stage is not solid.STAGE]
     with begun_run(recipe, recipe_folder, folder, console, how, stages) as context:
         if recipe.plate is not None:
             return _plate(context, how, stages)

@@ -47,6 +47,7 @@ FileName = Annotated[
 ]
 Terminals = Annotated[int, Field(ge=1, le=50_000_000)]
 Clearance = Annotated[float, Field(ge=0, le=10)]
+Candidates = Annotated[int, Field(ge=1, le=10_000)]
 Degrees = Annotated[float, Field(ge=0, le=180)]
 Angles = Annotated[tuple[Degrees, Degrees], Field(description="Least and greatest, degrees.")]
 LengthToRadius = Annotated[
@@ -67,10 +68,20 @@ def check_unit(network: str, unit: LengthUnit | None) -> None:
         raise ValueError(
             f"network {network} isn't a .csv, .vtp, .swc, .json, .npz or .txt; convert it"
         )
-    if kind != "swc" and (kind in ("csv", "vtp")) != (unit is not None):
+    if kind not in ("swc", "txt") and (kind in ("csv", "vtp")) != (unit is not None):
         wanted = "give unit" if unit is None else "remove unit"
         raise ValueError(
-            f"network {network}: .csv, .vtp and .swc alone are in a unit of the user's; {wanted}"
+            f"network {network}: .csv, .vtp, .swc and .txt alone are in a unit of the user's; "
+            f"{wanted}"
+        )
+
+
+def check_root(root: str | None, given: object) -> None:
+    """Raise `ValueError` where a root that is found (``root``) is ``given``, too."""
+    if root is not None and given:
+        raise ValueError(
+            f"root: {root} finds root and direction itself; give it without root_mm, "
+            "root_direction and trunk"
         )
 
 
@@ -108,7 +119,7 @@ class GivenNetwork(NetworkSection):
     ]
     unit: LengthUnit | None = Field(
         default=None,
-        description="Of a .csv or .vtp, and of an .swc that isn't in um; other files say it.",
+        description="Of a .csv or .vtp; of an .swc that isn't in um, and a .txt that isn't in cm.",
     )
     clearance_mm: float = Field(default=0.0, ge=0, le=10, description="Least wall between vessels.")
     overlaps: Literal["refuse", "tell"] = Field(
@@ -251,7 +262,7 @@ class GrownNetwork(Growth):
         description="search: where a small tree costs least; top: at the highest vertex along its "
         "normal, even on an edge, as in published cases.",
     )
-    root_candidates: Annotated[int, Field(ge=1, le=10_000)] = 24
+    root_candidates: Candidates = 24
     inlets: (
         Literal["each_part"]
         | Annotated[tuple[InletPart, ...], Field(min_length=1, max_length=1000)]
@@ -301,11 +312,7 @@ class GrownNetwork(Growth):
                 raise ValueError(f"anatomy doesn't go with {key}; give one of the two")
         self._inlets_fit()
         self._curves_fit()
-        if self.root is not None and (self.root_mm or self.root_direction or self.trunk):
-            raise ValueError(
-                f"root: {self.root} finds root and direction itself; give it without root_mm, "
-                "root_direction and trunk"
-            )
+        check_root(self.root, self.root_mm or self.root_direction or self.trunk)
         check_trunk(self.trunk, self.trunk_unit, self.root_mm or self.root_direction)
         reached = [stage.terminals for stage in self.stages]
         if any(two <= one for one, two in pairwise(reached)):
@@ -336,8 +343,17 @@ class ClosedLoop(Growth):
     """An arterial and a venous tree that don't touch, their terminals joined by smooth curves."""
 
     grow: Literal["closed_loop"]
+    root: Literal["search"] | None = Field(
+        default=None, description="search: the artery's where a small tree costs least."
+    )
+    root_candidates: Candidates = 24
     vein_root_mm: Point | None = Field(
         default=None, description="As far from the artery's root as the surface allows by default."
     )
     vein_root_direction: Point | None = None
     connections: ConnectionPart = ConnectionPart()
+
+    @model_validator(mode="after")
+    def _root_is_given_once(self) -> ClosedLoop:
+        check_root(self.root, self.root_mm or self.root_direction)
+        return self

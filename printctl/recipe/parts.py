@@ -227,9 +227,10 @@ class ThreeDPart(StrictModel):
     order: Literal[2, 3] = Field(
         default=2, description="Of 3D elements, for velocity; 3 is more exact, and slower."
     )
-    steps: Annotated[int, Field(ge=8, le=10_000)] = Field(
-        default=24,
-        description="Of a cycle in 3D, where the flow pulses and fidelities are compared.",
+    steps: Annotated[int, Field(ge=8, le=10_000)] | None = Field(
+        default=None,
+        description="Of a cycle in 3D, where the flow pulses and fidelities are compared; 24, or "
+        "as many as keep a Windkessel's pressure swing within 1 %.",
     )
     most_cycles: Annotated[int, Field(ge=1, le=100_000)] = Field(
         default=20, description="Of 3D: cycles after which it gives up."

@@ -188,6 +188,17 @@ def registered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scan, Registra
     return as_scan(scanned), replace(found, defects=(OCCLUSION,))
 
 
+def test_a_report_shows_itself_short_as_a_table_and_drawn(planar):
+    report = planar[1]
+    assert repr(report).startswith(f"<RegistrationReport deviation: RMS {report.scaled.rms_um:.4g}")
+    assert len(repr(report)) < 200
+    pytest.importorskip("pandas")
+    table = report.to_pandas()
+    assert table["measured_um"].tolist() == [vessel.measured_um for vessel in report.vessels]
+    heights = report.plot().patches[0].get_data().values
+    np.testing.assert_array_equal(heights, report.histogram_counts)
+
+
 def test_tables_hold_every_vessel_section_and_defect(tmp_path, registered):
     _, report = registered
     names = write_tables(tmp_path, report)

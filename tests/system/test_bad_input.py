@@ -186,14 +186,15 @@ def job(tmp_path: Path) -> Path:
 
 
 class Terminal:
-    """``printctl print`` as a person sees it."""
+    """``printctl print`` as a person sees it, on a terminal of a kind (``TERM``)."""
 
-    def __init__(self, job: Path, port: str) -> None:
+    def __init__(self, job: Path, port: str, kind: str = "xterm") -> None:
         self.pid, self.handle = pty.fork()
         if self.pid == 0:
             os.chdir(ROOT)
             command = [sys.executable, "-m", "printctl", "print", str(job), "--yes", *MOUNTED]
-            os.execv(sys.executable, [*command, "--printer", "generic_marlin", "--port", port])
+            command += ["--printer", "generic_marlin", "--port", port]
+            os.execve(sys.executable, command, os.environ | {"TERM": kind})
         self.seen = ""
 
     def expect(self, pattern: str, within_s: float = 60) -> None:
@@ -245,8 +246,8 @@ def test_detach_leaves_it_printing_and_stop_ends_it_in_order(job: Path, port: st
 
 
 def test_kill_halts_the_printer(job: Path, port: str) -> None:
-    terminal = Terminal(job, port)
-    terminal.expect(r"[1-9]\d* of 5007 lines")
+    terminal = Terminal(job, port, "dumb")
+    terminal.expect(r"print +\d+% [1-9]\d* of 5007 lines\r\n")
     terminal.type("\x03")
     terminal.expect("kill")
     terminal.type("k\n")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -25,11 +26,12 @@ from design.hemodynamics.zero_d.boundary import (
 )
 from design.hemodynamics.zero_d.nodal import Structure, structure_of
 from design.network import VesselNetwork
+from design.notebook import NotebookView, span
 from kernels.arrays import FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class FlowSolution:
+@dataclass(frozen=True, repr=False)
+class FlowSolution(NotebookView):
     """Steady 0D flow; conserved to rounding at every node.
 
     Attributes
@@ -54,6 +56,28 @@ class FlowSolution:
     wall_shear: FloatArray
     resistance: FloatArray
     loss: FloatArray | None = None
+
+    def _facts(self) -> Mapping[str, str]:
+        return {
+            "vessels": f"{len(self.flow)}",
+            "flow": span(np.abs(self.flow), "µL/s"),
+            "pressure": span(self.pressure, "Pa"),
+            "wall shear": span(np.abs(self.wall_shear), "Pa"),
+        }
+
+    def _columns(self) -> Mapping[str, Any]:
+        columns = {
+            "flow_ul_s": self.flow,
+            "velocity_mm_s": self.velocity,
+            "wall_shear_pa": self.wall_shear,
+            "resistance_pa_s_ul": self.resistance,
+        }
+        return columns if self.loss is None else columns | {"loss_pa": self.loss}
+
+    def _draw(self, axes: Any) -> None:
+        axes.scatter(np.abs(self.flow), np.abs(self.wall_shear))
+        axes.set_xlabel("flow of a vessel (µL/s)")
+        axes.set_ylabel("wall shear (Pa)")
 
 
 @dataclass(frozen=True)

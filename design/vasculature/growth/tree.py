@@ -195,15 +195,26 @@ def grow_tree(
             )
     if stem is not None:
         raise GrowthError("a trunk has a root of its own; set root_candidates to 0")
+    placed, note = place_root(tissue, options)
+    tree = grow_from_root(tissue, placed, attempts, None, pool)
+    return replace(tree, notes=(note, *tree.notes))
+
+
+def place_root(tissue: Tissue, options: GrowthOptions) -> tuple[GrowthOptions, str]:
+    """Search a root for one tree; return the options with it, and a sentence on the search.
+
+    Raises
+    ------
+    GrowthError
+        As `search_root`.
+    """
     root = search_root(
         tissue,
         options,
         partial(grow_from_root, attempts=EFFORT.probes),
         _mouth_reach(tissue, options),
     )
-    placed = rooted_at(options, root.points[root.best], root.directions[root.best])
-    tree = grow_from_root(tissue, placed, attempts, None, pool)
-    return replace(tree, notes=(root.note, *tree.notes))
+    return rooted_at(options, root.points[root.best], root.directions[root.best]), root.note
 
 
 def _mouth_reach(tissue: Tissue, options: GrowthOptions) -> float:
@@ -350,8 +361,8 @@ class TreeGrowth:
         """Return a growth with nothing in it yet; same arguments, same growth."""
         if options.root_candidates:
             raise GrowthError(
-                "a root is searched for a tree alone (grow_tree); give each of several trees its "
-                "root point"
+                "a root is searched for a tree alone (place_root, grow_tree); give each of several "
+                "trees its root point"
             )
         given = GivenPoints.of(tissue, options)
         goal = options.terminals + (trunk.tips if given is not None and trunk is not None else 0)

@@ -22,6 +22,7 @@ from design.hemodynamics import (
 )
 from design.hemodynamics.probes import Probes, ProbeWaves, clear_parts, midpoints, probes_along
 from design.hemodynamics.three_d import ThreeDSolution, check_cycles, probe_steady
+from design.hemodynamics.three_d.time_steps import pulse_error
 from design.hemodynamics.three_d.vessels.effective import effective_network, flow_error
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
@@ -248,10 +249,11 @@ class Case:
 
 @dataclass
 class Outcome:
-    """Summary by fidelity, and the files written."""
+    """Summary by fidelity, the files written, and sentences for the user."""
 
     summary: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
@@ -264,7 +266,9 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
     """
     done, resolved = Outcome(), None
     if case.pulse is not None and case.part.three_d is not None and case.part.compare is not None:
-        check_cycles(case.network.radius.max(), case.pulse, stepping_of(case.part.three_d))
+        check_cycles(
+            case.network.radius.max(), case.pulse, stepping_of(case.part.three_d, case.pulse)
+        )
     if case.part.three_d is not None:
         driven = case.steady
         resolved, summary = resolve(
@@ -280,6 +284,15 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
     if case.part.compare is not None and (resolved is not None or case.part.one_d is not None):
         compared = _compared(case, case.part.compare, resolved, tell)
         done.summary["comparison"] = comparison_summary(compared)
+        if case.pulse is not None and case.part.three_d is not None:
+            steps = stepping_of(case.part.three_d, case.pulse).steps
+            error = pulse_error(case.pulse, steps)
+            done.summary["three_d"] |= {"steps": steps, "estimated_pulse_error": error}
+            if error:
+                done.notes.append(
+                    f"3D took {steps} steps a cycle; by that the pressure swing at Windkessels is "
+                    f"{100 * error:+.1f} % off (estimated)"
+                )
         done.files.append(write_comparison(folder, compared))
         write_bytes(folder / COMPARED, comparison_figure(compared.line()))
         done.files.append(COMPARED)

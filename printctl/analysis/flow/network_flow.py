@@ -89,6 +89,8 @@ class NetworkFlow:
         case = Case(network, part, steady, pulsatile, self.fillet_ratio)
         done = solve_fidelities(self.out, case, lambda _, doing: self.tell(f"3D flow: {doing}"))
         self.output.summary |= done.summary
+        if done.notes:
+            self.output.summary["notes"] = [*self.output.summary.get("notes", ()), *done.notes]
         self.output.files += [self.out / name for name in done.files]
 
     def on_ranks(self, ranks: int, python: Path | None) -> None:

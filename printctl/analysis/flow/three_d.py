@@ -32,6 +32,7 @@ from design.hemodynamics.three_d import (
 )
 from design.hemodynamics.three_d.meshing.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.meshing.surface import axis_places
+from design.hemodynamics.three_d.time_steps import needed_steps
 from design.hemodynamics.three_d.vessels.sections import clear_sections, conserve_mass, vessel_flows
 from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
@@ -115,9 +116,9 @@ def options_of(part: ThreeDPart, density: float) -> FlowOptions:
     )
 
 
-def stepping_of(part: ThreeDPart) -> Stepping:
-    """A recipe's steps and cycles."""
-    return Stepping(steps=part.steps, cycles=part.most_cycles)
+def stepping_of(part: ThreeDPart, conditions: PulsatileConditions) -> Stepping:
+    """A recipe's steps, or as many as the Windkessels need, and cycles."""
+    return Stepping(steps=part.steps or needed_steps(conditions), cycles=part.most_cycles)
 
 
 def write_resolved(folder: Path, resolved: FlowInMesh) -> tuple[str, str]:
@@ -202,7 +203,7 @@ def pulse_at(
         resolved.mesh,
         conditions,
         options_of(part, conditions.density),
-        stepping_of(part),
+        stepping_of(part, conditions),
         sections,
     )
     through = np.full((len(own), len(waves.time_s)), np.nan)

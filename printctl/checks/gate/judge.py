@@ -18,11 +18,11 @@ from printctl.checks.gate.inputs import (
     Refusal,
     Verdict,
 )
-from printctl.checks.gate.rule_makers import reason
+from printctl.checks.gate.rule_makers import REASONS, reason
 from printctl.checks.gate.rules import of_the_moment, rule, rules
 from sim.errors import GcodeError
 from sim.gcode.reading import BLANK, GcodeLine, read_line
-from sim.gcode.reading.line import is_known_line
+from sim.gcode.reading.line import UNKNOWN_REMEDY, is_known_line
 
 LONGEST: Final = 200
 """Characters of a line that a person types."""
@@ -81,6 +81,9 @@ def judge_line(line: GcodeLine, origin: LineOrigin, known: PrinterSituation) -> 
     if verdict is None:
         if not console and line.code in printer.extra_commands:
             return AllowedLine(shown)
+        if not console and not is_known_line(printer, line):
+            remedy = REASONS.get(line.code, UNKNOWN_REMEDY)
+            return Refusal(f"{prefix}: unknown to {printer.firmware}; {remedy}")
         listed = rules(printer.firmware, origin)
         in_print = console and known.phase is not Phase.STANDING
         return Refusal(f"{prefix}: {reason(line.code, listed, console, in_print)}")

@@ -18,6 +18,10 @@ _FIRMWARE: Final = (
 )
 _LIMITS: Final = "it moves without the soft limits; use jog, move_to or home"
 _FILES: Final = "it runs or writes files on the board that no check has seen; print from the host"
+_CHANGE: Final = (
+    "it changes filament: the firmware parks the head past the soft limits, drives E and waits for "
+    "a button; take it out, and change the syringe by `printctl reload`"
+)
 _WAITS: Final = "it waits for a button on the printer for ever; take it out and pause from the host"
 
 
@@ -33,7 +37,8 @@ REASONS: Final[dict[str, str]] = {
         "it switches the firmware's own limits; they stay as they are built", "M211 M564 M120 M121"
     ),
     **_each(_LIMITS, "G2 G3 G5 G10 G11 G12 G26 G27 G29 G30 G32 G33 G34 G35 G38 G42 G60 G61 G76"),
-    **_each(_LIMITS, "G80 G81 G425 M48 M125 M290 M423 M600 M603 M701 M702 M922"),
+    **_each(_LIMITS, "G80 G81 G425 M48 M290 M423 M922"),
+    **_each(_CHANGE, "M125 M600 M603 M701 M702"),
     **_each(_FILES, "M20 M21 M22 M23 M24 M25 M26 M27 M28 M29 M30 M32 M33 M36 M37 M38 M98 M928"),
     **_each(_FILES, "M997 M505 M470 M471"),
     "G20": "inches: the link's own moves are in mm; write millimetres",

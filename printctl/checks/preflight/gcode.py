@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -297,6 +298,7 @@ _COUNTED_REMEDY = {
 def gcode_checks(run: DryRun, printer: Printer, place_key: str = PLACE_KEY) -> list[Check]:
     """Every check of a dry run, passed or not; ``place_key`` says what moves the part."""
     findings = {finding.code: finding for finding in run.findings}
+    findings_told = _as_the_gate(run, printer)
     checks = [
         *_travel(run, printer, place_key),
         *_speed(run, findings),
@@ -305,7 +307,7 @@ def gcode_checks(run: DryRun, printer: Printer, place_key: str = PLACE_KEY) -> l
         _line_length(run, printer, findings),
         _merged(run, printer),
         _starved(run, printer),
-        *(_counted(code, name, run.findings) for code, name in _counted_for(printer).items()),
+        *(_counted(code, name, findings_told) for code, name in _counted_for(printer).items()),
         _probing(run),
         *gate_checks(run, printer),
         *motor_checks(run, printer),
@@ -323,6 +325,18 @@ def gcode_checks(run: DryRun, printer: Printer, place_key: str = PLACE_KEY) -> l
         if code not in listed and not code.startswith(("outside_", "speed_"))
     ]
     return checks + [_other(finding) for finding in others]
+
+
+def _as_the_gate(run: DryRun, printer: Printer) -> list[Finding]:
+    """All findings; an unknown command's says what the gate says, which refuses it in a print."""
+    if not printer.streamed:
+        return run.findings
+    strange = [(number, line) for number, line in run.others if not is_known_line(printer, line)]
+    told = {number: f"line {number}: {why}" for number, _, why in refused_lines(strange, printer)}
+    return [
+        replace(f, message=told[f.line]) if f.code == "unknown_command" and f.line in told else f
+        for f in run.findings
+    ]
 
 
 def _counted_for(printer: Printer) -> dict[str, str]:

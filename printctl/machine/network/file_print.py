@@ -63,7 +63,9 @@ SETTLE_S: Final = 3.0
 """So long a host must report a file as selected and not begun before it is started again."""
 DECIDE_S: Final = 5.0
 """So long a host may report neither the file nor a job history of it after a start."""
-CONNECT_S: Final = 15.0
+CONNECT_S: Final = 4.0
+"""So long a host that isn't there or gives no answer is asked again before a print; with one answer
+awaited (`ANSWER_S`) a person waits 8 s at most."""
 HALT_S: Final = 4.0
 """Longest wait for the host's word that the firmware has halted; the stop is repeated meanwhile."""
 SILENT_LIMIT_S: Final = 1800.0

@@ -90,6 +90,7 @@ class HttpClient:
         connection = self._open(where)
         body = request.body if check is None else _checked(request.body, check)
         headers = {**self.headers, **request.headers, "Content-Length": str(len(request.body))}
+        begun_s = time.monotonic()
         try:
             if connection.sock is not None:
                 connection.sock.settimeout(limit_s)
@@ -100,7 +101,9 @@ class HttpClient:
             self.answered_at = time.monotonic()
         except (OSError, http.client.HTTPException) as exc:
             self.close()
-            raise HostSilent(f"{where}: no answer ({_reason(exc)})") from None
+            late = time.monotonic() - begun_s >= limit_s
+            why = f"nothing whole within {limit_s:g} s" if late else _reason(exc)
+            raise HostSilent(f"{where}: no answer ({why})") from None
         except BaseException:
             self.close()
             raise

@@ -35,7 +35,14 @@ from printctl.machine.process.contact import (
 )
 from printctl.machine.process.outcome import followable, resumable
 from printctl.machine.records.folders import data_folder, known_folders
-from printctl.machine.records.record import JOURNAL, LOCK, RECORD, load_record
+from printctl.machine.records.record import (
+    JOURNAL,
+    LOCK,
+    RECORD,
+    SIM_ADDRESS,
+    load_record,
+    reported_port,
+)
 from printctl.machine.records.replay import JournalledPrint, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 
@@ -356,9 +363,10 @@ def _why_no_going_on(folder: Path) -> str:
 
 def refuse_forgotten(folder: Path, port: str, printer: Printer) -> None:
     """Raise `Refused` where the printer certainly doesn't know its place in the job any more."""
-    if port == SIMULATED:
+    if reported_port(folder, port) == SIMULATED and not alive(folder, SIM_ADDRESS):
         raise Refused(
-            "the simulated printer ended with the process that ran it; print the job anew"
+            "the simulated printer has ended, too: it waits 15 min for someone to go on; print "
+            "the job anew"
         )
     if not link_facts(printer).remembers:
         raise Refused(

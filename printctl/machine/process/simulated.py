@@ -20,6 +20,8 @@ from firmware_profiles import Printer
 from printctl.errors import PrinterFailedError
 from printctl.machine.errors import LinkError
 from printctl.machine.ports.detection import SIMULATED
+from printctl.machine.ports.locking import lock
+from printctl.machine.process.contact import alive
 from printctl.machine.records.record import JOURNAL, SIM_ADDRESS, load_record, reported_port
 from printctl.sources import python_command, source_digest
 
@@ -41,6 +43,7 @@ def simulated_printer(
     journal: Path | None = None,
     faults: Path | None = None,
     detached: bool = True,
+    linger_s: float = 0.0,
 ) -> str:
     """Start a simulated printer and return the port to reach it by.
 
@@ -67,6 +70,9 @@ def simulated_printer(
         A fault file (`sim.devices.faults`).
     detached : bool
         Else signals to this process's group, as Ctrl-C, end it, too, and so its print.
+    linger_s : float
+        How long it waits for another host if this process dies; not on Windows. Its address is
+        locked as long as it lives (`living_port`).
 
     Raises
     ------
@@ -84,7 +90,12 @@ def simulated_printer(
     command += ["--exit-on-hangup"]
     # On Windows a process's parent may be the launcher of a virtual environment.
     command += ["--tcp", "0"] if sys.platform == "win32" else ["--parent-pid", str(os.getpid())]
+    lingers = linger_s > 0 and sys.platform != "win32"
+    command += ["--linger", f"{linger_s:g}"] if lingers else []
+    address.unlink(missing_ok=True)  # an earlier one that lingers keeps its own
     with address.open("wb") as out, errors.open("wb") as log:
+        if lingers:
+            lock(out)  # the process inherits it with its stdout
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -106,6 +117,13 @@ def simulated_printer(
         "the simulated printer didn't come up"
         f"{'' if ended else f' within {_COMES_UP_S:g} s'}: {tail or 'no message'}"
     )
+
+
+def living_port(folder: Path, port: str) -> str:
+    """Return the port of a print's simulated printer that outlived its link; else ``port``."""
+    if reported_port(folder, port) != SIMULATED or not alive(folder, SIM_ADDRESS):
+        return port
+    return (folder / SIM_ADDRESS).read_text().partition("\n")[0].strip()
 
 
 def was_simulated(folder: Path) -> bool:

@@ -44,6 +44,7 @@ from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import followable, other_file_words, resumable
 from printctl.machine.process.simulated import (
     is_complete_record,
+    living_port,
     record_for,
     was_simulated,
 )
@@ -167,7 +168,7 @@ def resume_print(
     return start_print(
         Path(record.job),
         record.profile,
-        port or record.port,
+        port or living_port(folder, record.port),
         folder,
         retreat=Retreat(**record.retreat),
         baud=record.baud,

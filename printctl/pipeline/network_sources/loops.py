@@ -15,6 +15,7 @@ from design.vasculature import (
     check_supply,
     close_loops,
     grow_forest,
+    place_root,
     terminals_of,
 )
 from printctl.pipeline.network_sources.options import growth_options, loop_options
@@ -37,11 +38,14 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> tuple[ClosedLoop
     Where a few had to be pruned, the others are balanced anew, by narrowing alone. The notes name
     where roots were put by default, and what the artery or the vein doesn't reach.
     """
-    artery = growth_options(part, seed)
+    artery, notes = growth_options(part, seed), []
+    if artery.root_candidates:
+        artery, note = place_root(tissue, artery)
+        notes.append(f"artery: {note}")
     vein = replace(artery, root_point_mm=part.vein_root_mm, root_direction=part.vein_root_direction)
     roots = [RootSpec(artery, VesselKind.ARTERY), RootSpec(vein, VesselKind.VEIN)]
     arterial, venous = grow_forest(tissue, roots)
-    notes = [*arterial.notes, *venous.notes]
+    notes += [*arterial.notes, *venous.notes]
     notes += [
         f"{name}: {note}"
         for name, tree in (("artery", arterial), ("vein", venous))

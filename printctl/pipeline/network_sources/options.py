@@ -62,7 +62,9 @@ def growth_options(part: Growth, seed: int, recipe_folder: Path = Path()) -> Gro
         root_direction=part.root_direction,
         root_at_top=isinstance(part, GrownNetwork) and part.root == "top",
         root_candidates=(
-            part.root_candidates if isinstance(part, GrownNetwork) and part.root == "search" else 0
+            part.root_candidates
+            if isinstance(part, GrownNetwork | ClosedLoop) and part.root == "search"
+            else 0
         ),
         stages=stages,
     )

@@ -26,6 +26,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         network, recipe.flow, context.conditions, _pulse(context), recipe.solid.fillet_ratio
     )
     outcome = solve_fidelities(context.folder, case, report)
+    for note in outcome.notes:
+        context.bars.remark("fidelities", note)
     asked_for = recipe.flow.compare
     if asked_for is not None and asked_for.lattice is not None:
         # In the design's size and at its flow: that is what both were made for.

@@ -63,6 +63,7 @@ from printctl.pipeline.heads import (
     head_loads,
     layer_lines_um,
     needle_options,
+    speed_notes,
 )
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
 from printctl.pipeline.priming import primed
@@ -379,12 +380,20 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if isinstance(figures, FreshReport):
         for note in (*figures.overlap_notes, *figures.narrow_notes):
             context.bars.remark("toolpath", note)
+    notes = []
+    if "write_speed_mm_s" in part.model_fields_set:
+        notes = speed_notes(
+            context.printer, f"toolpath.write_speed_mm_s ({part.write_speed_mm_s:g} mm/s)"
+        )
+    for note in notes:
+        context.bars.remark("toolpath", note)
     summary = {
         "method": context.recipe.toolpath.method,
         **asdict(count),
         "lines": lines,
         **facts,
         "plan": plan_facts(figures),
+        **({"notes": notes} if notes else {}),
     }
     return summary, [GCODE, LINE_MAP, *kept, *count.keep(context.folder / PATH)]
 

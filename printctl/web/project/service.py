@@ -263,7 +263,9 @@ class ProjectService:
             if request.smallest_diameter_mm is not None:
                 recipe["vasculature"]["smallest_diameter_mm"] = request.smallest_diameter_mm
         else:
-            said = unit if suffix in (".csv", ".vtp", ".swc") else {}
+            takes = suffix in (".csv", ".vtp", ".swc")
+            takes |= suffix == ".txt" and "unit" in request.model_fields_set  # else in cm
+            said = unit if takes else {}
             recipe["vasculature"] = {"network": file} | said
         text = "# Begun on the page; every key is explained in docs/recipe.md.\n"
         toolpath = _EMBEDDED["toolpath"] | {"needle": request.needle}

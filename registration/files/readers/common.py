@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Final
 from xml.etree import ElementTree
 
 import numpy as np
@@ -67,6 +67,16 @@ def import_extra(module: str, path: Path) -> Any:
         raise ScanFileError(
             f"{path}: needs {module}, which isn't installed; run: pip install 'printctl[scans]'"
         ) from exc
+
+
+EXTRA_OF: Final = {".h5": "h5py", ".hdf5": "h5py", ".dcm": "pydicom", ".zarr": "zarr"}
+"""Module that reads a format, by the name's ending."""
+
+
+def check_extra(path: Path) -> None:
+    """Raise `ScanFileError` if a file's name says that an extra must read it, which isn't there."""
+    if (module := EXTRA_OF.get(path.suffix.lower())) is not None:
+        import_extra(module, path)
 
 
 _MM = {

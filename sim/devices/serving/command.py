@@ -79,6 +79,14 @@ def parser() -> argparse.ArgumentParser:
         "--exit-on-hangup", action="store_true", help="end when the host closes the port"
     )
     options.add_argument(
+        "--linger",
+        type=float,
+        default=0.0,
+        metavar="SECONDS",
+        help="with --exit-on-hangup: wait so long, once, for another host, unless the file that "
+        "stdout goes to was deleted",
+    )
+    options.add_argument(
         "--parent-pid",
         type=int,
         help="process that starts this one: end when it does, until a host has come",
@@ -129,7 +137,9 @@ def serve_printer(words: list[str]) -> int:
         return 2
     warm_printer()
     print(port.address, flush=True)
-    serving = Serving(given.speed, given.record, given.exit_on_hangup, given.parent_pid)
+    serving = Serving(
+        given.speed, given.record, given.exit_on_hangup, given.parent_pid, given.linger
+    )
     try:
         Server(printer, port, serving).run()
     except SimError as exc:

@@ -316,12 +316,16 @@ class Serving:
     parent_pid : int or None
         Process that started this one; its end is this one's, too. With ``exit_on_hangup`` that
         holds until a host has come.
+    linger_s : float
+        With ``exit_on_hangup``: how long to wait, once, for another host, as a printer does whose
+        cable was pulled. A host that closes in order deletes the file that stdout goes to.
     """
 
     speed: float = 0.0
     record: Path | None = None
     exit_on_hangup: bool = False
     parent_pid: int | None = None
+    linger_s: float = 0.0
 
 
 class Server:
@@ -340,6 +344,8 @@ class Server:
         self._synced = 0
         self._was_halted = False
         self._stop = False
+        self._alone_since: float | None = None
+        self._lingers = serving.linger_s > 0
         self._zero = time.monotonic()
 
     def run(self) -> None:
@@ -375,7 +381,7 @@ class Server:
                 self._plug_in()
             if now - watched > TIMES.watch_s:
                 watched = now
-                self._stop |= self._orphaned()
+                self._stop |= self._orphaned() or not self._waits()
 
     def _patience_s(self) -> float:
         paced = self._serving.speed > 0 and not self._printer.halted
@@ -414,13 +420,23 @@ class Server:
     def _on_change(self, there: bool) -> None:
         if there:
             self._host_came = True
+            if self._alone_since is not None:
+                self._lingers, self._alone_since = False, None
             wants = self._printer.machine.printer.resets_on_connect
             if self._port.resets_board() and wants:
                 self._boots_at = time.monotonic() + TIMES.boot_s
             return
         self._let_go()
         if self._serving.exit_on_hangup:
-            self._stop = True
+            self._stop = not self._lingers
+            self._alone_since = time.monotonic()
+
+    def _waits(self) -> bool:
+        """Whether to wait on for a host, where one has gone."""
+        if self._alone_since is None:
+            return True
+        alone_s = time.monotonic() - self._alone_since
+        return os.fstat(1).st_nlink > 0 and alone_s < self._serving.linger_s
 
     def _pace(self, data: bytes) -> None:
         """Give the firmware its bytes and its time; keep the record."""

@@ -17,7 +17,7 @@ from sim.gcode.heads import first_finding, head_findings
 from sim.gcode.program.gcode import NO_COMMAND, Program, code_name
 from sim.gcode.program.modal import BAD, HOME, MOVE
 from sim.gcode.reading.file import GcodeFile, kinds_of, named_lines
-from sim.gcode.reading.line import Finding, Lines, is_known, is_known_name
+from sim.gcode.reading.line import UNKNOWN_REMEDY, Finding, Lines, is_known, is_known_name
 
 _TINY_MM: Final = 1e-6
 _MOST_NAMES: Final = 20
@@ -261,17 +261,15 @@ def _strange(
     for line, name in unknown:
         lines_of.setdefault(name, []).append(line)
     for name, lines in sorted(lines_of.items())[:_MOST_NAMES]:
-        sort, what, remedy = "no_command", "isn't a command", ""
+        sort, what, remedy = "no_command", "isn't a command", "take it out"
         if name != code_name(NO_COMMAND):
             sort, what = "unknown_command", f"{name} is unknown to {printer.firmware}"
-            remedy = (
-                ", or name it in the printer's profile (extra_commands) if this machine knows it"
-            )
+            remedy = UNKNOWN_REMEDY
         findings.append(
             Finding(
                 lines[0],
                 sort,
-                f"line {lines[0]}: {what} ({len(lines)} such lines); take it out{remedy}",
+                f"line {lines[0]}: {what} ({len(lines)} such lines); {remedy}",
                 count=len(lines),
             )
         )

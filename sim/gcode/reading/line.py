@@ -217,6 +217,11 @@ def plain_command(name: str, parameters: Mapping[str, str]) -> bytes:
 # What a machine knows beyond its family's commands its profile names (`extra_commands`).
 
 
+UNKNOWN_REMEDY: Final = (
+    "take it out, or name it in the printer's profile (extra_commands) if this machine knows it"
+)
+
+
 def is_known(printer: Printer, name: str) -> bool:
     """Whether the printer's firmware knows a command by its letter and number: ``M104``."""
     grammar = family_of(printer).grammar

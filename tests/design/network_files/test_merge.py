@@ -11,7 +11,7 @@ import pytest
 from design.errors import NetworkError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselKind, VesselNetwork
-from design.network_files.by_suffix import read_network, write_network
+from design.network_files.by_suffix import read_network, read_with_notes, write_network
 from design.network_files.merge import merge_shared, side_by_side
 from design.network_files.xcavate import read_network_xcavate
 from kernels.arrays import FloatArray
@@ -173,6 +173,30 @@ def test_the_reach_is_the_trunks_radius_and_5_percent(tmp_path, off_cm, joined):
     assert len(read_network_xcavate(_written(tmp_path, text)).snaps) == joined
 
 
+def test_detached_vessels_are_named_with_their_distance(tmp_path: Path) -> None:
+    apart = BRANCH.replace("1, 0.05", "1, 0.2") + "\nVessel: 7, Number of Points: 2\n"
+    # Vessel 7 joins vessel 1; vessel 9's middle passes 3.58 mm beside the trunk's end at 40 mm.
+    apart += "1.02, 1, 0, 0.02\n3, 1, 0, 0.02\nVessel: 9, Number of Points: 2\n"
+    apart += "3.9, 0, -1, 0.03\n4.4, 0, 0, 0.03\n"
+    notes = read_network_xcavate(_written(tmp_path, TRUNK + apart)).notes
+    branch = "in 3 pieces; apart from the largest: vessels 1, 7 (vessel 1, 2 mm from vessel 0); "
+    assert f"{branch}vessel 9 ({4 / np.hypot(0.5, 1):.3g} mm from vessel 0)" in notes[-1]
+    assert len(read_network_xcavate(_written(tmp_path, TRUNK + BRANCH)).notes) == 1
+
+
+def test_improbable_sizes_need_the_unit_which_every_reader_takes(tmp_path: Path) -> None:
+    in_mm = "Vessel: 0, Number of Points: 2\n0, 0, 0, 0.5\n20, 0, 0, 0.5\n"
+    path = _written(tmp_path, in_mm)
+    with pytest.raises(NetworkError, match=r"200 mm long.*shorter than 150 mm.*give unit"):
+        read_with_notes(path)
+    network = read_with_notes(path, "mm").network
+    assert (network.lengths().tolist(), network.radius.tolist()) == ([20.0], [0.5, 0.5])
+    ends = tmp_path / "ends.txt"
+    ends.write_text("inlet\n20, 0, 0")
+    assert read_with_notes(path, "mm", ends).network.nodes[0].tolist() == [20.0, 0.0, 0.0]
+    assert read_with_notes(path, "cm").network.lengths().tolist() == [200.0]
+
+
 def test_ends_that_meet_end_to_end_share_a_node_and_loops_close(tmp_path: Path) -> None:
     # A square of four vessels, each ending 0.01 cm beside the next one's beginning.
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -242,7 +266,7 @@ def test_lines_through_one_trunk_are_merged_before_ends_are_moved(tmp_path, shif
         (TRUNK.replace("2, 0, 0, 0.1", "2, 0, zero, 0.1"), "line 4: '2, 0, zero, 0.1' isn't num"),
         (TRUNK.replace("2, 0, 0, 0.1", "2, 0, 0"), "line 4: 3 numbers; each point needs"),
         (TRUNK.replace("2, 0, 0, 0.1", "2, 0, 0, 0.1, 1"), "line 4: 5 numbers; each point needs"),
-        (TRUNK.replace("2, 0, 0, 0.1", "2, 0, 0, -1"), "line 4: radius -1 cm isn't above 0"),
+        (TRUNK.replace("2, 0, 0, 0.1", "2, 0, 0, -1"), "line 4: radius -1 isn't above 0"),
         (TRUNK.replace("2, 0, 0, 0.1", "2, nan, 0, 1"), "line 4: .* NaN or infinite"),
         (TRUNK.replace("Points: 3", "Points: 4"), "line 1: vessel 0 announces 4 points and has 3"),
         ("Vessel: 7, Number of Points: 1\n1, 1, 1, 1", "line 1: vessel 7 has fewer than two"),

@@ -248,7 +248,7 @@ def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(shell: Shell) -> 
         ("profiles check needle.yaml", 2, "needle.yaml: name is missing"),
         ("profiles check bad.csv", 2, "ends in .yaml"),
         ("slice nothing.stl --unit mm --out a.gcode", 1, "No such file"),
-        ("slice cube.stl --out a.gcode", 1, "doesn't say its unit"),
+        ("slice cube.stl --out a.gcode", 2, "doesn't say the unit of its coordinates; give --unit"),
         ("slice cube.stl --unit mm --out .", 2, "is a folder"),
         ("slice cube.stl --unit m --out a.gcode", 2, "2000 mm long in x, more than the 200 mm"),
         ("slice cube.stl --unit um --out a.gcode", 1, "check the part's unit"),
@@ -268,6 +268,8 @@ def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(shell: Shell) -> 
         ("run r.yaml --out cube.stl", 2, "--out cube.stl: cube.stl is a file; give a folder's"),
         ("simulate a.gcode --out cube.stl/x", 2, "--out cube.stl/x: cube.stl is a file"),
         ("slice cube.stl --unit mm --out cube.stl/a.gcode", 2, "is a file, or lies in one"),
+        ("flow cube.stl --unit mm --svzerod --one-d", 2, "--one-d follows it, which is an option"),
+        ("slice --unit mm cube.stl --place --out a.gcode", 2, "--place takes a value, and --out"),
         ("slice cube.stl --unit mm --unit um --out a.gcode", 2, "--unit is given twice, and"),
         ("calibrate weigh bad.csv --write a --write a --write b", 2, "--write is given 3 times"),
         ("ports --printer nope", 2, "no printer profile 'nope'"),
@@ -412,3 +414,25 @@ def test_kernels_that_are_not_compiled_are_told(monkeypatch, tmp_path: Path):
     done = doctor()
     assert done.exit_code == 0
     assert "printctl doctor --warm" in done.output
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (
+            "M600",
+            "line 4: M600: unknown to marlin; it changes filament: the firmware parks the head",
+        ),
+        ("M4321", "line 4: M4321: unknown to marlin; take it out, or name it in the printer's"),
+    ],
+)
+def test_simulate_and_print_refuse_a_command_for_one_reason(
+    line: str, said: str, shell: Shell
+) -> None:
+    text = f"M302 P1\nG1 Z5 F200\nG1 X10 Y10 E0.1 F600\n{line}\nG1 Z20 F200\n"
+    Path("a.gcode").write_text(text)
+    for command in (["simulate", "a.gcode"], ["print", "a.gcode", "--port", "simulated"]):
+        code, _, err = shell(*command, "--printer", "generic_marlin")
+        told = " ".join(err.split())
+        assert code == 3
+        assert said in told

@@ -56,6 +56,27 @@ def test_a_place_out_of_reach_is_refused_with_one_that_is_not(cut: Shell) -> Non
     assert re.search(said, err)
 
 
+@pytest.mark.parametrize(
+    ("option", "command"),
+    [
+        ("--unit", "slice cube.stl --out a.gcode"),
+        ("--unit", "lumens a.gcode --model cube.stl --filament-mm 1.75"),
+        ("--unit", "view a.gcode --model cube.stl --filament-mm 1.75 --no-open"),
+        ("--unit", "flow fork.csv"),
+        ("--unit", "convert fork.csv fork.json"),
+        ("--tissue-unit", "view fork.csv --unit mm --tissue cube.stl --no-open"),
+        ("--tissue-unit", "measure fork.csv --unit mm --tissue cube.stl"),
+    ],
+)
+def test_a_missing_unit_is_asked_for_in_one_way(
+    option: str, command: str, cut: Shell, shell: Shell
+) -> None:
+    Path("a.gcode").write_text("G1 X1 Y1 Z0.2 E1\nG1 X9 E2\n")
+    Path("fork.csv").write_text(HEADER + FORK)
+    said = f"doesn't say the unit of its coordinates; give {option}, one of um, mm, cm, m, in"
+    shell.refuses(said, *command.split())
+
+
 def test_a_3mf_says_its_unit(cut: Shell) -> None:
     write_3mf(Path("cube.3mf"), block_solid(np.array([3.0, 2.0, 0.6])))
     assert cut("cube.3mf", "--out", "cube.gcode")[0] == 0
@@ -469,7 +490,7 @@ NETWORK_CASES: tuple[tuple[int, tuple[str, ...], str], ...] = (
     (1, ("c.csv", "UTF-8"), "view c.csv --unit mm"),
     (1, ("d.vtp", "not XML"), "measure d.vtp --unit mm --tissue ."),
     (1, ("e.txt", "line 1", "announces 2 points and has 1"), "view e.txt"),
-    (2, ("e.txt", "in cm", "--unit"), "view e.txt --unit mm"),
+    (1, ("long.txt", "200 mm long", "--unit"), "view long.txt"),
     (2, (".txt", "a.csv"), "convert a.csv a.json --unit mm --inlet-outlet e.txt"),
     (2, ("none.txt",), "convert e.txt a.json --inlet-outlet none.txt"),
     (2, ("run folder",), "view ."),
@@ -494,6 +515,7 @@ def test_wrong_networks_are_told_in_one_message_and_leave_nothing(
     (tmp_path / "c.csv").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "d.vtp").write_text("no xml at all")
     (tmp_path / "e.txt").write_text("Vessel: 0, Number of Points: 2\n0, 0, 0, 0.1")
+    (tmp_path / "long.txt").write_text("Vessel: 0, Number of Points: 2\n0, 0, 0, 1\n20, 0, 0, 1")
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     shell.refuses(words, *command.split(), code=code)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before

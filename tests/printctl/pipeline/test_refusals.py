@@ -16,7 +16,7 @@ import pytest
 import yaml
 from rich.console import Console
 
-from design.errors import SolidError, ToolpathError
+from design.errors import DesignError, ToolpathError
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load, supported_diameter_mm
@@ -33,6 +33,7 @@ from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpat
 from printctl.pipeline.stages import lumens, printing
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.making import Embedded, Fresh
+from registration.errors import ScanFileError
 from sim.errors import ServeError
 from tests.printctl.checks.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube
 from tests.printctl.cli.shell import Shell
@@ -195,13 +196,21 @@ def test_an_ink_without_a_role_is_a_warning(tmp_path: Path) -> None:
     assert "set role in the ink's profile" in check.sentence()
 
 
-def test_step_without_its_extra_is_refused_before_anything_is_designed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("module", "extra", "keys"),
+    [
+        ("netgen", "step", {"solid": {"formats": ["stl", "step"]}}),
+        ("ngsolve", "flow3d", {"flow": {"three_d": {}}}),
+        ("h5py", "scans", {"scan": {"file": "later.h5"}, "printer": {"port": "/dev/ttyACM0"}}),
+    ],
+)
+def test_a_missing_extra_is_refused_before_anything_is_designed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, extra: str, keys: dict[str, Any]
 ) -> None:
-    monkeypatch.setitem(sys.modules, "netgen", None)
-    made = recipe(tmp_path, network(), solid={"formats": ["stl", "step"]})
-    with pytest.raises(SolidError, match=r"pip install 'printctl\[step\]'"):
-        design_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
+    monkeypatch.setitem(sys.modules, module, None)
+    made = recipe(tmp_path, network(), **keys)
+    with pytest.raises((DesignError, ScanFileError), match=rf"pip install 'printctl\[{extra}\]'"):
+        run_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
     assert not (tmp_path / "run").exists()
 
 
@@ -523,3 +532,35 @@ def test_part_too_big_for_the_plunger_is_refused_or_printed_with_changes(tmp_pat
 def test_wrong_choice_names_place_value_and_limit(care: dict[str, Any], message: str) -> None:
     with pytest.raises(RecipeError, match=message):
         cared_recipe(care)
+
+
+@pytest.mark.parametrize("method", ["embedded", "fresh"])
+def test_toolpath_builds_a_solid_for_layers_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, method: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    printer = GELATIN if method == "embedded" else {}
+    way = EMBEDDED if method == "embedded" else FRESH
+    made = network_recipe(tmp_path, network(2.0, 0.4), (10, 6, 4), toolpath=way, printer=printer)
+    (tmp_path / "one.yaml").write_text(yaml.safe_dump(made))
+    data = shell.of("toolpath").json("one.yaml", "--out", "one.gcode")
+    assert ("solid" in data) == (method == "fresh")
+    whole = shell.json("one.yaml", "--until", "lumens", "--out", "run")
+    assert "solid" in whole
+    assert data["toolpath"] == whole["toolpath"]
+
+
+def test_a_writing_speed_that_air_overrides_is_reported_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    air = {"profile": "pneumatic_marlin", "ink": "fibrinogen_fresh", "bath": "gelatin_thrombin"}
+    said = "toolpath.write_speed_mm_s (7 mm/s) isn't used for"
+    for speed, times in (({"write_speed_mm_s": 7}, 1), ({}, 0)):
+        way = FRESH | {"needle": "fresh_150um", "layer_um": 60, "line_um": 150} | speed
+        made = network_recipe(tmp_path, network(1, 0.4), (10, 6, 3), toolpath=way, printer=air)
+        (tmp_path / "one.yaml").write_text(yaml.safe_dump(made))
+        code, out, err = shell.of("toolpath")("one.yaml", "--out", "one.gcode", "--json")
+        assert code == 0, err
+        assert " ".join(err.split()).count(said) == times
+        assert len(json.loads(out)["toolpath"].get("notes", ())) == times

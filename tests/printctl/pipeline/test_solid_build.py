@@ -20,6 +20,7 @@ from rich.console import Console
 
 from design.errors import DesignError, GrowthError, SolidError, TissueError
 from design.network import VesselNetwork
+from design.network_files.csv_format import read_network_csv
 from design.network_files.swc import write_network_swc
 from design.solids import block_solid, find_crossings, surface_genus
 from design.tissue import block, tissue_from_surface
@@ -523,3 +524,20 @@ def test_a_turned_plate_has_a1_where_one_sees_it() -> None:
     for turn, size_mm in ((0, (34.8, 30.0)), (90, (30.0, 34.8)), (270, (30.0, 34.8))):
         well = standing_plate(box, PRINTER, turned_deg=turn).dish
         assert (well.inner_x_mm, well.inner_y_mm) == size_mm
+
+
+def test_a_closed_loops_artery_enters_where_a_tree_alone_would(tmp_path: Path) -> None:
+    part = {"shape": "block", "size_mm": [16, 10, 8]}
+    way = {"terminals": 6, "smallest_diameter_mm": 0.4, "root": "search", "root_candidates": 4}
+    found = {}
+    for grow in ("tree", "closed_loop"):
+        data = {"schema": 1, "name": grow, "tissue": part, "vasculature": {"grow": grow, **way}}
+        options = RunOptions(until="vasculature")
+        recipe = parse_recipe(data, "loop.yaml")
+        made = run_recipe(recipe, tmp_path, tmp_path / grow, Console(quiet=True), options)
+        network = read_network_csv(tmp_path / grow / "network.csv", unit="mm")
+        found[grow] = network.nodes[network.inlets()[0]]
+        assert "root searched for: of 4 places tried" in " ".join(made["network"]["notes"])
+    assert found["closed_loop"] == pytest.approx(found["tree"])
+    with pytest.raises(RecipeError, match="root: search finds root and direction itself"):
+        parse_recipe(data | {"vasculature": {**data["vasculature"], "root_mm": [8, 5, 8]}}, "a")

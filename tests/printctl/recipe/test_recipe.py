@@ -414,7 +414,7 @@ def test_wrong_growth_names_place_value_and_remedy(keys: dict[str, Any], message
     [
         ({"network": "a.csv"}, r"a\.csv: .*give unit"),
         ({"network": "a.vtp"}, r"a\.vtp: .*give unit"),
-        ({"network": "a.txt", "unit": "cm"}, r"a\.txt: .*remove unit"),
+        ({"network": "a.json", "unit": "cm"}, r"a\.json: .*remove unit"),
         ({"network": "a.stl", "unit": "mm"}, r"a\.stl isn't a \.csv"),
     ],
 )

@@ -88,6 +88,7 @@ def test_a_pulse_is_compared_over_its_cycle(fork: Path) -> None:
     found = _flow(fork, "--three-d", "--edge-ratio", "1", "--compare", *SINE, "--steps", "8")
     flow = found["comparison"]["3D"]["flow_off_percent_of_inlet"]
     assert flow < 5.0
+    assert (found["three_d"]["steps"], found["three_d"]["estimated_pulse_error"]) == (24, 0.0)
     rows = [r for r in _rows(fork / "flow" / "flow_comparison.csv") if r["fidelity"] == "3D"]
     swing = [float(row["flow_swing_ml_min"]) for row in rows[:3]]
     assert swing[0] == pytest.approx(0.2, rel=0.02)

@@ -446,3 +446,25 @@ def test_duet_that_is_busy_pauses_or_simulates(tmp_path: Path, opened: Opened):
     assert end is not None
     assert end.state is HostState.FAILED
     server.down()
+
+
+@pytest.mark.parametrize(
+    ("then", "said"),
+    [(lambda end: None, "nothing whole within 0.2 s"), (socket.socket.close, "Remote end closed")],
+    ids=["holds", "drops"],
+)
+def test_a_port_that_takes_calls_and_gives_no_answer_is_named(then: Any, said: str) -> None:
+    kept = []
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def take() -> None:
+            kept.append(listening.accept()[0])
+            kept[0].recv(4096)
+            then(kept[0])
+
+        threading.Thread(target=take, daemon=True).start()
+        client = HttpClient(parse_address(f"moonraker://127.0.0.1:{listening.getsockname()[1]}"))
+        with pytest.raises(HostSilent, match=rf"GET /server/info: no answer \({said}"):
+            client.send(HostRequest("GET", "/server/info"), 0.2)
+    for end in kept:
+        end.close()

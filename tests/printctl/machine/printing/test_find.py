@@ -168,6 +168,25 @@ def followed(client: Told) -> list[str]:
     return screen.getvalue().splitlines()
 
 
+def test_progress_is_plain_lines_where_no_bar_can_be_drawn(monkeypatch):
+    """After 10 s with 5 % more done, or after 30 s: on a dumb terminal as in a file."""
+    now_s = [0.0]
+    monkeypatch.setattr("printctl.progress.monotonic", lambda: now_s[0])
+    screen = io.StringIO()
+    console = Console(file=screen, width=80, force_terminal=True, _environ={"TERM": "dumb"})
+    bars = StageBars(console)
+    with bars.all(), bars.stage("print") as report:
+        for now_s[0], done in ((5, 0.3), (10, 0.4), (21, 0.44), (39, 0.44), (40, 0.44), (51, 0.6)):
+            report(done, f"{done:.2f} of 1 lines")
+    bars.say("print", "51.0 s")
+    assert screen.getvalue().splitlines() == [
+        "print          40% 0.40 of 1 lines",
+        "print          44% 0.44 of 1 lines",
+        "print          60% 0.60 of 1 lines",
+        "print          51.0 s",
+    ]
+
+
 def test_each_alarm_is_said_in_words_while_a_print_is_followed(tmp_path):
     first, second = followed(Told(tmp_path))
     assert first.endswith("note: 1 alarm: M204 R is 500")

@@ -29,6 +29,7 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.state import PrintAction
 from printctl.machine.process.client import Station
 from printctl.machine.process.contact import load_station
+from printctl.machine.process.simulated import record_for, was_simulated
 from printctl.machine.process.starting import connect
 from printctl.machine.records.folders import read_notes
 from printctl.machine.records.journal import Journal
@@ -49,6 +50,7 @@ from printctl.web.job.jobs import entry_of
 from printctl.web.job.print_commands import PauseRequest, RecoverRequest, ResumeRequest
 from printctl.web.job.record import Records
 from printctl.web.job.service import JobService
+from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.machine.link.test_journal import begun
 from tests.printctl.web.job.conftest import MOUNTED, OPERATOR, OTHER, START, WORDS, add, ready, shut
@@ -411,6 +413,26 @@ def test_killed_station_leaves_a_print_that_the_page_goes_on_with(core, service,
     done = until_so(service, job, lambda heard: heard.status.ended)
     assert done.status.state is LinkState.DONE, done.status.message
     assert_agree(core, service, job)
+
+
+def test_the_simulated_printer_outlives_its_link_so_that_going_on_can_be_practised(core, service):
+    station = connect("generic_marlin", "simulated", core.workspace.station, sim_speed=SPEED)
+    station.set_position(*START)
+    station.mount(**MOUNTED)
+    job = started(service, "simulated")
+    before = load_record(core.workspace.print_folder(job))
+    os.kill(load_station(core.workspace.station).pid, signal.SIGKILL)
+    broken = until_so(service, job, ended_as(LinkState.INTERRUPTED))
+    assert broken.may(PrintAction.GO_ON).possible, broken.may(PrintAction.GO_ON).reason
+    service.hands.go_on(OPERATOR, job)
+    done = until_so(service, job, lambda heard: heard.status.ended)
+    assert done.status.state is LinkState.DONE, done.status.message
+    after = load_record(core.workspace.print_folder(job))
+    assert was_simulated(core.workspace.print_folder(job))
+    assert (before.port, after.print_id) == ("simulated", before.print_id)
+    # Its record is of one printer, from the first move to the last.
+    motion = ExecutedMotion.load(record_for(core.workspace.print_folder(job)))
+    assert motion.line.min() < 40 < motion.line.max()
 
 
 @pytest.mark.slow

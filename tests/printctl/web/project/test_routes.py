@@ -131,6 +131,18 @@ def test_a_mesh_begins_a_project_and_a_bad_name_or_unit_keeps_nothing(
     assert sketch(client, "box")["figures"]["terminals"] > 1
 
 
+def test_a_text_network_is_in_cm_or_in_the_unit_that_is_given(
+    client: TestClient, workspace: Workspace
+) -> None:
+    text = "Vessel: 0, Number of Points: 2\n0, 0, 0, 0.05\n2, 0, 0, 0.05\n"
+    workspace.recipe("one").with_name("one.txt").write_text(text)
+    for name, unit in (("plain", {}), ("millimetres", {"unit": "mm"})):
+        body = {"name": name, "file": "one.txt"} | unit
+        assert client.post(f"{API}/projects", json=body).status_code == 200
+        part = load_recipe(workspace.recipe(name)).vasculature
+        assert getattr(part, "unit", "") == unit.get("unit")
+
+
 def test_a_project_s_name_may_be_as_long_as_any(client: TestClient) -> None:
     data = trimesh.creation.box((12, 9, 7)).export(file_type="stl")
     client.post(f"{API}/recipes/files", files={"file": ("box.stl", data, "model/stl")})

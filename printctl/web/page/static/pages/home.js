@@ -100,9 +100,9 @@ const INLETS = [["face", "inside a face, clear of its edges"], ["top", "at the h
 
 function FromFile({ file, onClose }) {
   const mesh = SHAPES.split(",").some((one) => file.toLowerCase().endsWith(one));
-  const asks = !/\.(3mf|json|npz|txt)$/i.test(file);
+  const asks = !/\.(3mf|json|npz)$/i.test(file);
   const [said, setSaid] = useState({
-    name: file.replace(/\.[^.]*$/, "").slice(0, 60), unit: asks ? "" : "mm",
+    name: file.replace(/\.[^.]*$/, "").slice(0, 60), unit: /\.txt$/i.test(file) ? "cm" : asks ? "" : "mm",
     ...(mesh && { needle: "30g_50mm", inlet: "face", smallest_diameter_mm: null }),
   });
   const found = useGet(mesh ? `/recipes/files/${part(file)}/size` : null);
