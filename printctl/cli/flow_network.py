@@ -43,7 +43,7 @@ def run_network(
     else:
         driven = Driven(part_of(requested)[0])
         fillet = FILLET if requested["fillet_ratio"] is None else requested["fillet_ratio"]
-    if how.match_split or driven.part.three_d is not None:
+    if driven.part.three_d is not None:
         load_engine()  # Missing, it is better told before 0D is solved.
     tables = NpzTables(out / NPZ) if requested["results"] == "npz" else CsvTables(out)
     space = space_of(requested)
