@@ -19,6 +19,7 @@ SOURCES: Final = Path(__file__).resolve().parent.parent
 PACKAGES: Final = (
     "design",
     "firmware_profiles",
+    "gcode",
     "kernels",
     "printctl/checks/lumens",
     "registration",

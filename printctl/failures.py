@@ -25,7 +25,7 @@ CODES: tuple[tuple[str, str, int], ...] = (
     ("registration.measuring.judging.tolerance", "ToleranceError", 2),
     ("registration.errors", "RegistrationError", 1),
     ("sim.errors", "GcodeError", 2),
-    ("sim.errors", "SimError", 1),
+    ("gcode.errors", "SimError", 1),
 )
 """Module, error and exit code; the first that fits counts."""
 

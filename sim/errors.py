@@ -1,65 +1,16 @@
-"""Exception classes of the simulator: G-code, serving, deposit, scanner, needle clearance.
-
-::
-
-    SimError                    anything a user can mend on the simulator's side
-    ├── GcodeError              G-code that can't be read at all
-    │   └── LineError           one line of it: which sort of fault, and what to do
-    ├── ServeError              a port, link or record that can't be served
-    ├── DepositError            motion that can't be turned into a deposit
-    ├── ScannerError            a scan that can't be simulated with these settings
-    ├── CameraError             a picture that can't be simulated with these settings
-    └── ClearanceError          a job whose shaft can't be checked with these settings
-
-What is wrong with G-code that *can* be read comes as data (`sim.gcode.dry_run.run.Finding`),
-because the caller decides which finding refuses a print.
-"""
+"""Exception classes of simulated devices; bases and those of G-code are in `gcode.errors`."""
 
 from __future__ import annotations
 
-
-class SimError(ValueError):
-    """Bad input to the simulator; the message says what, value, limit, unit and remedy."""
-
-
-class GcodeError(SimError):
-    """G-code that can't be read."""
-
-
-class LineError(GcodeError):
-    """A line that can't be read, or that firmwares read differently.
-
-    Parameters
-    ----------
-    sort : str
-        One of `sim.gcode.reading.line.SORTS`.
-    line : str
-        The line, as far as it can be shown.
-    reason : str
-        What is wrong, and the remedy.
-    """
-
-    def __init__(self, sort: str, line: str, reason: str) -> None:
-        super().__init__(f"{line!r}: {reason}")
-        self.sort = sort
-        self.line = line
-        self.reason = reason
+from gcode.errors import SimError
 
 
 class ServeError(SimError):
     """A port, link or record that can't be served."""
 
 
-class DepositError(SimError):
-    """Motion that can't be turned into a deposit."""
-
-
 class ScannerError(SimError):
     """A scan that can't be simulated with these settings."""
-
-
-class ClearanceError(SimError):
-    """A job whose needle's shaft can't be checked against what is written."""
 
 
 class CameraError(SimError):

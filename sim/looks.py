@@ -18,15 +18,16 @@ import cv2
 import numpy as np
 
 from firmware_profiles import ProfileError
+from gcode.deposit.lay import Laid
+from gcode.errors import SimError
+from gcode.motion.executed import NO_MOTION
 from kernels import keep_freed_memory
 from kernels.arrays import FloatArray
 from sim.devices.camera.laser_line import ProfilerField, measured_heights, write_heights
 from sim.devices.camera.paint import CameraFile, paint
 from sim.devices.recorded_ink import InkBox, ink_of_record, read_record
 from sim.devices.scanner.oct import OctField, live_scan, write_live_scan
-from sim.errors import CameraError, SimError
-from sim.gcode.deposit.lay import Laid
-from sim.gcode.motion.executed import NO_MOTION
+from sim.errors import CameraError
 
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 Writer = Callable[[Path], None]

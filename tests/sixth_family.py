@@ -15,8 +15,8 @@ import sim.devices.families as twins
 from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family, meanings
 from firmware_profiles.load import DATA
+from gcode.reading.line import accepted_letters, family_part
 from printctl.checks.gate.rules import rules
-from sim.gcode.reading.line import accepted_letters, family_part
 
 NAME = "sixthware"
 FACTS = '''

@@ -12,6 +12,10 @@ from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families import family_names
+from gcode.dry_run.run import dry_run
+from gcode.errors import LineError
+from gcode.reading import read_line
+from gcode.reading.line import is_known_line
 from printctl.checks.gate import Bounds, LineOrigin, PrinterSituation, judge
 from printctl.checks.gate.inputs import AllowedLine
 from printctl.checks.preflight.firmware import firmware_checks
@@ -22,10 +26,6 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.states import LinkState
 from sim.devices.families.registry import simulated_printer
-from sim.errors import LineError
-from sim.gcode.dry_run.run import dry_run
-from sim.gcode.reading import read_line
-from sim.gcode.reading.line import is_known_line
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.machine.link.jobs import parse_job

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.gcode.motion.executed import ExecutedMotion
+from gcode.motion.executed import ExecutedMotion
 
 WITHIN_MM = 0.02
 WITHIN_E_MM = 0.002

@@ -17,6 +17,7 @@ from benchmarks.checkers.link_order import Order, Taken, body_of, judge, unreach
 from benchmarks.link.files import START_MM, STEPS_PER_MM, PrintFile
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from gcode.motion.executed import ExecutedMotion
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import PortLost
@@ -27,7 +28,6 @@ from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import PermanentFaults
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.simulated_transport import HostDiedError, SimulatedTransport
 
 

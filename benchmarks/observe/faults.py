@@ -26,6 +26,7 @@ import numpy as np
 from benchmarks.checkers.grown_strokes import Compared, compared
 from benchmarks.common import Row, row, scratch
 from benchmarks.link.printers import profile, simulated
+from gcode.motion.executed import ExecutedMotion
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care
@@ -33,7 +34,6 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.process.client import PrintClient
 from printctl.machine.process.starting import resume_print, start_print
 from printctl.machine.records.states import LinkState
-from sim.gcode.motion.executed import ExecutedMotion
 
 START = (50.0, 50.0, 10.0)
 LAYERS, MOVES, KILLS = 8, 12, 10

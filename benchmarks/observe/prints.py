@@ -22,6 +22,11 @@ import yaml
 from benchmarks.checkers.line_dice import BoolArray, dice, painted
 from benchmarks.common import Row, at_least, limited, row, scratch
 from firmware_profiles import Ink, Printer, Syringe, load
+from gcode.deposit.ink_faults import Bubble, Clog, Drift, InkFault, InkFaults, Lost
+from gcode.deposit.lay import Laid, laid, nothing_laid
+from gcode.deposit.written import written
+from gcode.dry_run.run import dry_run
+from gcode.motion.executed import ExecutedMotion
 from printctl.machine.control.watch import DueTask, Watch
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import Insert, Job, load_job
@@ -38,11 +43,6 @@ from printctl.observe.views import EMPTY_LOOK_NUMBER
 from printctl.pipeline.observing import look_care
 from printctl.recipe.observe import ObservePart
 from sim.devices.camera.paint import CameraFile, paint
-from sim.gcode.deposit.ink_faults import Bubble, Clog, Drift, InkFault, InkFaults, Lost
-from sim.gcode.deposit.lay import Laid, laid, nothing_laid
-from sim.gcode.deposit.written import written
-from sim.gcode.dry_run.run import dry_run
-from sim.gcode.motion.executed import ExecutedMotion
 
 PRINTER, SYRINGE, INK, NEEDLE = "generic_marlin", "hamilton_1ml", "collagen_fresh", "fresh_150um"
 SIZE_MM, PITCH_MM, WIDTH_MM, LAYER_MM, LAYERS = 7.0, 0.7, 0.25, 0.1, 4

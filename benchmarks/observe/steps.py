@@ -22,10 +22,10 @@ from benchmarks.observe.prints import (
     observed,
 )
 from firmware_profiles import Printer, load
+from gcode.deposit.ink_faults import Drift, InkFaults
 from printctl.machine.job.job import file_count, parse_job
 from printctl.machine.job.look_places import look_places
 from printctl.machine.job.marks import Mark, MarkKind, Marks
-from sim.gcode.deposit.ink_faults import Drift, InkFaults
 
 SPEED_MM_S, EVERY = 4.0, "5 s written"
 WITHIN = 0.05

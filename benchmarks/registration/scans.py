@@ -22,6 +22,7 @@ from benchmarks.common import Row, at_least, limited, printctl, row, scratch, ti
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from design.solids import Solid
+from gcode.deposit.lay import Deposit
 from kernels.arrays import FloatArray
 from registration import register_scan
 from registration.alignment import align
@@ -29,7 +30,6 @@ from registration.alignment.distance import ModelSurface
 from registration.segmentation import Segmentation, SegmentationOptions, segment
 from sim.devices.scanner.oct import OctOptions, simulate_oct
 from sim.devices.scanner.placing import Placing
-from sim.gcode.deposit.lay import Deposit
 from tests.registration import parts
 
 SIZE_MM = np.array([11.0, 5.6, 2.6])

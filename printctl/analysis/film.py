@@ -28,6 +28,7 @@ from design.hemodynamics.probes import Probes, ProbeWaves
 from design.measures.growth_order import GrowthOrder, growth_order
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
+from gcode.errors import SimError
 from kernels.arrays import FloatArray
 from printctl.analysis.flow import one_d_options, pulsatile_conditions
 from printctl.errors import UsageError
@@ -35,7 +36,6 @@ from printctl.recipe import Recipe
 from printctl.recipe.parts import OneDPart
 from registration.measuring.gauging import sub_network
 from registration.report.picture import DrivingWave, FilmScene, Quantity, magnitude
-from sim.errors import SimError
 
 # Write a film file in its suffix's format: MP4 and the like by OpenCV, GIF, WebP by Pillow.
 

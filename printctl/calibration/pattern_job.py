@@ -11,6 +11,7 @@ import numpy as np
 from design.files import write_text
 from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
 from firmware_profiles import Dish, Ink, Needle, Printer, load
+from gcode.dry_run.run import dry_run
 from printctl.calibration.patterns import (
     COLUMNS,
     Bead,
@@ -33,7 +34,6 @@ from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warning
 from printctl.checks.set_up import ProfileNames, set_up
 from printctl.errors import UsageError
 from printctl.settings import numbers_of, opt, settings
-from sim.gcode.dry_run.run import dry_run
 
 BESIDE: Final = (".svg", ".csv", ".json")
 """Files beside the G-code; a sheet (.csv) where there are widths to type."""

@@ -15,12 +15,12 @@ import yaml
 from design.files import write_bytes, write_text
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Facts, Ink, Needle, Printer, ProfileError, Syringe, load
+from gcode.dry_run.run import dry_run
 from printctl.calibration.estimate import Estimate
 from printctl.calibration.paths import CalibrationTest
 from printctl.checks.made_for import MadeFor, header_lines, made_for, named, profile_hash
 from printctl.checks.preflight import gcode_checks, refuse_failed, syringe_checks, warnings
 from printctl.errors import SafetyError, UsageError
-from sim.gcode.dry_run.run import dry_run
 
 
 @dataclass(frozen=True)

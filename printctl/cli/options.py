@@ -13,13 +13,13 @@ import typer
 from rich.console import Console
 
 from design.units import LengthUnit
+from gcode.errors import GcodeError
+from gcode.user_files import read_gcode_path, text_of
 from printctl.cli.declare import wants_json
 from printctl.errors import UsageError
 from printctl.failures import JSON_PRINTED, message_and_code
 from printctl.machine.network.host import KEY_FILE_VARIABLE, read_key
 from printctl.settings import arg, opt
-from sim.errors import GcodeError
-from sim.user_files import read_gcode_path, text_of
 
 
 def folder_to_write(folder: Path | None) -> Path | None:

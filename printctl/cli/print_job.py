@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from firmware_profiles import Printer, load
+from gcode.dry_run.run import dry_run
 from printctl.checks.made_for import is_recorded, read_made_for, record_of
 from printctl.checks.preflight import file_checks, refuse_failed, warnings
 from printctl.checks.preflight.shaft import file_shaft
@@ -40,7 +41,6 @@ from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.progress import StageBars
 from printctl.recipe.making import CarePart
 from printctl.settings import of, opt, settings
-from sim.gcode.dry_run.run import dry_run
 
 
 @settings

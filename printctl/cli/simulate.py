@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, load
+from gcode.dry_run.run import dry_run
 from printctl.checks.preflight import (
     PrintTime,
     file_checks,
@@ -28,7 +29,6 @@ from printctl.machine.job.job import parse_job
 from printctl.machine.prints.mounted import ASSUMED, or_assumed
 from printctl.pipeline.bead_choices import BeadChoices, BeadOptions
 from printctl.settings import opt, three_numbers
-from sim.gcode.dry_run.run import dry_run
 
 Place = tuple[float, float, float]
 

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import Bath, Dish, Ink, Printer, Syringe, load, shipped
+from gcode.deposit.written import SMOOTHING_MM
+from gcode.dry_run.run import dry_run
 from printctl.calibration import widths as measuring
 from printctl.calibration.pattern_job import (
     LineShape,
@@ -39,8 +41,6 @@ from printctl.machine.errors import Refused
 from printctl.machine.prints.mounted import mount_parts
 from printctl.machine.process.client import Station
 from printctl.machine.records.mounting import PARTS, MountedParts, load_mounting
-from sim.gcode.deposit.written import SMOOTHING_MM
-from sim.gcode.dry_run.run import dry_run
 
 MOST_SINGLE_STEPS: Final = 0.1
 """Share of moves with at most one plunger step above which it is asked about."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from gcode.dry_run.run import DryRun
 from kernels.arrays import FloatArray, IntArray
 from printctl.machine.job.job import Job
 from printctl.machine.prints.progress import NONE, JobTable
 from registration.report.gcode import Act, GcodeJob
-from sim.gcode.dry_run.run import DryRun
 
 
 def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | None) -> JobTable:

@@ -6,11 +6,11 @@ from typing import Final
 
 from design.toolpath import Toolpath
 from design.toolpath.added_moves import compensate_lag
+from gcode.bead.flow import nozzle_of
 from printctl.checks.bead import lag_of
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import Filled
-from sim.gcode.bead.flow import nozzle_of
 
 OF_SPEED: Final = 0.5
 """Of the plunger's fastest, at which pressure is built and taken back."""

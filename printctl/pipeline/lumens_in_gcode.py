@@ -12,6 +12,7 @@ from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.bead import BeadSection
+from gcode.deposit.written import Strands
 from printctl.analysis.networks import read_model, read_noted
 from printctl.checks.gcode_view import read_line_map
 from printctl.checks.gcode_view.levels import is_flat
@@ -34,7 +35,6 @@ from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK, SURFACE
 from printctl.run_folder.manifest import MANIFEST
 from printctl.settings import opt, settings
-from sim.gcode.deposit.written import Strands
 
 Place = tuple[float, float, float]
 Say = Callable[[str], None]

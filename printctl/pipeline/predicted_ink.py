@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from design.network import VesselNetwork
+from gcode.bead.predict import swell
+from gcode.dry_run.run import DryRun
 from printctl.checks.bead import (
     InkPrediction,
     OutputFiles,
@@ -26,8 +28,6 @@ from printctl.checks.set_up import SetUp
 from printctl.errors import UsageError
 from printctl.pipeline.bead_choices import BeadChoices
 from printctl.pipeline.lumens_in_gcode import place_of_filaments, read_designed
-from sim.gcode.bead.predict import swell
-from sim.gcode.dry_run.run import DryRun
 
 Say = Callable[[str], None]
 

@@ -15,6 +15,9 @@ from design.files import write_text
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.errors import wording
+from gcode.deposit.ink_faults import NO_FAULTS
+from gcode.deposit.lay import Style
+from gcode.motion.executed import ExecutedMotion
 from printctl.checks.gcode_view.line_map import mapped_style
 from printctl.checks.set_up import of_each
 from printctl.errors import UsageError
@@ -41,9 +44,6 @@ from registration.files.readers import metadata
 from registration.files.writers import write_scan
 from sim.devices.faults import FaultFile
 from sim.devices.recorded_ink import read_record
-from sim.gcode.deposit.ink_faults import NO_FAULTS
-from sim.gcode.deposit.lay import Style
-from sim.gcode.motion.executed import ExecutedMotion
 
 
 @dataclass(frozen=True)

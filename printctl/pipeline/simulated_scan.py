@@ -12,15 +12,8 @@ from typing import Final
 import numpy as np
 
 from firmware_profiles import Printer
-from kernels.arrays import FloatArray
-from printctl.errors import UsageError
-from printctl.recipe.making import SimulatedScan
-from registration import Scan
-from sim.devices.scanner.microct import MicroCtOptions, simulate_microct
-from sim.devices.scanner.oct import OctOptions, simulate_oct
-from sim.devices.scanner.placing import Placing, ScannerOutput
-from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
-from sim.gcode.deposit.lay import (
+from gcode.deposit.ink_faults import NO_FAULTS, InkFaults
+from gcode.deposit.lay import (
     EXACT_MM,
     Deposit,
     Style,
@@ -28,7 +21,14 @@ from sim.gcode.deposit.lay import (
     unite_deposits,
     valves_as_plungers,
 )
-from sim.gcode.motion.executed import ExecutedMotion
+from gcode.motion.executed import ExecutedMotion
+from kernels.arrays import FloatArray
+from printctl.errors import UsageError
+from printctl.recipe.making import SimulatedScan
+from registration import Scan
+from sim.devices.scanner.microct import MicroCtOptions, simulate_microct
+from sim.devices.scanner.oct import OctOptions, simulate_oct
+from sim.devices.scanner.placing import Placing, ScannerOutput
 
 MAX_SCAN_MB: Final = 1000.0
 """A larger scan is made on request alone: registering one takes six times its size in memory."""

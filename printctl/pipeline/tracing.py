@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from firmware_profiles import Printer
+from gcode.deposit.written import Strands
+from gcode.heads import read_with_valve
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.lines import plunger_strokes, valve_strokes
 from registration import RegistrationReport
-from sim.gcode.deposit.written import Strands
-from sim.gcode.heads import read_with_valve
 
 _ALONG_MM = 0.2
 """Places along a defect at which moves beside it are looked for."""

@@ -15,9 +15,10 @@ from typing import Annotated, ClassVar, Final, Literal, get_args
 import numpy as np
 from pydantic import Field, model_validator
 
-from sim.errors import ServeError, SimError
-from sim.gcode.deposit.ink_faults import InkFault, InkFaults
-from sim.user_files import FileSection, UserFile
+from gcode.deposit.ink_faults import InkFault, InkFaults
+from gcode.errors import SimError
+from gcode.user_files import FileSection, UserFile
+from sim.errors import ServeError
 
 # Read planned faults of a simulated printer and its cable from a YAML file or short text.
 #
@@ -42,7 +43,7 @@ from sim.user_files import FileSection, UserFile
 # gauges:                  # what it tells of a sensor: straight between times, by its clock
 # - {command: M871, says: "Force: {value:.2f} N", ramp: [[0, 1.0], [60, 15.0]]}
 # ink:                     # what becomes of the ink; the motors know nothing of it
-# - {fault: clog, written_mm: 120, clears_ul: 0.5}   # all kinds: sim.gcode.deposit.ink_faults
+# - {fault: clog, written_mm: 120, clears_ul: 0.5}   # all kinds: gcode.deposit.ink_faults
 
 FaultKind = Literal[
     "unplug",

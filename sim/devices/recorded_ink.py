@@ -8,12 +8,12 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from firmware_profiles import Ink, Printer, Syringe, load
+from gcode.deposit.ink_faults import NO_FAULTS
+from gcode.deposit.lay import Laid, Style, laid, nothing_laid
+from gcode.errors import DepositError
+from gcode.motion.executed import ExecutedMotion
+from gcode.user_files import FileSection, UserFile
 from sim.devices.faults import FaultFile
-from sim.errors import DepositError
-from sim.gcode.deposit.ink_faults import NO_FAULTS
-from sim.gcode.deposit.lay import Laid, Style, laid, nothing_laid
-from sim.gcode.motion.executed import ExecutedMotion
-from sim.user_files import FileSection, UserFile
 
 
 class InkSource(FileSection):

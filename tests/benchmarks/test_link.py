@@ -6,7 +6,7 @@ from benchmarks.link.answerer import Answerer
 from benchmarks.link.files import START_MM, STEPS_PER_MM, zigzag
 from benchmarks.link.runs import BreakingTroubles, ends_of, facts, new_printer, run
 from benchmarks.link.virtual import kill_rows
-from sim.gcode.dry_run.run import dry_run
+from gcode.dry_run.run import dry_run
 
 
 def unmet(rows):

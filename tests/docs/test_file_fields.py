@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles.yaml_file import read_yaml
+from gcode.motion.executed import NO_MOTION
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.records.states import LinkState
 from printctl.observe.deciding.evidence import UnseenPath
@@ -26,7 +27,6 @@ from registration.inspection import Blob, Gap, LayerFindings, Stretch
 from registration.inspection.values import Shift
 from sim.devices.camera.laser_line import write_heights
 from sim.devices.scanner.oct import write_live_scan
-from sim.gcode.motion.executed import NO_MOTION
 from tests.printctl.machine.control.bench import ENDS, JOB, LOOKS, Bench, mend, observe, resume
 from tests.registration.devices.camera_frame import scene
 

@@ -11,6 +11,7 @@ PACKAGES = (
     "design",
     "docs_tools",
     "firmware_profiles",
+    "gcode",
     "kernels",
     "printctl",
     "registration",

@@ -20,6 +20,8 @@ def test_a_module_in_the_working_folder_is_not_run(tmp_path: Path) -> None:
 
 def test_no_other_place_starts_a_module_of_ours() -> None:
     files = (
-        path for room in ("printctl", "sim", "registration") for path in (ROOT / room).rglob("*.py")
+        path
+        for room in ("printctl", "gcode", "sim", "registration")
+        for path in (ROOT / room).rglob("*.py")
     )
     assert [path.name for path in files if 'sys.executable, "-m"' in path.read_text()] == []

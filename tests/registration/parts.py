@@ -10,13 +10,13 @@ import numpy as np
 
 from design.network import VesselKind, VesselNetwork
 from design.solids.solid import Solid
+from gcode.deposit.lay import Deposit
 from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.scan import Scan
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from sim.devices.scanner.placing import ScannerOutput
-from sim.gcode.deposit.lay import Deposit
 from tests.design.networks import network
 
 HERE = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))

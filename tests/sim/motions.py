@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.gcode.motion.executed import ExecutedMotion
+from gcode.motion.executed import ExecutedMotion
 
 
 def moved(points: Any, volume_ul: Any, area_mm2: float, times: Any = None) -> ExecutedMotion:

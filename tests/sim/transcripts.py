@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from firmware_profiles import Printer, load
+from gcode.motion.state import Board
+from gcode.program.gcode import checksum
 from sim.devices.families.marlin_printer import MarlinPrinter
-from sim.gcode.motion.state import Board
-from sim.gcode.program.gcode import checksum
 
 DATA = Path(__file__).parent / "data" / "marlin"
 

@@ -19,12 +19,12 @@ from rich.console import Console
 
 from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Bath, Ink, Needle, Plate, Printer, Syringe, load
+from gcode.dry_run.run import dry_run
 from printctl.checks.preflight import SetUp, file_checks
 from printctl.errors import RecipeError, SafetyError
 from printctl.pipeline.plate_plan import assigned
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import load_recipe, parse_recipe
-from sim.gcode.dry_run.run import dry_run
 from tests.printctl.web.shell.browsers import CHROMIUM
 from tests.system.cli import ROOT, called, printctl
 from tests.system.forks import FORK

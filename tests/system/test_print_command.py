@@ -13,9 +13,9 @@ import pytest
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
+from gcode.dry_run.run import dry_run
+from gcode.motion.executed import ExecutedMotion
 from printctl.checks.preflight import written_arrays
-from sim.gcode.dry_run.run import dry_run
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.design.toolpath.shapes import random_tree
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.machine.link.simulated import HEADER

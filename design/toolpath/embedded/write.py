@@ -28,7 +28,7 @@ RADIUS_STEP: Final = 1.5
 """Where a pass goes on into a vessel by so much thinner or thicker, the plunger relieves and primes
 in place: the pressure that drives a thick filament takes its way to fall, and would swell the thin
 one behind it. A smaller step swells the first half millimetre by 27 % at most
-(`sim.gcode.deposit.lay`)."""
+(`gcode.deposit.lay`)."""
 ROUNDING_MM: Final = 1e-6
 """What ends so near to a vessel's end ends there."""
 

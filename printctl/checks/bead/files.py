@@ -15,6 +15,8 @@ import numpy as np
 from design.files import write_bytes, write_text
 from design.solids import Solid, write_ply
 from design.tissue.closed import isosurface
+from gcode.bead.predict import Bead, laid_bead, swell
+from gcode.deposit.lay import Deposit, deposit_of_laid
 from kernels.arrays import IntArray
 from printctl.checks.bead.play import make_playback
 from printctl.checks.bead.predict import InkPrediction
@@ -22,8 +24,6 @@ from printctl.checks.bead.time_line import write_time_line
 from printctl.checks.bead.vessels import VesselDiameters
 from registration.files.exports import nrrd_header
 from registration.report.play import save_played, write_play_html
-from sim.gcode.bead.predict import Bead, laid_bead, swell
-from sim.gcode.deposit.lay import Deposit, deposit_of_laid
 
 # Table of predicted ink volume and line width by layer, with and without pressure lag.
 

@@ -11,19 +11,19 @@ import numpy as np
 
 from design.toolpath import MoveKind
 from firmware_profiles import Ink, Needle, Printer, Syringe, steady_flow
+from gcode.bead.flow import advance_of, cut, median_flow, nozzle_of
+from gcode.bead.predict import Bead, predict_bead
+from gcode.deposit.lay import Style
+from gcode.deposit.written import SMOOTHING_MM, Strands
+from gcode.dry_run.run import DryRun
+from gcode.heads import as_plunger, flowing
+from gcode.motion.executed import ExecutedMotion
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.gcode_view.line_map import LineMap
 from printctl.checks.gcode_view.read import cross_sections
 from printctl.checks.lumens.read import split_by_head
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
-from sim.gcode.bead.flow import advance_of, cut, median_flow, nozzle_of
-from sim.gcode.bead.predict import Bead, predict_bead
-from sim.gcode.deposit.lay import Style
-from sim.gcode.deposit.written import SMOOTHING_MM, Strands
-from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads import as_plunger, flowing
-from sim.gcode.motion.executed import ExecutedMotion
 
 # Choose the pressure lag: the user's, or the ink's for this syringe and needle, or 0 s.
 

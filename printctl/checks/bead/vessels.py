@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from gcode.bead.predict import Bead
 from kernels.arrays import FloatArray, IntArray
-from sim.gcode.bead.predict import Bead
 
 # Merge the predicted diameters of a vessel's several strands into one diameter per vessel.
 

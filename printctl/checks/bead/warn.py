@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from firmware_profiles import Bath, wall_stress_pa
+from gcode.bead.predict import Bead, crevice, drag, settling, swell
 from printctl.checks.bead.predict import InkPrediction
 from printctl.checks.bead.vessels import VesselDiameters
-from sim.gcode.bead.predict import Bead, crevice, drag, settling, swell
 
 THIN: Final = 0.8
 THICK: Final = 1.25

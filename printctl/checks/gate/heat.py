@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles.families.family import CheckNamedHeater
+from gcode.reading import GcodeLine
 from printctl.checks.gate.inputs import AllowedLine, LineAction, NotAllowed, PrinterSituation
-from sim.gcode.reading import GcodeLine
 
 HEATERS: Final = {
     "M104": "nozzle",

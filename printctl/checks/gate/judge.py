@@ -7,6 +7,9 @@ from functools import cache
 from typing import Final
 
 from firmware_profiles import Printer
+from gcode.errors import GcodeError
+from gcode.reading import BLANK, GcodeLine, read_line
+from gcode.reading.line import UNKNOWN_REMEDY, is_known_line
 from printctl.checks.gate.inputs import (
     NOT_BY_HAND,
     AllowedLine,
@@ -20,9 +23,6 @@ from printctl.checks.gate.inputs import (
 )
 from printctl.checks.gate.rule_makers import REASONS, reason
 from printctl.checks.gate.rules import of_the_moment, rule, rules
-from sim.errors import GcodeError
-from sim.gcode.reading import BLANK, GcodeLine, read_line
-from sim.gcode.reading.line import UNKNOWN_REMEDY, is_known_line
 
 LONGEST: Final = 200
 """Characters of a line that a person types."""

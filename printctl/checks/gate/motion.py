@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from gcode.reading import GcodeLine
 from printctl.checks.gate.inputs import (
     AllowedLine,
     LineAction,
@@ -16,7 +17,6 @@ from printctl.checks.gate.inputs import (
     check_speed,
     speed_limit,
 )
-from sim.gcode.reading import GcodeLine
 
 AXES: Final = "xyz"
 DEFAULT_MM_S: Final = 5.0

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from firmware_profiles.families import family_of
+from gcode.reading import GcodeLine
 from printctl.checks.gate.inputs import AllowedLine, NotAllowed, PrinterSituation
-from sim.gcode.reading import GcodeLine
 
 # Reason text for refusing a G-code, often with the command to use instead.
 

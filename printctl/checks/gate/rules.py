@@ -12,6 +12,7 @@ from typing import Final
 
 from firmware_profiles.families import family as gate_facts
 from firmware_profiles.families import family_of, find_family
+from gcode.reading import GcodeLine
 from printctl.checks.gate.heat import NamedTarget, set_target, wait_for
 from printctl.checks.gate.inputs import AllowedLine, LineOrigin, NotAllowed, Phase, PrinterSituation
 from printctl.checks.gate.motion import home, move
@@ -28,7 +29,6 @@ from printctl.checks.gate.rule_makers import (
     only_with,
     timeout,
 )
-from sim.gcode.reading import GcodeLine
 
 Rules = dict[str, Judge]
 _FAN: Final = allow_within({"S": (0, 255), "P": (0, 20)}, needs="S")

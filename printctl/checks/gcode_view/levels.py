@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 
+from gcode.program.read_program import Comments
 from kernels.arrays import FloatArray, IntArray
 from registration.report.gcode import Layers
-from sim.gcode.program.read_program import Comments
 
 LEVEL_MM: Final = 5e-3
 """Written heights closer than this are one level (two steps of a usual z axis)."""

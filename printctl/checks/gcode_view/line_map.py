@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 
 from design.toolpath import MoveKind
+from gcode.deposit.lay import Style
 from kernels.arrays import IntArray
-from sim.gcode.deposit.lay import Style
 
 
 @dataclass(frozen=True, eq=False)

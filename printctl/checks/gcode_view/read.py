@@ -12,6 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
+from gcode.errors import GcodeError, LineError
+from gcode.heads import refuse_unread
+from gcode.program.gcode import Program, code
+from gcode.program.modal import BAD, DWELL, HOME, MOVE
+from gcode.program.read_program import (
+    Comments,
+    declared_start,
+    plain_lines,
+    read_comments,
+    read_written,
+)
+from gcode.program.valve import Valve, read_valves
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.gcode_view.levels import fill_rows, is_flat, make_layers
 from printctl.checks.gcode_view.line_map import KINDS, LineMap
@@ -19,18 +31,6 @@ from printctl.checks.gcode_view.pushing import Pushing
 from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
 from registration.report.gcode import Act, GcodeJob, Layers
-from sim.errors import GcodeError, LineError
-from sim.gcode.heads import refuse_unread
-from sim.gcode.program.gcode import Program, code
-from sim.gcode.program.modal import BAD, DWELL, HOME, MOVE
-from sim.gcode.program.read_program import (
-    Comments,
-    declared_start,
-    plain_lines,
-    read_comments,
-    read_written,
-)
-from sim.gcode.program.valve import Valve, read_valves
 
 # Select the rows of a G-code file that move or extrude, with the kind of each.
 

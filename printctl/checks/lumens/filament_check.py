@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.network import VesselNetwork
+from gcode.deposit.written import Strands
 from kernels.arrays import FloatArray, IntArray, split_rows
 from printctl.checks.lumens.lines import in_short_pieces
 from printctl.checks.lumens.report import LumenReport, list_names, report_dict, report_lumens
 from printctl.checks.lumens.stations import Openings, SectionStations, network_lumens
-from sim.gcode.deposit.written import Strands
 
 # Measure the diameter and area of the lumen that washed-out filaments leave along each vessel.
 #

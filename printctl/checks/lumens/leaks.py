@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.network import VesselNetwork
+from gcode.deposit.kernels import band_span, pixels_between, stadium_span
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.lines import WrittenLines
 from printctl.checks.lumens.width_kernels import clearance, polygon_edges
-from sim.gcode.deposit.kernels import band_span, pixels_between, stadium_span
 
 # Compiled: pixels of a layer, their runs, and the spaces that runs make.
 #

@@ -10,16 +10,16 @@ import numpy as np
 
 from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
+from gcode.deposit.written import Strands
+from gcode.dry_run.run import DryRun
+from gcode.heads import as_plunger, flowing
+from gcode.program.gcode import Program, code, parse_line, read_gcode
+from gcode.program.modal import MOVE
+from gcode.program.read_program import plain_lines, read_comments
+from gcode.program.valve import Valve
 from kernels.arrays import FloatArray, IntArray, split_rows
 from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
-from sim.gcode.deposit.written import Strands
-from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads import as_plunger, flowing
-from sim.gcode.program.gcode import Program, code, parse_line, read_gcode
-from sim.gcode.program.modal import MOVE
-from sim.gcode.program.read_program import plain_lines, read_comments
-from sim.gcode.program.valve import Valve
 
 # Extract the writing moves of a G-code file (plunger or valve), as commanded or as executed.
 

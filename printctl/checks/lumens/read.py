@@ -13,6 +13,10 @@ from design.solids import Solid
 from design.solids.manifolds import solid_manifold
 from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
+from gcode.deposit.written import SMOOTHING_MM, Strands
+from gcode.dry_run.run import DryRun, dry_run
+from gcode.heads import read_with_valve
+from gcode.program.read_program import declared_start, plain_lines
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.lines import (
     ROUNDED,
@@ -30,10 +34,6 @@ from printctl.checks.lumens.lines import (
     valve_strokes,
 )
 from printctl.errors import UsageError
-from sim.gcode.deposit.written import SMOOTHING_MM, Strands
-from sim.gcode.dry_run.run import DryRun, dry_run
-from sim.gcode.heads import read_with_valve
-from sim.gcode.program.read_program import declared_start, plain_lines
 
 
 def split_by_head(run: DryRun, printer: Printer) -> list[DryRun]:

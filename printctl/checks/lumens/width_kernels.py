@@ -8,9 +8,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gcode.deposit.kernels import band_span, stadium_span
 from kernels import jit, pjit
 from kernels.arrays import FloatArray, IntArray
-from sim.gcode.deposit.kernels import band_span, stadium_span
 
 # Compute the distance from a lumen point along a ray to the first printed line (compiled).
 #

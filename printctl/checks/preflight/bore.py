@@ -13,12 +13,12 @@ import numpy as np
 
 from firmware_profiles import Needle, Printer, load, shipped
 from firmware_profiles.tools import THINNEST_BORE
+from gcode.deposit.lay import Style
+from gcode.deposit.written import Layering, written_levels
+from gcode.dry_run.run import DryRun
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.preflight.ink import volumes
 from printctl.checks.set_up import Check, HeadLoading
-from sim.gcode.deposit.lay import Style
-from sim.gcode.deposit.written import Layering, written_levels
-from sim.gcode.dry_run.run import DryRun
 
 _FLAT_MM: Final = 1e-3
 _FLATTEST: Final = 0.25

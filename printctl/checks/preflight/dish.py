@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Bath, Dish, Needle, load, shipped
+from gcode.dry_run.run import DryRun
+from gcode.program.modal import MOVE
 from kernels.arrays import FloatArray
 from printctl.checks.preflight.mounted import longer_needle
 from printctl.checks.set_up import HUB_MM, WALL_CLEARANCE_MM, Check, PlacedDish
-from sim.gcode.dry_run.run import DryRun
-from sim.gcode.program.modal import MOVE
 
 # Compute and check the distance of needle and hub to a dish's wall over all moves of a job.
 

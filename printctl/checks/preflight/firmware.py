@@ -14,11 +14,11 @@ import numpy as np
 
 from firmware_profiles import Printer, Syringe
 from firmware_profiles.families import Family, family_of
+from gcode.dry_run.run import DryRun
+from gcode.program.gcode import code
+from gcode.program.modal import DWELL, MOVE
+from gcode.reading.line import is_known, is_known_name
 from printctl.checks.set_up import Check
-from sim.gcode.dry_run.run import DryRun
-from sim.gcode.program.gcode import code
-from sim.gcode.program.modal import DWELL, MOVE
-from sim.gcode.reading.line import is_known, is_known_name
 
 _NAME: Final = "the firmware's own switch-off"
 

@@ -21,10 +21,10 @@ from firmware_profiles import (
     wall_stress_pa,
     yield_pressure_pa,
 )
+from gcode.dry_run.run import DryRun
 from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.preflight.pneumatic_checks import air_checks, speed_checks
 from printctl.checks.set_up import Check
-from sim.gcode.dry_run.run import DryRun
 
 
 @dataclass(frozen=True)

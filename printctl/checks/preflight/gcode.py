@@ -11,6 +11,11 @@ import numpy as np
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
+from gcode.dry_run.run import DryRun
+from gcode.program.gcode import code
+from gcode.program.modal import MOVE
+from gcode.reading import GcodeLine
+from gcode.reading.line import OUTPUTS, SORTS, Finding, is_known_line, output_of
 from printctl.checks.gate import refused_lines
 from printctl.checks.preflight.dish import PLACE_KEY
 from printctl.checks.preflight.firmware import firmware_checks
@@ -18,11 +23,6 @@ from printctl.checks.preflight.heads import ABOUT_HEADS, check_each_head
 from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.preflight.pneumatic_checks import pressure_checks, valve_checks
 from printctl.checks.set_up import Check, Weight
-from sim.gcode.dry_run.run import DryRun
-from sim.gcode.program.gcode import code
-from sim.gcode.program.modal import MOVE
-from sim.gcode.reading import GcodeLine
-from sim.gcode.reading.line import OUTPUTS, SORTS, Finding, is_known_line, output_of
 
 # Check that a job doesn't redefine its X, Y or Z coordinates (G92) after its first move.
 #

@@ -2,7 +2,7 @@
 
 Looked at for every move and every head, with its tip where the profile says it stands: raised heads
 are told from lowered ones by the file's own commands. What a firmware would make of the file's
-changes of head is found by `sim.gcode.heads`, whose findings refuse.
+changes of head is found by `gcode.heads`, whose findings refuse.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Needle, Printer
 from firmware_profiles.families import family_of
+from gcode.dry_run.run import DryRun
+from gcode.program.modal import MOVE
 from kernels.arrays import FloatArray
 from printctl.checks.preflight.dish import wall_gap
 from printctl.checks.preflight.pneumatic_checks import marked, none_check, waited, waits_s
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
-from sim.gcode.dry_run.run import DryRun
-from sim.gcode.program.modal import MOVE
 
 ABOUT_HEADS: Final = {
     "no_such_head": "heads chosen that aren't there",

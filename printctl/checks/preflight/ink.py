@@ -10,12 +10,12 @@ from typing import Any, Final
 import numpy as np
 
 from firmware_profiles import Bath, Ink, Needle, Printer, ProfileError, Syringe, steady_flow
+from gcode.dry_run.run import DryRun
+from gcode.heads import flowing_s
+from gcode.program.modal import MOVE
 from kernels.arrays import FloatArray
 from printctl.checks.gate import UNNAMED_C
 from printctl.checks.set_up import Budget, Check, HeadLoading
-from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads import flowing_s
-from sim.gcode.program.modal import MOVE
 
 
 def volumes(run: DryRun, printer: Printer, loads: Sequence[HeadLoading]) -> FloatArray:

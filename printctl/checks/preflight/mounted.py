@@ -22,11 +22,11 @@ from firmware_profiles import (
     supported_diameter_mm,
 )
 from firmware_profiles.materials import BathRole
+from gcode.deposit.lay import Style
+from gcode.dry_run.run import DryRun
 from printctl.checks.preflight.firmware import widest_push_check
 from printctl.checks.set_up import Check, Weight
 from printctl.run_folder.manifest import Manifest
-from sim.gcode.deposit.lay import Style
-from sim.gcode.dry_run.run import DryRun
 
 
 def profile_checks(*profiles: Facts) -> list[Check]:

@@ -22,13 +22,13 @@ from firmware_profiles import (
     steady_flow,
 )
 from firmware_profiles.families import family_of
+from gcode.dry_run.run import DryRun
+from gcode.heads import flowing_s
+from gcode.program.gcode import code
+from gcode.program.modal import DWELL, MOVE, SYNC
+from gcode.program.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, read_pressures
 from printctl.checks.preflight.mounted import larger_syringe, profile_checks
 from printctl.checks.set_up import Check
-from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads import flowing_s
-from sim.gcode.program.gcode import code
-from sim.gcode.program.modal import DWELL, MOVE, SYNC
-from sim.gcode.program.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, read_pressures
 
 _FEED_ROUNDING: Final = 1e-4
 MOST_STANDING_S: Final = 1.0

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from firmware_profiles import Printer, ProfileError
+from gcode.deposit.lay import Style
+from gcode.dry_run.run import DryRun
 from printctl.checks.gcode_view.line_map import mapped_style
 from printctl.checks.made_for import read_made_for, set_up_checks
 from printctl.checks.preflight.bore import line_checks
@@ -31,8 +33,6 @@ from printctl.checks.preflight.steps import step_checks
 from printctl.checks.preflight.wells import Wells, read_wells, well_checks
 from printctl.checks.set_up import Check, HeadLoading, SetUp
 from printctl.errors import UsageError
-from sim.gcode.deposit.lay import Style
-from sim.gcode.dry_run.run import DryRun
 
 
 def file_checks(

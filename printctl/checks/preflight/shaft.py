@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from design.toolpath import MoveKind
 from firmware_profiles import Needle, Printer
+from gcode.clearance.check import Clearance, check_clearance
+from gcode.clearance.kernels import NeedleBody
+from gcode.clearance.motion import LineSources, motion_of
+from gcode.clearance.network import WrittenNetwork
+from gcode.dry_run.run import DryRun
 from kernels.arrays import FloatArray
 from printctl.checks.preflight.ink import volumes
 from printctl.checks.set_up import Check, HeadLoading, SetUp
 from printctl.errors import UsageError
-from sim.gcode.clearance.check import Clearance, check_clearance
-from sim.gcode.clearance.kernels import NeedleBody
-from sim.gcode.clearance.motion import LineSources, motion_of
-from sim.gcode.clearance.network import WrittenNetwork
-from sim.gcode.dry_run.run import DryRun
 
 if TYPE_CHECKING:
-    from sim.gcode.clearance.check import ShaftContact
+    from gcode.clearance.check import ShaftContact
 
 
 _REMEDY: Final = (

@@ -14,11 +14,11 @@ from typing import Final
 import numpy as np
 
 from firmware_profiles import Printer, Syringe
+from gcode.deposit.written import SMOOTHING_MM, Strands
+from gcode.dry_run.run import DryRun
+from gcode.program.modal import MOVE
 from printctl.checks.set_up import Check
 from printctl.rounding import last_digit_mm
-from sim.gcode.deposit.written import SMOOTHING_MM, Strands
-from sim.gcode.dry_run.run import DryRun
-from sim.gcode.program.modal import MOVE
 
 _STILL_MM: Final = 1e-6
 _ROUNDING: Final = 1e-6

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from design.toolpath.gcode.table import decimals_for
 from firmware_profiles import Dish, Needle, Printer
+from gcode.dry_run.run import DryRun
+from gcode.program.gcode import Program
+from gcode.program.modal import MOVE
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.preflight.dish import hub_gap, hub_remedy, tips_of, wall_gap
 from printctl.checks.preflight.mounted import longer_needle
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
-from sim.gcode.dry_run.run import DryRun
-from sim.gcode.program.gcode import Program
-from sim.gcode.program.modal import MOVE
 
 # Read, or make, a plate job's map of wells: their positions, and the G-code lines of each.
 

@@ -12,13 +12,13 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from firmware_profiles.families import link_protocol as wire
+from gcode.reading import code_of, is_motion, read_sent
 from printctl.machine.control.halting import Kill
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.steps import Steps, Urgent, Wait, carried_out
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.families import link_facts
 from printctl.machine.job.coordinates import AXES
-from sim.gcode.reading import code_of, is_motion, read_sent
 
 _LAST_BYTES: Final = 80
 

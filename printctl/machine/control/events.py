@@ -7,13 +7,13 @@ from collections.abc import Callable
 from typing import Any, Final, NoReturn
 
 from firmware_profiles.families import link_protocol as wire
+from gcode.reading import is_motion
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.halting import HALTED_BEFORE
 from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.requests import PauseUntil, Request, RequestQueue, ResumeRequest
 from printctl.machine.errors import HandshakeError
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded
-from sim.gcode.reading import is_motion
 
 OWN_MOVES: Final = frozenset({LinkState.PAUSING, LinkState.RESUMING, LinkState.STOPPING})
 """States in which the link sends commands of its own alone."""

@@ -26,6 +26,7 @@ from firmware_profiles.families.position_reply import (
     parse_shifted,
     tells_counts_in_mm,
 )
+from gcode.reading import code_of, is_motion, read_sent
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.firmware import RETRIES
 from printctl.machine.control.steps import Steps
@@ -40,7 +41,6 @@ from printctl.machine.job.coordinates import (
     places,
     renamings,
 )
-from sim.gcode.reading import code_of, is_motion, read_sent
 
 _AXES: Final = "XYZ"
 _WITHIN_MM: Final = 0.02

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from firmware_profiles import Printer
+from gcode.errors import LineError
+from gcode.reading import BLANK, GcodeLine, read_line
 from printctl.checks.gate import (
     AllowedLine,
     Bounds,
@@ -16,8 +18,6 @@ from printctl.checks.gate import (
     changed_settings,
 )
 from printctl.machine.errors import Refused
-from sim.errors import LineError
-from sim.gcode.reading import BLANK, GcodeLine, read_line
 
 
 def allowed_command(verdict: Verdict) -> AllowedLine:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final, NoReturn
 
 from firmware_profiles.families.position_reply import parse_position, parse_shifted
+from gcode.reading import is_motion, read_sent
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.firmware import RETRIES
 from printctl.machine.control.frame_check import FrameCheck
@@ -29,7 +30,6 @@ from printctl.machine.job.coordinates import (
 )
 from printctl.machine.job.dispensing import shut_and_wait
 from printctl.machine.records.states import LinkState, PrintEnded
-from sim.gcode.reading import is_motion, read_sent
 
 WITHIN_MM: Final = 0.011
 """Of the two decimals that M114 tells."""

@@ -23,9 +23,9 @@ from itertools import pairwise
 from typing import Final
 
 from firmware_profiles import Printer
+from gcode.reading import is_motion
 from printctl.machine.job.coordinates import modal_state
 from printctl.machine.job.moves import FAR_MM, dwell_s, motion_of, moves_ahead, planned_moves
-from sim.gcode.reading import is_motion
 
 SHORTEST_S: Final = 1.0
 MODEL_ERROR: Final = 0.05

@@ -12,10 +12,10 @@ from typing import Final, NamedTuple
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
+from gcode.reading import code_of, is_motion, read_sent
 from printctl.machine.errors import LinkError
 from printctl.machine.job.dispensing import head_chosen
 from printctl.machine.job.job import Job
-from sim.gcode.reading import code_of, is_motion, read_sent
 
 HOMING: Final = (b"G28", b"G29")
 AXES: Final = "XYZE"

@@ -15,7 +15,7 @@ from functools import cache
 from firmware_profiles import PRESSURE_SETTLES_S, Pneumatic, Printer
 from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
-from sim.gcode.reading import read_sent
+from gcode.reading import read_sent
 
 
 def head_chosen(line: bytes) -> int | None:

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles import Printer
+from gcode.reading import GcodeLine, read_sent
+from gcode.reading.read import LEAST, MOST
 from printctl.machine.errors import JobError, Refused
 from printctl.machine.job.coordinates import Modal, Move, Place, Spot, moves_of
 from printctl.machine.job.dispensing import is_about_valve, is_open
 from printctl.machine.job.job import Job, parse_job
-from sim.gcode.reading import GcodeLine, read_sent
-from sim.gcode.reading.read import LEAST, MOST
 
 MAX_LINES: Final = 20_000
 MAX_WAIT_S: Final = 60.0

@@ -1,6 +1,6 @@
 """Read a G-code file into the command lines to send, all checked before anything is sent.
 
-What is sent is rendered from what was understood (`sim.gcode.reading`): capitals, one blank between
+What is sent is rendered from what was understood (`gcode.reading`): capitals, one blank between
 words, without the file's line numbers, checksums and comments. A file gives the same lines each
 time.
 
@@ -17,14 +17,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import Printer
+from gcode.errors import GcodeError
+from gcode.reading.file import GcodeFile, kinds_of, read_file
+from gcode.reading.line import Lines
+from gcode.reading.read import plunger_word, with_flow
+from gcode.user_files import read_gcode_path, text_of
 from printctl.checks.gate import refused_lines
 from printctl.machine.errors import JobError
 from printctl.machine.job.marks import Marks, Position, read_marks
-from sim.errors import GcodeError
-from sim.gcode.reading.file import GcodeFile, kinds_of, read_file
-from sim.gcode.reading.line import Lines
-from sim.gcode.reading.read import plunger_word, with_flow
-from sim.user_files import read_gcode_path, text_of
 
 _MOVES: Final = (b"G0 ", b"G1 ")
 _COMMENTS: Final = (b";", b"//")
@@ -76,7 +76,7 @@ def file_count(done: int, positions: Sequence[Position]) -> int:
 
 @dataclass(frozen=True)
 class Job:
-    """Command lines without comments and blanks, as `sim.gcode.reading.read_line` renders them.
+    """Command lines without comments and blanks, as `gcode.reading.read_line` renders them.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class Job:
         """Return the job with an insert's lines behind its first ``insert.after`` lines.
 
         Marks at that place stay before them. What writes behind them pushes ``insert.flow`` of what
-        the file says (`sim.gcode.reading.read`). Raises `JobError` where the job has fewer
+        the file says (`gcode.reading.read`). Raises `JobError` where the job has fewer
         lines, a later insert, or no count of the plunger where its flow is to change.
         """
         after, count = insert.after, len(insert.lines)

@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from gcode.reading import is_motion
 from printctl.machine.job.care import Care
 from printctl.machine.job.coordinates import Move, Spot, moves_of
 from printctl.machine.job.marks import MarkKind, Marks, Position, behind
-from sim.gcode.reading import is_motion
 
 
 @dataclass(frozen=True)

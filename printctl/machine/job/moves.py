@@ -1,6 +1,6 @@
 """Plan the moves of a few job lines; count those surely made, predict how motors run on.
 
-Pure Python, for the link process: the compiled planner (`sim.gcode.motion.planner`) is the dry
+Pure Python, for the link process: the compiled planner (`gcode.motion.planner`) is the dry
 run's.
 
 A firmware says ok when it has put a move into its planner. So the last moves taken, as many as
@@ -22,9 +22,9 @@ from itertools import accumulate, pairwise
 from typing import Final, NamedTuple
 
 from firmware_profiles import Axes, Printer
+from gcode.reading import GcodeLine, is_motion, read_sent
 from printctl.machine.families import link_facts
 from printctl.machine.job.coordinates import Modal, declared_axes
-from sim.gcode.reading import GcodeLine, is_motion, read_sent
 
 _AXES: Final = "XYZE"
 FAR_MM: Final = 1000.0
@@ -189,7 +189,7 @@ def corner_mm_s(before: PlannedMove, after: PlannedMove, printer: Printer) -> fl
     """Return the speed at the corner of two moves, mm/s: Marlin's junction deviation.
 
     v² = a d s / (1 - s) with the deviation d and s = sin(θ/2) (Sonny Jeon's centripetal model, as
-    in Grbl and Marlin, and `sim.gcode.motion.planner.junction_sq`); small segments' rule left out.
+    in Grbl and Marlin, and `gcode.motion.planner.junction_sq`); small segments' rule left out.
     """
     top = min(before.top_mm_s, after.top_mm_s)
     cosine = -sum(a * b for a, b in zip(before.way, after.way, strict=True))

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from gcode.reading import code_of, is_motion
 from printctl.machine.job.coordinates import Modal, declared_axes, modal_state
 from printctl.machine.job.syringes import plunger_travel
-from sim.gcode.reading import code_of, is_motion
 
 NEAR_MM: Final = 0.02
 """Distance of a place of two decimals and whole steps from the move that it is on."""

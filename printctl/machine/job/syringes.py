@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer, Syringe
+from gcode.reading import code_of, plunger_word
 from printctl.checks.set_up import Check
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.dispensing import head_chosen
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind, behind
-from sim.gcode.reading import code_of, plunger_word
 
 _ROUNDING_MM: Final = 1e-4
 """Of E in the text; 2 nL in a syringe of 1 mL."""

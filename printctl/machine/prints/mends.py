@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gcode.reading import code_of, read_sent
 from printctl.machine.job.coordinates import AXES, modal_state
 from printctl.machine.job.job import Insert, Job
 from printctl.machine.job.syringes import plunger_travel
-from sim.gcode.reading import code_of, read_sent
 
 Place = tuple[float, float, float]
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
+from gcode.reading import code_of, is_motion
 from printctl.checks.made_for import header_lines, read_made_for
 from printctl.machine.control.firmware import mode_lines
 from printctl.machine.errors import LinkError
@@ -47,7 +48,6 @@ from printctl.machine.job.retreat import Retreat, count_from
 from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.records.journal import Record
 from printctl.machine.records.replay import JournalledPrint
-from sim.gcode.reading import code_of, is_motion
 
 CLEARANCE_MM: Final = 5.0
 TRAVEL_MM_S: Final = 20.0

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any, Final
 
 from firmware_profiles import Printer, load
+from gcode.user_files import read_gcode_path
 from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.job import Job, load_job
@@ -39,7 +40,6 @@ from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.sealing import sign_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.processes import ignore_signals
-from sim.user_files import read_gcode_path
 
 HALT_TRIES: Final = 3
 ASK_S: Final = 2.0

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import Printer
+from gcode.reading import code_of
 from printctl.machine.control.station_status import Place
 from printctl.machine.errors import Refused
 from printctl.machine.families import link_facts
@@ -17,7 +18,6 @@ from printctl.machine.job.coordinates import declared_start, last_of
 from printctl.machine.job.job import Job
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.records.actor import actor
-from sim.gcode.reading import code_of
 
 ASIDE_MM: Final = 0.05
 """Most between the place where the tip stands and the one that the job declares."""

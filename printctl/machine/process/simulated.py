@@ -28,7 +28,7 @@ from printctl.sources import python_command, source_digest
 EXECUTED: Final = "executed.npz"
 _COMES_UP_S: Final = 120.0
 """It takes one or two; a machine under heavy load needs far longer to import and compile."""
-_CODE: Final = ("sim", "printctl/machine", "firmware_profiles")
+_CODE: Final = ("gcode", "sim", "printctl/machine", "firmware_profiles")
 """What decides what a simulated printer does with a job."""
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
+from gcode.motion.executed import ExecutedMotion
 from printctl.machine.control.station_status import Place, StationState
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import BY_NAME, LinkError, Refused
@@ -22,7 +23,6 @@ from printctl.machine.records.mounting import after_print
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import grown_in
 from printctl.machine.records.states import LinkState, Status
-from sim.gcode.motion.executed import ExecutedMotion
 
 _REPORT: Final = b"M155 S2"
 

@@ -11,6 +11,10 @@ from typing import Final
 
 import numpy as np
 
+from gcode.dry_run.run import DryRun, dry_run
+from gcode.program.gcode import Program
+from gcode.program.modal import MOVE
+from gcode.reading.file import read_file
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.gate import refused_lines
 from printctl.machine.job.coordinates import modal_state
@@ -25,10 +29,6 @@ from printctl.observe.mending.obstacles import (
     under_higher_ink,
 )
 from printctl.observe.mending.patches import VOID_TOLERANCE_MM
-from sim.gcode.dry_run.run import DryRun, dry_run
-from sim.gcode.program.gcode import Program
-from sim.gcode.program.modal import MOVE
-from sim.gcode.reading.file import read_file
 
 _RETURN_TOLERANCE_MM: Final = 1e-4
 """Distance below which the insert returns to the held position."""

@@ -12,14 +12,14 @@ import numpy as np
 
 from design.geometry.polyline import arc_lengths, places_along
 from firmware_profiles import Ink, Needle, Printer, Syringe
+from gcode.deposit.written import Layering
+from gcode.program.gcode import Program
+from gcode.program.modal import MOVE
+from gcode.program.read_program import declared_start, read_written
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.bead import lag_of
 from printctl.errors import PrintctlError
 from printctl.machine.job.coordinates import Modal, modal_state, relieved_mm
-from sim.gcode.deposit.written import Layering
-from sim.gcode.program.gcode import Program
-from sim.gcode.program.modal import MOVE
-from sim.gcode.program.read_program import declared_start, read_written
 
 
 class MendError(PrintctlError):

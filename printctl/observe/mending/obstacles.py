@@ -2,7 +2,7 @@
 
 In layers the tip rides on the tops of its neighbours, as the job's own does; ink that stands
 higher within the needle's outer diameter is in its way. In a bath the check is that of whole jobs,
-`sim.gcode.clearance`: each written path is a vessel, and paths whose filaments overlap have a
+`gcode.clearance`: each written path is a vessel, and paths whose filaments overlap have a
 joint.
 """
 
@@ -18,14 +18,14 @@ from numpy.typing import ArrayLike
 
 from design.network import VesselNetwork
 from firmware_profiles import Needle
+from gcode.clearance.check import ShaftContact, check_clearance
+from gcode.clearance.kernels import NeedleBody
+from gcode.clearance.motion import NeedleMotion
+from gcode.clearance.network import WrittenNetwork
+from gcode.deposit.written import LEVEL_TOLERANCE_MM
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.mending.held_print import HeldPrint, MendError, WrittenPath, written_paths
 from printctl.observe.mending.laid_ink import LaidInk, laid_ink
-from sim.gcode.clearance.check import ShaftContact, check_clearance
-from sim.gcode.clearance.kernels import NeedleBody
-from sim.gcode.clearance.motion import NeedleMotion
-from sim.gcode.clearance.network import WrittenNetwork
-from sim.gcode.deposit.written import LEVEL_TOLERANCE_MM
 
 _RIM_PLACES = 16
 """Places on the rim of a line that are checked."""

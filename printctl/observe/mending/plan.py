@@ -11,14 +11,14 @@ from typing import Final
 import numpy as np
 
 from design.toolpath.gcode.table import decimals_for, dialect_of
+from gcode.clearance.check import ShaftContact
+from gcode.program.read_program import read_written
 from kernels.arrays import FloatArray
 from printctl.observe.mending.check import MendCheck, check_mend, needle_rows
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint, written_paths
 from printctl.observe.mending.laid_ink import Gap, NotMended, check_gaps, laid_ink, merge_gaps
 from printctl.observe.mending.obstacles import Voids, open_voids, shaft_contacts
 from printctl.observe.mending.patches import CLEARANCE_MM, Patch, Site, patches_of, wipe_way
-from sim.gcode.clearance.check import ShaftContact
-from sim.gcode.program.read_program import read_written
 
 _MERGE_WIDTHS: Final = 2.0
 """Gaps of a path nearer to each other, in widths of its line, are one."""

@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_text
+from gcode.clearance.check import Clearance
+from gcode.dry_run.run import DryRun, dry_run
+from gcode.program.gcode import Program
 from kernels.arrays import BoolArray
 from printctl.checks.preflight import (
     Check,
@@ -39,9 +42,6 @@ from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
-from sim.gcode.clearance.check import Clearance
-from sim.gcode.dry_run.run import DryRun, dry_run
-from sim.gcode.program.gcode import Program
 
 
 def dry_run_stage(run: PlateRun) -> Stage:
@@ -64,7 +64,7 @@ def dry_run_stage(run: PlateRun) -> Stage:
         ]
 
     reads = (GCODE, LINE_MAP, *alone_jobs)
-    return Stage("dry run", depends, reads, ("kernels", "sim", "firmware_profiles"), work)
+    return Stage("dry run", depends, reads, ("kernels", "gcode", "sim", "firmware_profiles"), work)
 
 
 def check_job(run: PlateRun, report: Report) -> tuple[dict[str, Any], Sequence[str]]:

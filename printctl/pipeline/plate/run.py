@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gcode.motion.executed import ExecutedMotion
 from printctl.errors import PrinterFailedError, SafetyError
 from printctl.machine.job.job import load_job
 from printctl.pipeline.context import RunContext
@@ -27,7 +28,6 @@ from printctl.pipeline.stages.printing import EXECUTED
 from printctl.pipeline.stages.toolpath import PATH
 from printctl.progress import Report
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
-from sim.gcode.motion.executed import ExecutedMotion
 
 # Cut one well's moves out of the executed motion of a simulated plate print.
 
@@ -53,7 +53,7 @@ def cut_stage(run: PlateRun) -> Stage:
         lasted = float(cut.time_end[-1] - cut.time_start[0])
         return {**whole, "blocks": len(cut), "duration_s": lasted}, [EXECUTED]
 
-    return Stage("print", depends, (), ("sim",), work)
+    return Stage("print", depends, (), ("gcode", "sim"), work)
 
 
 def motion_in_well(motion: ExecutedMotion, standing: StandingPlate, well: str) -> ExecutedMotion:

@@ -10,6 +10,8 @@ import numpy as np
 
 from design.files import write_text
 from firmware_profiles import Printer
+from gcode.clearance.check import Clearance
+from gcode.dry_run.run import DryRun, dry_run
 from printctl.checks.bead import PLAYED
 from printctl.checks.preflight import (
     Check,
@@ -52,8 +54,6 @@ from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
-from sim.gcode.clearance.check import Clearance
-from sim.gcode.dry_run.run import DryRun, dry_run
 
 CHECKS = "dry_run.json"
 
@@ -243,6 +243,6 @@ STAGE = Stage(
     "dry run",
     depends,
     (GCODE, LINE_MAP, NETWORK),
-    ("kernels", "sim", "firmware_profiles"),
+    ("kernels", "gcode", "sim", "firmware_profiles"),
     work,
 )

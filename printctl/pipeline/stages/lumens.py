@@ -14,6 +14,8 @@ import numpy as np
 
 from design.files import write_text
 from firmware_profiles import Ink, Syringe
+from gcode.deposit.written import Strands
+from gcode.dry_run.run import dry_run
 from printctl.checks.bead import written_filaments
 from printctl.checks.lumens import (
     FilamentCheck,
@@ -34,8 +36,6 @@ from printctl.pipeline.stages.toolpath import of_heads, plain_job
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
-from sim.gcode.deposit.written import Strands
-from sim.gcode.dry_run.run import dry_run
 
 LUMENS: Final = "lumens.json"
 LEAK_MM: Final = 0.05
@@ -171,6 +171,6 @@ STAGE = Stage(
     "lumens",
     depends,
     (GCODE, LINE_MAP, NETWORK),
-    ("kernels", "sim", "printctl/checks/lumens", "firmware_profiles"),
+    ("kernels", "gcode", "sim", "printctl/checks/lumens", "firmware_profiles"),
     work,
 )

@@ -9,6 +9,10 @@ from typing import Any
 import numpy as np
 
 from design.toolpath.embedded import Bundles
+from gcode.bead.predict import Bead, swell
+from gcode.dry_run.run import DryRun, dry_run
+from gcode.heads import with_commands
+from gcode.motion.executed import ExecutedMotion
 from printctl.checks.bead import (
     InkPrediction,
     OutputFiles,
@@ -24,10 +28,6 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.stages.toolpath import plain_job, written_bundles
 from printctl.recipe.making import Embedded
 from printctl.run_folder.artefacts import GCODE
-from sim.gcode.bead.predict import Bead, swell
-from sim.gcode.dry_run.run import DryRun, dry_run
-from sim.gcode.heads import with_commands
-from sim.gcode.motion.executed import ExecutedMotion
 
 
 def predicting(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import Printer, load
+from gcode.motion.executed import ExecutedMotion
 from printctl.checks.set_up import NONE, options_of, refuse_failed
 from printctl.errors import PrinterFailedError
 from printctl.machine.families import refuse_unsent
@@ -44,7 +45,6 @@ from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, JOURNAL_FOLDER
 from printctl.run_folder.manifest import digest_file
-from sim.gcode.motion.executed import ExecutedMotion
 
 EXECUTED = "executed.npz"
 
@@ -347,4 +347,6 @@ def executed_facts(context: RunContext) -> dict[str, Any]:
     }
 
 
-STAGE = Stage("print", depends, (GCODE,), ("sim", "printctl/machine", "firmware_profiles"), work)
+STAGE = Stage(
+    "print", depends, (GCODE,), ("gcode", "sim", "printctl/machine", "firmware_profiles"), work
+)

@@ -13,6 +13,11 @@ import numpy as np
 from design.files import write_text
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
+from gcode.bead.predict import laid_bead
+from gcode.deposit.ink_faults import NO_FAULTS, InkFaults
+from gcode.deposit.lay import Deposit, deposit_of_laid
+from gcode.dry_run.run import dry_run
+from gcode.motion.executed import ExecutedMotion
 from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
@@ -48,11 +53,6 @@ from registration.files.writers import write_scan
 from sim.devices.faults import FaultFile
 from sim.devices.scanner.defects import Defect, with_defects
 from sim.devices.scanner.placing import ScannerOutput
-from sim.gcode.bead.predict import laid_bead
-from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
-from sim.gcode.deposit.lay import Deposit, deposit_of_laid
-from sim.gcode.dry_run.run import dry_run
-from sim.gcode.motion.executed import ExecutedMotion
 
 # Locate a recipe's planted defects on their vessels, printer's frame, for a simulated scan.
 
@@ -313,4 +313,4 @@ def reads(context: RunContext) -> tuple[str, ...]:
     return (*names, LINE_MAP) if compensates(context) else names
 
 
-STAGE = Stage("scan", depends, reads, ("kernels", "sim", "registration"), work)
+STAGE = Stage("scan", depends, reads, ("kernels", "gcode", "sim", "registration"), work)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from gcode.dry_run.run import DryRun, dry_run
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.checks.made_for import is_recorded, read_made_for
 from printctl.checks.preflight import (
@@ -27,7 +28,6 @@ from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import lower_priority
 from registration.report.gcode import GcodeJob
-from sim.gcode.dry_run.run import DryRun, dry_run
 
 
 def check_job(gcode: Path, set_up: JobSetUp, table_file: Path) -> dict[str, Any]:

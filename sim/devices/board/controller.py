@@ -12,12 +12,12 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from firmware_profiles import Printer
+from gcode.motion.state import Board
+from gcode.program.gcode import Command
+from gcode.program.modal import WORDS
 from sim.devices.board.machine import HeatFault, Machine, Steps, Task, Wait
 from sim.devices.board.wire import BITS_PER_BYTE, LineReader, Numbering, Wire
 from sim.devices.faults import Fault, FaultyCable, Gauge, Pace
-from sim.gcode.motion.state import Board
-from sim.gcode.program.gcode import Command
-from sim.gcode.program.modal import WORDS
 
 # Interface of a firmware family on a simulated board: messages, commands, line numbers, kill.
 
@@ -158,7 +158,7 @@ class Controller:
         Bytes in flight and the receive ring.
     reader, lines : LineReader, Numbering
         What cuts lines, and what decides about their numbers.
-    words : (1,) of `sim.gcode.program.modal.WORDS`
+    words : (1,) of `gcode.program.modal.WORDS`
         Of the command in hand.
     work : BoardWork
         Commands in line and in hand.

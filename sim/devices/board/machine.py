@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from firmware_profiles import Printer
+from gcode.motion.state import Board, Records
 from sim.devices.board.motion import Motion
-from sim.gcode.motion.state import Board, Records
 
 # Simulated heater with thermal mass, solved in closed form for virtual time.
 #

@@ -11,8 +11,8 @@ import numpy as np
 
 from firmware_profiles import Printer, Span
 from firmware_profiles.families import family_of
-from sim.gcode.motion.executed import ExecutedMotion, executed_motion
-from sim.gcode.motion.planner import (
+from gcode.motion.executed import ExecutedMotion, executed_motion
+from gcode.motion.planner import (
     add_move,
     command_time,
     count_steps,
@@ -23,8 +23,8 @@ from sim.gcode.motion.planner import (
     take_head,
     to_steps,
 )
-from sim.gcode.motion.state import LOG, new_planner, new_ring
-from sim.gcode.program.modal import new_modal
+from gcode.motion.state import LOG, new_planner, new_ring
+from gcode.program.modal import new_modal
 
 _FIRST_LOG: Final = 4096
 _OUTLASTS_POWER: Final = ("physical", "plungers", "first_pulse", "logged", "merged", "run_end")
@@ -38,12 +38,12 @@ class Motion:
     start_mm : tuple, mm
         Where the tip stands, and where the firmware believes it at power-up.
     costs : (5,) float64
-        Of the processor, see `sim.gcode.motion.planner.command_time`.
+        Of the processor, see `gcode.motion.planner.command_time`.
 
     Attributes
     ----------
     modal, planner, ring, log : records
-        See `sim.gcode.program.modal` and `sim.gcode.motion.state`.
+        See `gcode.program.modal` and `gcode.motion.state`.
     tool_offset : (heads, 3) float64, mm
         As commanded (M218, G10).
     closed_until : float, s

@@ -5,7 +5,7 @@ Modelled of any board, whatever its firmware:
 - the serial line: bytes take their time at the baud rate, both ways; a receive ring that overruns;
   a command queue from which ``ok`` comes when a command is done (a move is done when it is in the
   planner); line assembly with comments and overlong lines;
-- planner, stepper and their times (`sim.gcode.motion.planner`), step counters, G92 as a shift of
+- planner, stepper and their times (`gcode.motion.planner`), step counters, G92 as a shift of
 the
   workspace; heaters with thermal mass; settings that are stored;
 - planned faults (`sim.devices.faults`), and a bad cable
@@ -43,13 +43,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gcode.motion.executed import ExecutedMotion
+from gcode.motion.state import PLANNING, Records
+from gcode.program.gcode import command_of, split_line
+from gcode.program.modal import ARC, BAD, arc_points, interpret, speed
 from sim.devices.board.controller import Controller, apply_fault
 from sim.devices.board.machine import FREE_SLOT, STANDSTILL, Steps, Task, wait_until
 from sim.devices.board.wire import RefusedLine
-from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.motion.state import PLANNING, Records
-from sim.gcode.program.gcode import command_of, split_line
-from sim.gcode.program.modal import ARC, BAD, arc_points, interpret, speed
 
 _LOOK_S: Final = 1e-4
 """From the end of a quickstop until the next urgent code is looked at: a line that waited is let in

@@ -28,11 +28,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from firmware_profiles.bead import BeadSection
+from gcode.deposit.lay import Laid
+from gcode.errors import SimError
 from kernels.arrays import BoolArray, FloatArray
 from sim.devices.camera.paint import draw_lines
 from sim.devices.recorded_ink import InkBox
-from sim.errors import CameraError, SimError
-from sim.gcode.deposit.lay import Laid
+from sim.errors import CameraError
 
 SingleArray = NDArray[np.float32]
 Region = tuple[FloatArray, FloatArray]

@@ -5,7 +5,7 @@ Modelled
 - Camera: pinhole, lens distortion, tilt, turn, any place; refraction at the bath's flat surface.
 - Ink: each line as wide as its dose makes it, thick in its middle, translucent, with a colour of
   its own; rims darker or brighter; ridges lit from one side; what was laid before below it, fading
-  with the bath's turbidity; ink that is missing by faults (`sim.gcode.deposit.lay`).
+  with the bath's turbidity; ink that is missing by faults (`gcode.deposit.lay`).
 - Bath: granules of several sizes, which lie still from look to look; light of its own over deep
   ink. Uneven light.
 - Sensor: blur, vignetting, shot and read noise, gamma.
@@ -31,14 +31,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
+from gcode.deposit.lay import Laid
+from gcode.deposit.written import Strands
+from gcode.errors import SimError
+from gcode.user_files import UserFile
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 from sim.devices.camera.scene import Bath, Camera, InkLook, Light, Plan, Scene, Sensor
 from sim.devices.recorded_ink import InkSource
-from sim.errors import CameraError, SimError
-from sim.gcode.deposit.lay import Laid
-from sim.gcode.deposit.written import Strands
-from sim.user_files import UserFile
+from sim.errors import CameraError
 
 # Draw laid ink as maps of visible thickness and crest height over the camera's drawing plane.
 

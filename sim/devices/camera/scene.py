@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from firmware_profiles.strict_model import BeadShape
+from gcode.user_files import FileSection
 from kernels.arrays import FloatArray
 from sim.errors import CameraError
-from sim.user_files import FileSection
 
 Grey = Annotated[float, Field(ge=0, le=255)]
 Colour = tuple[Grey, Grey, Grey]

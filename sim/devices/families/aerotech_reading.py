@@ -38,9 +38,9 @@ from typing import Final
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from firmware_profiles.strict_model import PRESSURE_UNITS
-from sim.errors import GcodeError, LineError
-from sim.gcode.program.valve import SETS_PRESSURE
-from sim.gcode.reading.line import NOTHING, GcodeLine, TranslatedProgram, output_of, refusal
+from gcode.errors import GcodeError, LineError
+from gcode.program.valve import SETS_PRESSURE
+from gcode.reading.line import NOTHING, GcodeLine, TranslatedProgram, output_of, refusal
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
 _DWELL: Final = re.compile(rb"(?:G0?4\s+P|DWELL\s+)(" + _NUMBER + rb")", re.IGNORECASE)

@@ -8,6 +8,9 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from gcode.program.gcode import Command, split_line
+from gcode.program.modal import interpret
+from gcode.reading.line import plain_command
 from sim.devices.board.controller import Controller, Firmware, Handlers
 from sim.devices.board.machine import STANDSTILL, Steps, Task
 from sim.devices.board.motion import Motion
@@ -16,9 +19,6 @@ from sim.devices.board.wire import Numbering
 from sim.devices.families.marlin_commands import HANDLERS
 from sim.devices.families.marlin_printer import HomedFirmware
 from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
-from sim.gcode.program.gcode import Command, split_line
-from sim.gcode.program.modal import interpret
-from sim.gcode.reading.line import plain_command
 
 # Klipper's part of a simulated board: commands and replies, after the firmware's source.
 #

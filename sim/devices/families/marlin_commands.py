@@ -9,6 +9,8 @@ import math
 import re
 from typing import Final, NamedTuple
 
+from gcode.program.gcode import Command
+from gcode.program.modal import dwell_s, interpret
 from sim.devices.board.controller import Controller, Handlers
 from sim.devices.board.machine import (
     STANDSTILL,
@@ -28,8 +30,6 @@ from sim.devices.families.marlin_reports import (
     tell_settings,
     temperatures,
 )
-from sim.gcode.program.gcode import Command
-from sim.gcode.program.modal import dwell_s, interpret
 
 
 def g92(board: Controller, command: Command) -> None:

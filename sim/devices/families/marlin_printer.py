@@ -23,6 +23,10 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gcode.motion.planner import add_move, command_time, next_event, run_until
+from gcode.motion.state import Record, Records
+from gcode.program.gcode import Command
+from gcode.program.modal import has_word, interpret, number_at, speed, split_words
 from kernels import jit
 from sim.devices.board.controller import Controller, Firmware, Handlers
 from sim.devices.board.machine import (
@@ -46,10 +50,6 @@ from sim.devices.families.marlin_reports import (
     request_resend,
     temperatures,
 )
-from sim.gcode.motion.planner import add_move, command_time, next_event, run_until
-from sim.gcode.motion.state import Record, Records
-from sim.gcode.program.gcode import Command
-from sim.gcode.program.modal import has_word, interpret, number_at, speed, split_words
 
 # Fast path of the simulated Marlin for one numbered G0 or G1.
 #
@@ -71,7 +71,7 @@ def is_sound_move(line: bytes, expected: int, longest: int, row: Record) -> bool
     ----------
     line, expected, longest
         As in `take_numbered_move`.
-    row : record of `sim.gcode.program.modal.WORDS`
+    row : record of `gcode.program.modal.WORDS`
         Gets the line's words where it comes to that.
     """
     size = len(line) - 1
@@ -131,7 +131,7 @@ def take_numbered_move(
     job_line : int
         Kept with the block.
     costs : (5,) float64
-        Of the processor, see `sim.gcode.motion.planner.command_time`.
+        Of the processor, see `gcode.motion.planner.command_time`.
 
     Returns
     -------

@@ -9,10 +9,10 @@ from functools import partial
 from typing import Final
 
 from firmware_profiles import Printer
+from gcode.program.gcode import Command, checksum
 from sim.devices.board.controller import Controller, Handlers
 from sim.devices.board.machine import STANDSTILL, Machine, Task
 from sim.devices.board.wire import Numbering, RefusedLine
-from sim.gcode.program.gcode import Command, checksum
 
 # Marlin's line numbers, checksums and resend requests; emergency codes that bypass the queue.
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_names
+from gcode.reading.line import family_part
 from sim.devices.board.printer import SimulatedPrinter
 from sim.errors import ServeError
-from sim.gcode.reading.line import family_part
 
 
 def simulated_printer(printer: Printer) -> type[SimulatedPrinter]:

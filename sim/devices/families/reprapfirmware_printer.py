@@ -7,6 +7,7 @@ from binascii import crc_hqx
 from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
+from gcode.program.gcode import Command, checksum
 from sim.devices.board.controller import Controller, Firmware, Handlers
 from sim.devices.board.machine import Steps
 from sim.devices.board.printer import SimulatedPrinter, set_position, take_tool_in_silence
@@ -14,7 +15,6 @@ from sim.devices.board.wire import Numbering
 from sim.devices.families.marlin_commands import HANDLERS
 from sim.devices.families.marlin_printer import HomedFirmware
 from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
-from sim.gcode.program.gcode import Command, checksum
 
 # RepRapFirmware's part of a simulated board: Marlin's, with its own commands and replies.
 #

@@ -28,9 +28,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gcode.deposit.lay import Deposit
 from kernels.arrays import FloatArray
 from sim.errors import ScannerError
-from sim.gcode.deposit.lay import Deposit
 
 DefectKind = Literal["bulge", "stenosis", "occlusion", "missing", "leak"]
 

@@ -27,6 +27,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gcode.deposit.lay import Deposit
 from kernels import pjit
 from kernels.arrays import FloatArray
 from sim.devices.scanner.placing import (
@@ -40,7 +41,6 @@ from sim.devices.scanner.placing import (
     random_bits,
     voxel_counts,
 )
-from sim.gcode.deposit.lay import Deposit
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from gcode.deposit.lay import Deposit, Laid, deposit_of_laid
+from gcode.errors import SimError
 from kernels import pjit
 from kernels.arrays import FloatArray
 from sim.devices.recorded_ink import InkBox
@@ -48,8 +50,7 @@ from sim.devices.scanner.placing import (
     random_bits,
     voxel_counts,
 )
-from sim.errors import ScannerError, SimError
-from sim.gcode.deposit.lay import Deposit, Laid, deposit_of_laid
+from sim.errors import ScannerError
 
 
 @dataclass(frozen=True)

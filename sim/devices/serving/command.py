@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from firmware_profiles import Printer, ProfileError, load
+from gcode.errors import SimError
+from gcode.motion.state import Board
+from gcode.program.gcode import checksum
 from sim.devices.families.registry import simulated_printer
 from sim.devices.faults import Fault, FaultFile, FaultyCable, Pace, parse_fault
 from sim.devices.serving.job_lines import JobLines
 from sim.devices.serving.serve import Server, Serving, open_port
-from sim.errors import ServeError, SimError
-from sim.gcode.motion.state import Board
-from sim.gcode.program.gcode import checksum
+from sim.errors import ServeError
 
 
 def _start(text: str) -> tuple[float, float, float]:

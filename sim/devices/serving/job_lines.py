@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from firmware_profiles import Printer
-from sim.errors import LineError
-from sim.gcode.reading import read_line
-from sim.gcode.reading.file import read_file
-from sim.gcode.reading.read import plunger_count, with_flow
+from gcode.errors import LineError
+from gcode.reading import read_line
+from gcode.reading.file import read_file
+from gcode.reading.read import plunger_count, with_flow
 
 _NUMBERED: Final = re.compile(rb"(?:N\d+ *)?(.*?) *(?:\*\d*)?$", re.DOTALL)
 _BEGINS: Final = re.compile(rb"(?:N-?\d+ *)?M0*110(?!\d)")

@@ -9,7 +9,7 @@ from design.errors import ToolpathError
 from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from design.toolpath.toolpath import MoveBuilder
 from firmware_profiles import Printer, Syringe, load
-from sim.gcode.dry_run.run import dry_run
+from gcode.dry_run.run import dry_run
 
 TWO = load(Printer, "two_syringe_marlin")
 ONE = load(Printer, "generic_marlin")

@@ -11,11 +11,11 @@ from design.toolpath.embedded import EmbeddedHeads, EmbeddedOptions, plan_embedd
 from design.toolpath.fresh import Filling, FreshOptions, Region, plan_fresh
 from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from firmware_profiles import Printer, Syringe, load
+from gcode.deposit.lay import valves_as_plungers
+from gcode.dry_run.run import dry_run
+from gcode.heads import flowing_s
+from gcode.program.modal import MOVE
 from printctl.checks.preflight import Check, gcode_checks, head_checks
-from sim.gcode.deposit.lay import valves_as_plungers
-from sim.gcode.dry_run.run import dry_run
-from sim.gcode.heads import flowing_s
-from sim.gcode.program.modal import MOVE
 from tests.design.toolpath.shapes import as_solid, block
 
 RIG = load(Printer, "stanford_two_heads")

@@ -11,12 +11,12 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
+from gcode.dry_run.run import DryRun, dry_run
 from printctl.calibration import LagPattern
 from printctl.calibration.lag import expected_width
 from printctl.calibration.patterns import read_pattern
 from printctl.cli.main import app
 from printctl.errors import SafetyError, UsageError
-from sim.gcode.dry_run.run import DryRun, dry_run
 
 PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
 AREA = math.pi / 4 * SYRINGE.inner_mm**2

@@ -13,13 +13,13 @@ import pytest
 from PIL import Image
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from gcode.dry_run.run import dry_run
 from printctl.calibration.lag import LagPattern, expected_width
 from printctl.calibration.patterns import WrittenPattern, read_pattern
 from printctl.checks.bead import predict_job
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
 from registration.devices.lens import Board, Lens, find_board, read_lens, write_lens
-from sim.gcode.dry_run.run import dry_run
 from tests.printctl.calibration.test_commands import calibrate
 from tests.registration.devices.lens.rendered import Rig, photographed
 from tests.registration.devices.microscope.rendered import Camera, Painted, paint
@@ -126,7 +126,7 @@ def test_lines_on_a_plate_of_a_known_flow_give_the_ink_s_bead(tmp_path: Path) ->
 
 
 def test_from_a_simulated_print_to_the_ink_s_profile(tmp_path: Path) -> None:
-    """Flow factor 0.9 and a lag of 0.3 s, laid by `sim.gcode.bead`, swollen, painted, measured."""
+    """Flow factor 0.9 and a lag of 0.3 s, laid by `gcode.bead`, swollen, painted, measured."""
     printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
     written = printed(tmp_path, "lines", *FEW, "--steps", "2", "--length", "20")
     gcode = (tmp_path / "p.gcode").read_bytes()

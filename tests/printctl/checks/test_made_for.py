@@ -9,6 +9,7 @@ import trimesh
 from typer.testing import CliRunner
 
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
+from gcode.dry_run.run import dry_run
 from printctl.checks.made_for import (
     header_lines,
     is_recorded,
@@ -19,7 +20,6 @@ from printctl.checks.made_for import (
 from printctl.checks.preflight import file_checks
 from printctl.checks.set_up import HeadLoading, SetUp
 from printctl.cli.main import app
-from sim.gcode.dry_run.run import dry_run
 
 PRINTER = load(Printer, "generic_marlin")
 INK = load(Ink, "collagen_fresh")

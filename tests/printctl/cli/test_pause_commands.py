@@ -16,6 +16,7 @@ from typer.testing import CliRunner, Result
 
 from benchmarks.checkers.dish_camera import photograph
 from firmware_profiles import Printer, load
+from gcode.dry_run.run import dry_run
 from printctl.calibration.patterns import Pattern, PatternSetUp, WrittenPattern, read_pattern
 from printctl.cli import print_job, running_print
 from printctl.cli.main import app
@@ -39,7 +40,6 @@ from registration.devices.camera_frame import read_frame, write_insert
 from registration.devices.lens import write_lens
 from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
-from sim.gcode.dry_run.run import dry_run
 from tests.printctl.cli.shell import Shell
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, zigzag
 from tests.printctl.machine.link.layered import layered

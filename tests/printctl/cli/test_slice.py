@@ -12,7 +12,7 @@ from manifold3d import Manifold
 
 from design.solids import Solid, block_solid, write_3mf, write_stl
 from firmware_profiles import Printer, load
-from sim.gcode.dry_run.run import dry_run
+from gcode.dry_run.run import dry_run
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.cli.shell import Shell
 

@@ -9,9 +9,9 @@ import pytest
 
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Needle, Printer, Syringe, load, profile_doubts, shipped
+from gcode.deposit.written import Strands
 from printctl.checks.preflight.steps import single_step_share
 from printctl.commissioning.first_part import FirstPart
-from sim.gcode.deposit.written import Strands
 
 
 @pytest.mark.parametrize("needle", shipped(Needle))

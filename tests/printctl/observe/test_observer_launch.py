@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import yaml
 
+from gcode.motion.executed import ExecutedMotion
 from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
 from printctl.machine.process.contact import alive, hold_folder
@@ -40,7 +41,6 @@ from printctl.observe.records import (
 from printctl.observe.views import EMPTY_LOOK_NUMBER, image_before, picture_before
 from printctl.processes import is_alive
 from registration.devices.camera_frame.frame import CameraFrame
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.waiting import wait_for
 
 _OBSERVER = """

@@ -18,6 +18,7 @@ from rich.console import Console
 from design.geometry.surface import Surface
 from design.hemodynamics import FlowConditions
 from design.network_files.csv_format import write_network_csv
+from gcode.deposit.written import Strands
 from kernels.arrays import FloatArray, IntArray
 from printctl.analysis.flow import ONE_D, ONE_D_WAVES, TABLE, steady_conditions
 from printctl.analysis.flow.conditions import Driven
@@ -34,7 +35,6 @@ from printctl.pipeline.written_in_scan import looks_and_scan, save_written, writ
 from printctl.recipe import parse_recipe
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.solid import SolidPart
-from sim.gcode.deposit.written import Strands
 from tests.design.hemodynamics.networks import network_of
 from tests.printctl.networks import vessels
 from tests.printctl.pipeline.test_heads import SIZE_MM, TUBE, WHOLE_UL, recipe

@@ -17,6 +17,7 @@ import pytest
 import tifffile
 from pydantic import TypeAdapter, ValidationError
 
+from gcode.motion.executed import ExecutedMotion
 from printctl.errors import UsageError
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import ContactRecord
@@ -36,7 +37,6 @@ from registration.measuring.judging import Tolerances, VesselLimits, judge, judg
 from registration.measuring.judging.tolerance import Override, symmetric
 from registration.scan import Scan
 from registration.wall_reference import WallCalibration
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.networks import vessels
 from tests.registration.files.readers.crafted import counts
 from tests.registration.files.readers.crafted import scan as crafted_scan

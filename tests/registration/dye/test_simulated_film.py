@@ -9,7 +9,7 @@ import pytest
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselKind
 from design.vasculature.named import planar_four_vessel
-from sim.errors import SimError
+from gcode.errors import SimError
 from tests.design.networks import network
 from tests.registration.dye.simulated_film import (
     Disturbance,

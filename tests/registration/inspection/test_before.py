@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gcode.deposit.lay import Laid, laid_as_is
+from gcode.deposit.written import Strands
 from kernels.arrays import FloatArray
 from registration.inspection import (
     Appearance,
@@ -18,8 +20,6 @@ from registration.inspection import (
 )
 from sim.devices.camera.paint import paint
 from sim.devices.camera.scene import Bath, Camera, InkLook, Scene
-from sim.gcode.deposit.lay import Laid, laid_as_is
-from sim.gcode.deposit.written import Strands
 from tests.registration.inspection.painted import lines_of
 from tests.registration.inspection.stacked_layers import Layer, Stack, stack
 from tests.slower import first_of, first_rows

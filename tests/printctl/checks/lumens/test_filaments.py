@@ -8,6 +8,7 @@ import pytest
 from design.network import VesselNetwork
 from firmware_profiles import Printer, load
 from firmware_profiles.bead import BeadSection
+from gcode.dry_run.run import dry_run
 from printctl.checks.lumens import (
     FilamentCheck,
     Writing,
@@ -17,7 +18,7 @@ from printctl.checks.lumens import (
 )
 from printctl.checks.lumens.filament_check import segment_distances
 from printctl.errors import UsageError
-from sim.gcode.dry_run.run import dry_run
+from tests.gcode.air_ink import pneumatic_deposit
 from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
     LINE_MM,
@@ -29,7 +30,6 @@ from tests.printctl.checks.lumens.small_gcode import (
     valve_gcode,
 )
 from tests.printctl.networks import vessels
-from tests.sim.gcode.air_ink import pneumatic_deposit
 
 PRINTER = load(Printer, "generic_marlin")
 WRITING = Writing(PRINTER, UL_PER_E)

@@ -13,6 +13,7 @@ from manifold3d import CrossSection, Manifold
 from design.network import VesselNetwork
 from design.solids import Solid, solid_from_surface
 from firmware_profiles.bead import BeadSection
+from gcode.deposit.kernels import stadium_span
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens import (
     Leak,
@@ -34,7 +35,6 @@ from printctl.checks.lumens.leaks import find_runs, join_runs
 from printctl.checks.lumens.stations import slabs_near
 from printctl.checks.lumens.width_kernels import first_hit, widest_in_polygon
 from printctl.errors import UsageError
-from sim.gcode.deposit.kernels import stadium_span
 from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
     LINE_MM,

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from firmware_profiles import Bath, Dish, Ink, MeasuredFlow, Needle, Printer, Span, Syringe, load
+from gcode.dry_run.run import dry_run
 from printctl.checks.preflight import Check, PlacedDish, SetUp, file_checks
-from sim.gcode.dry_run.run import dry_run
 
 START = (100.0, 100.0, 20.0)
 PRINTER = load(Printer, "generic_marlin")

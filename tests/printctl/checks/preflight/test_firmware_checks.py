@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from firmware_profiles import Bath, Ink, Printer, Syringe, load
+from gcode.dry_run.run import dry_run
 from printctl.checks.preflight import (
     Check,
     gcode_checks,
@@ -14,7 +15,6 @@ from printctl.checks.preflight import (
     warnings,
 )
 from printctl.errors import SafetyError
-from sim.gcode.dry_run.run import dry_run
 
 MARLIN = load(Printer, "generic_marlin")
 KLIPPER = load(Printer, "klipper_bioprinter")

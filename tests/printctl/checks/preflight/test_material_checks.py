@@ -24,6 +24,7 @@ from firmware_profiles import (
     supported_diameter_mm,
     wall_stress_pa,
 )
+from gcode.dry_run.run import DryRun, dry_run
 from printctl.checks.preflight import (
     Check,
     PlacedDish,
@@ -51,7 +52,6 @@ from printctl.checks.preflight.bore import line_checks
 from printctl.checks.preflight.dish import hub_gap, wall_gap
 from printctl.checks.set_up import HeadLoading, ProfileNames, hub_gap_of, set_up, wall_gap_of
 from printctl.recipe.making import CarePart
-from sim.gcode.dry_run.run import DryRun, dry_run
 from tests.printctl.machine.link.two_heads import DATA, QUICK, START, SYRINGES
 
 PRINTER = load(Printer, "generic_marlin")

@@ -18,6 +18,7 @@ from design.toolpath.embedded import Bundles, EmbeddedOptions, bundled, plan_emb
 from design.toolpath.gcode import Gcode, GcodeOptions, save_gcode, stream_gcode, write_gcode
 from design.toolpath.toolpath import MoveBuilder
 from firmware_profiles import Ink, Printer, Syringe, load
+from gcode.dry_run.run import dry_run
 from printctl.checks.preflight import shaft_clearance, written_arrays
 from printctl.checks.preflight.shaft import read_written_arrays
 from printctl.checks.set_up import HeadLoading
@@ -26,7 +27,6 @@ from printctl.machine.records.replay import read_journal
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages import toolpath as stage
 from printctl.recipe import parse_recipe
-from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.random_networks import random_network
 from tests.design.toolpath.shapes import random_tree
 from tests.printctl.networks import network_recipe, vessels

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from gcode.dry_run.run import dry_run
+from gcode.motion.executed import ExecutedMotion
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.job.care import Care
@@ -20,8 +22,6 @@ from printctl.machine.ports.transport import Transport
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import parse_fault
-from sim.gcode.dry_run.run import dry_run
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import journal_in, parse_job
 from tests.printctl.machine.link.sim_transport import SimTransport
 

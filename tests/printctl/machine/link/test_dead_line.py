@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
+from gcode.motion.executed import ExecutedMotion
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
@@ -21,7 +22,6 @@ from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.devices.faults import Fault, FaultFile
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.simulated import (
     HEADER,

@@ -12,6 +12,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import StrayOk
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from gcode.motion.executed import ExecutedMotion
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
@@ -20,7 +21,6 @@ from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.klipper_printer import KlipperPrinter
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.fake_marlin import zigzag
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import PRINTER, START, gcode, wire, wired

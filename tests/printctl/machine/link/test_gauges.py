@@ -9,6 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from firmware_profiles import Printer, WatchedGauge
+from gcode.dry_run.run import dry_run
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.cli.running_print import waiting_lines
 from printctl.machine.job.retreat import Retreat
@@ -19,7 +20,6 @@ from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import FaultFile
 from sim.devices.faults import Gauge as SimGauge
-from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport

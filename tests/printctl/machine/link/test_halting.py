@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
+from gcode.motion.executed import ExecutedMotion
+from gcode.reading import GcodeLine, read_sent
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.halting import Kill, halting_of
 from printctl.machine.control.progress import JobProgress
@@ -28,8 +30,6 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
-from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.reading import GcodeLine, read_sent
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import HEADER as SIM_HEADER
 from tests.printctl.machine.link.simulated import wired

@@ -16,6 +16,7 @@ from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families.position_reply import parse_position
+from gcode.dry_run.run import dry_run
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.steps import Exchange
@@ -38,7 +39,6 @@ from printctl.machine.process.orders import Order
 from printctl.machine.process.starting import find_or_start
 from printctl.pipeline.stages import printing
 from printctl.recipe.making import FileScan, SimulatedScan
-from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.machine.link.jobs import load_job, parse_job

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
+from gcode.dry_run.run import dry_run
+from gcode.motion.executed import ExecutedMotion
 from printctl.checks.preflight import gcode_checks
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import LinkError
@@ -21,8 +23,6 @@ from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import parse_fault
-from sim.gcode.dry_run.run import dry_run
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gcode.motion.state import Board
 from printctl.machine.control.printing import COUNT_ANSWERS_S
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.retreat import Retreat
@@ -19,7 +20,6 @@ from printctl.machine.records.states import LinkState, Status
 from printctl.pipeline.past_print import entry_of
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import Fault, PermanentFaults
-from sim.gcode.motion.state import Board
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import (
     PRINTER,

@@ -12,6 +12,7 @@ from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Syringe, load
+from gcode.dry_run.run import dry_run
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care, NewSyringe
@@ -20,7 +21,6 @@ from printctl.machine.job.syringes import plan_reloads, plunger_travel
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.states import LinkState
 from sim.devices.families.marlin_printer import MarlinPrinter
-from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree
 from tests.printctl.machine.link.jobs import parse_job

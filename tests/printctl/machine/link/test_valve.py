@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles.families.marlin.sender import guard_command
+from gcode.dry_run.run import dry_run
 from printctl.checks.gate import LineOrigin, PrinterSituation, Refusal, judge
 from printctl.checks.preflight import gcode_checks
 from printctl.machine.control.halting import halting_of
@@ -20,7 +21,6 @@ from printctl.machine.prints.recovery import plan_recovery
 from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState
 from sim.devices.families.marlin_printer import MarlinPrinter
-from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.airy import AIR, CLOSES, OPENS, START, Airy, airy, laid_by
 from tests.printctl.machine.link.fake_marlin import FakeTransport
 from tests.printctl.machine.link.jobs import parse_job

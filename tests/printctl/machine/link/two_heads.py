@@ -10,9 +10,9 @@ import numpy as np
 from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from design.toolpath.toolpath import MoveBuilder
 from firmware_profiles import Printer, Syringe, load
+from gcode.dry_run.run import dry_run
 from printctl.machine.ports.clock import VirtualClock
 from sim.devices.families.marlin_printer import MarlinPrinter
-from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
 
 TWO = load(Printer, "two_syringe_marlin")

@@ -18,6 +18,7 @@ import pytest
 from rich.console import Console
 
 from firmware_profiles import Printer, Syringe, load
+from gcode.dry_run.run import dry_run
 from printctl.checks.preflight import Check, gcode_checks, refuse_failed, syringe_checks
 from printctl.errors import PrintctlError, SafetyError
 from printctl.machine.control.excursion import CHANGE
@@ -42,7 +43,6 @@ from printctl.observe.continue_print import continue_print
 from printctl.observe.observer_launch import ObserverError
 from printctl.observe.records import OBSERVER_LOCK, ORDER_FILE, READY_FILE, LookRecord, save_look
 from printctl.progress import StageBars
-from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.machine.link.simulated import START

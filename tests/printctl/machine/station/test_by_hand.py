@@ -11,6 +11,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import LineRefused
+from gcode.motion.state import Board
 from printctl.checks.gate import Bounds, NotAllowed, PrinterSituation, check_heat
 from printctl.checks.gate.firmware import differences
 from printctl.machine.control.heat import Temperature
@@ -27,7 +28,6 @@ from printctl.machine.process.starting import connect
 from printctl.machine.records.mounting import MountedParts
 from printctl.machine.records.states import LinkState, PrintEnded
 from sim.devices.families.marlin_printer import MarlinPrinter
-from sim.gcode.motion.state import Board
 from tests.printctl.cli.shell import Shell
 from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport

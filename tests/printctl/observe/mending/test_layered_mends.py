@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from firmware_profiles.materials import MeasuredLag
+from gcode.deposit.lay import deposit
+from gcode.dry_run.run import dry_run
 from printctl.machine.job.insert_check import InsertPlace, JobReach, judged_lines
 from printctl.machine.job.job import load_job
 from printctl.machine.job.marks import MarkKind
@@ -26,8 +28,6 @@ from printctl.observe.mending import (
     plan_mend,
     written_paths,
 )
-from sim.gcode.deposit.lay import deposit
-from sim.gcode.dry_run.run import dry_run
 from tests.printctl.observe.mending.small_jobs import (
     LAYER_MM,
     NEEDLE,

@@ -20,6 +20,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from gcode.motion.executed import ExecutedMotion
 from printctl.cli.main import app
 from printctl.errors import SafetyError
 from printctl.history.index import PrintHistory
@@ -50,7 +51,6 @@ from printctl.web.job.jobs import entry_of
 from printctl.web.job.print_commands import PauseRequest, RecoverRequest, ResumeRequest
 from printctl.web.job.record import Records
 from printctl.web.job.service import JobService
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.machine.link.test_journal import begun
 from tests.printctl.web.job.conftest import MOUNTED, OPERATOR, OTHER, START, WORDS, add, ready, shut

@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from gcode.deposit.lay import Deposit
 from registration import RegistrationError, Scan, read_scan
 from registration.files.writers import write_scan, write_scan_oct, write_scan_zarr
 from sim.devices.scanner.oct import OctOptions, simulate_oct
-from sim.gcode.deposit.lay import Deposit
 from tests.registration.files.readers.crafted import counts, scan
 
 SAME = ("voxel_mm", "refractive_index", "optical_depth", "modality", "depth_down", "handedness")

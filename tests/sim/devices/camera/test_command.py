@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
+from gcode.deposit.lay import Laid
+from gcode.deposit.written import Layering, Strands
 from registration import read_scan
 from sim.__main__ import main
 from sim.devices.camera.laser_line import ProfilerField, measured_heights
 from sim.devices.recorded_ink import InkSource
-from sim.gcode.deposit.lay import Laid
-from sim.gcode.deposit.written import Layering, Strands
 from tests.sim.motions import moved
 
 AREA = 4.15  # about a Hamilton 1 mL syringe's; what is asked here is where ink is, not how much

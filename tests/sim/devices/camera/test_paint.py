@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from gcode.deposit.lay import Laid, laid_as_is
+from gcode.deposit.written import Strands
 from sim.devices.camera.paint import paint
 from sim.devices.camera.scene import (
     Bath,
@@ -15,8 +17,6 @@ from sim.devices.camera.scene import (
     through_surface,
 )
 from sim.errors import CameraError
-from sim.gcode.deposit.lay import Laid, laid_as_is
-from sim.gcode.deposit.written import Strands
 
 CAMERA = Camera(
     size_px=(400, 300), um_per_px=20, target_mm=(50, 40, 1), tilt_deg=10, tilt_towards_deg=70,

@@ -11,6 +11,12 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import FileController, Plunger, Printer, Syringe, load
 from firmware_profiles.families import family_of
 from firmware_profiles.families.ack_protocol import Sort
+from gcode.dry_run.run import dry_run
+from gcode.errors import GcodeError
+from gcode.motion.executed import ExecutedMotion
+from gcode.program.gcode import checksum
+from gcode.program.modal import DWELL, MOVE, SYNC
+from gcode.program.valve import CLOSED, OPEN
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.ports.clock import VirtualClock
@@ -18,12 +24,6 @@ from printctl.machine.records.journal import Journal
 from printctl.machine.records.states import LinkState
 from sim.devices.families.registry import simulated_printer
 from sim.devices.families.reprapfirmware_printer import crc16
-from sim.errors import GcodeError
-from sim.gcode.dry_run.run import dry_run
-from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.program.gcode import checksum
-from sim.gcode.program.modal import DWELL, MOVE, SYNC
-from sim.gcode.program.valve import CLOSED, OPEN
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.machine.link.jobs import parse_job

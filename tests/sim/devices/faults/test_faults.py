@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
+from gcode.deposit.ink_faults import InkFaults, Timeline
+from gcode.deposit.lay import deposit, laid
+from gcode.motion.executed import ExecutedMotion
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import Fault, FaultFile, FaultyCable, PermanentFaults
 from sim.errors import ServeError
-from sim.gcode.deposit.ink_faults import InkFaults, Timeline
-from sim.gcode.deposit.lay import deposit, laid
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.sim.motions import moved
 from tests.sim.transcripts import numbered
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gcode.deposit.lay import Deposit
 from sim.devices.scanner.oct import OctOptions, simulate_oct
 from sim.devices.scanner.placing import Placing
-from sim.gcode.deposit.lay import Deposit
 
 STILL = Placing(0.0, 0.0, 0.0, 0.3, (1.0, 1.0, 1.0))
 

@@ -6,6 +6,8 @@ import numba
 import numpy as np
 import pytest
 
+from gcode.deposit.lay import Deposit, Laid
+from gcode.deposit.written import Strands
 from kernels.arrays import FloatArray
 from sim.devices.recorded_ink import InkSource
 from sim.devices.scanner.defects import Defect, with_defects
@@ -13,8 +15,6 @@ from sim.devices.scanner.microct import MicroCtOptions, simulate_microct
 from sim.devices.scanner.oct import NOISE_COUNTS, OctField, OctOptions, live_scan, simulate_oct
 from sim.devices.scanner.placing import Placing
 from sim.errors import ScannerError
-from sim.gcode.deposit.lay import Deposit, Laid
-from sim.gcode.deposit.written import Strands
 
 STILL = Placing(tilt_deg=0, rotation_deg=0, shift_mm=0, margin_mm=0.4, shrink=(1, 1, 1))
 OCT = OctOptions(voxel_mm=(0.04, 0.04, 0.04), placing=STILL)

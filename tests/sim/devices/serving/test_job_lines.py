@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
+from gcode.dry_run.run import dry_run
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.states import LinkState
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.serving.job_lines import JobLines
-from sim.gcode.dry_run.run import dry_run
+from tests.gcode.air_ink import pneumatic_deposit
 from tests.printctl.machine.link import airy, layered
 from tests.printctl.machine.link.layered import Script, played
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import START
-from tests.sim.gcode.air_ink import pneumatic_deposit
 
 PRINTER = load(Printer, "generic_marlin")
 FILE = b"; a job\nG90\n\nG1 X1 (there) F600 ; over there\nM400\nG1 X2\n  M113 S1\nG1 X1\n"

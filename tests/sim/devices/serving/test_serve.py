@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 import serial
 
+from gcode.motion.executed import ExecutedMotion
+from gcode.program.gcode import checksum
 from sim.__main__ import main
-from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.program.gcode import checksum
 
 REPO = Path(__file__).parents[6]
 PATIENCE_S = 60
