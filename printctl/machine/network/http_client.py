@@ -191,8 +191,10 @@ def _checked_answer(method: Callable[..., Any]) -> Callable[..., Any]:
             exc.args = (host.without_key(str(exc))[:_WORDS],)  # cut before, a part would stay
             raise
         except _ODD as exc:
-            words = f"{host.http.address}: an answer that can't be read ({exc!r}); does a proxy, "
-            words += "a login page or another program listen at this port?"
+            json_there = not isinstance(exc, json.JSONDecodeError)
+            why = "its JSON isn't what this kind of host sends" if json_there else "it isn't JSON"
+            words = f"{host.http.address}: the answer can't be read: {why}; does a proxy, a login "
+            words += "page or another program listen at this port?"
             raise HostRefused(host.without_key(words)) from None
         if isinstance(answer, str):
             return masked(answer)
