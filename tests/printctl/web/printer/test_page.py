@@ -85,6 +85,8 @@ def card(page: Page, name: str) -> Locator:
 def typed(page: Page, text: str) -> None:
     line = page.get_by_role("textbox", name="Command", exact=True)
     line.fill(text)
+    # Replies come by another channel than the end of the command before.
+    expect(page.get_by_role("button", name="Send", exact=True)).to_be_enabled()
     line.press("Enter")
 
 
