@@ -32,6 +32,9 @@ _WIDEST: Final[dict[Style, tuple[str, float]]] = {
 """Widest line and thickest filament, in bores: beyond its face a tip can't flatten what it
 extrudes; a trunk of 4 mm by a 30G needle, where shipped designs have 11 bores at most."""
 
+_LARGEST_DROP: Final = 15.0
+"""Diameter, in bores, of what may come out at one place; shipped filaments have 11."""
+
 
 def shipped_bores() -> dict[str, float]:
     """Return the bore of each shipped needle, mm, by name."""
@@ -150,6 +153,42 @@ def _widest_check(
             f"({needle.name}: {needle.inner_mm:g} mm); the file was probably made for another "
             "syringe, or for a printer whose E isn't the plunger's travel in mm: name the syringe "
             "that it was made for, or export it for this one",
+        )
+    ]
+
+
+def drop_checks(run: DryRun, printer: Printer, load_of_head: HeadLoading) -> list[Check]:
+    """Refuse a drop among the lines that is beyond `_LARGEST_DROP`; else say nothing.
+
+    A drop is what comes out at one place, a sphere; moves no longer than the bore don't leave it.
+    What comes out above the highest line is a purge.
+    """
+    needle = load_of_head.needle
+    if needle is None or printer.pneumatic is not None:
+        return []
+    program = run.program
+    ul = volumes(run, printer, [load_of_head] * (int(program.tool.max(initial=0)) + 1))
+    ends = np.vstack([program.start[None, :3], program.target[:, :3]])
+    moves = np.linalg.norm(np.diff(ends, axis=0), axis=1) > needle.inner_mm
+    top = program.target[moves & (ul > 0), 2].max(initial=-np.inf)
+    rests = np.flatnonzero((ul > 0) & ~moves & (program.target[:, 2] <= top + _FLAT_MM))
+    place = np.cumsum(moves)[rests]
+    drops = np.bincount(place, weights=ul[rests], minlength=1)
+    largest = int(drops.argmax())
+    diameter, limit = float(np.cbrt(6 / np.pi * drops[largest])), _LARGEST_DROP * needle.inner_mm
+    if diameter <= limit:
+        return []
+    return [
+        Check(
+            "largest drop against the needle's bore",
+            diameter,
+            limit,
+            "mm",
+            False,
+            f"line {int(program.line[rests[place == largest][0]])}, needle: inner_mm",
+            f"{drops[largest]:.3g} µL come out at one place among the lines; the file was probably "
+            "made for a printer whose E isn't the plunger's travel in mm: export it for this one, "
+            "or purge above the bath",
         )
     ]
 

@@ -12,7 +12,7 @@ from gcode.deposit.lay import Style
 from gcode.dry_run.run import DryRun
 from printctl.checks.gcode_view.line_map import mapped_style
 from printctl.checks.made_for import read_made_for, set_up_checks
-from printctl.checks.preflight.bore import line_checks
+from printctl.checks.preflight.bore import drop_checks, line_checks
 from printctl.checks.preflight.dish import PLACE_OPTION, dish_checks, floor_check, unknown_dish
 from printctl.checks.preflight.force import force_checks
 from printctl.checks.preflight.gcode import LEFT_DOWN, gcode_checks
@@ -114,6 +114,7 @@ def _of_head(
         checks += force_checks(run, load.ink, load.needle, load.syringe, printer)
         checks += line_checks(run, printer, load, setup.thinnest_bore, style)
     if setup.bath is not None:
+        checks += drop_checks(run, printer, load)
         checks += [
             chemistry_check(load.ink, setup.bath),
             floor_check(run, setup.bath, printer.z_mm.low, PLACE_OPTION),

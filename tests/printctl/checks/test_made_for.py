@@ -135,6 +135,22 @@ def test_doses_at_a_standstill_are_no_fault() -> None:
     assert {one.code for one in run.findings} <= {"speed_z"}
 
 
+@pytest.mark.parametrize(("pushed_mm", "bath", "said"), [
+    (10.0, "gelatin_support", True), (10.0, None, False), (1.0, "gelatin_support", False),
+])  # fmt: skip
+def test_a_large_drop_among_the_lines_is_refused(
+    pushed_mm: float, bath: str | None, said: bool
+) -> None:
+    """Ten millimetres of 1 mL's plunger push 167 µL: a ball of 6.8 mm, 16.6 bores."""
+    body = f"G1 X105 E0.04 F600\nG1 E{pushed_mm + 0.04} F30\nG1 X110 E{pushed_mm + 0.08} F600\n"
+    setup = SetUp(
+        PRINTER, SYRINGE, INK, load(Needle, "22g"), None if bath is None else load(Bath, bath)
+    )
+    found = [text for text in failed(HEAD + body.encode(), setup) if "largest drop" in text]
+    assert len(found) == said
+    assert all("6.83" in text and "167 µL" in text for text in found)
+
+
 def test_a_named_bath_is_recorded(tmp_path: Path) -> None:
     trimesh.creation.box((2, 2, 0.3)).export(tmp_path / "plate.stl")
     out = tmp_path / "plate.gcode"
