@@ -81,7 +81,7 @@ def begin_facts(context: RunContext) -> None:
     """Note where and with what the run is made; what that would replace of a print is put by."""
     facts = run_facts(context)
     if kept := keep_earlier(context.folder, facts):
-        context.bars.say("earlier print", f"its files, of other inputs or another build: {kept}")
+        context.bars.say("earlier print", f"kept in {kept}, as inputs or build differ now")
     context.manifest.facts = facts
     context.manifest.save()
 
