@@ -20,6 +20,7 @@ IN_PRINT = (
     "printer's power off or by Z alone, before X or Y moves"
 )
 _HALTED_HEAT = "M112 switches the heaters off"
+_HALTED_ITSELF_HEAT = "a halted firmware keeps its heaters off"
 _ON_ITS_WAY = (
     LinkState.PAUSING,
     LinkState.RESUMING,
@@ -64,6 +65,8 @@ def _motors(run: Print, ended: PrintEnded) -> str:
         return ""
     if ended.known:
         return "the motors stand"
+    if run.progress.was_reset:
+        return "the reset stopped its motors, and the moves that it held are lost"
     if run.progress.dropped:
         return "" if "told to stop" in ended.message else "its motors were told to stop"
     if run.excursion.rests:
@@ -104,9 +107,11 @@ def _away_words(state: LinkState) -> str:
 
 def _heaters(run: Print, ended: PrintEnded) -> str:
     if ended.state is LinkState.KILLED and UNCONFIRMED not in ended.message:
-        return _HALTED_HEAT
+        return _HALTED_HEAT if run.channel.kill.asked.is_set() else _HALTED_ITSELF_HEAT
     if ended.known and run.logbook.state is LinkState.STOPPING:
         return _off_words(run.printer)
+    if run.progress.was_reset:
+        return "the reset switched its heaters off"
     return heat_words(run.heat.targets())
 
 

@@ -88,8 +88,11 @@ def _stop_motors(run: Print) -> Steps[Standstill]:
     if progress.all_made() and (yield from run.position.made()):
         progress.stands_still()
         return (yield from run.position.standstill())
+    # a stop has cut in, and each quickstop takes a second, with the needle in the print
+    stopped = progress.dropped and (yield from run.position.stopped())
     progress.moves_dropped()
-    yield from run.channel.command(quickstop)
+    if not stopped:
+        yield from run.channel.command(quickstop)
     return (yield from run.position.standstill())
 
 

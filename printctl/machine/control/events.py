@@ -284,6 +284,7 @@ class PrintEvents:
                 "check its power and cable, and try again"
             )
         message = f"the printer was reset after {self._progress.words()}; {_WHAT_NEXT}"
+        self._progress.reset()
         raise PrintEnded(LinkState.POSITION_UNKNOWN, message, known=False)
 
     def _on_out_of_step(self, event: wire.LostSynchronisation) -> None:

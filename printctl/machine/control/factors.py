@@ -37,6 +37,8 @@ def notice_changes(run: Print) -> Steps[str]:
     done, since = run.progress.done, run.pace.since
     changed = yield from run.firmware.changed_at_panel()
     late = _late_words(run)
+    if late or any(one.reset.startswith("M220") for one in changed):
+        run.progress.standstills.lose_pace()
     run.begin_pace()
     if not changed and not late:
         return ""
@@ -83,6 +85,8 @@ def _late_words(run: Print) -> str:
     if is_unbounded(lines, first, done):
         return ""
     plan_s = planned_s(lines, first, done, modal_state(lines, first), run.printer)
+    if run.firmware.tells_factors:  # else moves slowed down look like standstills
+        elapsed_s -= run.logbook.stood_s(first)
     if elapsed_s <= (1.0 + MODEL_ERROR + LATE_SHARE) * plan_s + LATE_S:
         return ""
     return f"the moves took {elapsed_s:.0f} s, and are planned to take {plan_s:.0f} s at most"

@@ -218,6 +218,11 @@ class FirmwareCheck:
         self._logbook.excuse(before)  # a question that this build doesn't know
         return found
 
+    @property
+    def tells_factors(self) -> bool:
+        """Whether the firmware can be asked for what a panel can change."""
+        return bool(panel_questions(self._printer))
+
     def _answers(self, questions: Sequence[str], journalled: bool) -> Steps[dict[str, list[str]]]:
         """Return the answers to questions about settings."""
         answers: dict[str, list[str]] = {}

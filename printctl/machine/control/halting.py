@@ -69,7 +69,7 @@ class Halting:
         printer lived between ``first`` and ``last``.
         """
         if self.stops_at_once and stopped:
-            return "its motors have stood since M410 was taken, before that, at the latest"
+            return "its motors have stood since M410 was taken, if not for longer"
         if not self.runs_on_s:
             return "what its motors did meanwhile isn't known"
         seconds = self.runs_on_s if run_on is None else run_on.seconds

@@ -213,6 +213,10 @@ class Logbook:
             )
         found.clear()
 
+    def stood_s(self, since: int) -> float:
+        """Return for how long the ink stood still behind ``since`` lines of the job, s."""
+        return sum(one.seconds for one in self._standstills if one.last >= since)
+
     def _standstill_words(self) -> str:
         """Return what to add to the last message; empty where the ink never stood still."""
         if not self._standstills:

@@ -216,11 +216,22 @@ class PositionCheck:
 
         M114 doesn't count the plunger's steps: not behind a line that moves it alone.
         """
+        return (yield from self._stands_at(self._progress.modal()))
+
+    def stopped(self) -> Steps[bool]:
+        """Whether the motors stand at the place that the printer tells: it has dropped the rest.
+
+        With moves ahead it would tell where they lead. As for `made`, of the plunger nothing is
+        known behind a line that moves it alone.
+        """
+        return (yield from self._stands_at(Modal()))
+
+    def _stands_at(self, at: Modal) -> Steps[bool]:
         moves = (line for line in reversed(self._progress.taken) if is_motion(line))
         last = read_sent(next(moves, b"")).words
         if not set("XYZ") & last.keys():
             return False
-        return (yield from self.frame.stands_at(self._progress.modal()))
+        return (yield from self.frame.stands_at(at))
 
     def _confirmed_position(self) -> Steps[dict[str, float]]:
         """Return the position reported twice running, as no checksum guards it; else empty."""

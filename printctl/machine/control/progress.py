@@ -53,6 +53,7 @@ class JobProgress:
         self._ahead = moves_ahead(wiring.printer)
         self._sure = self._compared = 0
         self.dropped = False  # moves that the printer held; for good
+        self.was_reset = False  # its motors and heaters are off
 
     @property
     def done(self) -> int:
@@ -189,6 +190,12 @@ class JobProgress:
     def moves_dropped(self) -> None:
         """Record that the printer has dropped the moves that it held: no more will be made."""
         self.dropped = True
+        self.standstills.drop(self._wiring.exchange.now_s)
+
+    def reset(self) -> None:
+        """Record that the printer was reset."""
+        self.moves_dropped()
+        self.was_reset = True
 
     def not_made(self) -> None:
         """Record that the printer acknowledged moves and didn't make them all.

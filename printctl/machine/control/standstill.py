@@ -33,6 +33,8 @@ MODEL_ERROR: Final = 0.05
 _LATE_S: Final = 0.3
 _TURNAROUND_S: Final = 0.05
 """An answer within this waited for no move."""
+_LOOKED_BACK: Final = 4
+"""Answers by which is seen whether the planner is full."""
 _MEASURED: Final = 3
 """Answers since a rest by which is measured how much such a firmware (Klipper) holds ahead."""
 _UNMEASURED_S: Final = 2.25
@@ -108,6 +110,19 @@ class StandstillWatch:
     def end_at_rest(self) -> None:
         """Record that the print is being held: what stands behind the next rest is meant to."""
         self._ends = True
+
+    def lose_pace(self) -> None:
+        """Record that moves take another time than planned: judge nothing until `begin`."""
+        self._late, self._on = None, False
+        self._at_end.clear()
+
+    def drop(self, now: float) -> None:
+        """Record that moves are dropped: a machine that went till now is meant to stand."""
+        standing = self.standing(now)
+        if standing is None or standing.seconds <= SHORTEST_S:
+            if self._late is not None:
+                self._judge(self._late, full=False)
+            self.lose_pace()
 
     def answered(self, taken: int, now: float, resent: int) -> None:
         """Record that ``taken`` lines of the job were taken by ``now``, s.
@@ -271,10 +286,13 @@ class StandstillWatch:
     # --- what the moves take ----------------------------------------------------------------------
 
     def _is_full(self, after_s: float = -math.inf) -> bool:
-        """Whether the last two answers, since the last rest, each waited for a move to end."""
+        """Whether two of the last four answers, since the last rest, waited for a move to end.
+
+        Not each does where rows alternate with the short moves between them.
+        """
         after_s = max(after_s, self._rested_s)
-        times = [at for _, at in self._taken if at >= after_s][-3:]
-        return len(times) == 3 and all(b - a > _TURNAROUND_S for a, b in pairwise(times))
+        times = [at for _, at in self._taken if at >= after_s][-_LOOKED_BACK - 1 :]
+        return sum(b - a > _TURNAROUND_S for a, b in pairwise(times)) >= 2
 
     def _ahead_s(self, line: int, full: bool) -> float:
         """Return the time of the moves ahead when ``line`` lines were taken, s."""

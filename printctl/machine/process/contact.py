@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.machine.control.station_status import StationState, StationStatus
-from printctl.machine.errors import AlreadyPrinting, Refused
+from printctl.machine.errors import AlreadyPrinting, PortInUse, Refused
 from printctl.machine.ports.locking import lock
 from printctl.machine.records.folders import data_folder
 from printctl.machine.records.journal import read_records
@@ -65,7 +65,8 @@ def alive(folder: Path, held: str = LOCK) -> bool:
 def refuse_shared_profile(holder: str, folder: Path, port: str) -> None:
     """Raise `Refused` where another machine is at work by the same profile.
 
-    What is mounted is kept by profile, so both would take their ink from one account.
+    What is mounted is kept by profile, so both would take their ink from one account. Raise
+    `PortInUse` where the same machine is.
 
     Parameters
     ----------
@@ -86,6 +87,12 @@ def refuse_shared_profile(holder: str, folder: Path, port: str) -> None:
                 f"the printer at {there} is at work by the same profile ({other}), and what is "
                 f"mounted is kept by profile; give the one at {port} a copy of the profile (one "
                 ".yaml file for each machine), or wait for the other's end"
+            )
+        if stays_alive(other, lock_file):
+            look = f"status {other}" if lock_file == LOCK else f"station status --folder {other}"
+            raise PortInUse(
+                f"port {port} is held by printctl itself, which is at work in {other}: `printctl "
+                f"{look}` tells what it does; wait for its end, or end it first"
             )
 
 

@@ -94,7 +94,9 @@ def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint)
     if history.stopping:
         return _was_stopping(record, history)
     if history.state in _HELD_AS:
-        return f"it was {_HELD_AS[history.state]}, so its motors stood; heaters stay on"
+        return (
+            f"it was {_HELD_AS[history.state]}, so its motors stood; heaters that were set stay on"
+        )
     if not history.begun:
         return "the job had not begun, so its motors stood"
     moves, air = "it goes on with what it has taken", ""
@@ -105,8 +107,8 @@ def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint)
     last = time.localtime(history.heard or (folder / JOURNAL).stat().st_mtime)
     return (
         f"nothing has stopped its motors: {moves} (last word on "
-        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on{air}. `printctl "
-        "kill`, its own stop or its power ends both"
+        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters that were set stay on{air}. "
+        "`printctl kill`, its own stop or its power ends both"
     )
 
 

@@ -278,6 +278,21 @@ def test_board_that_stands_still_is_told(tmp_path, mm):
     assert status.alarms == 1
 
 
+def test_board_that_stands_still_among_rows_is_told_with_the_place_in_the_planner(tmp_path):
+    """Each second move is short, as between the rows of a layer: its answer waits for nothing."""
+    moves = [
+        b"G1 X%.1f Y%.2f E%.4f F1200" % (50 + (i + 1) // 2 % 2 * 3.4, 50 + i // 2 * 0.14, 0.002 * i)
+        for i in range(120)
+    ]
+    fault = Fault(fault="stall", line=90, seconds=5.0)
+    line = SimulatedTransport(MarlinPrinter(PRINTER, START, faults=(fault,)), VirtualClock())
+    status, _ = printed(HEADER + b"\n".join(moves) + b"\n", tmp_path, line)
+    assert stood_s(status.message) == pytest.approx(5.0, abs=0.5)
+    last = int(re.findall(r"that of line (\d+)", status.message)[0])
+    assert 90 - 2 * PRINTER.planner_blocks < last <= 90 - PRINTER.planner_blocks + 3
+    assert status.alarms == 1
+
+
 def test_print_that_a_silent_line_ends_tells_for_how_long_and_where_its_motors_stand(tmp_path):
     line = DeadLine(math.inf, held=False)
     status, _ = printed(gcode(400), tmp_path, line)
@@ -345,6 +360,9 @@ def test_faults_of_the_board_end_as_documented_with_heaters_off(
     status, transport = printed_with(gcode(2000, HOT_HEADER), tmp_path, {"at": [fault | moment]})
     assert (status.state, status.position_known) == (state, False)
     assert word in status.message
+    assert "still holds" not in status.message
+    assert "stay set" not in status.message
+    assert "M112" not in status.message  # nobody has sent it
     assert heaters(transport) == (0, 0)
     assert 0 < status.lines_done < 2000
     known_after = transport.clock.now() - transport.printer.now

@@ -297,6 +297,23 @@ def test_the_moves_that_the_planner_holds_are_dropped(tmp_path):
     assert status.state is LinkState.STOPPED
     assert "what it held ahead wasn't made" in status.message
     assert status.lines_done > 40 > status.lines_executed
+    assert "stood still" not in status.message  # it was told to
+
+
+@pytest.mark.parametrize("parser", [True, False])
+def test_the_needle_stays_in_the_print_for_two_quickstops_at_most(tmp_path, parser):
+    """Marlin drops moves for a second behind each: the lift waits for it, though nothing moves."""
+    printer = MARLIN.model_copy(update={"emergency_parser": parser})
+    wire = Stopping(simulated_printer(printer)(printer, (50.0, 50.0, 10.0)), VirtualClock())
+    wire.moment, sent = Moment(b"X40 E0.9", 0.5), list[bytes]()
+    write = wire.write
+    wire.write = lambda data: (sent.append(data), write(data))[1]
+    protocol = protocol_for(printer, wire.quiet_s)
+    wire.streamer = wired(wire, tmp_path, JOB.encode(), printer, protocol=protocol, retreat=RETREAT)
+    status = wire.streamer.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, True), status
+    assert b"".join(sent).count(b"M410") == (2 if parser else 1)
+    assert_stands(wire, 0.15 if parser else 2.1)
 
 
 def test_a_stop_whose_position_cant_be_read_ends_with_a_sentence(tmp_path):

@@ -188,7 +188,7 @@ def test_motors_may_run_out_what_the_printer_has_taken(tmp_path, profile, held):
     message = killed(tmp_path, profile, LinkState.PRINTING).message
     assert "nothing has stopped its motors" in message
     assert held in message
-    assert "heaters stay on" in message
+    assert "heaters that were set stay on" in message
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.families.registry import simulated_printer
+from sim.devices.faults import Fault
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.machine.link.protocols import made_protocol
@@ -27,11 +28,13 @@ CARE = Care(checkpoint_s=0.0)
 class Panel:
     """A print on a simulated printer, on whose panel something is set at a line of the job."""
 
-    def __init__(self, folder: Path, firmware: str, line: int, **percents: float) -> None:
+    def __init__(
+        self, folder: Path, firmware: str, line: int, *faults: Fault, **percents: float
+    ) -> None:
         facts = load(Printer, "generic_marlin").model_copy(
             update={"firmware": firmware, "resets_on_connect": False}
         )
-        self.printer: SimulatedPrinter = simulated_printer(facts)(facts, START)
+        self.printer: SimulatedPrinter = simulated_printer(facts)(facts, START, faults=faults)
         self.transport = SimTransport(self.printer, VirtualClock())
         self.line, self.percents, self.pauses = line, percents, list[Status]()
         self.when_held = False
@@ -82,7 +85,8 @@ def test_a_factor_set_at_the_panel_pauses_the_print_at_the_next_checkpoint(
     assert "changed at the printer's panel" in pause.message
     assert "between line 66 and line 132 of test.gcode" in pause.message, pause.message
     assert panel.percent(name) == 100.0  # the rest is printed as it was checked
-    assert any(words in one for one in read_journal(tmp_path / "journal.log").alarms)
+    [alarm] = read_journal(tmp_path / "journal.log").alarms  # slow moves are no standstill
+    assert words in alarm
     assert status.state is LinkState.DONE
     assert words in status.message
     assert not status.proved  # exit code 1
@@ -106,6 +110,16 @@ def test_a_factor_set_in_a_pause_is_set_back_before_the_needle_is_lowered(tmp_pa
     assert "150 % (M221), changed at the printer's panel" in alarm
     assert "while the print was held; set back (M221 S100)" in alarm
     assert status.proved  # nothing was printed by it
+
+
+def test_a_board_that_stood_still_is_told_once_and_its_print_goes_on(tmp_path):
+    """The time that it stood makes no moves slow: no second alarm, no pause."""
+    stall = Fault(fault="stall", line=80, seconds=20.0)
+    panel = Panel(tmp_path, "marlin", 10**6, stall)
+    status = panel.run()
+    [alarm] = read_journal(tmp_path / "journal.log").alarms
+    assert "the ink stood still for" in alarm
+    assert (panel.pauses, status.proved) == ([], True)
 
 
 def test_moves_slower_than_planned_pause_a_print_whose_firmware_tells_no_factor(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from printctl.machine.errors import Refused
+from printctl.machine.errors import PortInUse, Refused
 from printctl.machine.process.contact import STATION_RECORD, load_station
 from printctl.machine.process.starting import connect
 from printctl.machine.records.mounting import load_mounting, mounting_file
@@ -50,6 +50,10 @@ def test_a_second_machine_by_the_same_profile_is_refused_while_the_first_is_at_w
         with pytest.raises(Refused, match=r"is at work by the same profile.*a copy of the profile"):
             connect(profile, other.name, tmp_path / "two")
         assert load_station(tmp_path / "two").status["state"] == "lost"
+        with pytest.raises(
+            PortInUse, match=r"by printctl itself, .*/one: `printctl station status"
+        ):
+            connect(profile, one.name, tmp_path / "three")
         first.close()
         second = connect(profile, other.name, tmp_path / "two")
         second.close()
