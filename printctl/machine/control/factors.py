@@ -28,6 +28,11 @@ MAX_LINES: Final = 3000
 _BY_TIME_LINES: Final = 64
 """Moves ahead of a firmware that plans by time, at most."""
 
+_FRAME_BYTES: Final = 20
+"""Number, checksum and line end of a line as it is sent, and its answer."""
+_BOARD_S: Final = 0.006
+"""What a board takes to read and answer a line, at most (an 8-bit Marlin)."""
+
 
 def notice_changes(run: Print) -> Steps[str]:
     """Take back what was changed at the panel since the last checkpoint; report it in an alarm.
@@ -87,6 +92,13 @@ def _late_words(run: Print) -> str:
     plan_s = planned_s(lines, first, done, modal_state(lines, first), run.printer)
     if run.firmware.tells_factors:  # else moves slowed down look like standstills
         elapsed_s -= run.logbook.stood_s(first)
-    if elapsed_s <= (1.0 + MODEL_ERROR + LATE_SHARE) * plan_s + LATE_S:
+    if elapsed_s <= (1.0 + MODEL_ERROR + LATE_SHARE) * max(plan_s, _wire_s(run, first)) + LATE_S:
         return ""
     return f"the moves took {elapsed_s:.0f} s, and are planned to take {plan_s:.0f} s at most"
+
+
+def _wire_s(run: Print, first: int) -> float:
+    """Return how long the lines since `first` take to be sent and answered one by one, s."""
+    printer, lines = run.printer, run.job.lines[first : run.progress.done]
+    bits = 10 * sum(len(line) + _FRAME_BYTES for line in lines)
+    return bits / printer.baud + len(lines) * (printer.host_turnaround_s + _BOARD_S)
