@@ -24,7 +24,7 @@ CODES: tuple[tuple[str, str, int], ...] = (
     ("design.errors", "DesignError", 1),
     ("registration.measuring.judging.tolerance", "ToleranceError", 2),
     ("registration.errors", "RegistrationError", 1),
-    ("sim.errors", "GcodeError", 2),
+    ("gcode.errors", "GcodeError", 2),
     ("gcode.errors", "SimError", 1),
 )
 """Module, error and exit code; the first that fits counts."""

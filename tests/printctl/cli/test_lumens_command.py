@@ -87,7 +87,7 @@ MODEL = ("--model", "part.stl", "--unit", "mm")
     ("options", "said", "code"),
     [
         (MODEL, "what E means must be said once", 2),
-        (("--model", "part.stl", *E_MEANS), "unit", 1),
+        (("--model", "part.stl", *E_MEANS), "--unit", 2),
         (E_MEANS, "give --network or --model", 2),
         (("--model", "part.stl", "--flow-ul-s", "1", *E_MEANS), "has a plunger", 2),
         ((*MODEL, "--embedded", *E_MEANS), "--network", 2),
