@@ -121,7 +121,7 @@ def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile,
         until(client, LinkState.PAUSED)
         with pytest.raises(AlreadyPrinting, match="attach"):
             start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        with pytest.raises(PortInUse, match="held by another program"):
+        with pytest.raises(PortInUse, match="held by printctl itself"):
             start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "other")
         assert client.command("M105")[0].startswith("ok T:")
         client.resume()
