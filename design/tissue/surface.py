@@ -251,10 +251,11 @@ def check_size(vertices: FloatArray, unit: LengthUnit, limits: SizeLimits) -> No
         if limits.smallest_mm <= extent * per <= limits.largest_mm
     ]
     hint = f"with unit {' or '.join(fitting)} it would fit" if fitting else "no unit makes it fit"
+    long = np.format_float_positional(size, 4, unique=False, fractional=False, trim="-")
     raise TissueError(
-        f"tissue is {size:.4g} mm long (read as {unit}), outside {limits.smallest_mm:g} to "
-        f"{limits.largest_mm:g} mm; {hint}. Of a file, state its unit or widen its size limits; of "
-        "a shape, correct its lengths"
+        f"tissue is {long} mm long (read as {unit}), outside {limits.smallest_mm:g} to "
+        f"{limits.largest_mm:g} mm; {hint}. Of a file, state its unit, or widen size_limits_mm in "
+        "the recipe; of a shape, correct its lengths"
     )
 
 

@@ -167,9 +167,8 @@ def drop_checks(run: DryRun, printer: Printer, load_of_head: HeadLoading) -> lis
     if needle is None or printer.pneumatic is not None:
         return []
     program = run.program
-    ul = volumes(run, printer, [load_of_head] * (int(program.tool.max(initial=0)) + 1))
-    ends = np.vstack([program.start[None, :3], program.target[:, :3]])
-    moves = np.linalg.norm(np.diff(ends, axis=0), axis=1) > needle.inner_mm
+    ul, length, _ = _pushed(run, printer, load_of_head)
+    moves = length > needle.inner_mm
     top = program.target[moves & (ul > 0), 2].max(initial=-np.inf)
     rests = np.flatnonzero((ul > 0) & ~moves & (program.target[:, 2] <= top + _FLAT_MM))
     place = np.cumsum(moves)[rests]
@@ -197,13 +196,20 @@ def _laid(
     run: DryRun, printer: Printer, load_of_head: HeadLoading
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     """Line of the file, way, cross-section and heights at both ends of each row that lays ink."""
+    ul, length, z = _pushed(run, printer, load_of_head)
+    lays = (ul > 0) & (length > _FLAT_MM)
+    return run.program.line[lays], length[lays], ul[lays] / length[lays], z[lays]
+
+
+def _pushed(
+    run: DryRun, printer: Printer, load_of_head: HeadLoading
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Ink (n,), µL, way (n,) and heights at both ends (n, 2), mm, of each row."""
     program = run.program
     ul = volumes(run, printer, [load_of_head] * (int(program.tool.max(initial=0)) + 1))
     ends = np.vstack([program.start[None, :3], program.target[:, :3]])
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
-    lays = (ul > 0) & (length > _FLAT_MM)
-    z = np.stack([ends[:-1, 2], ends[1:, 2]], axis=1)
-    return program.line[lays], length[lays], ul[lays] / length[lays], z[lays]
+    return ul, length, np.stack([ends[:-1, 2], ends[1:, 2]], axis=1)
 
 
 def _line_widths(area: FloatArray, z: FloatArray, held: HeadLoading, needle: Needle) -> FloatArray:

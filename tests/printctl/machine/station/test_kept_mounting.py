@@ -1,4 +1,4 @@
-"""What is mounted: read once from an earlier version's file, and kept apart for each machine."""
+"""Mounted parts: read once from an earlier version's file, and kept apart for each machine."""
 
 from __future__ import annotations
 
