@@ -136,6 +136,8 @@ def bundle(
 ) -> None:
     """Pack a print's journal, G-code, recipe, profiles and report into one signed zip.
 
+    Exit code 1 when the journal was changed; the bundle is written, and says so.
+
     Example: `printctl history bundle 1795267901 --out heart_3.zip`
     """
     missing = signing_missing()
@@ -148,7 +150,9 @@ def bundle(
     lines = [f"{path}: {len(manifest.files)} files, {signed}"]
     lines += [f"  journal: {manifest.journal.words}"] if manifest.journal else []
     lines += [f"  not in it: {text}" for text in manifest.missing or ("nothing is missing",)]
-    print_result({"bundle": str(path), "manifest": manifest.model_dump(mode="json")}, lines)
+    changed = manifest.journal is not None and manifest.journal.finding is Finding.CHANGED
+    facts = {"bundle": str(path), "manifest": manifest.model_dump(mode="json")}
+    print_result(facts, lines, not changed)
 
 
 @json_command

@@ -77,7 +77,8 @@ class BundleCheck:
         """For people, the most important first."""
         if not self.whole:
             return ["CHANGED: this isn't what was filed", *(f"  {text}" for text in self.changed)]
-        said = ["WHOLE: every file is as it was filed", _SAID[self.signature].format(self)]
+        known = "it was filed" if self.signature is Signature.TRUSTED else "the bundle's list says"
+        said = [f"WHOLE: every file is as {known}", _SAID[self.signature].format(self)]
         return said + ([f"JOURNAL: {self.journal.words}"] if self.journal else [])
 
 

@@ -99,7 +99,7 @@ def evidence(entry: PrintEntry) -> Evidence:
     paths = _job_paths(entry, job)
     gcode = _gcode(entry, paths, missing)
     runs = {path.parent: Manifest.load(path.parent) for path in paths if path.name == GCODE}
-    reports = {k: _report(k, entry) for k, one in runs.items() if _wrote(one) == entry.sha256}
+    reports = {k: _report(one, entry) for k, one in runs.items() if _wrote(one) == entry.sha256}
     run = next((one for one in reports if reports[one]), next(iter(reports), None))
     if run is None and any(made.stages for made in runs.values()):
         missing.append("the run's folder has another design by now: its recipe isn't here")
@@ -108,6 +108,7 @@ def evidence(entry: PrintEntry) -> Evidence:
     if run and not report and _there(run, (HTML, JSON, PDF, *_MEASURED)):
         missing.append("the report in the run's folder is of another print")
     made = {k: v for record in manifest.stages.values() for k, v in record.outputs.items()}
+    made |= manifest.report.get("files", {})
     if run:
         scans = manifest.stages["scan"].outputs if "scan" in manifest.stages else {}
         packed = {*planned, *report, *(name for name in scans if (run / name).is_file())}
@@ -201,9 +202,11 @@ def _there(folder: Path, names: tuple[str, ...]) -> dict[str, Path]:
     return {name: folder / name for name in names if (folder / name).is_file()}
 
 
-def _report(run: Path, entry: PrintEntry) -> dict[str, Path]:
+def _report(manifest: Manifest, entry: PrintEntry) -> dict[str, Path]:
     """The files of a print's report in a run's folder; none where they are another print's."""
-    folder = entry.journal.parent
+    run, folder = manifest.folder, entry.journal.parent
+    if manifest.report.get("print", entry.id) != entry.id:
+        return {}
     others = [entry_of(one) for one in journals_in(folder)]
     ends = min((o.started for o in others if o and o.started > entry.started), default=math.inf)
     own = run == folder.parent or run.parent == folder.parent / EARLIER

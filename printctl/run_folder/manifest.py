@@ -59,6 +59,8 @@ class Manifest:
     folder: Path
     facts: dict[str, Any] = field(default_factory=dict)
     stages: dict[str, StageRecord] = field(default_factory=dict)
+    report: dict[str, Any] = field(default_factory=dict)
+    """Of the report: ``print``, the print's id, and ``files``, name to SHA-256."""
 
     @staticmethod
     def load(folder: Path) -> Manifest:
@@ -66,7 +68,7 @@ class Manifest:
         try:
             data = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
             stages = {name: StageRecord(**record) for name, record in data["stages"].items()}
-            return Manifest(folder, data["facts"], stages)
+            return Manifest(folder, data["facts"], stages, dict(data.get("report", {})))
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return Manifest(folder)
 
@@ -85,7 +87,8 @@ class Manifest:
     def save(self) -> None:
         """Write the manifest."""
         stages = {name: vars(record) for name, record in self.stages.items()}
-        text = json.dumps({"schema": 1, "facts": self.facts, "stages": stages}, indent=1)
+        data = {"schema": 1, "facts": self.facts, "stages": stages, "report": self.report}
+        text = json.dumps(data, indent=1)
         write_text(self.folder / MANIFEST, text + "\n")
 
 

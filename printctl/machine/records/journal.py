@@ -276,7 +276,7 @@ def decode(line: bytes, chained: bool = False) -> Record | None:
     crc, _, text = line.rstrip(b"\n").partition(b" ")
     try:
         record = json.loads(text.decode()) if crc == b"%08x" % zlib.crc32(text) else None
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     if not isinstance(record, dict):
         return None

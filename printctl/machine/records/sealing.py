@@ -140,8 +140,12 @@ def check_journal(
             return _changed(f"before line {seal.line}: it isn't what was signed there")
     if signed_here and (missing := _missing_seal(first, given)):
         return _changed(missing)
+    if lines and torn == len(lines):
+        words = "the journal was changed: no line has its checksum, as after a change of line ends "
+        return JournalCheck(Finding.CHANGED, words + "or encoding (an editor, git)")
     if not chained:
-        words = "not chained: written by a version of printctl without a chain of lines"
+        words = "not chained: written by a version of printctl without a chain of lines, or the "
+        words += "chain was taken out"
         return JournalCheck(Finding.UNCHAINED, words if lines else "empty: there is no line in it")
     if tail or not given or given[-1].line != len(lines):
         words = _unsigned_words(seals, given, len(lines) + bool(tail), ended)
@@ -159,6 +163,8 @@ def check_journal(
 def check_journal_file(path: Path, trusted: Sequence[PublicKey]) -> JournalCheck:
     """Verify a journal in its print's folder; RecordsError when it can't be read."""
     try:
+        if not path.is_file():  # a device has no end
+            raise RecordsError(f"{path} isn't a regular file; give a run, a print or its journal")
         return check_journal(path.read_bytes(), trusted, signed_here=True)
     except OSError as exc:
         raise RecordsError(f"{path} can't be read: {exc.strerror}; check the path") from exc

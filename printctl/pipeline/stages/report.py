@@ -27,6 +27,7 @@ from printctl.pipeline.verdict import verdict
 from printctl.pipeline.written_in_scan import WRITTEN, looks_and_scan
 from printctl.pipeline.written_layers import outlined_design, pushing_of
 from printctl.run_folder.artefacts import GCODE, HTML, JOURNAL_FOLDER, JSON, PDF
+from printctl.run_folder.manifest import digest_file
 from printctl.run_folder.registration_files import DEVIATION, VIEWS, load_deviation
 from registration.report import ReportSurface, write_report_html
 from registration.report.deviation_surfaces import split_surfaces
@@ -72,6 +73,10 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
     write_report_html(page, whole, surfaces(context), context.network, drawn, shown, views)
     if pdf:
         print_page(page, context.folder / PDF)
+    files = {name: digest_file(context.folder / name) for name in (JSON, HTML, *[PDF] * pdf)}
+    printed = whole["printed"] or {}
+    context.manifest.report = {"print": printed.get("id"), "files": files}
+    context.manifest.save()
     return data
 
 

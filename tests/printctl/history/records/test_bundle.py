@@ -11,6 +11,7 @@ import subprocess
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from zlib import crc32
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -25,8 +26,10 @@ from printctl.history.verify import Signature, verify_bundle, verify_stream
 from printctl.machine.records.folders import film_file
 from printctl.machine.records.journal import decode, encode
 from printctl.machine.records.lab_key import PRIVATE, KeyTrouble, RecordsError, lab_key
+from printctl.machine.records.sealing import check_journal_file
 from printctl.pipeline.evidence import evidence, keep_earlier
 from printctl.pipeline.past_print import Alarm, entry_of
+from printctl.run_folder.manifest import digest_file
 from printctl.version import version
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.slower import examples
@@ -255,6 +258,56 @@ def _with_scan(run: Path) -> str:
     told["stages"]["scan"] = {**told["stages"]["toolpath"], "outputs": {"scan.tif": digest}}
     told["facts"]["inputs"] = {"tissue.stl": "1" * 64}
     return json.dumps(told)
+
+
+def _with_report(run: Path, print_id: str) -> None:
+    told = json.loads((run / "manifest.json").read_text())
+    files = {name: digest_file(run / name) for name in ("report.json", "report.html")}
+    told["report"] = {"print": print_id, "files": files}
+    (run / "manifest.json").write_text(json.dumps(told))
+
+
+def test_a_report_that_was_edited_is_named(tmp_path):
+    entry = printed(tmp_path / "run")
+    with_run(tmp_path / "run")
+    _with_report(tmp_path / "run", entry.id)
+    assert write_bundle(tmp_path / "out.zip", entry, lab_key()).missing == ()
+    report = tmp_path / "run" / "report.json"
+    report.write_text(report.read_text().replace("true", "false"))
+    changed = write_bundle(tmp_path / "out.zip", entry, lab_key()).missing
+    assert changed == ("report.json was changed since its run: it is as it is now",)
+
+
+def test_the_report_of_another_print_of_the_same_file_isnt_packed(tmp_path):
+    entry, other = printed(tmp_path / "run"), printed(tmp_path / "other")
+    with_run(tmp_path / "run")
+    _with_report(tmp_path / "run", other.id)
+    found = write_bundle(tmp_path / "out.zip", entry, lab_key())
+    assert found.missing == ("the report in the run's folder is of another print",)
+    assert "report.json" not in [one.path for one in found.files]
+
+
+DEEP = b'{"x":' + 100_000 * b"[" + 100_000 * b"]" + b"}"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda data: data.replace(b"\n", b"\r\n"), "change of line ends"),
+        (lambda data: data.decode().encode("utf-16"), "change of line ends"),
+        (lambda data: data + b"%08x %b\n" % (crc32(DEEP), DEEP), "not signed: 1 line follows"),
+    ],
+)
+def test_a_journal_that_an_editor_or_a_stranger_wrote_is_no_fault_of_ours(tmp_path, change, words):
+    entry = printed(tmp_path / "run")
+    entry.journal.write_bytes(change(entry.journal.read_bytes()))
+    assert words in check_journal_file(entry.journal, [lab_key().public]).words
+
+
+def test_a_journal_without_an_end_is_refused(tmp_path):
+    (tmp_path / "journal.log").symlink_to("/dev/zero")
+    with pytest.raises(RecordsError, match="isn't a regular file"):
+        check_journal_file(tmp_path / "journal.log", [])
 
 
 def test_evidence_stays_when_another_build_runs_in_the_folder(tmp_path):
