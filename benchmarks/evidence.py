@@ -28,7 +28,7 @@ from printctl.history.verify import verify_bundle, verify_stream
 from printctl.machine.records.journal import BEGIN, Journal, decode, encode, link, shown
 from printctl.machine.records.lab_key import LabKey, lab_key
 from printctl.machine.records.sealing import sign_journal
-from printctl.pipeline.past_print import PrintEntry, entry_of
+from printctl.pipeline.past.past_print import PrintEntry, entry_of
 
 COUNT, QUICK_COUNT = 10_000, 1_000
 PRINTS = 8

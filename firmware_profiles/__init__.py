@@ -17,15 +17,20 @@ from firmware_profiles.errors import ProfileError
 from firmware_profiles.file_controller import FileController
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
 from firmware_profiles.load import load, shipped, shipped_text
-from firmware_profiles.materials import (
+from firmware_profiles.materials.inks_and_baths import (
     Bath,
     Ink,
     supported_diameter_mm,
     weight_in_bath_n_m3,
 )
+from firmware_profiles.materials.rheology import (
+    flow_ul_s,
+    pressure_pa,
+    wall_stress_pa,
+    yield_pressure_pa,
+)
 from firmware_profiles.plates import Dish, Plate
 from firmware_profiles.printers import Axes, Printer, WatchedGauge
-from firmware_profiles.rheology import flow_ul_s, pressure_pa, wall_stress_pa, yield_pressure_pa
 from firmware_profiles.sorts import PROFILE_SORTS, find_profile
 from firmware_profiles.strict_model import Facts, Span
 from firmware_profiles.tools import Needle, Syringe

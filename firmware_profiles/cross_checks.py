@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles.families.registry import family_of
-from firmware_profiles.materials import Bath, Ink
+from firmware_profiles.materials.inks_and_baths import Bath, Ink
 from firmware_profiles.plates import Dish
 from firmware_profiles.printers import Printer
 from firmware_profiles.strict_model import Facts

@@ -9,8 +9,8 @@ from typing import Annotated, Final, Literal
 from pydantic import Field, model_validator
 
 from firmware_profiles.errors import ProfileError
-from firmware_profiles.materials import Ink
-from firmware_profiles.rheology import flow_ul_s, yield_pressure_pa
+from firmware_profiles.materials.inks_and_baths import Ink
+from firmware_profiles.materials.rheology import flow_ul_s, yield_pressure_pa
 from firmware_profiles.strict_model import (
     PRESSURE_UNITS,
     FileLine,

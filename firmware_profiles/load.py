@@ -9,7 +9,7 @@ import yaml
 from pydantic import ValidationError
 
 from firmware_profiles.errors import ProfileError, refuse
-from firmware_profiles.materials import Bath, Ink
+from firmware_profiles.materials.inks_and_baths import Bath, Ink
 from firmware_profiles.plates import Dish, Plate
 from firmware_profiles.printers import Printer
 from firmware_profiles.strict_model import Facts

@@ -8,7 +8,7 @@ from typing import Final
 
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.load import load, read_keys, shipped
-from firmware_profiles.materials import Bath, Ink
+from firmware_profiles.materials.inks_and_baths import Bath, Ink
 from firmware_profiles.plates import Dish, Plate
 from firmware_profiles.printers import Printer
 from firmware_profiles.strict_model import Facts

@@ -55,7 +55,16 @@ def _is_there(name: str) -> bool:
     return True
 
 
-OURS: Final = ("kernels", "firmware_profiles", "design", "gcode", "sim", "registration", "printctl")
+OURS: Final = (
+    "kernels",
+    "firmware_profiles",
+    "design",
+    "gcode",
+    "sim",
+    "registration",
+    "report",
+    "printctl",
+)
 LEAST_PYTHON: Final = (3, 11)
 LIBRARIES: Final = (
     "numpy",

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from registration.files.readers import ScanOverrides, read_scan, write_scan_tiff
     from registration.options import RegistrationOptions
     from registration.register import register_scan
-    from registration.report.standalone import write_report
     from registration.result import RegistrationReport, report_dict
     from registration.scan import Scan
 
@@ -32,7 +31,6 @@ __all__ = [
     "register_scan",
     "report_dict",
     "vessel_rows",
-    "write_report",
     "write_scan_tiff",
     "write_tables",
 ]

@@ -19,7 +19,7 @@ from registration.measuring.gauging.deviation import (
     histogram,
     within_curve,
 )
-from registration.measuring.gauging.face_places import FacePlace
+from registration.measuring.gauging.openings.face_places import FacePlace
 from registration.measuring.gauging.resolution import needed_voxel_um
 from registration.measuring.geometry import Characteristic, Frame
 from registration.measuring.topology import Agreement

@@ -18,7 +18,7 @@ from registration.alignment.as_printed import AsPrinted
 from registration.alignment.uncertainty import quantity, terms
 from registration.json_ready import json_ready
 from registration.measuring.gauging import ContrastGauge, Defect, Deviation, Perfusion, VesselGauge
-from registration.measuring.gauging.face_places import FacePlace
+from registration.measuring.gauging.openings.face_places import FacePlace
 from registration.measuring.geometry import Characteristic, Frame
 from registration.measuring.topology import Agreement, Overlap, Topology
 from registration.wall_reference import WallCalibration

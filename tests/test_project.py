@@ -145,8 +145,8 @@ def test_wheel_has_our_packages_and_their_data_and_nothing_else(tmp_path: Path) 
         "printctl/py.typed",
     ):
         assert needed in names
-    assert any(name.startswith("registration/report/vendor/") for name in names)
-    assert any(name.startswith("registration/report/templates/") for name in names)
+    assert any(name.startswith("report/vendor/") for name in names)
+    assert any(name.startswith("report/templates/") for name in names)
 
 
 # --- firmware family names occur only in their own packages

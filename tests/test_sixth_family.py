@@ -19,9 +19,9 @@ from gcode.reading.line import is_known_line
 from printctl.checks.gate import Bounds, LineOrigin, PrinterSituation, judge
 from printctl.checks.gate.inputs import AllowedLine
 from printctl.checks.preflight.firmware import firmware_checks
-from printctl.machine.control.connecting import protocol_for
-from printctl.machine.control.streamer import Streamer
-from printctl.machine.control.wiring import Wiring
+from printctl.machine.control.board.connecting import protocol_for
+from printctl.machine.control.board.wiring import Wiring
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.states import LinkState

@@ -27,7 +27,7 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from design.vasculature import GrowthOptions, grow_printable, tree_to_network
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.pipeline.network_sources.loops import closed_loop
-from printctl.recipe.growth import ClosedLoop
+from printctl.recipe.sections.growth import ClosedLoop
 
 PRINTER, SYRINGE, INK = "generic_marlin", "hamilton_1ml", "gelatin_sacrificial"
 PLACE_MM = (60.0, 60.0, 20.0)

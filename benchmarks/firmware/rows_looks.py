@@ -19,8 +19,8 @@ from printctl.machine.errors import LinkError
 from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.process.client import PrintClient
-from printctl.machine.process.starting import resume_print, start_print
+from printctl.machine.process.clients.client import PrintClient
+from printctl.machine.process.clients.starting import resume_print, start_print
 from printctl.machine.records.states import LinkState
 
 LIFT_MM = 3.0

@@ -13,7 +13,7 @@ from benchmarks.checkers.link_order import body_of
 from benchmarks.common import Row, at_least, limited, row, scratch
 from benchmarks.link.files import zigzag
 from benchmarks.link.printers import answerer, profile, read_record
-from printctl.machine.process.starting import start_print
+from printctl.machine.process.clients.starting import start_print
 from printctl.machine.records.states import LinkState
 
 REAL = {"clock": "wall"}

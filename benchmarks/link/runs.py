@@ -18,8 +18,8 @@ from benchmarks.link.files import START_MM, STEPS_PER_MM, PrintFile
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from gcode.motion.executed import ExecutedMotion
-from printctl.machine.control.streamer import Streamer
-from printctl.machine.control.wiring import Wiring
+from printctl.machine.control.board.wiring import Wiring
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import PortLost
 from printctl.machine.job.job import parse_job
 from printctl.machine.ports.clock import VirtualClock

@@ -24,9 +24,9 @@ from benchmarks.common import Row, SkippedError, all_of, limited, row, scratch
 from benchmarks.firmware.product import records
 from benchmarks.machines import rigs
 from printctl.machine.errors import LinkError
-from printctl.machine.process.client import PrintClient
+from printctl.machine.process.clients.client import PrintClient
+from printctl.machine.process.clients.starting import find_or_start
 from printctl.machine.process.orders import Order
-from printctl.machine.process.starting import find_or_start
 from printctl.machine.records.record import load_record
 from printctl.machine.records.states import Status
 

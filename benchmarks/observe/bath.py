@@ -21,16 +21,16 @@ import numpy as np
 
 from benchmarks.checkers import bath_painter as painter
 from benchmarks.common import Row, limited, row
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
+from printctl.inspection import ExpectedLines, Gap, LayerFindings, SeeingOptions, see_layer
 from printctl.machine.job.marks import Marks
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Limits
 from printctl.observe.deciding.evidence import Evidence
-from printctl.observe.expected_ink import ExpectedInk, LayerInk
-from printctl.observe.look_context import LookContext, unseen_stretches
-from printctl.observe.look_evidence import build_evidence
+from printctl.observe.looks.expected_ink import ExpectedInk, LayerInk
+from printctl.observe.looks.look_context import LookContext, unseen_stretches
+from printctl.observe.looks.look_evidence import build_evidence
 from printctl.observe.mending import WrittenPath
 from registration.errors import PictureError
-from registration.inspection import ExpectedLines, Gap, LayerFindings, SeeingOptions, see_layer
 
 FAULTS = ("whole", "half", "1", "1.5", "2", "3", "5")
 KINDS = ("lone", "tree", "rows")

@@ -31,8 +31,8 @@ from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.process.client import PrintClient
-from printctl.machine.process.starting import resume_print, start_print
+from printctl.machine.process.clients.client import PrintClient
+from printctl.machine.process.clients.starting import resume_print, start_print
 from printctl.machine.records.states import LinkState
 
 START = (50.0, 50.0, 10.0)

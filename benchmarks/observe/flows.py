@@ -18,10 +18,10 @@ import numpy as np
 from benchmarks.checkers.scene_painter import INKS, KINDS, Scene, scene
 from benchmarks.common import Row, all_of, at_least, limited
 from benchmarks.observe.scenes import lines_of, seen
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from printctl.observe.deciding import Decider, DecisionKind, Limits
-from printctl.observe.expected_ink import ExpectedInk, LayerInk
-from printctl.observe.look_evidence import build_evidence
+from printctl.observe.looks.expected_ink import ExpectedInk, LayerInk
+from printctl.observe.looks.look_evidence import build_evidence
 
 FLOWS = (0.7, 0.85, 1.0, 1.15, 1.3)
 FIRST = 600

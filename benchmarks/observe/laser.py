@@ -16,8 +16,8 @@ import numpy as np
 
 from benchmarks.checkers.profiler_painter import Bare, Kind, Profiled, profiled
 from benchmarks.common import Row, limited, row, scratch
+from printctl.inspection import ExpectedLines, Gap, LayerFindings, see_layer, surface_of
 from registration.files.readers.heights import HeightMap, read_heights
-from registration.inspection import ExpectedLines, Gap, LayerFindings, see_layer, surface_of
 
 KINDS: tuple[Kind, ...] = ("plate", "lattice", "solid")
 LENGTHS_MM = (0.2, 0.3, 0.5, 1.0)

@@ -34,14 +34,14 @@ from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.devices import DeviceSettings
-from printctl.observe.look_context import Look
+from printctl.observe.looks.look_context import Look
+from printctl.observe.looks.views import EMPTY_LOOK_NUMBER
 from printctl.observe.observed_job import ObservedJob
 from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import answer_look, look_folder, read_looks
-from printctl.observe.views import EMPTY_LOOK_NUMBER
 from printctl.pipeline.observing import look_care
-from printctl.recipe.observe import ObservePart
+from printctl.recipe.sections.observe import ObservePart
 from sim.devices.camera.paint import CameraFile, paint
 
 PRINTER, SYRINGE, INK, NEEDLE = "generic_marlin", "hamilton_1ml", "collagen_fresh", "fresh_150um"

@@ -17,14 +17,14 @@ import numpy as np
 
 from benchmarks.checkers.scene_painter import INKS, KINDS, Scene, scene
 from benchmarks.common import Row, row
-from registration.files.readers.heights import HeightMap
-from registration.inspection import (
+from printctl.inspection import (
     ExpectedLines,
     LayerFindings,
     SeeingOptions,
     see_layer,
     surface_of,
 )
+from registration.files.readers.heights import HeightMap
 
 LENGTHS_MM = (0.25, 0.5, 1.0)
 FIRST = 400

@@ -13,8 +13,8 @@ import numpy as np
 
 from benchmarks.checkers import layer_painter as painter
 from benchmarks.common import Row, row
+from printctl.inspection import ExpectedLines, LayerFindings, see_layer
 from printctl.observe.deciding import GapTest
-from registration.inspection import ExpectedLines, LayerFindings, see_layer
 
 LENGTHS_MM = (0.2, 0.25, 0.3, 0.5, 1.0)
 FIRST_SOUND, FIRST_FAULTY = 70_000, 9_000

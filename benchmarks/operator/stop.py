@@ -33,7 +33,7 @@ from benchmarks.link.printers import (
     simulated,
 )
 from benchmarks.operator.server import browsers, page_server, touched_at, workspace
-from printctl.machine.process.starting import start_print
+from printctl.machine.process.clients.starting import start_print
 from printctl.machine.records.states import LinkState
 
 WALL = {"clock": "wall"}

@@ -38,8 +38,8 @@ _TRUNK = 0.2
 _GROW = """
 import json, sys, time
 from pathlib import Path
-from design.anatomy.heart import HeartAnatomy, grow_heart
-from design.anatomy.kidney import KidneyAnatomy, grow_kidney
+from design.anatomy.organs.heart import HeartAnatomy, grow_heart
+from design.anatomy.organs.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.curves import curved_network
 from design.anatomy.organ import PRESETS
 from design.network_files.csv_format import write_network_csv

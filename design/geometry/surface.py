@@ -16,7 +16,7 @@ class Surface:
     """A triangle surface, counter-clockwise seen from outside; it promises no more.
 
     A closed one that can be printed is a `design.solids.Solid`, one whose faces belong to patches
-    a `design.solids.remesh.LabelledSurface`.
+    a `design.solids.repair.remesh.LabelledSurface`.
 
     Attributes
     ----------

@@ -10,7 +10,6 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from design.geometry.crossings import find_crossings
-    from design.solids.check import validate_file, validate_files
     from design.solids.connectors import (
         PlacedConnector,
         connector_parts,
@@ -25,15 +24,16 @@ if TYPE_CHECKING:
         solid_from_surface,
     )
     from design.solids.dimensions import Chamber, Connector, check_connector
+    from design.solids.files.check import validate_file, validate_files
+    from design.solids.files.read import read_solid
+    from design.solids.files.step import write_step
+    from design.solids.files.threemf import Part, write_3mf
+    from design.solids.files.write import write_obj, write_ply, write_solid_vtp, write_stl
     from design.solids.lumen import lumen_pair, lumen_solid, tube_outside, tube_solid
     from design.solids.marks import fiducial_places, text_solid, with_text
     from design.solids.ports import Port, end_ports, find_ports, open_ends
-    from design.solids.read import read_solid
     from design.solids.solid import Solid
-    from design.solids.step import write_step
-    from design.solids.threemf import Part, write_3mf
     from design.solids.topology import construct_genus, network_genus, surface_genus
-    from design.solids.write import write_obj, write_ply, write_solid_vtp, write_stl
 
 __all__ = [
     "Chamber",

@@ -18,7 +18,7 @@ from design.errors import SolidError
 from design.geometry.crossings import find_crossings
 from design.geometry.mesh import merge_distances, without_collapsed
 from design.solids.manifolds import to_manifold
-from design.solids.mend import mend_surface
+from design.solids.repair.mend import mend_surface
 from design.solids.solid import Solid
 from design.solids.topology import edge_faults, faulty_vertices, is_closed
 from design.solids.tube import FACET_TOLERANCE_MM

@@ -119,8 +119,8 @@ def _side(volume: float, rate: float, yields: float) -> int:
 # so that V = C P, the ink that is held back, follows dV/dt = Q_plunger − (V − V_y)/τ with τ = R C.
 # τ is what `printctl calibrate lag` measures. P_y = 4 τ_y L/d is what a yield stress holds in the
 # needle (`firmware_profiles.yield_pressure_pa`). R is the needle's secant resistance at the job's
-# flow, P(Q)/Q less P_y of a Herschel-Bulkley ink (`firmware_profiles.rheology`): a power-law ink is
-# taken as linear around that flow, as its measured τ is.
+# flow, P(Q)/Q less P_y of a Herschel-Bulkley ink (`firmware_profiles.materials.rheology`): a
+# power-law ink is taken as linear around that flow, as its measured τ is.
 
 
 @dataclass(frozen=True)

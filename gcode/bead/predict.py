@@ -26,7 +26,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from firmware_profiles import Bath, Ink, Needle, supported_diameter_mm, weight_in_bath_n_m3
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from gcode.bead.flow import Nozzle, NozzleFlow, Pieces, nozzle_flow
 from gcode.deposit.ink_faults import NO_FAULTS, InkFaults, Timeline
 from gcode.deposit.lay import (

@@ -26,14 +26,14 @@ from design.hemodynamics.dye import (
 from design.network import VesselNetwork
 from design.units import UL_S_PER_ML_MIN, LengthUnit
 from kernels.arrays import FloatArray
-from printctl.analysis.flow.as_printed import printed_lumens, read_print
+from printctl.analysis.flow.printed.as_printed import printed_lumens, read_print
 from printctl.analysis.flow.tables import write_columns
 from printctl.analysis.networks import Drive, load_source
 from printctl.errors import UsageError
 from printctl.settings import opt, settings
 from registration.dye.flow import carrying_flow, solve_without_closed
 from registration.measuring.gauging import with_printed_lengths
-from registration.report.figures import network_figure
+from report.figures.deviation import network_figure
 
 _USUAL_ML_MIN: Final = 0.25
 

@@ -35,7 +35,7 @@ from printctl.errors import UsageError
 from printctl.recipe import Recipe
 from printctl.recipe.parts import OneDPart
 from registration.measuring.gauging import sub_network
-from registration.report.picture import DrivingWave, FilmScene, Quantity, magnitude
+from report.picture import DrivingWave, FilmScene, Quantity, magnitude
 
 # Write a film file in its suffix's format: MP4 and the like by OpenCV, GIF, WebP by Pillow.
 

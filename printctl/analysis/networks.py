@@ -26,7 +26,7 @@ from design.network_files.csv_format import read_network_csv
 from design.network_files.merge import NetworkWithNotes
 from design.network_files.vtp import write_simvascular_paths
 from design.solids import Solid, read_solid
-from design.solids.read import MESHES_WITHOUT_UNIT
+from design.solids.files.read import MESHES_WITHOUT_UNIT
 from design.units import BLOOD_MPA_S, MM_PER, PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
 from kernels.arrays import FloatArray
 from printctl.analysis.flow import TABLE, steady_conditions
@@ -36,8 +36,8 @@ from printctl.recipe.parts import FlowPart
 from printctl.run_folder.artefacts import NETWORK, NUMBERS, SURFACE
 from printctl.run_folder.manifest import Manifest
 from printctl.settings import opt, settings
-from registration.report.network_view import columns
-from registration.report.picture import FLOW, GAUGED, VesselQuantities
+from report.pages.network_view import columns
+from report.picture import FLOW, GAUGED, VesselQuantities
 
 # Read and write networks in every known format, chosen by the file's suffix.
 

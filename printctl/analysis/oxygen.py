@@ -89,7 +89,7 @@ def solve_and_write(
         When a file can't be written.
     """
     # Heavy (matplotlib, a CPU second), and every design loads this module.
-    from registration.report.oxygen_figures import slice_figure
+    from report.figures.oxygen_figures import slice_figure
 
     spacing = (
         spacing_for(tissue.bounds * scale, part.grid_cells)

@@ -33,7 +33,7 @@ def folder_to_write(folder: Path | None) -> Path | None:
 def _checked(wanted: bool) -> bool:
     """Refuse --pdf before the work starts where no browser is installed."""
     if wanted:
-        from registration.report.print_page import browser_missing  # Only wanted here.
+        from report.print_page import browser_missing  # Only wanted here.
 
         missing = browser_missing()
         if missing is not None:

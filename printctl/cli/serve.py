@@ -57,8 +57,8 @@ def serve(settings: Any = _OPTIONS, verbose: bool = opt("Write down each request
     Only this machine can reach it, unless ``--host`` says otherwise; then a password or a token
     is needed. Ctrl-C ends the server, never a print.
     """
-    from printctl.web.serve import log_to_terminal  # Wants the extra `web`.
-    from printctl.web.serve import serve as run
+    from printctl.web.serving.serve import log_to_terminal  # Wants the extra `web`.
+    from printctl.web.serving.serve import serve as run
 
     log_to_terminal(verbose)
 
@@ -78,7 +78,7 @@ def _password(ask: bool, file: Path | None) -> str | None:
     if ask and file is not None:
         raise UsageError("give --password or --password-file, not both")
     if file is not None:
-        from printctl.web.serve import refuse_readable  # loads the server
+        from printctl.web.serving.serve import refuse_readable  # loads the server
 
         refuse_readable(file, "--password-file")
         lines = file.read_text(encoding="utf-8").splitlines()
@@ -91,7 +91,7 @@ def _password(ask: bool, file: Path | None) -> str | None:
 
 
 def _tell(settings: ServeSettings, running: Any) -> None:
-    from printctl.machine.process.starting import other_speed  # Loads the link.
+    from printctl.machine.process.clients.starting import other_speed  # Loads the link.
 
     say = messages().print
     say(f"the page: {_link(settings, running)}")

@@ -12,7 +12,7 @@ from typing import Any
 from firmware_profiles import Dish, Ink, Printer, Syringe, load
 from printctl.checks.set_up import ABOVE_WALL_MM, refuse_failed
 from printctl.errors import PrinterFailedError, SafetyError
-from printctl.machine.control.station_status import Place, StationState
+from printctl.machine.control.idle.station_status import Place, StationState
 from printctl.machine.errors import NoLink
 from printctl.machine.job.care import Care
 from printctl.machine.job.coordinates import declared_start
@@ -23,11 +23,11 @@ from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.prints.follow import retreat_for
 from printctl.machine.prints.mounted import left_check
 from printctl.machine.probing import Settings, query_settings, set_plunger_steps
-from printctl.machine.process.client import Station, attach_station
+from printctl.machine.process.clients.client import Station, attach_station
+from printctl.machine.process.clients.starting import connect
 from printctl.machine.process.contact import STATION_LOCK, alive
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
-from printctl.machine.process.starting import connect
 from printctl.machine.records.states import LinkState
 
 

@@ -15,7 +15,7 @@ from printctl.errors import PrintctlError
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import load_job
 from printctl.machine.records.mounting import MountedParts
-from printctl.pipeline.run import RunOptions, run_recipe
+from printctl.pipeline.running.run import RunOptions, run_recipe
 from printctl.recipe import load_recipe
 from printctl.run_folder.artefacts import GCODE
 

@@ -19,7 +19,7 @@ from printctl.corrections.compensation import changes_line, save_compensation
 from printctl.corrections.feedback.estimate import Choices, estimate
 from printctl.corrections.feedback.evidence import read_print
 from printctl.errors import PrintctlError
-from printctl.pipeline.run import RunOptions
+from printctl.pipeline.running.run import RunOptions
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 from registration.errors import RegistrationError
 

@@ -39,7 +39,7 @@ from printctl.commissioning.state import (
 from printctl.errors import SafetyError, UsageError
 from printctl.machine.errors import Refused
 from printctl.machine.prints.mounted import mount_parts
-from printctl.machine.process.client import Station
+from printctl.machine.process.clients.client import Station
 from printctl.machine.records.mounting import PARTS, MountedParts, load_mounting
 
 MOST_SINGLE_STEPS: Final = 0.1

@@ -27,8 +27,8 @@ from printctl.history.table import outcome
 from printctl.machine.process.contact import alive
 from printctl.machine.records.lab_key import LabKey
 from printctl.machine.records.sealing import check_journal_file
-from printctl.pipeline.evidence import Evidence, evidence
-from printctl.pipeline.past_print import INTERRUPTED, PrintEntry, entry_of
+from printctl.pipeline.past.evidence import Evidence, evidence
+from printctl.pipeline.past.past_print import INTERRUPTED, PrintEntry, entry_of
 from printctl.version import version
 
 # Pack a print's files and their cover page into one signed bundle.

@@ -14,7 +14,7 @@ from typing import Any
 from design.files import write_text
 from printctl.errors import UsageError
 from printctl.machine.records.folders import print_identity
-from printctl.pipeline.verdict import verdict
+from printctl.pipeline.judging.verdict import verdict
 from printctl.run_folder.artefacts import JOURNAL_FOLDER, NUMBERS
 from printctl.run_folder.artefacts import JSON as REPORT
 from registration.comparison import (
@@ -27,8 +27,8 @@ from registration.comparison import (
     gauged_scan,
 )
 from registration.measuring.judging import judge_plain
-from registration.report.comparison_page import comparison_figures, write_comparison_html
-from registration.report.print_page import print_page
+from report.pages.comparison import comparison_figures, write_comparison_html
+from report.print_page import print_page
 
 # Read the registration results of several prints' folders; judge them by new limits if given.
 

@@ -23,7 +23,7 @@ from printctl.history.query import COLUMN_OF, OPERATOR, HistoryPage, HistoryQuer
 from printctl.machine.errors import HistoryError, NoSuchPrint
 from printctl.machine.records.folders import add_folder, data_folder, journals_in, known_folders
 from printctl.machine.records.record import JOURNAL
-from printctl.pipeline.past_print import INTERRUPTED, Alarm, PrintEntry, entry_of
+from printctl.pipeline.past.past_print import INTERRUPTED, Alarm, PrintEntry, entry_of
 
 _VERSION: Final = 1
 _BUSY_LIMIT_S: Final = 20.0

@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from printctl.pipeline.past_print import PrintEntry
+from printctl.pipeline.past.past_print import PrintEntry
 
 PAGE: Final = 50
 MOST: Final = 1000

@@ -21,8 +21,8 @@ from printctl.history.verify import verify_bundle
 from printctl.machine.ports.detection import list_ports
 from printctl.machine.records.journal import digest_of, profile_digest
 from printctl.machine.records.lab_key import RecordsError
-from printctl.pipeline.evidence import Evidence, evidence
-from printctl.pipeline.past_print import PrintEntry
+from printctl.pipeline.past.evidence import Evidence, evidence
+from printctl.pipeline.past.past_print import PrintEntry
 from printctl.run_folder.manifest import digest_file
 from printctl.version import version
 

@@ -13,7 +13,7 @@ from typing import Any, Final, Literal
 from printctl.errors import UsageError
 from printctl.machine.process.contact import alive
 from printctl.machine.records.record import JOURNAL
-from printctl.pipeline.past_print import INTERRUPTED, PrintEntry
+from printctl.pipeline.past.past_print import INTERRUPTED, PrintEntry
 
 
 def day_begins(text: str, where: str) -> float:

@@ -23,17 +23,17 @@ from typing import Any, Final
 from firmware_profiles import Printer
 from firmware_profiles.families import Family, family_of
 from printctl.checks.gate.firmware import listed_axes
-from printctl.machine.control.channel import Channel
-from printctl.machine.control.connecting import connect, protocol_for
+from printctl.machine.control.board.channel import Channel
+from printctl.machine.control.board.connecting import connect, protocol_for
+from printctl.machine.control.board.halting import Kill
+from printctl.machine.control.board.logbook import Logbook
+from printctl.machine.control.board.progress import JobProgress
+from printctl.machine.control.board.shell import drive
+from printctl.machine.control.board.steps import Steps
+from printctl.machine.control.board.wiring import Wiring
 from printctl.machine.control.events import PrintEvents
-from printctl.machine.control.firmware import parse_firmware
-from printctl.machine.control.halting import Kill
-from printctl.machine.control.logbook import Logbook
-from printctl.machine.control.progress import JobProgress
+from printctl.machine.control.position.firmware import parse_firmware
 from printctl.machine.control.requests import RequestQueue
-from printctl.machine.control.shell import drive
-from printctl.machine.control.steps import Steps
-from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.job import Job

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
-from printctl.machine.process.launch import detach
+from printctl.machine.process.clients.launch import detach
 from printctl.observe.process import observe
 from printctl.observe.records import LOG_FILE
-from printctl.processes import ignore_signals
+from printctl.processes.alive import ignore_signals
 
 
 def main() -> int:

@@ -13,10 +13,10 @@ from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import runs_files
 from printctl.machine.prints.mounted import refuse_remounted
 from printctl.machine.prints.state import refuse_forgotten
-from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.clients.client import PrintClient, attach
+from printctl.machine.process.clients.starting import resume_print
 from printctl.machine.process.contact import alive
 from printctl.machine.process.outcome import resumable
-from printctl.machine.process.starting import resume_print
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, Status

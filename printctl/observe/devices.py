@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from printctl.errors import PrintctlError
-from printctl.processes import KILL, has_groups, send_signal
+from printctl.processes.alive import KILL, has_groups, send_signal
 from printctl.sources import python_command
 
 # Data class of a camera's or scanner's settings: kind, source, size, time limit; as JSON.

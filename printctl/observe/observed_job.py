@@ -18,12 +18,23 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from kernels.arrays import FloatArray
+from printctl.inspection import (
+    Appearance,
+    Gap,
+    LayerFindings,
+    Lumen,
+    SeeingOptions,
+    annotated,
+    find_better_orientation,
+    see_layer,
+)
+from printctl.inspection.values import LineShapes
 from printctl.machine.job.job import Job, load_job
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal
 from printctl.observe.deciding.evidence import ThinStretch
 from printctl.observe.devices import DeviceError, Place, Region
-from printctl.observe.expected_ink import (
+from printctl.observe.looks.expected_ink import (
     ExpectedInk,
     MendedStretch,
     count_tries,
@@ -34,39 +45,28 @@ from printctl.observe.expected_ink import (
     layer_slab,
     unseen_words,
 )
-from printctl.observe.height_maps import ScanSize, refuse_other_height
-from printctl.observe.look_context import (
+from printctl.observe.looks.height_maps import ScanSize, refuse_other_height
+from printctl.observe.looks.look_context import (
     Look,
     LookContext,
     LookJudgement,
     MendLines,
     unseen_stretches,
 )
-from printctl.observe.look_evidence import (
+from printctl.observe.looks.look_evidence import (
     build_evidence,
     empty_evidence,
     keep_mends_only,
     record_figures,
     stretch_ends,
 )
-from printctl.observe.map_history import MapHistory
+from printctl.observe.looks.map_history import MapHistory
+from printctl.observe.looks.views import Image, frame_holds, image_before, open_view
 from printctl.observe.mending import Gap as MendGap
 from printctl.observe.mending import HeldPrint, Style, Voids, checked_mend
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWING_FILE, STATE_KEY, read_looks
-from printctl.observe.views import Image, frame_holds, image_before, open_view
 from registration.errors import PictureError
-from registration.inspection import (
-    Appearance,
-    Gap,
-    LayerFindings,
-    Lumen,
-    SeeingOptions,
-    annotated,
-    find_better_orientation,
-    see_layer,
-)
-from registration.inspection.values import LineShapes
 
 log = logging.getLogger(__name__)
 MAX_TRIES: Final = 2

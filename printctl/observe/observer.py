@@ -19,13 +19,14 @@ from typing import Any, Final, Protocol
 
 from pydantic import TypeAdapter
 
+from printctl.inspection.values import Gap
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.records.actor import ACTOR
 from printctl.observe.deciding import Decider, Decision, DecisionKind
 from printctl.observe.deciding.evidence import ThinStretch
 from printctl.observe.devices import DeviceError, find_picture
-from printctl.observe.look_context import Look, LookJudgement, MendLines
+from printctl.observe.looks.look_context import Look, LookJudgement, MendLines
 from printctl.observe.records import (
     POSTPONED_KEY,
     STATE_KEY,
@@ -39,7 +40,6 @@ from printctl.observe.records import (
     save_look,
     who_answered,
 )
-from registration.inspection.values import Gap
 
 log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2

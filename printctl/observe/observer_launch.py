@@ -14,11 +14,11 @@ from typing import Final
 from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import Care
+from printctl.machine.process.clients.launch import spawn
 from printctl.machine.process.contact import alive, stays_alive
-from printctl.machine.process.launch import spawn
 from printctl.machine.records.record import RECORD, load_record
 from printctl.observe.records import LOG_FILE, OBSERVER_LOCK, ORDER_FILE, READY_FILE
-from printctl.processes import KILL, is_alive, send_signal
+from printctl.processes.alive import KILL, is_alive, send_signal
 from printctl.sources import python_command
 
 _READY_LIMIT_S: Final = 300.0

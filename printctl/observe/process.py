@@ -18,15 +18,16 @@ from design.files import write_text
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import LinkError, NoLink, Refused
 from printctl.machine.job.job import file_count
-from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.clients.client import PrintClient, attach
 from printctl.machine.process.contact import alive, hold_folder
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import PICTURE_TIME_SHARE, DeviceError, DeviceSettings, acquire
-from printctl.observe.height_maps import read_matrix, try_laser_frame
-from printctl.observe.look_context import Look
+from printctl.observe.looks.height_maps import read_matrix, try_laser_frame
+from printctl.observe.looks.look_context import Look
+from printctl.observe.looks.views import EMPTY_LOOK_NUMBER, camera_frame, open_view
 from printctl.observe.observed_job import ObservedJob
 from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
@@ -36,7 +37,6 @@ from printctl.observe.records import (
     clear_look_folder,
     read_answer,
 )
-from printctl.observe.views import EMPTY_LOOK_NUMBER, camera_frame, open_view
 from printctl.system_errors import explain
 from sim.devices.camera.laser_line import ProfilerField
 from sim.devices.scanner.oct import OctField

@@ -38,13 +38,13 @@ from printctl.corrections.compensation import (
     corrections_of_file,
     load_compensation,
 )
-from printctl.pipeline.heads import Filled, filled_heads, vessel_heads
+from printctl.pipeline.job.heads import Filled, filled_heads, vessel_heads
 from printctl.pipeline.plate_plan import WellDish, varied_ink
 from printctl.pipeline.printability import Printability, embedded_limits, fresh_limits
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
-from printctl.recipe.making import Embedded, FileScan, Fresh, SimulatedScan
+from printctl.recipe.sections.making import Embedded, FileScan, Fresh, SimulatedScan
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest, digest_file
 

@@ -21,8 +21,8 @@ from firmware_profiles.errors import wording
 from printctl.errors import RecipeError
 from printctl.recipe import Recipe
 from printctl.recipe.load import overridden
-from printctl.recipe.plate import PlatePart
-from registration.report.wording import label_and_unit
+from printctl.recipe.sections.plate import PlatePart
+from report.wording import label_and_unit
 
 # Parse names of wells: A1, B1..B3 along a row, A1..C4 for a block.
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.fresh import FreshOptions
 from firmware_profiles import Needle
-from printctl.pipeline.heads import needle_options
-from printctl.recipe.making import Embedded, Fresh
+from printctl.pipeline.job.heads import needle_options
+from printctl.recipe.sections.making import Embedded, Fresh
 
 
 @dataclass(frozen=True)

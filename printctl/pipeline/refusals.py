@@ -28,7 +28,7 @@ from printctl.checks.set_up import Check, PlacedDish, refuse_failed
 from printctl.errors import UsageError
 from printctl.machine.ports.detection import runs_files
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.heads import (
+from printctl.pipeline.job.heads import (
     Filled,
     filled_heads,
     layer_lines_um,
@@ -36,9 +36,9 @@ from printctl.pipeline.heads import (
     vessel_heads,
 )
 from printctl.recipe import Recipe
-from printctl.recipe.growth import GivenNetwork
-from printctl.recipe.making import Embedded, Fresh
-from printctl.recipe.tissue import Annulus, Block, Cylinder
+from printctl.recipe.sections.growth import GivenNetwork
+from printctl.recipe.sections.making import Embedded, Fresh
+from printctl.recipe.sections.tissue import Annulus, Block, Cylinder
 
 # Refuse a recipe with `observe` for a plate, several heads, a valve or no named device.
 

@@ -11,7 +11,7 @@ from printctl.checks.preflight.ink import PrintTime, viability_checks, viability
 from printctl.checks.set_up import Check, shortest_budget
 from printctl.machine.job.job import Job
 from printctl.machine.job.syringes import with_reloads
-from printctl.recipe.making import CarePart
+from printctl.recipe.sections.making import CarePart
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from design.tissue import (
     read_image,
     tissue_from_surface,
 )
-from printctl.recipe.tissue import (
+from printctl.recipe.sections.tissue import (
     Annulus,
     Biventricle,
     Block,

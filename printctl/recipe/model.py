@@ -6,23 +6,6 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Discriminator, Field, ModelWrapValidatorHandler, Tag, model_validator
 
-from printctl.recipe.anatomy import AnatomyPart
-from printctl.recipe.forest import Forest
-from printctl.recipe.growth import (
-    ClosedLoop,
-    GivenNetwork,
-    GrownNetwork,
-    LatticeNetwork,
-    NamedNetwork,
-)
-from printctl.recipe.making import (
-    Fresh,
-    PrinterPart,
-    RegistrationPart,
-    ScanPart,
-    ToolpathPart,
-)
-from printctl.recipe.observe import ObservePart
 from printctl.recipe.parts import (
     FlowPart,
     OxygenPart,
@@ -30,9 +13,26 @@ from printctl.recipe.parts import (
     Seed,
     value_given,
 )
-from printctl.recipe.plate import PlatePart, check_plate
-from printctl.recipe.solid import SolidPart
-from printctl.recipe.tissue import Block, TissuePart
+from printctl.recipe.sections.anatomy import AnatomyPart
+from printctl.recipe.sections.forest import Forest
+from printctl.recipe.sections.growth import (
+    ClosedLoop,
+    GivenNetwork,
+    GrownNetwork,
+    LatticeNetwork,
+    NamedNetwork,
+)
+from printctl.recipe.sections.making import (
+    Fresh,
+    PrinterPart,
+    RegistrationPart,
+    ScanPart,
+    ToolpathPart,
+)
+from printctl.recipe.sections.observe import ObservePart
+from printctl.recipe.sections.plate import PlatePart, check_plate
+from printctl.recipe.sections.solid import SolidPart
+from printctl.recipe.sections.tissue import Block, TissuePart
 
 
 def _network_kind(value: Any) -> str:

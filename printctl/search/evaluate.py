@@ -33,12 +33,13 @@ from printctl.analysis.flow.solve import shear_band
 from printctl.errors import PrintctlError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import input_digests
-from printctl.pipeline.stages import measures, vasculature
+from printctl.pipeline.stages import measures
+from printctl.pipeline.stages.design import vasculature
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.load import recipe_data
-from printctl.recipe.tissue import TissuePart
+from printctl.recipe.sections.tissue import TissuePart
 from printctl.run_folder.artefacts import NETWORK
 from printctl.run_folder.manifest import Manifest, digest_json
 from printctl.search.quantities import QUANTITIES, GrownCandidate, numbers_of

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from printctl.search.quantities import QUANTITIES
 from printctl.search.rank import RankedCandidate, round_to_grain
 from printctl.search.run import SearchResult
-from registration.report.drawing import styled, to_svg
-from registration.report.svg import ACCENT, MUTED
+from report.drawing import styled, to_svg
+from report.svg import ACCENT, MUTED
 
 PANEL_IN: Final = (4.4, 3.5)
 LEAST_IN: Final = 5.6

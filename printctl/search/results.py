@@ -19,9 +19,9 @@ from printctl.search.model import Objective, Range
 from printctl.search.quantities import QUANTITIES
 from printctl.search.rank import RankedCandidate
 from printctl.search.run import SearchResult
-from registration.report.page_frame import render
-from registration.report.svg import inline_figure
-from registration.report.tables import Column, Table, make_table
+from report.page_frame import render
+from report.sections.tables import Column, Table, make_table
+from report.svg import inline_figure
 
 # Make the recipe text (YAML) of a search's candidate, for `printctl run`.
 

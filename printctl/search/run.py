@@ -12,7 +12,7 @@ from typing import Any, Final
 from rich.console import Console
 
 from design.files import write_text
-from printctl.pipeline.lock import run_lock
+from printctl.pipeline.running.lock import run_lock
 from printctl.progress import Report, StageBars
 from printctl.search.candidates import Candidate, CandidateSet, draw_candidates
 from printctl.search.model import SearchFile

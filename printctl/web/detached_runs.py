@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from printctl.pipeline.lock import is_run_active
-from printctl.processes import KILL, is_alive, send_signal
+from printctl.pipeline.running.lock import is_run_active
+from printctl.processes.alive import KILL, is_alive, send_signal
 from printctl.sources import python_command
 
 StageState = Literal["waiting", "running", "done", "failed"]

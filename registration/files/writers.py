@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from design.files import atomic_replacement, write_bytes
 from registration.errors import RegistrationError
 from registration.files.readers.metadata import SCHEMA, describe, metadata_of
-from registration.files.readers.thorlabs import OURS
-from registration.files.readers.tiff import write_scan_tiff
-from registration.files.readers.zarr import is_zarr
+from registration.files.readers.vendors.thorlabs import OURS
+from registration.files.readers.volumes.tiff import write_scan_tiff
+from registration.files.readers.volumes.zarr import is_zarr
 from registration.scan import Scan
 
 # Write a scan as OME-Zarr (NGFF 0.4 on Zarr 2) without a library: one level, zlib chunks.

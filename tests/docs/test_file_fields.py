@@ -14,17 +14,17 @@ import pytest
 
 from firmware_profiles.yaml_file import read_yaml
 from gcode.motion.executed import NO_MOTION
+from printctl.inspection import Blob, Gap, LayerFindings, Stretch
+from printctl.inspection.values import Shift
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.records.states import LinkState
 from printctl.observe.deciding.evidence import UnseenPath
-from printctl.observe.expected_ink import ExpectedInk, MendedStretch
-from printctl.observe.look_evidence import empty_evidence, record_figures, stretch_ends
+from printctl.observe.looks.expected_ink import ExpectedInk, MendedStretch
+from printctl.observe.looks.look_evidence import empty_evidence, record_figures, stretch_ends
 from printctl.observe.records import POSTPONED_KEY, LookRecord
 from registration.devices.camera_frame import Bath
 from registration.devices.lens import write_lens
 from registration.devices.lens.lens import write_model
-from registration.inspection import Blob, Gap, LayerFindings, Stretch
-from registration.inspection.values import Shift
 from sim.devices.camera.laser_line import write_heights
 from sim.devices.scanner.oct import write_live_scan
 from tests.printctl.machine.control.bench import ENDS, JOB, LOOKS, Bench, mend, observe, resume

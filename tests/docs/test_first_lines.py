@@ -15,6 +15,7 @@ PACKAGES = (
     "kernels",
     "printctl",
     "registration",
+    "report",
     "sim",
 )
 MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))

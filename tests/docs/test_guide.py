@@ -39,7 +39,7 @@ def test_architecture_names_every_room():
     page = (DOCS / "architecture.md").read_text(encoding="utf-8")
     rooms = {
         f"{house}/{init.parent.name}/"
-        for house in ("design", "gcode", "printctl", "registration", "sim")
+        for house in ("design", "gcode", "printctl", "registration", "report", "sim")
         for init in (ROOT / house).glob("*/__init__.py")
     }
     assert rooms - set(paths(page)) == set()
@@ -47,7 +47,7 @@ def test_architecture_names_every_room():
 
 # FAQ page: one entry per user-visible error class, and no other.
 
-PACKAGES = ("firmware_profiles", "design", "gcode", "sim", "registration", "printctl")
+PACKAGES = ("firmware_profiles", "design", "gcode", "sim", "registration", "report", "printctl")
 QUESTIONS = "## Questions that aren't errors"
 CLASS = re.compile(r"^ *class (\w+)(?:\[[^:]*\])?\(([^)]*)\):", re.MULTILINE)
 
@@ -91,6 +91,7 @@ PACKAGES_GLOSSARY = (
     "kernels",
     "printctl",
     "registration",
+    "report",
     "sim",
 )
 

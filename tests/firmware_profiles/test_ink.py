@@ -24,7 +24,7 @@ from firmware_profiles import (
     wall_stress_pa,
     yield_pressure_pa,
 )
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from tests.slower import examples
 
 MODELS = ("rounded", "rectangle", "ellipse", 12.5)

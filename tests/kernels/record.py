@@ -31,7 +31,7 @@ from design.errors import GrowthError
 from kernels import ahead
 from kernels.ahead import LIST
 from kernels.folder import PACKAGES
-from printctl.pipeline.run import design_recipe, run_recipe
+from printctl.pipeline.running.run import design_recipe, run_recipe
 from printctl.recipe import parse_recipe
 
 ROOT: Final = Path(__file__).parents[2]
@@ -133,7 +133,7 @@ def flow_in_3d(scratch: Path) -> None:
 
 def mend(scratch: Path) -> None:
     """What takes crossings away from unions: two tetrahedra pushed into one another."""
-    from design.solids.mend import mend_surface
+    from design.solids.repair.mend import mend_surface
 
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])

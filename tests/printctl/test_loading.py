@@ -16,8 +16,8 @@ import pytest
 
 from design.on_demand import exported_names
 from printctl.pipeline.run_options import WHOLE_NAMES
-from printctl.pipeline.sequences import WHOLE
-from printctl.second_process import SecondProcess
+from printctl.pipeline.running.sequences import WHOLE
+from printctl.processes.second import SecondProcess
 
 HEAVY = (
     "cv2",
@@ -51,11 +51,11 @@ ON_DEMAND = (
     "printctl.pipeline.network_sources",
     "printctl.recipe",
     "registration.measuring.gauging",
-    "registration.report.picture",
+    "report.picture",
     "registration.files.readers",
-    "registration.report",
-    "registration.report.gcode",
-    "registration.report.views",
+    "report",
+    "report.gcode",
+    "report.views",
 )
 
 
@@ -82,30 +82,34 @@ def _loaded(steps: tuple[tuple[str, ...], ...]) -> list[set[str]]:
 
 BEGUN = (
     "printctl.machine.process.__main__",
-    "printctl.machine.process.starting",
-    "printctl.web.stop_process",
+    "printctl.machine.process.clients.starting",
+    "printctl.web.serving.stop_process",
     "printctl.pipeline.network_sources",
     "printctl.recipe",
-    "printctl.cli.register",
+    "printctl.cli.judge.register",
     "printctl.web.app",
 )
 """Stations, links, their clients, the stop process, recipes, a command's help, the server."""
 STEPS = (
-    ("printctl.machine.process.client", "printctl.checks.gate", "printctl.cli.running_print"),
+    (
+        "printctl.machine.process.clients.client",
+        "printctl.checks.gate",
+        "printctl.cli.machine.running_print",
+    ),
     BEGUN,
-    ("printctl.cli.run",),
+    ("printctl.cli.design.run",),
 )
 """What all of them together don't load, none of them does."""
 WORK = (
     ("design.solids",),
     ("design.solids; design.solids.lumen_solid",),
-    ("printctl.pipeline.registration_work",),
+    ("printctl.pipeline.judging.registration_work",),
     ("design.hemodynamics.three_d",),
 )
 
 
 def test_a_link_and_the_status_of_a_print_need_no_numpy(loaded_so_far):
-    assert "printctl.cli.running_print" in loaded_so_far[0]
+    assert "printctl.cli.machine.running_print" in loaded_so_far[0]
     assert "numpy" not in loaded_so_far[0]
 
 
@@ -191,7 +195,7 @@ def test_a_call_is_made_in_another_process_and_raises_what_it_raises():
 def test_it_ends_with_the_first_and_lets_go_of_the_output(how: signal.Signals) -> None:
     code = (
         "import os\n"
-        "from printctl.second_process import SecondProcess\n"
+        "from printctl.processes.second import SecondProcess\n"
         "with SecondProcess() as second:\n"
         "    print(second.call('os', 'getpid').result(), flush=True)\n"
         "    second.call('time', 'sleep', 600).result()\n"

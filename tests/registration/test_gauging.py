@@ -28,11 +28,11 @@ from registration.measuring.gauging import (
     with_mouths,
     with_own_levels,
 )
-from registration.measuring.gauging.face_places import FacePlace, ScannedFaces
+from registration.measuring.gauging.openings.face_places import FacePlace, ScannedFaces
 from registration.measuring.gauging.sections import Planes, cut_sections, oval_conductance
 from registration.measuring.gauging.vessels import Oval, ovality, unmeasured_stations
-from registration.report.sections import place_rows
 from registration.segmentation import GelField, Segmentation, Strength
+from report.sections.facts import place_rows
 from tests.design.networks import network, polyline
 from tests.registration.parts import (
     HERE,

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
-from registration.files.readers import common, tiff
+from registration.files.readers import common
 from registration.files.readers.metadata import describe
+from registration.files.readers.volumes import tiff
 from registration.files.writers import write_scan_zarr
 from tests.registration.files.readers.crafted import MODALITY, OCT, counts, scan, thorlabs
 from tests.slower import examples

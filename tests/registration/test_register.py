@@ -29,10 +29,10 @@ from registration.measuring.gauging import Defect, ScannedSurface
 from registration.measuring.judging import Tolerances, VesselLimits, judge
 from registration.measuring.judging.tolerance import symmetric
 from registration.overlay.cut import Shades
-from registration.report.views import Views, add_scan_places, load_views, save_views, take_views
-from registration.report.views.stack import PIXELS
 from registration.segmentation import Segmentation, SegmentationOptions, segment
 from registration.wall_reference import ReferenceScan, WallCalibration, measured_walls
+from report.views import Views, add_scan_places, load_views, save_views, take_views
+from report.views.stack import PIXELS
 from sim.devices.scanner.oct import OctOptions, simulate_oct
 from tests.design.networks import network as network_of
 from tests.design.networks import polyline

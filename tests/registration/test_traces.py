@@ -21,7 +21,6 @@ from registration.measuring.gauging import (
 )
 from registration.measuring.gauging.changes import _defects, _Series
 from registration.measuring.gauging.perfusion import fed_vessels, perfusion
-from registration.measuring.gauging.round_walls import RoundWalls
 from registration.measuring.gauging.sections import (
     RAYS,
     Planes,
@@ -29,7 +28,8 @@ from registration.measuring.gauging.sections import (
     cut_sections,
     partial_noise,
 )
-from registration.measuring.gauging.wall_profile import wall_profile
+from registration.measuring.gauging.walls.round_walls import RoundWalls
+from registration.measuring.gauging.walls.wall_profile import wall_profile
 from registration.segmentation import GelField, Segmentation, Strength, gel_evidence
 from tests.registration.phantom import (
     CHANNEL,

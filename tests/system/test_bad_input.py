@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from printctl.machine.process.client import attach
+from printctl.machine.process.clients.client import attach
 from tests.sim_process import printer_process
 from tests.system.cli import ROOT, called, recipe_file
 

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.stages import toolpath
+from printctl.pipeline.stages.paths import toolpath
 from printctl.progress import StageBars
 from printctl.recipe import load_recipe
 from printctl.run_folder.manifest import Manifest

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from design.network_files.csv_format import write_network_csv
-from printctl.machine.process.client import attach_station
+from printctl.machine.process.clients.client import attach_station
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, serious, shown, until
 from tests.system.forks import FORK, of_fork

@@ -23,7 +23,7 @@ from gcode.dry_run.run import dry_run
 from printctl.checks.preflight import SetUp, file_checks
 from printctl.errors import RecipeError, SafetyError
 from printctl.pipeline.plate_plan import assigned
-from printctl.pipeline.run import toolpath_recipe
+from printctl.pipeline.running.run import toolpath_recipe
 from printctl.recipe import load_recipe, parse_recipe
 from tests.printctl.web.shell.browsers import CHROMIUM
 from tests.system.cli import ROOT, called, printctl

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from printctl.machine.process.socket_server import listen, open_address
-from printctl.processes import KILL, is_alive, send_signal
+from printctl.processes.alive import KILL, is_alive, send_signal
 from sim.devices.serving.serve import ServeError, open_port
 
 ROOT = Path(__file__).parents[2]

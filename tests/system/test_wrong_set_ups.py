@@ -13,8 +13,8 @@ import yaml
 from starlette.testclient import TestClient
 
 from design.network_files.csv_format import write_network_csv
-from printctl.machine.process.client import Station
-from printctl.machine.process.starting import connect
+from printctl.machine.process.clients.client import Station
+from printctl.machine.process.clients.starting import connect
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer
 from tests.printctl.web.job.conftest import shut
 from tests.printctl.web.serving import served

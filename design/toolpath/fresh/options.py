@@ -11,7 +11,7 @@ import numpy as np
 from design.errors import ToolpathError
 from design.solids.solid import Solid
 from design.toolpath.toolpath import check_fields
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 
 DENSEST_GYROID: Final = 0.7
 """A gyroid denser than this would write over itself."""

@@ -16,7 +16,7 @@ from design.geometry import build_triangle_tree, nearest_distance
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Part, Tissue, part_demands, part_numbers, part_tissue, parts_of
 from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
-from design.vasculature.growth.points import share_terminals
+from design.vasculature.growth.kernels.points import share_terminals
 from design.vasculature.growth.root import deep_roots, rooted_at
 from design.vasculature.growth.supply import (
     PartSupply,

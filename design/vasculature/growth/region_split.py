@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from design.tissue import Tissue
-from design.vasculature.growth.cost import Segments
-from design.vasculature.growth.points import share_terminals
+from design.vasculature.growth.kernels.cost import Segments
+from design.vasculature.growth.kernels.points import share_terminals
 from design.vasculature.growth.supply import demand_points
 from kernels.arrays import FloatArray, IntArray
 

@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.tissue import Tissue
-from design.vasculature.growth.checks import (
+from design.vasculature.growth.kernels.checks import (
     allowed_radius,
     limit_joints,
     measure_changed,
     too_wide,
 )
-from design.vasculature.growth.cost import SEGMENT, Segments, drop_marked, refresh
-from design.vasculature.growth.index import REACH, CellIndex, Clearances
-from design.vasculature.growth.kernel import RADII
+from design.vasculature.growth.kernels.cost import SEGMENT, Segments, drop_marked, refresh
+from design.vasculature.growth.kernels.index import REACH, CellIndex, Clearances
+from design.vasculature.growth.kernels.kernel import RADII
 from design.vasculature.growth.region_split import REGIONS, SHARED, Split
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions, Law

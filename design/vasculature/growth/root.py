@@ -18,8 +18,8 @@ from design.errors import (
     TrunkWallError,
 )
 from design.tissue import Tissue
-from design.vasculature.growth.cost import Segments, place, refresh
-from design.vasculature.growth.index import Clearances
+from design.vasculature.growth.kernels.cost import Segments, place, refresh
+from design.vasculature.growth.kernels.index import Clearances
 from design.vasculature.growth.mouths import MOUTHS, face_room, find_mouths
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.tree import VesselTree

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
-from design.vasculature.growth.cost import SEGMENT
+from design.vasculature.growth.kernels.cost import SEGMENT
 from kernels.arrays import FloatArray
 
 

@@ -21,13 +21,13 @@ from design.errors import (
 )
 from design.network import VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.growth.checks import (
+from design.vasculature.growth.kernels.checks import (
     measure_allowed_radii,
     measure_changed,
     prune,
     retip_thin,
 )
-from design.vasculature.growth.cost import (
+from design.vasculature.growth.kernels.cost import (
     SEGMENT,
     TRUNK,
     Segments,
@@ -37,7 +37,7 @@ from design.vasculature.growth.cost import (
     refresh_all,
     settle_radii,
 )
-from design.vasculature.growth.index import (
+from design.vasculature.growth.kernels.index import (
     LISTING,
     RESERVE,
     CellIndex,
@@ -47,7 +47,7 @@ from design.vasculature.growth.index import (
     empty_index,
     index_segments,
 )
-from design.vasculature.growth.kernel import (
+from design.vasculature.growth.kernels.kernel import (
     DONE,
     FULL_INDEX,
     MORE_POINTS,
@@ -61,7 +61,7 @@ from design.vasculature.growth.kernel import (
     first_pair,
     grow,
 )
-from design.vasculature.growth.points import (
+from design.vasculature.growth.kernels.points import (
     MIN_TERMINAL_FLOW,
     SAMPLING,
     GivenPoints,

@@ -9,8 +9,8 @@ import numpy as np
 from design.errors import GrowthError
 from design.network import VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.growth.cost import PLANNED, TRUNK, Segments, refresh_all
-from design.vasculature.growth.points import named_points
+from design.vasculature.growth.kernels.cost import PLANNED, TRUNK, Segments, refresh_all
+from design.vasculature.growth.kernels.points import named_points
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.tree import VesselTree
 from kernels.arrays import BoolArray, FloatArray, IntArray

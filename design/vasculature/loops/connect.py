@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.vasculature.growth.index import CellIndex, empty_index, insert
+from design.vasculature.growth.kernels.index import CellIndex, empty_index, insert
 from design.vasculature.loops.curves import (
     CAPSULE,
     CURVE,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from design.geometry import segment_segment
 from design.tissue.grid import GridArrays, depth_along
-from design.vasculature.growth.index import CellIndex, cell_range
+from design.vasculature.growth.kernels.index import CellIndex, cell_range
 from kernels import jit
 from kernels.arrays import FloatArray
 

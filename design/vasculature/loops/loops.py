@@ -17,7 +17,7 @@ from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.collide import collisions
 from design.vasculature.growth.forest import forest_to_network, joined_networks
-from design.vasculature.growth.index import empty_index
+from design.vasculature.growth.kernels.index import empty_index
 from design.vasculature.loops.connect import (
     PLACES,
     SEARCH,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry.polyline import arc_lengths, places_along
-from design.vasculature.growth.index import CellIndex
+from design.vasculature.growth.kernels.index import CellIndex
 from design.vasculature.loops.curves import (
     CURVE,
     ConnectionLimits,

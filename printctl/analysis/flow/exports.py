@@ -61,7 +61,7 @@ def write_exports(
             write_svmultiphysics,
         )
         from design.hemodynamics.three_d import straighten_edges
-        from printctl.analysis.flow.printed_fidelities import mesh_of
+        from printctl.analysis.flow.printed.printed_fidelities import mesh_of
 
         mesh = straighten_edges(mesh_of(network, space, fillet_ratio))[0]
         write_svmultiphysics(paths["svmultiphysics"], mesh, conditions)

@@ -38,8 +38,8 @@ from printctl.analysis.flow.three_d import (
     write_resolved,
 )
 from printctl.recipe.parts import ComparePart, FlowPart
-from registration.report.flow_figures import comparison_figure
-from registration.report.lumen_figure import pressure_figure, shear_figure, streamline_figure
+from report.figures.flow_figures import comparison_figure
+from report.figures.lumen_figure import pressure_figure, shear_figure, streamline_figure
 
 # Compare 1D or 3D flow with ideal 0D flow (Poiseuille, rigid walls) at the same places.
 #

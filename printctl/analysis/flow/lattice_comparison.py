@@ -14,7 +14,7 @@ from design.network import VesselKind, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray
 from printctl.analysis.flow.tables import write_columns
-from registration.report.flow_figures import spread_figure
+from report.figures.flow_figures import spread_figure
 
 TABLE, PICTURE = "flow_beside.csv", "flow_beside.svg"
 _STILL: Final = 0.1

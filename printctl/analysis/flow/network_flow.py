@@ -15,7 +15,7 @@ from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
 from printctl.analysis.flow.conditions import Driven
 from printctl.analysis.flow.fidelities import Case, solve_fidelities
-from printctl.analysis.flow.printed_fidelities import mesh_of
+from printctl.analysis.flow.printed.printed_fidelities import mesh_of
 from printctl.analysis.flow.ranks import run_on_ranks
 from printctl.analysis.flow.solve import solve_section
 from printctl.analysis.flow.tables import FlowTables

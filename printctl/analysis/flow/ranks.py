@@ -19,7 +19,7 @@ from typing import Final
 from design.errors import DesignError
 from design.hemodynamics.three_d.ranks import RankResult, read_result
 from printctl.errors import PrintctlError, UsageError
-from printctl.processes import KILL, send_signal
+from printctl.processes.alive import KILL, send_signal
 
 # Find a Python with FEniCSx, and the program that starts MPI ranks.
 

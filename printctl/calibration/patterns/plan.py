@@ -10,7 +10,7 @@ import numpy as np
 
 from design.toolpath import MoveBuilder, Toolpath
 from firmware_profiles import Ink
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from firmware_profiles.strict_model import BeadShape
 from kernels.arrays import FloatArray
 

@@ -23,7 +23,7 @@ from printctl.checks.bead.predict import InkPrediction
 from printctl.checks.bead.time_line import write_time_line
 from printctl.checks.bead.vessels import VesselDiameters
 from registration.files.exports import nrrd_header
-from registration.report.play import save_played, write_play_html
+from report.play import save_played, write_play_html
 
 # Table of predicted ink volume and line width by layer, with and without pressure lag.
 

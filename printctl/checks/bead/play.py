@@ -14,8 +14,8 @@ from gcode.deposit.written import written_levels
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.bead.predict import InkPrediction
 from printctl.checks.bead.vessels import VesselDiameters
-from registration.report.gcode import Act
-from registration.report.play import Playback, PlayNote, PlayRows, thin_playback
+from report.gcode import Act
+from report.play import Playback, PlayNote, PlayRows, thin_playback
 
 DROP_UL: Final = 1e-3
 """Less ink in one place while the needle stands is no drop; a nanolitre is 0.12 mm wide."""

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from design.files import write_bytes
 from kernels.arrays import FloatArray
 from printctl.checks.bead.predict import InkPrediction
-from registration.report.drawing import styled
-from registration.report.svg import ACCENT, INK, MUTED, RULE
+from report.drawing import styled
+from report.svg import ACCENT, INK, MUTED, RULE
 
 SIZE_IN: Final = (11.0, 6.6)
 DPI: Final = 120

@@ -8,7 +8,7 @@ import numpy as np
 
 from gcode.program.read_program import Comments
 from kernels.arrays import FloatArray, IntArray
-from registration.report.gcode import Layers
+from report.gcode import Layers
 
 LEVEL_MM: Final = 5e-3
 """Written heights closer than this are one level (two steps of a usual z axis)."""

@@ -10,7 +10,7 @@ from design.solids import Solid
 from design.solids.manifolds import solid_manifold
 from kernels.arrays import FloatArray
 from printctl.checks.lumens import WrittenLines, find_place
-from registration.report.gcode import DesignOutline, GcodeJob, design_outline
+from report.gcode import DesignOutline, GcodeJob, design_outline
 
 Design = tuple[Solid, FloatArray]
 """The part as it is to be written, and where its origin stands in the printer's frame."""

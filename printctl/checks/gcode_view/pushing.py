@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from firmware_profiles import Printer
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from gcode.errors import GcodeError, LineError
 from gcode.heads import refuse_unread
 from gcode.program.gcode import Program, code
@@ -30,7 +30,7 @@ from printctl.checks.gcode_view.line_map import KINDS, LineMap
 from printctl.checks.gcode_view.pushing import Pushing
 from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
-from registration.report.gcode import Act, GcodeJob, Layers
+from report.gcode import Act, GcodeJob, Layers
 
 # Select the rows of a G-code file that move or extrude, with the kind of each.
 

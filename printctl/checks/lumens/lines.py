@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from firmware_profiles import Printer
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from gcode.deposit.written import Strands
 from gcode.dry_run.run import DryRun
 from gcode.heads import as_plunger, flowing

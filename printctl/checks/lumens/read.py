@@ -12,7 +12,7 @@ from design.network import VesselNetwork
 from design.solids import Solid
 from design.solids.manifolds import solid_manifold
 from firmware_profiles import Printer
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from gcode.deposit.written import SMOOTHING_MM, Strands
 from gcode.dry_run.run import DryRun, dry_run
 from gcode.heads import read_with_valve

@@ -1,9 +1,9 @@
 """Predict a job's hardest push; check pressure, plunger force and shear stress on the cells.
 
 No machine of ours reports force or pressure, so this is a prediction: the steady flow of the ink
-through the needle (`firmware_profiles.rheology`), on the plunger the syringe's friction besides
-where it is known; entry losses left out. Newtonian ink with a low-shear viscosity is predicted far
-too stiff; so only measured inks refuse a print.
+through the needle (`firmware_profiles.materials.rheology`), on the plunger the syringe's friction
+besides where it is known; entry losses left out. Newtonian ink with a low-shear viscosity is
+predicted far too stiff; so only measured inks refuse a print.
 """
 
 from __future__ import annotations

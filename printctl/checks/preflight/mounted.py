@@ -21,7 +21,7 @@ from firmware_profiles import (
     shipped,
     supported_diameter_mm,
 )
-from firmware_profiles.materials import BathRole
+from firmware_profiles.materials.inks_and_baths import BathRole
 from gcode.deposit.lay import Style
 from gcode.dry_run.run import DryRun
 from printctl.checks.preflight.firmware import widest_push_check

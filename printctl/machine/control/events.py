@@ -8,8 +8,8 @@ from typing import Any, Final, NoReturn
 
 from firmware_profiles.families import link_protocol as wire
 from gcode.reading import is_motion
-from printctl.machine.control.channel import Channel
-from printctl.machine.control.halting import HALTED_BEFORE
+from printctl.machine.control.board.channel import Channel
+from printctl.machine.control.board.halting import HALTED_BEFORE
 from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.requests import PauseUntil, Request, RequestQueue, ResumeRequest
 from printctl.machine.errors import HandshakeError

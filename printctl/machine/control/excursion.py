@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.machine.control.progress import JobProgress
+from printctl.machine.control.board.progress import JobProgress
 from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.retreat import Retreat, count_from
 from printctl.machine.job.syringes import Filling

@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from printctl.machine.control.channel import Channel
+from printctl.machine.control.board.channel import Channel
+from printctl.machine.control.board.steps import Urgent
 from printctl.machine.control.requests import Request, RequestQueue
-from printctl.machine.control.steps import Urgent
 from printctl.machine.families import link_facts
 from printctl.machine.job.dispensing import shut_valves
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded

@@ -48,8 +48,8 @@ class Care:
     set_up : tuple of str
         Options of `printctl print` that name what is mounted; the rest is printed with them.
     look_after : MarkKind or None
-        The print is held for a look (`printctl.machine.control.looking`) where each layer or vessel
-        ends.
+        The print is held for a look (`printctl.machine.control.printing.looking`) where each layer
+        or vessel ends.
     look_every_mm, look_every_written_s : float; 0 for no
         Also behind so much written way, or time of writing, since the last look, at the first mark
         of any kind or, in layers, end of a line.

@@ -7,8 +7,8 @@ A firmware says ok when it has put a move into its planner. So the last moves ta
 planner and command queue hold, may still be ahead; once it has answered M400, none is.
 
 Run-on: a halted Marlin waits 0.6 s of its processor's own time for its words to get out, and each
-step event meanwhile takes some of that time (`printctl.machine.control.halting`). So with N(t)
-events made until t the motors, at t0 when it halts, stop at t1 with
+step event meanwhile takes some of that time (`printctl.machine.control.board.halting`). So with
+N(t) events made until t the motors, at t0 when it halts, stop at t1 with
 (t1 - t0) - c (N(t1) - N(t0)) = wait.
 """
 

@@ -35,7 +35,7 @@ from itertools import accumulate
 from typing import Any, Final, NamedTuple
 
 from firmware_profiles import Printer
-from printctl.machine.control.halting import UNCONFIRMED
+from printctl.machine.control.board.halting import UNCONFIRMED
 from printctl.machine.errors import HostRefused, HostSilent, JournalError, LinkError, Refused
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import Job

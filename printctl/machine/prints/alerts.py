@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 import yaml
 
-from printctl.machine.control.halting import UNCONFIRMED
+from printctl.machine.control.board.halting import UNCONFIRMED
 from printctl.machine.errors import HandshakeError, PortLost
 from printctl.machine.network.file_print import HOST_ENDED
 from printctl.machine.records.states import LinkState, Status

@@ -12,8 +12,8 @@ from firmware_profiles import Ink, Syringe
 from printctl.errors import PrintctlError, PrinterFailedError, SafetyError
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.prints.words import alarm_words
-from printctl.machine.process.client import PrintClient
-from printctl.machine.process.starting import stop_and_leave
+from printctl.machine.process.clients.client import PrintClient
+from printctl.machine.process.clients.starting import stop_and_leave
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
@@ -92,7 +92,7 @@ def follow(client: PrintClient, report: Report, bars: StageBars, goes_on: bool =
 def interrupted(bars: StageBars) -> Callable[[PrintClient], None]:
     """Return what Ctrl-C does to a print before its first lines: ask, or end it without a terminal.
 
-    For `printctl.machine.process.starting.find_or_start`.
+    For `printctl.machine.process.clients.starting.find_or_start`.
     """
 
     def act(client: PrintClient) -> None:

@@ -9,7 +9,7 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.machine.control.gating import settings_changed_by
 from printctl.machine.errors import JobError, Refused
 from printctl.machine.prints.state import PrintAction, possible_actions
-from printctl.machine.process.client import attach
+from printctl.machine.process.clients.client import attach
 from printctl.machine.process.contact import hold_folder
 from printctl.machine.records.actor import actor
 from printctl.machine.records.folders import remember_folder

@@ -24,7 +24,7 @@ from printctl.machine.errors import Refused
 from printctl.machine.job.job import Job
 from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.ports.detection import SIMULATED
-from printctl.machine.process.client import attach_station
+from printctl.machine.process.clients.client import attach_station
 from printctl.machine.process.contact import STATION_LOCK, alive
 from printctl.machine.records.actor import actor
 from printctl.machine.records.journal import Journal

@@ -16,7 +16,7 @@ from typing import Final
 from firmware_profiles import Printer
 from gcode.reading import code_of, is_motion
 from printctl.checks.made_for import header_lines, read_made_for
-from printctl.machine.control.firmware import mode_lines
+from printctl.machine.control.position.firmware import mode_lines
 from printctl.machine.errors import LinkError
 from printctl.machine.job.coordinates import (
     HOMING,

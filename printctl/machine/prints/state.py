@@ -25,7 +25,7 @@ from printctl.machine.prints.progress import JobTable, Progress, Supply, progres
 from printctl.machine.prints.recovery import NoCheckpoint
 from printctl.machine.prints.recovery_file import planned
 from printctl.machine.prints.words import print_words, progress_words, state_words, tip_words
-from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.clients.client import PrintClient, attach
 from printctl.machine.process.contact import (
     STATION_LOCK,
     STATION_RECORD,

@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from printctl.machine.control.station_status import StationState
+from printctl.machine.control.idle.station_status import StationState
 from printctl.machine.errors import LinkError
+from printctl.machine.process.clients.launch import detach
 from printctl.machine.process.contact import STATION_LOG
-from printctl.machine.process.launch import detach
 from printctl.machine.process.one_print import serve_print
 from printctl.machine.process.orders import Order
 from printctl.machine.process.plug import Plug

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.machine.control.station_status import StationState, StationStatus
+from printctl.machine.control.idle.station_status import StationState, StationStatus
 from printctl.machine.errors import AlreadyPrinting, PortInUse, Refused
 from printctl.machine.ports.locking import lock
 from printctl.machine.records.folders import data_folder

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from firmware_profiles import Printer, load
 from gcode.user_files import read_gcode_path
-from printctl.machine.control.halting import UNCONFIRMED
+from printctl.machine.control.board.halting import UNCONFIRMED
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.job import Job, load_job
 from printctl.machine.network.file_print import (
@@ -39,7 +39,7 @@ from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.sealing import sign_journal
 from printctl.machine.records.states import LinkState, Status
-from printctl.processes import ignore_signals
+from printctl.processes.alive import ignore_signals
 
 HALT_TRIES: Final = 3
 ASK_S: Final = 2.0

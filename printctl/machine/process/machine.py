@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.checks.gate import Bounds, reach
-from printctl.machine.control.heat import parse_temperatures
-from printctl.machine.control.idle_commands import IdleCommands
-from printctl.machine.control.known_state import Knowledge
-from printctl.machine.control.standby import Standby
-from printctl.machine.control.station_status import Place, StationState, StationStatus
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.board.heat import parse_temperatures
+from printctl.machine.control.idle.idle_commands import IdleCommands
+from printctl.machine.control.idle.known_state import Knowledge
+from printctl.machine.control.idle.standby import Standby
+from printctl.machine.control.idle.station_status import Place, StationState, StationStatus
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import JournalError, NoLink, PortLost, Refused
 from printctl.machine.process.contact import save_station
 from printctl.machine.process.plug import Plug
@@ -44,7 +44,7 @@ from printctl.machine.records.journal import Journal
 from printctl.machine.records.mounting import Mounting, as_kept, save_mounting
 from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import Status
-from printctl.processes import ignore_signals
+from printctl.processes.alive import ignore_signals
 
 DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})
 """States in which the printer can't be spoken to."""

@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import Printer, ProfileError, load
-from printctl.machine.control.connecting import protocol_for
-from printctl.machine.control.known_state import Knowledge
-from printctl.machine.control.looking import refuse_park
-from printctl.machine.control.station_status import StationState
-from printctl.machine.control.streamer import Streamer
-from printctl.machine.control.wiring import Wiring
+from printctl.machine.control.board.connecting import protocol_for
+from printctl.machine.control.board.wiring import Wiring
+from printctl.machine.control.idle.known_state import Knowledge
+from printctl.machine.control.idle.station_status import StationState
+from printctl.machine.control.printing.looking import refuse_park
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import JournalError, LinkError, NoLink
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.job import Job, load_job

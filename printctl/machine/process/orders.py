@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from firmware_profiles import Printer
 from gcode.reading import code_of
-from printctl.machine.control.station_status import Place
+from printctl.machine.control.idle.station_status import Place
 from printctl.machine.errors import Refused
 from printctl.machine.families import link_facts
 from printctl.machine.job.care import Care

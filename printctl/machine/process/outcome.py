@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
-from printctl.machine.control.halting import UNCONFIRMED
+from printctl.machine.control.board.halting import UNCONFIRMED
 from printctl.machine.errors import JournalError, LinkError, Refused
 from printctl.machine.families import link_facts
 from printctl.machine.job.job import Job

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
-from printctl.machine.control.station_status import Place
+from printctl.machine.control.idle.station_status import Place
 from printctl.machine.errors import PortError, PortLost
 from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.ports.transport import Transport, locate, open_port

@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import ProfileError
-from printctl.machine.control.connecting import protocol_for
-from printctl.machine.control.idle_commands import AXES, IdleCommands
-from printctl.machine.control.known_state import Knowledge
-from printctl.machine.control.place import MOVED
-from printctl.machine.control.standby import Standby
-from printctl.machine.control.station_status import Place, StationState, StationStatus
-from printctl.machine.control.wiring import Wiring
+from printctl.machine.control.board.connecting import protocol_for
+from printctl.machine.control.board.wiring import Wiring
+from printctl.machine.control.idle.idle_commands import AXES, IdleCommands
+from printctl.machine.control.idle.known_state import Knowledge
+from printctl.machine.control.idle.standby import Standby
+from printctl.machine.control.idle.station_status import Place, StationState, StationStatus
+from printctl.machine.control.position.place import MOVED
 from printctl.machine.errors import HandshakeError, LinkError, NoLink, PortLost, Refused
 from printctl.machine.families import refuse_unsent
 from printctl.machine.ports.clock import RealClock

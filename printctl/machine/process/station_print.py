@@ -9,8 +9,8 @@ from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
 from gcode.motion.executed import ExecutedMotion
-from printctl.machine.control.station_status import Place, StationState
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.idle.station_status import Place, StationState
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import BY_NAME, LinkError, Refused
 from printctl.machine.job.job import Job, load_job
 from printctl.machine.process.machine import Machine, Request

@@ -21,7 +21,7 @@ from enum import Enum, StrEnum, auto
 from typing import Any, Final
 
 from printctl.machine.control.look_book import LookDecision, LookRequest
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import Refused
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.marks import MarkKind

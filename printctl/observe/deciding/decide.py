@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from printctl.inspection.values import Gap
 from printctl.observe.deciding.decision import (
     Costs,
     Decision,
@@ -32,7 +33,6 @@ from printctl.observe.deciding.decision_text import (
 )
 from printctl.observe.deciding.evidence import Evidence, ThinStretch
 from printctl.observe.deciding.flow_control import FlowControl, normal_part
-from registration.inspection.values import Gap
 
 _P_LOST_STEPS: Final = 1e-3
 """Chance that a layer lies beside its place, before a look."""

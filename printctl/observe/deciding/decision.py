@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal
 
+from printctl.inspection.values import Gap
 from printctl.observe.deciding.evidence import ThinStretch
 from printctl.observe.deciding.flow_control import FlowLimits
-from registration.inspection.values import Gap
 
 # Select gaps that are significant in one or two pictures (Bonferroni) at a false-repair rate.
 #

@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from printctl.inspection.options import IN_PART
+from printctl.inspection.values import Blob, Gap
 from printctl.observe.deciding.decision import Limits
 from printctl.observe.deciding.evidence import Evidence, MapCheck
 from printctl.observe.deciding.flow_control import FlowControl
-from registration.inspection.options import IN_PART
-from registration.inspection.values import Blob, Gap
 
 _MAX_LISTED: Final = 3
 """Stretches or blobs that are listed by place."""

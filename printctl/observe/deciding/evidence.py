@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
+from printctl.inspection.values import Blob, Gap
 from printctl.observe.deciding.flow_control import FlowBlocks
-from registration.inspection.values import Blob, Gap
 
 BARE_INK_SHARE: Final = 0.5
 """Share of ink below which a place counts as bare."""

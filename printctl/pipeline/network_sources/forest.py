@@ -25,7 +25,7 @@ from design.vasculature.growth.territories import Surroundings
 from design.vasculature.growth.trunk import trunk_of
 from printctl.pipeline.network_sources.loops import loops_report, rebalanced
 from printctl.pipeline.network_sources.options import growth_options, loop_options
-from printctl.recipe.forest import Forest, GrownTrees, TreePart
+from printctl.recipe.sections.forest import Forest, GrownTrees, TreePart
 
 if TYPE_CHECKING:
     from printctl.pipeline.context import RunContext

@@ -25,7 +25,7 @@ from design.vasculature.clipping import CutEnd, clip_ends
 from kernels.arrays import FloatArray
 from printctl.checks.lumens import list_names
 from printctl.errors import RecipeError
-from printctl.recipe.growth import GivenNetwork, LatticeNetwork
+from printctl.recipe.sections.growth import GivenNetwork, LatticeNetwork
 
 if TYPE_CHECKING:
     from printctl.pipeline.context import RunContext

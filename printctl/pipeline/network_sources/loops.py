@@ -19,7 +19,7 @@ from design.vasculature import (
     terminals_of,
 )
 from printctl.pipeline.network_sources.options import growth_options, loop_options
-from printctl.recipe.growth import ClosedLoop
+from printctl.recipe.sections.growth import ClosedLoop
 
 if TYPE_CHECKING:
     from printctl.pipeline.context import RunContext

@@ -13,8 +13,8 @@ from design.units import PA_PER_MMHG
 from design.vasculature import DepthPenalty, GrowthOptions, GrowthStage, LoopOptions
 from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
-from printctl.recipe.forest import Forest
-from printctl.recipe.growth import ClosedLoop, GrownNetwork, Growth, PenaltyPart, StagePart
+from printctl.recipe.sections.forest import Forest
+from printctl.recipe.sections.growth import ClosedLoop, GrownNetwork, Growth, PenaltyPart, StagePart
 
 
 def growth_options(part: Growth, seed: int, recipe_folder: Path = Path()) -> GrowthOptions:

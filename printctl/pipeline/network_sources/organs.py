@@ -5,20 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.curves import curved_network
-from design.anatomy.heart import HeartAnatomy, grow_heart
-from design.anatomy.kidney import KidneyAnatomy, grow_kidney
-from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, uneven_notes
+from design.anatomy.organs.cortex import CortexAnatomy, grow_cortex
+from design.anatomy.organs.heart import HeartAnatomy, grow_heart
+from design.anatomy.organs.kidney import KidneyAnatomy, grow_kidney
+from design.anatomy.organs.liver import LiverAnatomy, grow_liver
 from design.network import VesselNetwork
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
 from design.vasculature import GrowthOptions, check_supply, terminals_of
 from printctl.errors import RecipeError
 from printctl.pipeline.network_sources.options import growth_options
-from printctl.recipe.anatomy import AnatomyPart
-from printctl.recipe.growth import GrownNetwork
+from printctl.recipe.sections.anatomy import AnatomyPart
+from printctl.recipe.sections.growth import GrownNetwork
 
 if TYPE_CHECKING:
     from printctl.pipeline.context import RunContext

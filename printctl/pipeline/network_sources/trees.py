@@ -24,7 +24,7 @@ from design.vasculature.growth.tree import grow_tree
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from printctl.pipeline.network_sources.options import growth_options, read_trunk
-from printctl.recipe.growth import GrownNetwork
+from printctl.recipe.sections.growth import GrownNetwork
 
 if TYPE_CHECKING:
     from printctl.pipeline.context import RunContext

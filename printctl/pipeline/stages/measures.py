@@ -12,7 +12,7 @@ from design.measures import MeasureOptions, measure_network, measures_dict
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
-from printctl.recipe.growth import Growth
+from printctl.recipe.sections.growth import Growth
 from printctl.run_folder.artefacts import NETWORK, SURFACE
 
 MEASURES = "measures.json"

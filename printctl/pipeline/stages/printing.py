@@ -19,10 +19,10 @@ from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import SIMULATED, named_port
 from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
 from printctl.machine.prints.mounted import left_check, refuse_unknown, with_mounted
-from printctl.machine.process.client import PrintClient
+from printctl.machine.process.clients.client import PrintClient
+from printctl.machine.process.clients.starting import find_or_start, finished, stop_and_leave
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import is_complete_record, simulated_printer
-from printctl.machine.process.starting import find_or_start, finished, stop_and_leave
 from printctl.machine.records.mounting import load_mounting
 from printctl.machine.records.replay import grown_in
 from printctl.observe.observer_launch import (
@@ -42,7 +42,7 @@ from printctl.pipeline.observing import (
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe import Recipe
-from printctl.recipe.making import Embedded, SimulatedScan
+from printctl.recipe.sections.making import Embedded, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, JOURNAL_FOLDER
 from printctl.run_folder.manifest import digest_file
 

@@ -15,14 +15,14 @@ from design.solids import Solid
 from kernels.ahead import wait_for_late
 from kernels.arrays import FloatArray
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.measurement_record import Corrections, add_record
+from printctl.pipeline.judging.measurement_record import Corrections, add_record
+from printctl.pipeline.judging.tracing import Job, by_layer, made_by, read_job
+from printctl.pipeline.judging.written_in_scan import WRITTEN, save_written, written_places
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
-from printctl.pipeline.tracing import Job, by_layer, made_by, read_job
-from printctl.pipeline.written_in_scan import WRITTEN, save_written, written_places
 from printctl.progress import Report
-from printctl.recipe.making import FileScan, Fresh, SimulatedScan
-from printctl.recipe.record import RecordPart
+from printctl.recipe.sections.making import FileScan, Fresh, SimulatedScan
+from printctl.recipe.sections.record import RecordPart
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, NUMBERS, SOLID
 from printctl.run_folder.registration_files import (
     AS_CORDS,
@@ -38,8 +38,8 @@ from registration import RegistrationOptions, RegistrationReport, register_scan,
 from registration.devices.optics import is_resampled
 from registration.measuring.geometry import check_designed, read_datums
 from registration.measuring.judging import judge
-from registration.report.views import add_scan_places, save_views, take_views
 from registration.result import SIGN
+from report.views import add_scan_places, save_views, take_views
 
 # Compute a registration's pose error against the simulated scanner's true pose.
 

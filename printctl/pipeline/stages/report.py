@@ -20,21 +20,21 @@ from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.observe.records import read_looks
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.layer_pictures import layer_pictures
-from printctl.pipeline.look_pictures import look_pictures
+from printctl.pipeline.job.layer_pictures import layer_pictures
+from printctl.pipeline.judging.look_pictures import look_pictures
+from printctl.pipeline.judging.verdict import verdict
+from printctl.pipeline.judging.written_in_scan import WRITTEN, looks_and_scan
+from printctl.pipeline.prepared.written_layers import outlined_design, pushing_of
 from printctl.pipeline.stages.collect import collect
-from printctl.pipeline.verdict import verdict
-from printctl.pipeline.written_in_scan import WRITTEN, looks_and_scan
-from printctl.pipeline.written_layers import outlined_design, pushing_of
 from printctl.run_folder.artefacts import GCODE, HTML, JOURNAL_FOLDER, JSON, PDF
 from printctl.run_folder.manifest import digest_file
 from printctl.run_folder.registration_files import DEVIATION, VIEWS, load_deviation
-from registration.report import ReportSurface, write_report_html
-from registration.report.deviation_surfaces import split_surfaces
-from registration.report.flow_figures import wave_figure
-from registration.report.play import load_played, play_section
-from registration.report.print_page import print_page
-from registration.report.views import load_views
+from report import ReportSurface, write_report_html
+from report.deviation_surfaces import split_surfaces
+from report.figures.flow_figures import wave_figure
+from report.play import load_played, play_section
+from report.print_page import print_page
+from report.views import load_views
 
 
 def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:

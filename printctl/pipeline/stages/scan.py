@@ -31,10 +31,10 @@ from printctl.pipeline.simulated_scan import (
     usual_voxel_um,
 )
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
+from printctl.pipeline.stages.paths.predicting import compensates, predicted_of_motion
 from printctl.pipeline.stages.printing import EXECUTED, printed_text
 from printctl.progress import Report
-from printctl.recipe.defects import (
+from printctl.recipe.sections.defects import (
     BulgePart,
     DefectPart,
     LeakPart,
@@ -42,7 +42,7 @@ from printctl.recipe.defects import (
     OcclusionPart,
     StenosisPart,
 )
-from printctl.recipe.making import FileScan, SimulatedScan
+from printctl.recipe.sections.making import FileScan, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.run_folder.manifest import digest_file, of_simulator
 from registration import Scan, ScanOverrides, read_scan

@@ -18,12 +18,12 @@ from design.files import write_bytes, write_text
 from design.geometry.surface import START_BYTES, TRIANGLE
 from firmware_profiles import ProfileError, load
 from firmware_profiles.load import FOLDERS
-from printctl.pipeline.lock import is_run_active
 from printctl.pipeline.run_options import TOOLPATH_NAMES
+from printctl.pipeline.running.lock import is_run_active
 from printctl.recipe import Recipe
-from printctl.recipe.anatomy import INLETS
 from printctl.recipe.load import STARTER, sentence
 from printctl.recipe.schema import KeyPath, Schema, fields_of, user_path
+from printctl.recipe.sections.anatomy import INLETS
 from printctl.run_folder.manifest import digest_bytes
 from printctl.web.design.recipe_text import differences, read_text, with_values
 from printctl.web.design.run_views import tissue_page

@@ -18,20 +18,20 @@ from printctl.analysis.networks import Drive, load_source
 from printctl.checks.gcode_view import read_job, read_line_map
 from printctl.errors import UsageError
 from printctl.failures import message_and_code
+from printctl.pipeline.prepared.written_layers import pushing_of, remembered, run_outlines
 from printctl.pipeline.tissue_source import make_tissue
-from printctl.pipeline.written_layers import pushing_of, remembered, run_outlines
 from printctl.recipe.load import refusal
 from printctl.recipe.schema import user_path
-from printctl.recipe.tissue import TissuePart
+from printctl.recipe.sections.tissue import TissuePart
 from printctl.run_folder.artefacts import GCODE, OXYGEN
 from printctl.web.design.recipe_text import read_text
 from printctl.web.design.run_views import LUMENS
 from printctl.web.worker import lower_priority
-from registration.report import NetworkPage, ReportSurface, write_network_html, write_places_html
-from registration.report.gcode import GcodePage, write_gcode_html
-from registration.report.gcode.colouring import PLAIN, colourings
-from registration.report.picture import Quantity, quantities
-from registration.report.picture.quantity import magnitude, signed
+from report import NetworkPage, ReportSurface, write_network_html, write_places_html
+from report.gcode import GcodePage, write_gcode_html
+from report.gcode.colouring import PLAIN, colourings
+from report.picture import Quantity, quantities
+from report.picture.quantity import magnitude, signed
 
 
 def write_network(run: Path, path: Path) -> None:

@@ -14,7 +14,7 @@ from starlette.responses import FileResponse
 
 from design.files import write_text
 from printctl.machine.errors import LinkError
-from printctl.machine.process.client import attach
+from printctl.machine.process.clients.client import attach
 from printctl.machine.records.record import REHEARSAL
 from printctl.machine.records.states import ENDED
 from printctl.pipeline.run_options import TOOLPATH_NAMES, names_until

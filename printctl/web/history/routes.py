@@ -16,7 +16,7 @@ from printctl.history.query import MOST, PAGE, HistoryQuery, SortBy
 from printctl.history.repeat import Difference, make_job, plan_repeat
 from printctl.history.table import csv_lines, day_begins, day_ends
 from printctl.machine.records.lab_key import lab_key
-from printctl.pipeline.evidence import PHOTOS, evidence
+from printctl.pipeline.past.evidence import PHOTOS, evidence
 from printctl.web.errors import BadRequestError, NotFoundError
 from printctl.web.history.service import (
     PICTURES,

@@ -29,8 +29,8 @@ from printctl.machine.records.lab_key import (
     signing_missing,
 )
 from printctl.machine.records.record import JOURNAL
-from printctl.pipeline.evidence import PHOTOS, evidence
-from printctl.pipeline.past_print import PrintEntry
+from printctl.pipeline.past.evidence import PHOTOS, evidence
+from printctl.pipeline.past.past_print import PrintEntry
 from printctl.run_folder.artefacts import GCODE
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError

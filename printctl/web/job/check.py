@@ -23,11 +23,11 @@ from printctl.checks.preflight.shaft import file_shaft
 from printctl.errors import UsageError
 from printctl.failures import message_and_code
 from printctl.machine.job.job import parse_job
-from printctl.pipeline.job_table import make_table
+from printctl.pipeline.job.job_table import make_table
 from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import lower_priority
-from registration.report.gcode import GcodeJob
+from report.gcode import GcodeJob
 
 
 def check_job(gcode: Path, set_up: JobSetUp, table_file: Path) -> dict[str, Any]:

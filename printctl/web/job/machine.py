@@ -14,7 +14,7 @@ from firmware_profiles import Dish, load
 from printctl.checks.gate import RIM_MARGIN_MM, STEP_DOWN_MM
 from printctl.checks.set_up import NONE
 from printctl.errors import SafetyError
-from printctl.machine.control.station_status import (
+from printctl.machine.control.idle.station_status import (
     NO_PRINTER,
     StationState,
     StationStatus,
@@ -22,7 +22,7 @@ from printctl.machine.control.station_status import (
 )
 from printctl.machine.errors import NoLink
 from printctl.machine.ports.detection import SIMULATED
-from printctl.machine.process.client import PrintClient, Station, attach_station
+from printctl.machine.process.clients.client import PrintClient, Station, attach_station
 from printctl.machine.process.orders import Order
 from printctl.web.errors import ConflictError
 from printctl.web.job.set_up import JobSetUp, Place

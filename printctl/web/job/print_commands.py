@@ -14,7 +14,7 @@ from firmware_profiles import Syringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.give_up import give_up
 from printctl.machine.prints.recovery_file import planned, write_rest
-from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.clients.client import PrintClient, attach
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.continue_print import (
     awaits_observer,

@@ -22,7 +22,7 @@ from printctl.machine.prints.state import (
     read_print,
     supply_of,
 )
-from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.clients.client import PrintClient, attach
 from printctl.machine.process.contact import STATION_RECORD, alive
 from printctl.machine.process.simulated import was_simulated
 from printctl.machine.records.record import JOURNAL, RECORD, load_record

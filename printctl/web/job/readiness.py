@@ -10,7 +10,7 @@ from typing import Final, Literal
 from firmware_profiles import Printer, load
 from printctl.checks.made_for import MadeFor
 from printctl.checks.set_up import NONE, Check
-from printctl.machine.control.station_status import StationState
+from printctl.machine.control.idle.station_status import StationState
 from printctl.machine.prints.mounted import is_confirmed
 from printctl.machine.process.orders import ASIDE_MM
 from printctl.web.job.aftercare import checklist

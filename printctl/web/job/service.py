@@ -15,15 +15,15 @@ from firmware_profiles import Printer, ProfileError, Syringe, load
 from printctl.checks.made_for import record_of
 from printctl.checks.set_up import NONE, SetUp, of_each
 from printctl.errors import PrintctlError, SafetyError
-from printctl.machine.control.station_status import NO_PRINTER
+from printctl.machine.control.idle.station_status import NO_PRINTER
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.prints.follow import retreat_for
 from printctl.machine.prints.mends import MendStrokes, mend_strokes
 from printctl.machine.prints.mounted import keep_confirmed
+from printctl.machine.process.clients.starting import running
 from printctl.machine.process.orders import Order
-from printctl.machine.process.starting import running
 from printctl.machine.records.record import load_record
 from printctl.machine.records.replay import grown_in
 from printctl.observe.observer_launch import end_idle_observer, start_observer

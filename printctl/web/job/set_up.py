@@ -18,8 +18,8 @@ from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import load_job
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.process.orders import homing_line
-from printctl.recipe.making import CarePart
 from printctl.recipe.model import Recipe
+from printctl.recipe.sections.making import CarePart
 from printctl.run_folder.manifest import Manifest
 from printctl.web.profile_store import PARTS
 from printctl.web.workspace import Workspace

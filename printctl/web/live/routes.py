@@ -31,7 +31,7 @@ _NOT_AT_ONCE: Final = ("flat_painter.js",)
 @cache
 def static_files() -> dict[str, tuple[bytes, str, str]]:
     """Return data, tag (which changes with the data) and media type of each file, by name."""
-    report = Path(__file__).parents[3] / "registration" / "report"
+    report = Path(__file__).parents[3] / "report"
     paths = {path.name: path for path in sorted(_STATIC.iterdir()) if path.suffix in _TYPES}
     paths |= {name: report / "viewer" / name for name in _VIEWER}
     paths["three.js"] = report / "vendor" / "three.module.min.js"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.gcode_view import LineMap, Reading, read_with_program
 from printctl.web.live.source import JobSource
-from registration.report.gcode import Act
+from report.gcode import Act
 
 NONE: Final = 65_535
 """Vessel of a move that is of none."""

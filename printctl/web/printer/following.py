@@ -11,9 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.machine.control.station_status import StationState, StationStatus
+from printctl.machine.control.idle.station_status import StationState, StationStatus
 from printctl.machine.errors import LinkError
-from printctl.machine.process.client import Station, attach_station
+from printctl.machine.process.clients.client import Station, attach_station
 
 APART_S: Final = 0.25
 LOOK_AGAIN_S: Final = 2.0

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from firmware_profiles import Printer
-from printctl.machine.control.station_status import NO_PRINTER, StationStatus
+from printctl.machine.control.idle.station_status import NO_PRINTER, StationStatus
 from printctl.machine.ports.detection import AUTO
-from printctl.machine.process.client import Station
-from printctl.machine.process.starting import connect
+from printctl.machine.process.clients.client import Station
+from printctl.machine.process.clients.starting import connect
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError

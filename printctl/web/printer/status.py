@@ -8,8 +8,8 @@ from functools import lru_cache
 from typing import Final
 
 from firmware_profiles import Dish, Ink, Printer, ProfileError, Syringe, load
-from printctl.machine.control.idle_commands import UNNAMED_UL_S
-from printctl.machine.control.station_status import StationState, StationStatus, unknown_values
+from printctl.machine.control.idle.idle_commands import UNNAMED_UL_S
+from printctl.machine.control.idle.station_status import StationState, StationStatus, unknown_values
 from printctl.machine.records.mounting import MountedParts
 from printctl.web.errors import ConflictError
 from printctl.web.profile_store import PARTS, ProfileStore

@@ -119,7 +119,7 @@ def _sketched(
     from rich.console import Console
 
     from printctl.pipeline.context import RunContext
-    from printctl.pipeline.stages.vasculature import make_network, summarise
+    from printctl.pipeline.stages.design.vasculature import make_network, summarise
     from printctl.progress import StageBars
     from printctl.recipe import Recipe
     from printctl.run_folder.manifest import Manifest
@@ -153,8 +153,8 @@ def _sketched(
 
 def _outline(tissue: Any) -> dict[str, list[float]]:
     """Return the tissue's surface in few triangles: vertices, mm, and faces, both flat."""
-    from registration.report.simplify import simplify
-    from registration.report.surface import ReportSurface
+    from report.simplify import simplify
+    from report.surface import ReportSurface
 
     surface = simplify(ReportSurface("tissue", tissue.surface), OUTLINE_FACES).surface
     return {

@@ -29,7 +29,7 @@ from registration.errors import ScanFileError
 from registration.files.readers import ScanOverrides
 from registration.files.readers.metadata import NAMES, find_sidecar
 from registration.files.readers.read import recognise
-from registration.files.readers.tiff import has_slices, read_tiff_folder
+from registration.files.readers.volumes.tiff import has_slices, read_tiff_folder
 
 # Refuse an uploaded scan file that would unpack too large: zip, gzip, NIfTI, gzipped NRRD.
 #

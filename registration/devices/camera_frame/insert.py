@@ -14,8 +14,8 @@ from PIL import Image, ImageDraw
 from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import atomic_replacement, write_text
+from design.solids.files.write import write_stl
 from design.solids.solid import Solid
-from design.solids.write import write_stl
 from firmware_profiles.plates import Dish
 from kernels.arrays import FloatArray
 from registration.devices.lens.lens import read_model

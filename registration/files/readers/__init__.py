@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from registration.files.readers.metadata import ScanOverrides
     from registration.files.readers.mosaic import is_mosaic, listed_files, read_mosaic
     from registration.files.readers.read import read_scan
-    from registration.files.readers.tiff import write_scan_tiff
+    from registration.files.readers.volumes.tiff import write_scan_tiff
 
 __all__ = [
     "ScanOverrides",

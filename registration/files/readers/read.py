@@ -9,21 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from registration.errors import ScanFileError
-from registration.files.readers import (
-    bioptigen,
-    dicom,
-    hdf5,
-    heidelberg,
-    matlab,
-    metaimage,
-    nifti,
-    npz,
-    nrrd,
-    raw,
-    thorlabs,
-    tiff,
-    zarr,
-)
 from registration.files.readers.common import FileVolume
 from registration.files.readers.metadata import (
     RAW_KEYS,
@@ -31,6 +16,19 @@ from registration.files.readers.metadata import (
     build_scan,
     find_sidecar,
     sidecar,
+)
+from registration.files.readers.vendors import bioptigen, heidelberg, thorlabs
+from registration.files.readers.volumes import (
+    dicom,
+    hdf5,
+    matlab,
+    metaimage,
+    nifti,
+    npz,
+    nrrd,
+    raw,
+    tiff,
+    zarr,
 )
 from registration.scan import Scan
 

@@ -23,15 +23,8 @@ if TYPE_CHECKING:
         hausdorff_p95_um,
         summarise,
     )
-    from registration.measuring.gauging.gel_like import (
-        ContrastGauge,
-        liquid_level,
-        withdraw_sections,
-        without_gel_like,
-    )
     from registration.measuring.gauging.junctions import find_junction_changes
-    from registration.measuring.gauging.mouths import with_mouths
-    from registration.measuring.gauging.own_levels import with_own_levels
+    from registration.measuring.gauging.openings.mouths import with_mouths
     from registration.measuring.gauging.perfusion import (
         MeasuredLumen,
         Perfusion,
@@ -49,7 +42,14 @@ if TYPE_CHECKING:
         gauge_vessels,
         without_resistance,
     )
-    from registration.measuring.gauging.wall_profile import with_told_walls
+    from registration.measuring.gauging.walls.gel_like import (
+        ContrastGauge,
+        liquid_level,
+        withdraw_sections,
+        without_gel_like,
+    )
+    from registration.measuring.gauging.walls.own_levels import with_own_levels
+    from registration.measuring.gauging.walls.wall_profile import with_told_walls
 
 __all__ = [
     "TOLERANCES_UM",

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from gcode.deposit.lay import Laid
 from gcode.errors import SimError
 from kernels.arrays import BoolArray, FloatArray

@@ -30,7 +30,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from gcode.deposit.lay import Laid
 from gcode.deposit.written import Strands
 from gcode.errors import SimError

@@ -64,7 +64,8 @@ class InkLook(FileSection):
     relief : float
         How much ridges are lit and shaded, of 1.
     bead : shape or float
-        Section of lines in a layer, as an ink's profile says it (`firmware_profiles.bead`).
+        Section of lines in a layer, as an ink's profile says it
+        (`firmware_profiles.materials.bead`).
     """
 
     colour: Colour = (225, 222, 214)

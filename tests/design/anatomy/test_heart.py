@@ -9,10 +9,10 @@ import pytest
 
 from design.anatomy.fit import Clearance, check_trunks, push_apart
 from design.anatomy.from_trunks import clear_trunks
-from design.anatomy.heart import HeartAnatomy, grow_heart
-from design.anatomy.heart_places import _across_rims, find_heart_places
 from design.anatomy.openness import sample_surface
 from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, trunk_ends
+from design.anatomy.organs.heart import HeartAnatomy, grow_heart
+from design.anatomy.organs.heart_places import _across_rims, find_heart_places
 from design.anatomy.trunk_lines import TrunkLines, lines_of
 from design.errors import (
     LEAST_TERMINALS,
@@ -80,7 +80,7 @@ def test_forks_too_narrow_for_their_radii_lose_no_branch(monkeypatch):
         planned.append(lines_of(*given))
         return planned[-1]
 
-    monkeypatch.setattr("design.anatomy.heart.lines_of", lines_kept)
+    monkeypatch.setattr("design.anatomy.organs.heart.lines_of", lines_kept)
     crowded = replace(HEART, pressure_drop_pa=970.0, seed=3)
     made = grow_heart(kept_tissue(biventricle(30.0)), crowded, HeartAnatomy(trunk_ends=40))
     lines = planned[0]
@@ -191,7 +191,7 @@ def test_a_heart_raises_a_drop_of_its_own_choice_until_trunks_fit(monkeypatch):
         tree = replace(trunk(WIDE_PA), pressure_drop_pa=options.pressure_drop_pa)
         return AnatomicTrees((tree,), (), (), ("found",))
 
-    monkeypatch.setattr("design.anatomy.heart._grow", grow)
+    monkeypatch.setattr("design.anatomy.organs.heart._grow", grow)
     made = grow_heart(heart_tissue(), HEART, HeartAnatomy(published_radii=True))
     assert drops == pytest.approx([1100.0, 1650.0, 2475.0])
     assert re.match(r"pressure_drop_mmhg .*18\.6 instead of 8\.25", made.notes[1])

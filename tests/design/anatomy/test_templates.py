@@ -8,13 +8,13 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.curves import curved_network
-from design.anatomy.heart import HeartAnatomy, grow_heart
-from design.anatomy.kidney import KidneyAnatomy, find_kidney_places, grow_kidney
-from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.openness import sample_surface
 from design.anatomy.organ import AnatomicTrees, Survey
+from design.anatomy.organs.cortex import CortexAnatomy, grow_cortex
+from design.anatomy.organs.heart import HeartAnatomy, grow_heart
+from design.anatomy.organs.kidney import KidneyAnatomy, find_kidney_places, grow_kidney
+from design.anatomy.organs.liver import LiverAnatomy, grow_liver
 from design.anatomy.trunk_lines import outward
 from design.errors import GrowthError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow

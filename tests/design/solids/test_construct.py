@@ -36,13 +36,13 @@ from design.solids import (
     with_text,
     write_step,
 )
-from design.solids.check import check_made
 from design.solids.dimensions import Kind
+from design.solids.files.check import check_made
+from design.solids.files.step import MAX_PIECES, step_pieces
 from design.solids.local_subtract import subtract_near
 from design.solids.manifolds import solid_manifold
 from design.solids.ports import depths
 from design.solids.snap import solid_from_manifold
-from design.solids.step import MAX_PIECES, step_pieces
 from design.tissue.grid import enclosed
 from tests.design.solids.networks import channels, ladder, lattice, vessel
 
@@ -310,7 +310,7 @@ def test_pieces_are_frusta_and_balls_each_touching_one_before_it() -> None:
 
 
 def test_what_is_too_large_and_a_missing_extra_are_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("design.solids.step.load_occ", lambda: None)
+    monkeypatch.setattr("design.solids.files.step.load_occ", lambda: None)
     with pytest.raises(SolidError, match=f"more than the {MAX_PIECES}"):
         write_step(tmp_path / "a.step", lattice(6, 2.0, 0.3))
     monkeypatch.undo()
@@ -341,7 +341,9 @@ def test_forks_loops_and_curves_have_the_triangles_volume(tmp_path: Path) -> Non
 
 def test_a_union_that_lost_a_part_is_refused(tmp_path, monkeypatch):
     _occ()
-    monkeypatch.setattr("design.solids.step.step_pieces", lambda network: step_pieces(network)[:-2])
+    monkeypatch.setattr(
+        "design.solids.files.step.step_pieces", lambda network: step_pieces(network)[:-2]
+    )
     with pytest.raises(SolidError, match="it lost a part"):
         write_step(tmp_path / "a.step", FORK)
     assert not (tmp_path / "a.step").exists()

@@ -28,7 +28,7 @@ from design.solids import (
     write_solid_vtp,
     write_stl,
 )
-from design.solids.read import load_mesh
+from design.solids.files.read import load_mesh
 from design.tissue import SizeLimits, load_tissue
 from tests.design.solids.networks import ladder
 

@@ -15,8 +15,8 @@ from design.solids import (
     surface_genus,
 )
 from design.solids import lumen as lumen_module
-from design.solids.lumen_axes import found_lumens, unfollowed_ways
-from design.solids.mend import mend_surface
+from design.solids.axes.lumen_axes import found_lumens, unfollowed_ways
+from design.solids.repair.mend import mend_surface
 from design.solids.topology import corner_fans, is_closed
 from tests.design.solids.networks import channels
 from tests.registration.parts import lumens, solid

@@ -16,8 +16,8 @@ from design.vasculature import (
     tree_from_topology,
     tree_radii,
 )
-from design.vasculature.growth.checks import prune
-from design.vasculature.growth.cost import (
+from design.vasculature.growth.kernels.checks import prune
+from design.vasculature.growth.kernels.cost import (
     SEGMENT,
     NewTerminal,
     best_place,
@@ -27,7 +27,7 @@ from design.vasculature.growth.cost import (
     split_value,
     spread_down,
 )
-from design.vasculature.growth.kernel import trial
+from design.vasculature.growth.kernels.kernel import trial
 from design.vasculature.growth.territories import Surroundings
 from design.vasculature.growth.tree import TreeGrowth
 from design.vasculature.options import Law

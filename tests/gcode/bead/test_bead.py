@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Bath, Ink, Needle, Printer, load, yield_pressure_pa
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from gcode.bead.flow import Nozzle, Pieces, advance_of, cut, nozzle_flow, nozzle_of
 from gcode.bead.predict import crevice, drag, laid_bead, predict_bead, settling, swell
 from gcode.deposit.lay import deposit_of_laid

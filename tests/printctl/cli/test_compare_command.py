@@ -17,10 +17,10 @@ from printctl.errors import UsageError
 from printctl.history import comparing
 from printctl.machine.records.journal import encode
 from printctl.machine.records.record import JOURNAL
-from printctl.pipeline.registration_work import read_design
+from printctl.pipeline.judging.registration_work import read_design
 from printctl.run_folder.artefacts import JOURNAL_FOLDER, LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest
-from registration.report import print_page
+from report import print_page
 from tests.printctl.cli.shell import Shell
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.printctl.web.shell.browsers import CHROMIUM

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from firmware_profiles import Printer, load, profile_doubts
-from printctl.cli.new_profile import AIR, PLUNGER, QUESTIONS, Sheet
+from printctl.cli.machine.new_profile import AIR, PLUNGER, QUESTIONS, Sheet
 from tests.printctl.cli.shell import Shell
 
 FAMILIES = ["klipper", "marlin", "prusa", "reprapfirmware"]

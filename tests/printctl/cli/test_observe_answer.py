@@ -2,7 +2,7 @@
 
 import pytest
 
-from printctl.cli.running_print import answer, looks, status
+from printctl.cli.machine.running_print import answer, looks, status
 from printctl.errors import UsageError
 from printctl.observe.records import look_folder, read_answer
 from printctl.web.workspace import Workspace
@@ -47,7 +47,7 @@ def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsy
 def test_of_a_look_whose_observer_is_gone_it_is_said_how_to_have_another(
     tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr("printctl.cli.running_print.alive", lambda *_: False)
+    monkeypatch.setattr("printctl.cli.machine.running_print.alive", lambda *_: False)
     workspace = Workspace(tmp_path).make()
     with print_held_for_a_look(workspace):
         looks(workspace.print_folder(JOB))

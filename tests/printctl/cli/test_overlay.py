@@ -28,7 +28,7 @@ from design.network_files.csv_format import write_network_csv
 from design.solids import write_stl
 from firmware_profiles import Ink, Syringe, load
 from kernels.arrays import FloatArray
-from printctl.pipeline.written_layers import read_written
+from printctl.pipeline.prepared.written_layers import read_written
 from printctl.recipe import parse_recipe
 from registration import ScanOverrides, write_scan_tiff
 from registration.corrected import corrected_scan

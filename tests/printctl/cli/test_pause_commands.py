@@ -18,10 +18,9 @@ from benchmarks.checkers.dish_camera import photograph
 from firmware_profiles import Printer, load
 from gcode.dry_run.run import dry_run
 from printctl.calibration.patterns import Pattern, PatternSetUp, WrittenPattern, read_pattern
-from printctl.cli import print_job, running_print
-from printctl.cli.main import app
-from printctl.cli.running_print import confirm_presence as alive
-from printctl.cli.running_print import (
+from printctl.cli.machine import print_job, running_print
+from printctl.cli.machine.running_print import confirm_presence as alive
+from printctl.cli.machine.running_print import (
     kill,
     pause,
     recover,
@@ -30,11 +29,12 @@ from printctl.cli.running_print import (
     status,
     stop,
 )
+from printctl.cli.main import app
 from printctl.errors import PrintctlError, SafetyError, UsageError
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care
-from printctl.machine.process.client import PrintClient
-from printctl.machine.process.starting import start_print
+from printctl.machine.process.clients.client import PrintClient
+from printctl.machine.process.clients.starting import start_print
 from printctl.machine.records.states import LinkState, Status
 from registration.devices.camera_frame import read_frame, write_insert
 from registration.devices.lens import write_lens
@@ -161,7 +161,7 @@ def test_print_is_ended_from_another_terminal(tmp_path, profile, capsys, end, st
 
 
 def test_a_stop_that_takes_long_says_that_it_is_asked_for(tmp_path, profile, capsys, monkeypatch):
-    monkeypatch.setattr("printctl.cli.running_print.STOP_S", 0.1)
+    monkeypatch.setattr("printctl.cli.machine.running_print.STOP_S", 0.1)
     with pty_printer(FakeMarlin(), hold_at=40) as served:
         client = begun(tmp_path, profile, served.name)
         assert served.held.wait(10)

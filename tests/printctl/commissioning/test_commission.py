@@ -18,7 +18,7 @@ from firmware_profiles import Ink, Printer, load
 from printctl.commissioning.state import Commission
 from printctl.commissioning.steps import KEYS
 from printctl.machine.errors import LinkError
-from printctl.machine.process.client import attach_station
+from printctl.machine.process.clients.client import attach_station
 from printctl.machine.process.contact import usual_folder
 from printctl.machine.records.mounting import load_mounting
 from printctl.recipe import load_recipe

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from printctl.inspection.values import Gap
 from printctl.machine.errors import Refused
 from printctl.observe.deciding import (
     Decider,
@@ -18,10 +19,9 @@ from printctl.observe.deciding import (
     SupplyState,
 )
 from printctl.observe.devices import DeviceError
-from printctl.observe.look_context import Look, LookJudgement, MendLines
+from printctl.observe.looks.look_context import Look, LookJudgement, MendLines
 from printctl.observe.observer import Observer
 from printctl.observe.records import answer_look
-from registration.inspection.values import Gap
 
 GAP = Gap(2, 0.0, 1.0, (0.0, 0.0), (1.0, 0.0), 0.01, 1e-12)
 LOOK = Look(1, 100, 100, 0, "end of layer 0")

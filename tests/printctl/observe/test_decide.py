@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from printctl.inspection.values import Blob, Gap
 from printctl.observe.deciding import (
     Costs,
     Decider,
@@ -18,7 +19,6 @@ from printctl.observe.deciding import (
 )
 from printctl.observe.deciding.evidence import MapCheck, NarrowedLumen, ThinStretch, UnseenPath
 from printctl.observe.observer import restore, state_of
-from registration.inspection.values import Blob, Gap
 from tests.printctl.observe.observer_bench import GAP, LOOK, Bench, decided, evidence, flow
 
 GO_ON, PAUSE, MEND, FLOW = (

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Ink, load
+from printctl.inspection import Stations, Stretch
+from printctl.inspection.values import Gap
 from printctl.observe.deciding import (
     FlowBlocks,
     FlowControl,
@@ -15,13 +17,11 @@ from printctl.observe.deciding import (
     judge_supply,
 )
 from printctl.observe.deciding.evidence import ThinStretch, confirm_thin
-from printctl.observe.expected_ink import ExpectedInk
-from printctl.observe.look_evidence import (
+from printctl.observe.looks.expected_ink import ExpectedInk
+from printctl.observe.looks.look_evidence import (
     _flow_blocks,
     thin_lines,
 )
-from registration.inspection import Stations, Stretch
-from registration.inspection.values import Gap
 
 HEIGHT, WIDTH = 0.1, 0.25
 

@@ -12,11 +12,19 @@ import cv2
 import numpy as np
 import pytest
 
+from printctl.inspection import (
+    Appearance,
+    Gap,
+    LayerFindings,
+    Stations,
+    Unseen,
+    see_layer,
+)
 from printctl.machine.job.job import Insert, parse_job
 from printctl.machine.job.marks import Marks
 from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.devices import DeviceError
-from printctl.observe.expected_ink import (
+from printctl.observe.looks.expected_ink import (
     MendedStretch,
     count_tries,
     expected_ink,
@@ -26,20 +34,12 @@ from printctl.observe.expected_ink import (
     layer_slab,
     unseen_words,
 )
-from printctl.observe.look_context import LookContext, unseen_stretches
-from printctl.observe.look_evidence import build_evidence, keep_mends_only
+from printctl.observe.looks.look_context import LookContext, unseen_stretches
+from printctl.observe.looks.look_evidence import build_evidence, keep_mends_only
+from printctl.observe.looks.views import frame_holds
 from printctl.observe.mending import Gap as MendGap
 from printctl.observe.mending import HeldPrint, plan_mend
 from printctl.observe.observed_job import InspectionState, ObservedJob, _keep_mended_gaps
-from printctl.observe.views import frame_holds
-from registration.inspection import (
-    Appearance,
-    Gap,
-    LayerFindings,
-    Stations,
-    Unseen,
-    see_layer,
-)
 from tests.printctl.observe.mending.small_jobs import (
     INK,
     NEEDLE,

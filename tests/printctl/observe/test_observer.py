@@ -15,7 +15,7 @@ from printctl.observe import process
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.deciding.evidence import ThinStretch
 from printctl.observe.devices import DeviceSettings
-from printctl.observe.look_context import Look
+from printctl.observe.looks.look_context import Look
 from printctl.observe.observer import Observer
 from printctl.observe.process import follow
 from printctl.observe.records import (

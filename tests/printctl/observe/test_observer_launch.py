@@ -22,12 +22,14 @@ from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
 from printctl.machine.process.contact import alive, hold_folder
 from printctl.machine.records.record import RECORD
-from printctl.observe import observer_launch, views
-from printctl.observe import views as camera_holds
+from printctl.observe import observer_launch
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceError, DeviceSettings, acquire, find_picture, list_files
-from printctl.observe.height_maps import read_matrix
-from printctl.observe.look_context import Look
+from printctl.observe.looks import views
+from printctl.observe.looks import views as camera_holds
+from printctl.observe.looks.height_maps import read_matrix
+from printctl.observe.looks.look_context import Look
+from printctl.observe.looks.views import EMPTY_LOOK_NUMBER, image_before, picture_before
 from printctl.observe.order import ObserverOrder
 from printctl.observe.process import try_device
 from printctl.observe.records import (
@@ -38,8 +40,7 @@ from printctl.observe.records import (
     look_folder,
     save_look,
 )
-from printctl.observe.views import EMPTY_LOOK_NUMBER, image_before, picture_before
-from printctl.processes import is_alive
+from printctl.processes.alive import is_alive
 from registration.devices.camera_frame.frame import CameraFrame
 from tests.waiting import wait_for
 

@@ -14,23 +14,23 @@ import yaml
 from benchmarks.checkers.profiler_painter import profiled
 from benchmarks.observe.laser import expected
 from printctl.errors import UsageError
+from printctl.inspection import ExpectedLines, HeightFrame
 from printctl.observe.deciding.evidence import MapCheck
 from printctl.observe.devices import DeviceError
-from printctl.observe.height_maps import (
+from printctl.observe.looks.height_maps import (
     ScanSize,
     read_profiler_frame,
     refuse_elsewhere,
     refuse_other_height,
     try_laser_frame,
 )
-from printctl.observe.map_history import MapHistory
+from printctl.observe.looks.map_history import MapHistory
+from printctl.observe.looks.views import View, open_view
 from printctl.observe.observed_job import InspectionState
-from printctl.observe.views import View, open_view
 from registration.devices.lens.lens import write_model as write_frame_laser_sweep
 from registration.devices.lens.lens import write_model as write_laser
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
-from registration.inspection import ExpectedLines, HeightFrame
 from registration.scan import Scan
 from tests.printctl.cli.test_pause_commands import observe
 from tests.registration.devices.camera_frame import scene

@@ -26,14 +26,14 @@ from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.machine.job.marks import MarkKind
 from printctl.observe.records import ORDER_FILE
 from printctl.pipeline import observing
-from printctl.pipeline.heads import layer_lines_um, vessel_heads
+from printctl.pipeline.job.heads import layer_lines_um, vessel_heads
 from printctl.pipeline.network_sources.given import outside_note
 from printctl.pipeline.observing import look_care, unlooked_words
 from printctl.pipeline.refusals import refuse_unobservable
-from printctl.pipeline.run import design_recipe, toolpath_recipe
+from printctl.pipeline.running.run import design_recipe, toolpath_recipe
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe import Recipe, parse_recipe
-from printctl.recipe.making import Fresh, HeadPart
+from printctl.recipe.sections.making import Fresh, HeadPart
 from printctl.run_folder.artefacts import GCODE
 from tests.printctl.networks import network_recipe, vessels
 

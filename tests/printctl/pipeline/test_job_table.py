@@ -11,7 +11,7 @@ from gcode.dry_run.run import dry_run
 from printctl.checks.gcode_view import Pushing, read_job
 from printctl.checks.preflight import HeadLoading, volumes
 from printctl.machine.prints.progress import JobTable
-from printctl.pipeline.job_table import make_table
+from printctl.pipeline.job.job_table import make_table
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import layered
 

@@ -26,15 +26,15 @@ from printctl.machine.job.job import Insert
 from printctl.machine.records.journal import encode
 from printctl.machine.records.record import JOURNAL
 from printctl.observe.records import LookRecord, look_folder, save_look
-from printctl.pipeline.look_pictures import look_pictures
-from printctl.pipeline.run import toolpath_recipe
-from printctl.pipeline.stages import fidelities
-from printctl.pipeline.stages.flow import work
-from printctl.pipeline.tracing import Job, by_layer, made_by
-from printctl.pipeline.written_in_scan import looks_and_scan, save_written, written_places
+from printctl.pipeline.judging.look_pictures import look_pictures
+from printctl.pipeline.judging.tracing import Job, by_layer, made_by
+from printctl.pipeline.judging.written_in_scan import looks_and_scan, save_written, written_places
+from printctl.pipeline.running.run import toolpath_recipe
+from printctl.pipeline.stages.perfusion import fidelities
+from printctl.pipeline.stages.perfusion.flow import work
 from printctl.recipe import parse_recipe
 from printctl.recipe.parts import FlowPart
-from printctl.recipe.solid import SolidPart
+from printctl.recipe.sections.solid import SolidPart
 from tests.design.hemodynamics.networks import network_of
 from tests.printctl.networks import vessels
 from tests.printctl.pipeline.test_heads import SIZE_MM, TUBE, WHOLE_UL, recipe

@@ -20,19 +20,20 @@ from design.errors import DesignError, ToolpathError
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load, supported_diameter_mm
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from printctl.checks.preflight.mounted import role_checks
 from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.machine.job.care import Care
 from printctl.machine.process.orders import Order
-from printctl.pipeline.heads import Filled
-from printctl.pipeline.lock import is_run_active, run_lock
+from printctl.pipeline.job.heads import Filled
 from printctl.pipeline.printability import embedded_limits
 from printctl.pipeline.refusals import refuse_before
-from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
-from printctl.pipeline.stages import lumens, printing
+from printctl.pipeline.running.lock import is_run_active, run_lock
+from printctl.pipeline.running.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
+from printctl.pipeline.stages import printing
+from printctl.pipeline.stages.paths import lumens
 from printctl.recipe import Recipe, parse_recipe
-from printctl.recipe.making import Embedded, Fresh
+from printctl.recipe.sections.making import Embedded, Fresh
 from registration.errors import ScanFileError
 from sim.errors import ServeError
 from tests.printctl.checks.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube

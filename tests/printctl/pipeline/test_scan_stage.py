@@ -21,16 +21,16 @@ from gcode.motion.executed import ExecutedMotion
 from printctl.errors import UsageError
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import ContactRecord
-from printctl.pipeline.measurement_record import Corrections, add_record
-from printctl.pipeline.past_print import PrintEntry, entry_of
-from printctl.pipeline.plate.results import plate_verdict, well_figures
-from printctl.pipeline.print_scan import StatedPrint, scan_print
+from printctl.pipeline.judging.measurement_record import Corrections, add_record
+from printctl.pipeline.judging.verdict import MOST_REASONS, verdict
+from printctl.pipeline.past.past_print import PrintEntry, entry_of
+from printctl.pipeline.running.plate.results import plate_verdict, well_figures
+from printctl.pipeline.running.print_scan import StatedPrint, scan_print
 from printctl.pipeline.simulated_scan import scan_size_words
 from printctl.pipeline.stages.scan import digest_scan, load_scan, scan_defects
-from printctl.pipeline.verdict import MOST_REASONS, verdict
-from printctl.recipe.making import FileScan, SimulatedScan
-from printctl.recipe.record import RecordPart
 from printctl.recipe.section_files import read_record
+from printctl.recipe.sections.making import FileScan, SimulatedScan
+from printctl.recipe.sections.record import RecordPart
 from registration import read_scan
 from registration.files.writers import write_scan_zarr
 from registration.measuring.judging import Tolerances, VesselLimits, judge, judge_plain

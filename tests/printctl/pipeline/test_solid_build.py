@@ -37,17 +37,17 @@ from printctl.pipeline.plate_plan import (
     scanned_wells,
     standing_plate,
 )
-from printctl.pipeline.run import design_recipe, run_recipe
+from printctl.pipeline.prepared.solid_build import RunSolids, build
 from printctl.pipeline.run_options import RunOptions
-from printctl.pipeline.solid_build import RunSolids, build
-from printctl.pipeline.stages.toolpath import make_region
+from printctl.pipeline.running.run import design_recipe, run_recipe
+from printctl.pipeline.stages.paths.toolpath import make_region
 from printctl.pipeline.tissue_source import make_tissue
-from printctl.recipe.growth import GrownNetwork
 from printctl.recipe.load import parse_recipe
-from printctl.recipe.plate import PlatePart
-from printctl.recipe.regions import RegionPart
-from printctl.recipe.solid import SolidPart
-from printctl.recipe.tissue import TissuePart
+from printctl.recipe.sections.growth import GrownNetwork
+from printctl.recipe.sections.plate import PlatePart
+from printctl.recipe.sections.regions import RegionPart
+from printctl.recipe.sections.solid import SolidPart
+from printctl.recipe.sections.tissue import TissuePart
 from tests.design.solids.networks import channels, ladder
 from tests.printctl.networks import network_recipe, vessels
 

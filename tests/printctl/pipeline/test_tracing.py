@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.pipeline.tracing import read_job
+from printctl.pipeline.judging.tracing import read_job
 
 
 def test_lines_of_a_second_head_are_where_its_tip_writes(tmp_path):

@@ -16,11 +16,11 @@ from printctl.errors import RecipeError, UsageError
 from printctl.pipeline.facts import recipe_facts
 from printctl.pipeline.network_sources.options import growth_options
 from printctl.recipe import Recipe, load, load_recipe, parse_recipe
-from printctl.recipe.growth import GrownNetwork, LatticeNetwork
 from printctl.recipe.load import Change, Step, migrated_text
-from printctl.recipe.making import RegistrationPart
 from printctl.recipe.section_files import tolerances_of
-from printctl.recipe.tissue import CylinderPart, DepthDemandPart, MeshPart
+from printctl.recipe.sections.growth import GrownNetwork, LatticeNetwork
+from printctl.recipe.sections.making import RegistrationPart
+from printctl.recipe.sections.tissue import CylinderPart, DepthDemandPart, MeshPart
 
 ROOT = Path(__file__).parents[3]
 GOOD = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())

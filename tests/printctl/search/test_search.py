@@ -25,8 +25,10 @@ from rich.console import Console
 
 from printctl.errors import PrintctlError, RecipeError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.run_stages import run_stages
-from printctl.pipeline.stages import flow, measures, tissue, vasculature
+from printctl.pipeline.running.run_stages import run_stages
+from printctl.pipeline.stages import measures
+from printctl.pipeline.stages.design import tissue, vasculature
+from printctl.pipeline.stages.perfusion import flow
 from printctl.progress import StageBars
 from printctl.recipe import load_recipe
 from printctl.run_folder.manifest import Manifest

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from printctl.machine.process.client import PrintClient
-from printctl.machine.process.starting import start_print
+from printctl.machine.process.clients.client import PrintClient
+from printctl.machine.process.clients.starting import start_print
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
 from tests.printctl.machine.link.jobs import quick_profile

@@ -14,7 +14,7 @@ from firmware_profiles import Printer, load
 from printctl.commissioning.state import Commission
 from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
-from printctl.machine.process.client import attach_station
+from printctl.machine.process.clients.client import attach_station
 from printctl.web.commissioning import Commissioning, GoOn
 from printctl.web.controls import Principal
 from printctl.web.core import Core

@@ -11,8 +11,8 @@ import uvicorn
 from starlette.types import Receive, Scope, Send
 from uvicorn.server import ServerState
 
-from printctl.web import listening
-from printctl.web.listening import Connections, bind
+from printctl.web.serving import listening
+from printctl.web.serving.listening import Connections, bind
 
 Connect = Callable[[bytes], Coroutine[Any, Any, asyncio.StreamReader]]
 

@@ -24,9 +24,9 @@ import pytest
 from printctl.cli import serve as cli_serve
 from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
-from printctl.machine.process.client import attach_station
-from printctl.web.listening import bind
-from printctl.web.serve import Running, check, refuse_readable
+from printctl.machine.process.clients.client import attach_station
+from printctl.web.serving.listening import bind
+from printctl.web.serving.serve import Running, check, refuse_readable
 from printctl.web.settings import ServeSettings, is_loopback
 from printctl.web.worker import lower_priority, run_at_low_priority
 from printctl.web.workspace import Workspace

@@ -19,7 +19,7 @@ from design.hemodynamics.three_d.meshing.lumen_mesh import (
     quadratic,
     triangle_rule,
 )
-from design.solids.remesh import LabelledSurface, Shape
+from design.solids.repair.remesh import LabelledSurface, Shape
 from kernels.arrays import FloatArray, IntArray
 
 _FACE_EDGES: Final = np.array([[0, 1], [1, 2], [2, 0]])

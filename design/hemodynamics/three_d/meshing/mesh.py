@@ -25,7 +25,7 @@ from design.hemodynamics.three_d.meshing.surface import (
 from design.hemodynamics.three_d.meshing.wall import free_ends, lumen_wall
 from design.network import VesselNetwork
 from design.solids.manifolds import denoised, subtract, to_manifold
-from design.solids.remesh import LabelledSurface, remesh
+from design.solids.repair.remesh import LabelledSurface, remesh
 from kernels.arrays import FloatArray, IntArray
 
 

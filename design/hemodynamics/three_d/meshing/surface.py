@@ -18,7 +18,7 @@ from design.hemodynamics.three_d.meshing.lumen_mesh import WALL, MeshPort
 from design.hemodynamics.three_d.meshing.wall import LumenWall, drop_into_ports, ports_of
 from design.network import VesselNetwork
 from design.solids.lumen import lumen_solid
-from design.solids.remesh import LabelledSurface, remesh
+from design.solids.repair.remesh import LabelledSurface, remesh
 from kernels.arrays import FloatArray, IntArray
 
 

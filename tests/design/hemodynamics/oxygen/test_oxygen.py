@@ -34,7 +34,7 @@ from design.hemodynamics.oxygen.transport import (
 from design.network import VesselNetwork
 from design.tissue import SizeLimits, block
 from kernels.arrays import FloatArray
-from registration.report.oxygen_figures import oxygen_histogram, slice_figure
+from report.figures.oxygen_figures import oxygen_histogram, slice_figure
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.oxygen.krogh import FLOW, compare, tissue_cylinder, vessel
 from tests.design.tissue.kept import kept_tissue

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from design.errors import SolidError
-from design.solids.remesh import LabelledSurface, remesh
+from design.solids.repair.remesh import LabelledSurface, remesh
 from kernels.arrays import FloatArray, IntArray
 
 CUBE = np.array(

@@ -15,16 +15,16 @@ from design.errors import FlowError
 from design.hemodynamics import FlowConditions
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
-from printctl.analysis.flow.as_printed import open_part, printed_lumens
 from printctl.analysis.flow.conditions import Driven, recipe_of
-from printctl.analysis.flow.printed_case import (
+from printctl.analysis.flow.printed.as_printed import open_part, printed_lumens
+from printctl.analysis.flow.printed.printed_case import (
     AS_PRINTED,
     PrintedCase,
     flow_intervals,
     lumen_errors,
     solve_as_printed,
 )
-from printctl.analysis.flow.printed_fidelities import FlowIntervals, lumped
+from printctl.analysis.flow.printed.printed_fidelities import FlowIntervals, lumped
 from printctl.errors import UsageError
 from printctl.pipeline.facts import recipe_facts
 from printctl.recipe import Recipe

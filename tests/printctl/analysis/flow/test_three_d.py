@@ -20,7 +20,7 @@ from design.network import VesselNetwork
 from design.solids import Solid, write_ply
 from design.solids.manifolds import to_manifold
 from kernels.arrays import FloatArray
-from printctl.analysis.flow.scanned import blur_squared, scanned_lumen, set_out
+from printctl.analysis.flow.printed.scanned import blur_squared, scanned_lumen, set_out
 from printctl.recipe.parts import ComparePart, FlowPart, ThreeDPart
 from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight
 from tests.printctl.analysis.flow.test_flow import SINE

@@ -20,7 +20,7 @@ from design.vasculature import planar_four_vessel
 from printctl.analysis.networks import Drive, load_source, read_noted, write_network
 from printctl.cli.main import app
 from printctl.errors import UsageError
-from printctl.pipeline.run import design_recipe
+from printctl.pipeline.running.run import design_recipe
 from printctl.recipe import parse_recipe
 from tests.design.networks import random_network, random_trees
 

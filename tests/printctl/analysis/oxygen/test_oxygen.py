@@ -11,7 +11,7 @@ import pytest
 
 from design.solids import Solid, write_stl
 from design.tissue import block
-from registration.report.page import report_html
+from report.pages.registration import report_html
 from tests.system.cli import called as printctl
 
 FORK = (

@@ -23,7 +23,7 @@ from design.toolpath.gcode import GcodeOptions, save_gcode, stream_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.checks.preflight import written_arrays
 from printctl.cli.main import app
-from tests.registration.report.columns import unpacked_table
+from tests.report.columns import unpacked_table
 
 LAG_S = 0.3
 PLACE = (50.0, 50.0, 50.0)

@@ -11,7 +11,7 @@ from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.checks.gcode_view.read import cross_sections
 from printctl.errors import UsageError
 from printctl.rounding import window_mm
-from registration.report.gcode import Act, layer_sums
+from report.gcode import Act, layer_sums
 
 BORE = 4.61
 AREA = math.pi * BORE**2 / 4

@@ -7,7 +7,7 @@ import pytest
 
 from design.network import VesselNetwork
 from firmware_profiles import Printer, load
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from gcode.dry_run.run import dry_run
 from printctl.checks.lumens import (
     FilamentCheck,

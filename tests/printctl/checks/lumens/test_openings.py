@@ -12,7 +12,7 @@ from manifold3d import CrossSection, Manifold
 
 from design.network import VesselNetwork
 from design.solids import Solid, solid_from_surface
-from firmware_profiles.bead import BeadSection
+from firmware_profiles.materials.bead import BeadSection
 from gcode.deposit.kernels import stadium_span
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens import (

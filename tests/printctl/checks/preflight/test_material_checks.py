@@ -51,7 +51,7 @@ from printctl.checks.preflight import (
 from printctl.checks.preflight.bore import line_checks
 from printctl.checks.preflight.dish import hub_gap, wall_gap
 from printctl.checks.set_up import HeadLoading, ProfileNames, hub_gap_of, set_up, wall_gap_of
-from printctl.recipe.making import CarePart
+from printctl.recipe.sections.making import CarePart
 from tests.printctl.machine.link.two_heads import DATA, QUICK, START, SYRINGES
 
 PRINTER = load(Printer, "generic_marlin")

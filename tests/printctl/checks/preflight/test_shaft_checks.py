@@ -24,8 +24,8 @@ from printctl.checks.preflight.shaft import read_written_arrays
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import SafetyError
 from printctl.machine.records.replay import read_journal
-from printctl.pipeline.run import toolpath_recipe
-from printctl.pipeline.stages import toolpath as stage
+from printctl.pipeline.running.run import toolpath_recipe
+from printctl.pipeline.stages.paths import toolpath as stage
 from printctl.recipe import parse_recipe
 from tests.design.toolpath.random_networks import random_network
 from tests.design.toolpath.shapes import random_tree

@@ -28,7 +28,7 @@ from printctl.corrections.compensation import (
 )
 from printctl.corrections.compensation import corrections_of_file as corrections_of
 from printctl.corrections.feedback import Print
-from printctl.pipeline.run import toolpath_recipe
+from printctl.pipeline.running.run import toolpath_recipe
 from printctl.recipe import parse_recipe
 from printctl.run_folder.artefacts import NUMBERS
 from printctl.run_folder.manifest import Manifest, StageRecord, digest_file

@@ -10,7 +10,7 @@ from firmware_profiles import Printer, load
 from printctl.history.index import PrintHistory
 from printctl.machine.records.journal import Journal, origin
 from printctl.machine.records.sealing import sign_journal
-from printctl.pipeline.past_print import PrintEntry
+from printctl.pipeline.past.past_print import PrintEntry
 
 GCODE = b"G21\nG90\nG1 X1 ; a comment\n"
 

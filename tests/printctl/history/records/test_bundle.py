@@ -27,8 +27,8 @@ from printctl.machine.records.folders import film_file
 from printctl.machine.records.journal import decode, encode
 from printctl.machine.records.lab_key import PRIVATE, KeyTrouble, RecordsError, lab_key
 from printctl.machine.records.sealing import check_journal_file
-from printctl.pipeline.evidence import evidence, keep_earlier
-from printctl.pipeline.past_print import Alarm, entry_of
+from printctl.pipeline.past.evidence import evidence, keep_earlier
+from printctl.pipeline.past.past_print import Alarm, entry_of
 from printctl.run_folder.manifest import digest_file
 from printctl.version import version
 from tests.printctl.history.records.prints import GCODE, printed, with_run

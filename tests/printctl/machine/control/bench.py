@@ -1,8 +1,8 @@
 """Bench: sends events to a print's steps in virtual time, without port, thread or file.
 
-It does what the shell does (`printctl.machine.control.shell`), with a scripted printer for the port
-and a list for the journal. The next event is whatever comes first: the printer's next word, the
-time that the steps wait for, or a request that the test has planned.
+It does what the shell does (`printctl.machine.control.board.shell`), with a scripted printer for
+the port and a list for the journal. The next event is whatever comes first: the printer's next
+word, the time that the steps wait for, or a request that the test has planned.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from types import SimpleNamespace
 from typing import Any
 
 from firmware_profiles import Printer, load
-from printctl.machine.control.connecting import protocol_for
+from printctl.machine.control.board.connecting import protocol_for
+from printctl.machine.control.board.shell import write_down
+from printctl.machine.control.board.steps import Record, Urgent
+from printctl.machine.control.board.wiring import Wiring
 from printctl.machine.control.look_book import LookDecision, LookRequest
-from printctl.machine.control.shell import write_down
-from printctl.machine.control.steps import Record, Urgent
-from printctl.machine.control.streamer import Streamer
-from printctl.machine.control.wiring import Wiring
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import JournalError, PortLost, Refused
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import Job

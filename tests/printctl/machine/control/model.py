@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from printctl.machine.control.look_book import LookDecision, LookRequest
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import Refused
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.job import Job

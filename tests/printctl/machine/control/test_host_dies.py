@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from printctl.machine.control.look_book import LookDecision
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from printctl.machine.control.look_book import LookDecision, LookRequest
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import Refused
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.records.states import LinkState

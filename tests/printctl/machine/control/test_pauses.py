@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import pytest
 
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.control.requests import ResumeRequest
-from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind

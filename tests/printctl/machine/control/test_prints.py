@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from printctl.machine.control.halting import UNCONFIRMED
+from printctl.machine.control.board.halting import UNCONFIRMED
 from printctl.machine.control.look_book import LookDecision, LookRequest
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.job.care import Care
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.control.bench import (

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from printctl.machine.control.shell import POLL_S, drive, write_down
-from printctl.machine.control.steps import Record, Steps, Urgent, Wait, carried_out
-from printctl.machine.control.wiring import Wiring
+from printctl.machine.control.board.shell import POLL_S, drive, write_down
+from printctl.machine.control.board.steps import Record, Steps, Urgent, Wait, carried_out
+from printctl.machine.control.board.wiring import Wiring
 from printctl.machine.errors import PortLost, Refused
 from printctl.machine.ports.clock import VirtualClock
 from tests.printctl.machine.control.bench import PRINTER, MemoryJournal

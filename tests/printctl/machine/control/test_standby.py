@@ -9,18 +9,18 @@ from typing import Any
 
 import pytest
 
-from printctl.machine.control import halting
-from printctl.machine.control.connecting import protocol_for
-from printctl.machine.control.idle_commands import IdleCommands
-from printctl.machine.control.known_state import Knowledge
-from printctl.machine.control.manual_motion import push, travel
-from printctl.machine.control.standby import Standby
-from printctl.machine.control.steps import Steps
-from printctl.machine.control.wiring import Wiring
+from printctl.machine.control.board import halting
+from printctl.machine.control.board.connecting import protocol_for
+from printctl.machine.control.board.steps import Steps
+from printctl.machine.control.board.wiring import Wiring
+from printctl.machine.control.idle.idle_commands import IdleCommands
+from printctl.machine.control.idle.known_state import Knowledge
+from printctl.machine.control.idle.manual_motion import push, travel
+from printctl.machine.control.idle.standby import Standby
 from printctl.machine.errors import LinkError
 from printctl.machine.ports.clock import RealClock, VirtualClock
 from printctl.machine.ports.detection import PortPrograms
-from printctl.machine.process.kill_unlinked import _halt
+from printctl.machine.process.clients.kill_unlinked import _halt
 from printctl.machine.records.states import LinkState, PrintEnded
 from tests.printctl.machine.control.bench import PRINTER, QUIET_S, MemoryJournal
 from tests.printctl.machine.control.scripted_printer import ScriptedPrinter

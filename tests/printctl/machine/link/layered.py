@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.job.care import Care
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.transport import Transport

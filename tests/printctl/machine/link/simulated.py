@@ -13,8 +13,8 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from gcode.dry_run.run import dry_run
 from gcode.motion.executed import ExecutedMotion
-from printctl.machine.control.streamer import Streamer
-from printctl.machine.control.wiring import Wiring
+from printctl.machine.control.board.wiring import Wiring
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import Job
 from printctl.machine.ports.clock import VirtualClock

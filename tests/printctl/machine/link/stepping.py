@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeVar
 
-from printctl.machine.control.steps import Steps
+from printctl.machine.control.board.steps import Steps
 from printctl.machine.ports.clock import VirtualClock
 
 T = TypeVar("T")

@@ -12,8 +12,8 @@ import pytest
 
 from firmware_profiles import Printer, load
 from gcode.motion.executed import ExecutedMotion
-from printctl.machine.control.connecting import protocol_for
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.board.connecting import protocol_for
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.serial_port import SerialTransport
 from printctl.machine.records.states import LinkState, Status

@@ -13,8 +13,8 @@ from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import StrayOk
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from gcode.motion.executed import ExecutedMotion
-from printctl.machine.control.connecting import protocol_for
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.board.connecting import protocol_for
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status

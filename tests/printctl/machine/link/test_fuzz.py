@@ -18,8 +18,8 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.facts import crc16
-from printctl.machine.control.connecting import protocol_for
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.board.connecting import protocol_for
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, zigzag

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from firmware_profiles import Printer, WatchedGauge
 from gcode.dry_run.run import dry_run
 from printctl.checks.preflight.firmware import firmware_checks
-from printctl.cli.running_print import waiting_lines
+from printctl.cli.machine.running_print import waiting_lines
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import read_records

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from printctl.cli.running_print import waiting_lines
-from printctl.machine.control.frame_check import FrameCheck
-from printctl.machine.control.progress import JobProgress
-from printctl.machine.control.steps import Exchange, Steps
+from printctl.cli.machine.running_print import waiting_lines
+from printctl.machine.control.board.progress import JobProgress
+from printctl.machine.control.board.steps import Exchange, Steps
+from printctl.machine.control.position.frame_check import FrameCheck
 from printctl.machine.errors import Refused
 from printctl.machine.job.coordinates import Modal, frame_at
 from printctl.machine.job.insert_check import (

@@ -16,10 +16,10 @@ import pytest
 from firmware_profiles import Printer, load
 from gcode.motion.executed import ExecutedMotion
 from gcode.reading import GcodeLine, read_sent
-from printctl.machine.control.connecting import protocol_for
-from printctl.machine.control.halting import Kill, halting_of
-from printctl.machine.control.progress import JobProgress
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.board.connecting import protocol_for
+from printctl.machine.control.board.halting import Kill, halting_of
+from printctl.machine.control.board.progress import JobProgress
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.job import coordinates
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.coordinates import Modal

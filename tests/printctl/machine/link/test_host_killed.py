@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printctl.cli.running_print import status_lines
+from printctl.cli.machine.running_print import status_lines
 from printctl.machine.errors import LinkError, NoLink, Refused
 from printctl.machine.job.job import Job
 from printctl.machine.job.moves import moves_ahead, surely_moved
@@ -20,13 +20,13 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.recovery import NoCheckpoint, plan_recovery
 from printctl.machine.prints.state import assemble_state
-from printctl.machine.process.client import attach
+from printctl.machine.process.clients.client import attach
 from printctl.machine.process.outcome import read_outcome, resumable
 from printctl.machine.records.journal import Journal, encode
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
-from printctl.pipeline.past_print import entry_of
+from printctl.pipeline.past.past_print import entry_of
 from sim.devices.families.marlin_printer import MarlinPrinter
 from tests.printctl.cli.shell import Shell
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer

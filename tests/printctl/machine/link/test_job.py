@@ -18,8 +18,8 @@ from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families.position_reply import parse_position
 from gcode.dry_run.run import dry_run
 from printctl.checks.preflight.firmware import firmware_checks
-from printctl.machine.control.progress import JobProgress
-from printctl.machine.control.steps import Exchange
+from printctl.machine.control.board.progress import JobProgress
+from printctl.machine.control.board.steps import Exchange
 from printctl.machine.control.watch import DueTask, Watch
 from printctl.machine.errors import JobError, LinkError, Refused
 from printctl.machine.job.care import Care
@@ -35,10 +35,10 @@ from printctl.machine.job.job import Job
 from printctl.machine.job.look_places import Written, look_places
 from printctl.machine.job.marks import Mark, MarkKind, Marks
 from printctl.machine.job.retreat import Retreat, heaters_off
+from printctl.machine.process.clients.starting import find_or_start
 from printctl.machine.process.orders import Order
-from printctl.machine.process.starting import find_or_start
 from printctl.pipeline.stages import printing
-from printctl.recipe.making import FileScan, SimulatedScan
+from printctl.recipe.sections.making import FileScan, SimulatedScan
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.machine.link.jobs import load_job, parse_job

@@ -24,15 +24,15 @@ from firmware_profiles import Printer, load
 from printctl.cli.main import app
 from printctl.history.index import PrintHistory, remember
 from printctl.history.query import HistoryQuery
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import HistoryError, JournalError, LinkError, Refused
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.wire_log import RING_BYTES, LoggedTransport, WireLog
 from printctl.machine.prints.progress import remaining_time
 from printctl.machine.prints.recovery import beginning
 from printctl.machine.process import one_print
+from printctl.machine.process.clients.starting import start_print
 from printctl.machine.process.outcome import resumable
-from printctl.machine.process.starting import start_print
 from printctl.machine.records import folders
 from printctl.machine.records.folders import (
     archive_journal,
@@ -52,7 +52,7 @@ from printctl.machine.records.journal import (
 )
 from printctl.machine.records.replay import JournalledPrint, JournalReader, read_journal, replay
 from printctl.machine.records.states import LinkState, Status
-from printctl.pipeline.past_print import INTERRUPTED, entry_of
+from printctl.pipeline.past.past_print import INTERRUPTED, entry_of
 from sim.devices.families.marlin_printer import MarlinPrinter
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport

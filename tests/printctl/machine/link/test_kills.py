@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from printctl.machine.control import halting
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.board import halting
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import PortLost
 from printctl.machine.job.job import Job
 from printctl.machine.ports.clock import VirtualClock

@@ -29,10 +29,11 @@ from printctl.machine.errors import (
 from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints import follow
-from printctl.machine.process import contact, launch, starting
-from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process import contact
+from printctl.machine.process.clients import launch, starting
+from printctl.machine.process.clients.client import PrintClient, attach
+from printctl.machine.process.clients.starting import resume_print, start_print
 from printctl.machine.process.contact import alive
-from printctl.machine.process.starting import resume_print, start_print
 from printctl.machine.records.actor import ACTOR, this_user
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.lab_key import lab_key
@@ -163,7 +164,7 @@ def test_print_goes_on_when_its_client_is_killed(tmp_path, profile):
     lines = write_job(tmp_path / "job.gcode", 2000)
     script = (
         "import sys; from pathlib import Path\n"
-        "from printctl.machine.process.starting import start_print\n"
+        "from printctl.machine.process.clients.starting import start_print\n"
         f"start_print(Path({str(tmp_path / 'job.gcode')!r}), {profile!r}, sys.argv[1], "
         f"Path({str(tmp_path / 'run')!r}))\n"
         "print('up', flush=True)\n"

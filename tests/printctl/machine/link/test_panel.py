@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.machine.control.factors import LATE_SHARE, _wire_s
-from printctl.machine.control.standstill import MODEL_ERROR
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.board.standstill import MODEL_ERROR
+from printctl.machine.control.printing.factors import LATE_SHARE, _wire_s
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.job.care import Care
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.replay import read_journal
@@ -129,7 +129,9 @@ def test_moves_slower_than_planned_pause_a_print_whose_firmware_tells_no_factor(
     tmp_path, monkeypatch
 ):
     panel = Panel(tmp_path, "marlin", 80, speed_percent=20.0)
-    monkeypatch.setattr("printctl.machine.control.firmware.panel_questions", lambda printer: ())
+    monkeypatch.setattr(
+        "printctl.machine.control.position.firmware.panel_questions", lambda printer: ()
+    )
     status = panel.run()
     assert "the moves took" in panel.pauses[0].message, panel.pauses
     assert "planned to take" in status.message

@@ -27,7 +27,7 @@ from firmware_profiles.families.marlin.replies import Kind, classify, frame
 from firmware_profiles.families.marlin.sender import guard_command
 from firmware_profiles.families.marlin.state import QUESTION, RENUMBER
 from firmware_profiles.families.pairing import Pairing
-from printctl.machine.control.connecting import protocol_for
+from printctl.machine.control.board.connecting import protocol_for
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.states import LinkState

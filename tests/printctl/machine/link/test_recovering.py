@@ -9,7 +9,7 @@ from firmware_profiles import Printer, load
 from gcode.dry_run.run import dry_run
 from gcode.motion.executed import ExecutedMotion
 from printctl.checks.preflight import gcode_checks
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import Care
 from printctl.machine.job.coordinates import Modal

@@ -18,12 +18,12 @@ import pytest
 from firmware_profiles import Printer, load
 from printctl.checks.gate import Bounds, LineOrigin, Phase, PrinterSituation, judge
 from printctl.machine.control.gating import allowed_command
-from printctl.machine.control.known_state import Knowledge
-from printctl.machine.control.station_status import StationState
+from printctl.machine.control.idle.known_state import Knowledge
+from printctl.machine.control.idle.station_status import StationState
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.process.client import PrintClient
+from printctl.machine.process.clients.client import PrintClient
 from printctl.machine.process.machine import Machine
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.socket_server import MAX_CLIENTS, Server, forget, listen

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from gcode.motion.state import Board
-from printctl.machine.control.printing import COUNT_ANSWERS_S
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.printing.printing import COUNT_ANSWERS_S
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
-from printctl.pipeline.past_print import entry_of
+from printctl.pipeline.past.past_print import entry_of
 from sim.devices.families.marlin_printer import MarlinPrinter
 from sim.devices.faults import Fault, PermanentFaults
 from tests.printctl.machine.link.sim_transport import SimTransport

@@ -10,7 +10,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import LinkProtocol
 from printctl.checks.gate.firmware import differences, reported_settings
-from printctl.machine.control.connecting import REST_LIMIT_S, protocol_for
+from printctl.machine.control.board.connecting import REST_LIMIT_S, protocol_for
 from printctl.machine.errors import HandshakeError
 from printctl.machine.job.care import Care
 from printctl.machine.ports.clock import VirtualClock

@@ -13,7 +13,7 @@ from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Syringe, load
 from gcode.dry_run.run import dry_run
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind

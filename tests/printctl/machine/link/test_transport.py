@@ -22,11 +22,11 @@ from typer.testing import CliRunner
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.state import QUESTION
-from printctl.cli import station as ports_command
+from printctl.cli.machine import station as ports_command
 from printctl.cli.main import app
-from printctl.machine.control.shell import drive
-from printctl.machine.control.steps import Record, Steps, Urgent, carried_out
-from printctl.machine.control.wiring import Wiring
+from printctl.machine.control.board.shell import drive
+from printctl.machine.control.board.steps import Record, Steps, Urgent, carried_out
+from printctl.machine.control.board.wiring import Wiring
 from printctl.machine.errors import (
     HandshakeError,
     PortDenied,
@@ -42,7 +42,7 @@ from printctl.machine.ports.detection import AUTO, PortInfo, choose_port, matche
 from printctl.machine.ports.serial_port import SerialTransport, _refusal
 from printctl.machine.ports.transport import Transport, open_port, sweep
 from printctl.machine.ports.wire_log import LoggedTransport, WireLog
-from printctl.machine.process.starting import start_print
+from printctl.machine.process.clients.starting import start_print
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.control.bench import MemoryJournal
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper

@@ -9,8 +9,8 @@ from firmware_profiles.families.marlin.sender import guard_command
 from gcode.dry_run.run import dry_run
 from printctl.checks.gate import LineOrigin, PrinterSituation, Refusal, judge
 from printctl.checks.preflight import gcode_checks
-from printctl.machine.control.halting import halting_of
-from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.board.halting import halting_of
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.dispensing import head_at, is_open, shut
 from printctl.machine.job.marks import MarkKind

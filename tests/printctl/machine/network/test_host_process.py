@@ -23,9 +23,9 @@ from printctl.machine.prints.give_up import give_up
 from printctl.machine.prints.recovery_file import planned
 from printctl.machine.prints.state import PrintAction, read_print, running_print
 from printctl.machine.process import host_print
-from printctl.machine.process.client import attach
+from printctl.machine.process.clients.client import attach
+from printctl.machine.process.clients.starting import connect, find_or_start
 from printctl.machine.process.orders import Order
-from printctl.machine.process.starting import connect, find_or_start
 from printctl.machine.records.record import load_record
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.network.boards import JOB, PROFILE, BoardServer

@@ -32,10 +32,10 @@ from printctl.machine.ports.locking import lock
 from printctl.machine.prints.follow import follow
 from printctl.machine.prints.recovery_file import planned, write_rest
 from printctl.machine.prints.state import PrintTruth, read_print
+from printctl.machine.process.clients.starting import find_or_start, resume_print, running
 from printctl.machine.process.contact import alive, hold_folder
 from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import resumable
-from printctl.machine.process.starting import find_or_start, resume_print, running
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.states import LinkState, Status

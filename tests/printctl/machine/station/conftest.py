@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from printctl.machine.process.client import Station
-from printctl.machine.process.starting import connect
+from printctl.machine.process.clients.client import Station
+from printctl.machine.process.clients.starting import connect
 
 
 @pytest.fixture(scope="module")

@@ -14,17 +14,17 @@ from firmware_profiles.families.link_protocol import LineRefused
 from gcode.motion.state import Board
 from printctl.checks.gate import Bounds, NotAllowed, PrinterSituation, check_heat
 from printctl.checks.gate.firmware import differences
-from printctl.machine.control.heat import Temperature
-from printctl.machine.control.idle_commands import IdleCommands
-from printctl.machine.control.known_state import Knowledge, heat_limits, read_mounted_profiles
-from printctl.machine.control.standby_events import StandbyEvents
-from printctl.machine.control.station_status import StationState
-from printctl.machine.control.steps import Steps
+from printctl.machine.control.board.heat import Temperature
+from printctl.machine.control.board.steps import Steps
+from printctl.machine.control.idle.idle_commands import IdleCommands
+from printctl.machine.control.idle.known_state import Knowledge, heat_limits, read_mounted_profiles
+from printctl.machine.control.idle.standby_events import StandbyEvents
+from printctl.machine.control.idle.station_status import StationState
 from printctl.machine.errors import AlreadyPrinting, HandshakeError, Refused
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.detection import PortPrograms
-from printctl.machine.process.client import attach_station
-from printctl.machine.process.starting import connect
+from printctl.machine.process.clients.client import attach_station
+from printctl.machine.process.clients.starting import connect
 from printctl.machine.records.mounting import MountedParts
 from printctl.machine.records.states import LinkState, PrintEnded
 from sim.devices.families.marlin_printer import MarlinPrinter

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from printctl.machine.errors import PortInUse, Refused
+from printctl.machine.process.clients.starting import connect
 from printctl.machine.process.contact import STATION_RECORD, load_station
-from printctl.machine.process.starting import connect
 from printctl.machine.records.mounting import load_mounting, mounting_file
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
 from tests.printctl.machine.link.jobs import quick_profile

@@ -17,18 +17,18 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.failures import message_and_code
-from printctl.machine.control.known_state import Knowledge
-from printctl.machine.control.station_status import StationState, StationStatus
+from printctl.machine.control.idle.known_state import Knowledge
+from printctl.machine.control.idle.station_status import StationState, StationStatus
 from printctl.machine.errors import LinkError, NoLink, PortLost, Refused
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.process import station as station_module
-from printctl.machine.process.client import Station, attach_station
+from printctl.machine.process.clients.client import Station, attach_station
+from printctl.machine.process.clients.launch import spawn
+from printctl.machine.process.clients.starting import connect
 from printctl.machine.process.contact import STATION_RECORD, load_station
-from printctl.machine.process.launch import spawn
 from printctl.machine.process.machine import Machine, Request
 from printctl.machine.process.orders import Order
 from printctl.machine.process.plug import Plug
-from printctl.machine.process.starting import connect
 from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.machine.control.known_state import Knowledge
-from printctl.machine.control.station_status import (
+from printctl.machine.control.idle.known_state import Knowledge
+from printctl.machine.control.idle.station_status import (
     NO_PRINTER,
     Place,
     StationState,
@@ -34,8 +34,9 @@ from printctl.machine.job.job import load_job
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.process import station as process
-from printctl.machine.process.client import PrintClient, Station, attach_station
-from printctl.machine.process.client import attach as attach_print
+from printctl.machine.process.clients.client import PrintClient, Station, attach_station
+from printctl.machine.process.clients.client import attach as attach_print
+from printctl.machine.process.clients.starting import find_or_start
 from printctl.machine.process.contact import (
     STATION_JOURNAL,
     STATION_RECORD,
@@ -46,7 +47,6 @@ from printctl.machine.process.machine import Machine, Request
 from printctl.machine.process.orders import Order
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.simulated import is_complete_record
-from printctl.machine.process.starting import find_or_start
 from printctl.machine.process.station import serve_station
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.mounting import (

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from printctl.cli.station import _lines
-from printctl.machine.control.heat import Temperature
-from printctl.machine.control.station_status import StationState, StationStatus, unknown_values
+from printctl.cli.machine.station import _lines
+from printctl.machine.control.board.heat import Temperature
+from printctl.machine.control.idle.station_status import StationState, StationStatus, unknown_values
 from printctl.machine.records.mounting import MountedParts
 
 KNOWN = StationStatus(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
-from firmware_profiles.materials import MeasuredLag
+from firmware_profiles.materials.inks_and_baths import MeasuredLag
 from gcode.deposit.lay import deposit
 from gcode.dry_run.run import dry_run
 from printctl.machine.job.insert_check import InsertPlace, JobReach, judged_lines

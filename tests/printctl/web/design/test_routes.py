@@ -10,7 +10,7 @@ from urllib.parse import unquote
 import pytest
 from starlette.testclient import TestClient
 
-from printctl.pipeline.lock import run_lock
+from printctl.pipeline.running.lock import run_lock
 from printctl.run_folder.manifest import Manifest, StageRecord
 from printctl.web.app import build_app
 from printctl.web.core import Core

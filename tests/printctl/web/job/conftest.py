@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from printctl.machine.errors import Refused
-from printctl.machine.process.client import Station
-from printctl.machine.process.starting import connect
+from printctl.machine.process.clients.client import Station
+from printctl.machine.process.clients.starting import connect
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.job.aftercare import checklist

@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 from playwright.sync_api import expect
 
-from printctl.machine.process.client import Station
+from printctl.machine.process.clients.client import Station
+from printctl.machine.process.clients.starting import connect
 from printctl.machine.process.contact import load_station
-from printctl.machine.process.starting import connect
 from printctl.web.core import Core
 from printctl.web.job.service import JobService
 from printctl.web.workspace import Workspace

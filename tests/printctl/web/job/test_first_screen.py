@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
+from printctl.machine.process.clients.starting import connect
 from printctl.machine.process.contact import load_station
-from printctl.machine.process.starting import connect
 from printctl.web.core import Core
 from printctl.web.job.service import JobService
 from printctl.web.settings import ServeSettings

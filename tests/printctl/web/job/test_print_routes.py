@@ -11,7 +11,7 @@ import pytest
 
 from firmware_profiles.load import DATA
 from printctl.machine.prints.state import read_print
-from printctl.machine.process.starting import connect
+from printctl.machine.process.clients.starting import connect
 from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, Status
 from printctl.web.job.prints import PrintFollower, PrintReport

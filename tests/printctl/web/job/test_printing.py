@@ -28,10 +28,10 @@ from printctl.history.query import HistoryQuery
 from printctl.machine.errors import Refused
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.state import PrintAction
-from printctl.machine.process.client import Station
+from printctl.machine.process.clients.client import Station
+from printctl.machine.process.clients.starting import connect
 from printctl.machine.process.contact import load_station
 from printctl.machine.process.simulated import record_for, was_simulated
-from printctl.machine.process.starting import connect
 from printctl.machine.records.folders import read_notes
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record

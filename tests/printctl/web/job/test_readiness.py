@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from printctl.errors import SafetyError
-from printctl.machine.process.client import PrintClient
+from printctl.machine.process.clients.client import PrintClient
 from printctl.machine.process.orders import Order
 from printctl.web.core import Core
 from printctl.web.job.aftercare import checklist

@@ -15,7 +15,7 @@ from printctl.web.live import JobSource, LiveScene, SceneError, make_scene
 from printctl.web.live.routes import SceneMaker, router
 from printctl.web.live.scene import ACT, NONE, VESSEL
 from printctl.web.live.scene_worker import pack_scene, write_scene
-from registration.report.gcode import Act
+from report.gcode import Act
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.web.live import jobs
 from tests.printctl.web.live.jobs import moves_of, read_packed

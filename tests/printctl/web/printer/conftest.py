@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
 from starlette.responses import Response
 
-from printctl.machine.control.station_status import StationState
+from printctl.machine.control.idle.station_status import StationState
 from printctl.web.api import answer_errors
 from printctl.web.controls import Principal
 from printctl.web.core import Core

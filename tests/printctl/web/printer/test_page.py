@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
 
 from printctl.machine.errors import LinkError
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.process.client import attach_station
+from printctl.machine.process.clients.client import attach_station
 from printctl.machine.process.orders import Order
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import WIDE

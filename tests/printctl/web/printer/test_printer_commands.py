@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
-from printctl.machine.control.station_status import StationState, StationStatus
-from printctl.machine.process import starting
-from printctl.machine.process.client import attach_station
-from printctl.machine.process.starting import connect
+from printctl.machine.control.idle.station_status import StationState, StationStatus
+from printctl.machine.process.clients import starting
+from printctl.machine.process.clients.client import attach_station
+from printctl.machine.process.clients.starting import connect
 from printctl.web.printer import following
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.service import PrinterService

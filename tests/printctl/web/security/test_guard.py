@@ -20,7 +20,7 @@ from printctl.web.job.jobs import add_job
 from printctl.web.security import login
 from printctl.web.security.access import LIFETIME_S
 from printctl.web.security.uploads import UPLOADS
-from printctl.web.serve import scrubbed
+from printctl.web.serving.serve import scrubbed
 from tests.printctl.web.serving import PAGE, Served, served, session_cookie
 from tests.slower import first_of
 

@@ -17,8 +17,8 @@ from urllib.request import Request, urlopen
 
 import pytest
 
+from printctl.machine.process.clients.starting import connect
 from printctl.machine.process.contact import load_station
-from printctl.machine.process.starting import connect
 from printctl.recipe.load import STARTER
 from printctl.web.workspace import Workspace
 from tests.printctl.history.records.prints import printed, with_run

@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.machine.control.halting import halting_of
+from printctl.machine.control.board.halting import halting_of
 from printctl.machine.process.socket_server import listen
 from printctl.web.print_sockets import PATIENCE_S, PrintSockets
 from printctl.web.security.access import LIFETIME_S, STOP_GRACE_S, Access, make_access
@@ -310,7 +310,7 @@ def alone(tmp_path: Path) -> Iterator[tuple[Connect, Access]]:
     order = {"root": str(tmp_path), "host": "127.0.0.1", "port": 0, "cert": "", "key": ""}
     with (
         subprocess.Popen(
-            [sys.executable, "-m", "printctl.web.stop_process"],
+            [sys.executable, "-m", "printctl.web.serving.stop_process"],
             cwd=ROOT,
             text=True,
             stdin=subprocess.PIPE,

@@ -96,7 +96,7 @@ SIZED = ScanOverrides(modality="microct", scale="linear", voxel_mm=(0.01, 0.02, 
 @pytest.mark.parametrize(("kind", "white"), [("u1", 255), (">u2", 65535), ("i2", -1)])
 def test_white_is_zero_is_inverted(tmp_path, monkeypatch, kind, white, limit):
     """Of volumes that are read whole, and of such as are too large for it."""
-    monkeypatch.setattr("registration.files.readers.tiff.IN_MEMORY_BYTES", limit)
+    monkeypatch.setattr("registration.files.readers.volumes.tiff.IN_MEMORY_BYTES", limit)
     path, dark = tmp_path / "s.tif", (counts() % 100).astype(kind)
     tifffile.imwrite(path, dark, photometric="miniswhite", metadata=None)
     found = read_scan(path, SIZED)

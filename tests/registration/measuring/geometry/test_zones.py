@@ -12,7 +12,7 @@ from registration.alignment import Fit
 from registration.errors import DatumError
 from registration.measuring.geometry import Characteristic, Scene, read_datums
 from registration.measuring.geometry.lumen import closed_filtered, open_filter
-from registration.report.measurement_tables import frame_lines, zone_table
+from report.sections.measurement_tables import frame_lines, zone_table
 from tests.registration.measuring.geometry.shapes import (
     AS_DESIGNED,
     BLOCK,

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from printctl.pipeline.verdict import verdict
-from printctl.recipe.tolerances import TolerancesPart
+from printctl.pipeline.judging.verdict import verdict
+from printctl.recipe.sections.tolerances import TolerancesPart
 from registration.measuring.judging import (
     DecisionRule,
     Rule,

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from printctl.pipeline.verdict import verdict
+from printctl.pipeline.judging.verdict import verdict
 from registration.measuring.judging import Tolerances, judge
 from tests.registration.measuring.judging.registered import registration, vessel
 

@@ -17,8 +17,8 @@ from gcode.motion.executed import ExecutedMotion
 from gcode.program.gcode import checksum
 from gcode.program.modal import DWELL, MOVE, SYNC
 from gcode.program.valve import CLOSED, OPEN
-from printctl.machine.control.streamer import Streamer
-from printctl.machine.control.wiring import Wiring
+from printctl.machine.control.board.wiring import Wiring
+from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.states import LinkState

@@ -13,9 +13,9 @@ from PIL import Image, ImageDraw
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.process.client import PrintClient
+from printctl.machine.process.clients.client import PrintClient
+from printctl.machine.process.clients.starting import start_print
 from printctl.machine.process.contact import hold_folder
-from printctl.machine.process.starting import start_print
 from printctl.machine.records.states import LinkState
 from printctl.observe.records import OBSERVER_LOCK, LookRecord, look_folder, save_look
 from printctl.web.workspace import Workspace

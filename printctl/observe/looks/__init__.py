@@ -1,0 +1,4 @@
+"""What one inspection knows: ink expected, evidence, heights, views.
+
+Goes in: pictures and the job. Comes out: evidence about lines. Begin with `look_context.py`.
+"""

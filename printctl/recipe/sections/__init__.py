@@ -1,0 +1,4 @@
+"""Sections of a recipe, one a file.
+
+Goes in: YAML. Comes out: checked models. Begin with `making.py`.
+"""
