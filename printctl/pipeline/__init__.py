@@ -1,5 +1,5 @@
 """Run a recipe's stages from tissue to report, skipping those that are up to date.
 
 Goes in: a recipe and a folder. Comes out: a run folder with report.html and report.json. Begin
-with `run.py`.
+with `running/run.py`.
 """

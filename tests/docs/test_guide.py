@@ -24,7 +24,7 @@ DOCS = ROOT / "docs"
 def paths(text: str) -> list[str]:
     """Paths of ours that a page names, such as ``gcode/dry_run/run.py``."""
     roots = "benchmarks|design|docs|docs_tools|examples|firmware_profiles|gcode|kernels|printctl"
-    roots += "|registration|sim|tests"
+    roots += "|registration|report|sim|tests"
     return re.findall(rf"`((?:{roots})/[\w/.]*)`", text)
 
 
