@@ -295,12 +295,12 @@ def test_a_printed_report_says_what_its_page_says(tmp_path: Path) -> None:
     texts = [one.extract_text() for one in reader.pages]
     for k, text in enumerate(texts):
         assert f"{k + 1} / {len(texts)}" in text
-    words = " ".join(" ".join(texts).split())
+    # Where a sign comes from another font than the digits, the reader puts a space between them.
+    words = "".join("".join(texts).split())
     for said in ("planar_fresh", "Pass", "0.99620", "± 0.00047", "not fitted", "−8.50",
-                 "Rotation about z / °", "p-7", "2026-11-20 21:10 UTC"):  # fmt: skip
-        assert said in words, said
-    for digest in ("ff" * 32, "d" * 64):
-        assert digest in words.replace(" ", "")
+                 "Rotation about z / °", "p-7", "2026-11-20 21:10 UTC",
+                 "ff" * 32, "d" * 64):  # fmt: skip
+        assert said.replace(" ", "") in words, said
     # Vessels in three dimensions, drawn without a graphics card.
     assert any(len(one.images) for one in reader.pages)
 
