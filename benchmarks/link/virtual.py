@@ -10,9 +10,9 @@ import numpy as np
 from benchmarks.common import Row, all_of, limited, row, scratch
 from benchmarks.link.files import zigzag
 from benchmarks.link.runs import BreakingTroubles, Ledger, Run, Wire, run
-from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
+from firmware_profiles.families.timing import Timing
 from printctl.machine.ports.clock import VirtualClock
 
 VIRTUAL = {"clock": "virtual"}

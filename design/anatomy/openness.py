@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from design.geometry.polyline import vectors_across
 from design.tissue import Tissue, without_cavities
-from design.vasculature.growth.root import surface_points
+from design.vasculature.growth.root_search import surface_points
 from kernels.arrays import BoolArray, FloatArray
 
 

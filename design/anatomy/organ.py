@@ -10,7 +10,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from design.anatomy.fit import Clearance, Goal, fit_trees, with_flows
+from design.anatomy.fit import fit_trees, with_flows
+from design.anatomy.fitting.goal import Clearance, Goal
 from design.anatomy.from_trunks import LAYING, TrunkPlan, grow_from_plan
 from design.anatomy.main_branches import check_main_branches, trunk_pieces
 from design.anatomy.openness import SurfaceSamples, sample_surface

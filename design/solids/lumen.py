@@ -12,8 +12,9 @@ from design.errors import SolidError
 from design.geometry.crossings import find_crossings
 from design.network import VesselNetwork
 from design.solids.manifolds import solid_manifold, subtract
-from design.solids.smooth.assemble import Sewing, sew_parts, with_other_tubes
+from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.layout import Layout, lay_out
+from design.solids.smooth.sewing import Sewing, with_other_tubes
 from design.solids.snap import mended_solid, solid_from_manifold, solid_from_mesh
 from design.solids.solid import Solid
 from design.solids.tube import FACET_TOLERANCE_MM, Chain, EndShape, Facets, free_ends

@@ -12,16 +12,8 @@ from scipy.ndimage import maximum_filter
 
 from design.geometry import TriangleTree, build_triangle_tree, gather_within, nearest_distance
 from design.geometry.segments import SLIVER
-from design.tissue.grid import (
-    BAND_CELLS,
-    BRICK,
-    Columns,
-    GridArrays,
-    SignedDistanceGrid,
-    cross_columns,
-    mix,
-    read,
-)
+from design.tissue.grid import BAND_CELLS, BRICK, GridArrays, SignedDistanceGrid, mix, read
+from design.tissue.grid_lines import Columns, cross_columns
 from kernels import jit, pjit
 from kernels.arrays import FloatArray
 

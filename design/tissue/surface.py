@@ -13,7 +13,8 @@ from design.errors import TissueError
 from design.geometry.surface import Surface
 from design.tissue.build import build_grid
 from design.tissue.closed import check_closed, enclosed_volume, merged_surface
-from design.tissue.grid import BRICK, Columns, cross_columns
+from design.tissue.grid import BRICK
+from design.tissue.grid_lines import Columns, cross_columns
 from design.tissue.tissue import Tissue
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
         terminals_of,
     )
     from design.vasculature.growth.printable import grow_printable
-    from design.vasculature.growth.regions import ClusterPool
     from design.vasculature.growth.supply import (
         check_parts,
         check_supply,
         supply_balance,
     )
+    from design.vasculature.growth.threads import ClusterPool
     from design.vasculature.growth.tree import grow_tree, place_root
     from design.vasculature.loops.loops import ClosedLoops, LoopOptions, close_loops
     from design.vasculature.loops.mixing import JoinedTrees, join_forest, mix_trees

@@ -29,8 +29,9 @@ from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.known_messages import COMPLAINTS, MessageMeaning, MessageTable
-from firmware_profiles.families.link_protocol import HOST_LATE_S, Event, LineErrors, Places, Timing
+from firmware_profiles.families.link_protocol import Event, Places
 from firmware_profiles.families.position_reply import parse_position
+from firmware_profiles.families.timing import HOST_LATE_S, LineErrors, Timing
 
 PROBE: Final = b"M105"
 """Asked only to hear an answer: temperatures, which every family tells at any time."""

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from firmware_profiles.families.dialect import Dialect
 from firmware_profiles.families.grammar import Grammar
-from firmware_profiles.families.link_protocol import LinkProtocol, Places, Timing
+from firmware_profiles.families.link_protocol import LinkProtocol, Places
+from firmware_profiles.families.timing import Timing
 
 if TYPE_CHECKING:
     from firmware_profiles.printers import Printer

@@ -35,7 +35,7 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_profiles.families.link_protocol import QUESTION
+from firmware_profiles.families.timing import QUESTION
 
 _PLAIN_MOVE: Final = re.compile(rb"G[01](?: [XYZEF]-?[0-9.]+)+")
 _MARGIN_BYTES: Final = len(QUESTION) + len(b"\nM112\n")

@@ -30,7 +30,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcode.clearance.kernels import FOUND, Ink, Joints, NeedleBody, Tips, search, squares_of
+from gcode.clearance.arrays import Ink, Joints, Tips
+from gcode.clearance.kernels import FOUND, NeedleBody, search, squares_of
 from gcode.clearance.motion import (
     KINDS,
     LIFT,

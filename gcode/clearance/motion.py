@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcode.clearance.kernels import Ink, Tips
+from gcode.clearance.arrays import Ink, Tips
 from gcode.clearance.network import WrittenNetwork
 from gcode.dry_run.run import DryRun
 from gcode.errors import ClearanceError

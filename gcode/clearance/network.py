@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcode.clearance.kernels import Joints
+from gcode.clearance.arrays import Joints
 from gcode.errors import ClearanceError
 from kernels.arrays import FloatArray, IntArray, split_rows
 

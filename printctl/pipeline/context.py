@@ -32,7 +32,7 @@ from firmware_profiles import (
     steady_flow,
     supported_diameter_mm,
 )
-from printctl.analysis.flow.conditions import steady_conditions
+from printctl.analysis.flow.outlets import steady_conditions
 from printctl.corrections.compensation import (
     CompensationFile,
     corrections_of_file,
@@ -44,7 +44,8 @@ from printctl.pipeline.printability import Printability, embedded_limits, fresh_
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
-from printctl.recipe.sections.making import Embedded, FileScan, Fresh, SimulatedScan
+from printctl.recipe.sections.making import Embedded, Fresh
+from printctl.recipe.sections.scans import FileScan, SimulatedScan
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest, digest_file
 

@@ -15,7 +15,8 @@ import pytest
 
 from printctl.machine.process.socket_server import listen, open_address
 from printctl.processes.alive import KILL, is_alive, send_signal
-from sim.devices.serving.serve import ServeError, open_port
+from sim.devices.serving.port import open_port
+from sim.devices.serving.serve import ServeError
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("kernels", "firmware_profiles", "design", "sim", "registration", "printctl")

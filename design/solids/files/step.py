@@ -19,7 +19,7 @@ from design.errors import SolidError
 from design.files import atomic_replacement
 from design.network import VesselNetwork
 from design.solids.lumen import lumen_solid
-from design.solids.smooth.assemble import LIMITS
+from design.solids.smooth.sewing import LIMITS
 from design.solids.tube import Chain, Facets, split_runs
 from kernels.arrays import FloatArray, IntArray
 

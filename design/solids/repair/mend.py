@@ -17,20 +17,19 @@ from numpy.typing import NDArray
 from design.geometry import build_triangle_tree
 from design.geometry.bvh import DEPTH, TriangleTree, boxes_apart, corners_box, next_leaf
 from design.geometry.crossings import APART, find_crossings, meeting_kind
-from design.solids.repair.remesh import (
+from design.solids.repair.half_edges import (
     apex,
     are_joined,
     collapse,
     flip,
     leaving,
-    normal,
     origin,
     previous_half_edge,
-    stays_closed,
     tip,
     twins_of,
     valence,
 )
+from design.solids.repair.remesh import normal, stays_closed
 from design.solids.topology import corner_fans
 from kernels import jit
 from kernels.arrays import FloatArray

@@ -22,7 +22,8 @@ from design.solids.tube import unit_rings
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.needle import JOINT, Needle
 from design.toolpath.embedded.report import EmbeddedReport, JoinedPasses, WeakJoint
-from design.toolpath.embedded.rules import Rules, arcs_of, barring_each_other, owners, select_rules
+from design.toolpath.embedded.rules import Rules, barring_each_other, owners, select_rules
+from design.toolpath.embedded.touches import arcs_of
 from design.toolpath.gcode import Gcode
 from kernels.arrays import FloatArray, IntArray
 

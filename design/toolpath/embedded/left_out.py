@@ -12,12 +12,12 @@ import numpy as np
 from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.needle import EmbeddedHeads, Needle
-from design.toolpath.embedded.pass_order import placed
+from design.toolpath.embedded.order.joints import Joiner
+from design.toolpath.embedded.order.pass_order import placed
+from design.toolpath.embedded.order.schedule import Leg, Pass
 from design.toolpath.embedded.report import Crossing, JoinedPasses, OmittedVessel
 from design.toolpath.embedded.rules import Rules, either_way, owners, select_rules, with_more
-from design.toolpath.embedded.schedule import Leg, Pass
 from design.toolpath.embedded.shaft_contacts import CERTAIN_MM, entries_mm
 from kernels.arrays import FloatArray, IntArray
 

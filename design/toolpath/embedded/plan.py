@@ -19,11 +19,12 @@ from design.toolpath.embedded.elements import (
     longest_mm,
     squares_of,
 )
-from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.left_out import Omissions
 from design.toolpath.embedded.needle import EmbeddedHeads, Needle
 from design.toolpath.embedded.options import EmbeddedOptions
-from design.toolpath.embedded.pass_order import order_passes
+from design.toolpath.embedded.order.joints import Joiner
+from design.toolpath.embedded.order.pass_order import order_passes
+from design.toolpath.embedded.order.schedule import Pass
 from design.toolpath.embedded.report import (
     Crossing,
     EmbeddedReport,
@@ -34,13 +35,10 @@ from design.toolpath.embedded.report import (
 from design.toolpath.embedded.rules import (
     Meetings,
     Rules,
-    Touches,
     along_elements,
     find_meetings,
     find_rules,
-    touches,
 )
-from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.shaft_contacts import (
     TOUCH_MM,
     Entry,
@@ -48,6 +46,7 @@ from design.toolpath.embedded.shaft_contacts import (
     exempt_lengths,
     find_shaft_contacts,
 )
+from design.toolpath.embedded.touches import Touches, touches
 from design.toolpath.embedded.write import FilamentWriter, add_recovery_dwells
 from design.toolpath.toolpath import MoveKind, Toolpath
 from kernels.arrays import IntArray

@@ -18,15 +18,8 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from design.toolpath.embedded.elements import Elements, Squares, near, sort_stretches
 from design.toolpath.embedded.needle import ROUNDING_MM, Needle, joint_reach, off_shaft_slopes
-from design.toolpath.embedded.rules import (
-    TOUCHING,
-    Meetings,
-    Touches,
-    arcs_of,
-    entry_mm,
-    find_meetings,
-    meetings_between,
-)
+from design.toolpath.embedded.rules import Meetings, entry_mm, find_meetings, meetings_between
+from design.toolpath.embedded.touches import TOUCHING, Touches, arcs_of
 from design.toolpath.toolpath import MoveKind, Toolpath
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray

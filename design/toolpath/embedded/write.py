@@ -18,8 +18,8 @@ from design.toolpath.embedded.elements import (
     off_chords,
 )
 from design.toolpath.embedded.needle import EmbeddedHeads, frustum_ul, writing_speed
+from design.toolpath.embedded.order.schedule import Leg, Pass
 from design.toolpath.embedded.report import JoinedPasses
-from design.toolpath.embedded.schedule import Leg, Pass
 from design.toolpath.toolpath import ARRAYS, MoveBuilder, MoveKind, Toolpath
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray

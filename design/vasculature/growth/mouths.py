@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from design.geometry.bvh import DEPTH, box_squared
 from design.geometry.segments import point_triangle_squared
 from design.tissue import Tissue
-from design.tissue.grid import cross_columns
+from design.tissue.grid_lines import cross_columns
 from kernels import jit, pjit
 from kernels.arrays import FloatArray
 

@@ -17,7 +17,8 @@ from design.network import VesselKind, VesselNetwork
 from design.tissue import Part, Tissue, part_demands, part_numbers, part_tissue, parts_of
 from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
 from design.vasculature.growth.kernels.points import share_terminals
-from design.vasculature.growth.root import deep_roots, rooted_at
+from design.vasculature.growth.root import rooted_at
+from design.vasculature.growth.root_search import deep_roots
 from design.vasculature.growth.supply import (
     PartSupply,
     Probes,

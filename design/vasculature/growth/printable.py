@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 from design.errors import DesignError, GrowthError
 from design.tissue import Tissue
-from design.vasculature.growth.root import deep_roots, rooted_at
+from design.vasculature.growth.root import rooted_at
+from design.vasculature.growth.root_search import deep_roots
 from design.vasculature.growth.tree import EFFORT, SPREADS, grow_from_root
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree

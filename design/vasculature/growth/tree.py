@@ -21,12 +21,7 @@ from design.errors import (
 )
 from design.network import VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.growth.kernels.checks import (
-    measure_allowed_radii,
-    measure_changed,
-    prune,
-    retip_thin,
-)
+from design.vasculature.growth.kernels.allowed_radius import measure_allowed_radii, measure_changed
 from design.vasculature.growth.kernels.cost import (
     SEGMENT,
     TRUNK,
@@ -52,15 +47,13 @@ from design.vasculature.growth.kernels.kernel import (
     FULL_INDEX,
     MORE_POINTS,
     PROGRESS,
-    RADII,
     REBUILD,
-    SEARCH,
-    SPACING,
     Scale,
     derive_radii,
     first_pair,
     grow,
 )
+from design.vasculature.growth.kernels.new_ends import retip_thin
 from design.vasculature.growth.kernels.points import (
     MIN_TERMINAL_FLOW,
     SAMPLING,
@@ -70,6 +63,8 @@ from design.vasculature.growth.kernels.points import (
     obstructing_segments,
     out_of_room,
 )
+from design.vasculature.growth.kernels.prune import prune
+from design.vasculature.growth.kernels.search_settings import RADII, SEARCH, SPACING
 from design.vasculature.growth.region_split import REGIONS, split_tree
 from design.vasculature.growth.regions import (
     Region,
@@ -77,22 +72,21 @@ from design.vasculature.growth.regions import (
     measure_again,
     measure_in_parallel,
     terminals_before_split,
-    thread_count,
 )
 from design.vasculature.growth.root import (
     check_trunk_wall,
     default_root_note,
-    grow_from_deep_root,
     has_default_root,
     lengthen_stem,
     rooted_at,
-    search_root,
     sole_end,
     stem,
     stem_is_short,
 )
+from design.vasculature.growth.root_search import grow_from_deep_root, search_root
 from design.vasculature.growth.supply import flows_by_demand
 from design.vasculature.growth.territories import Surroundings
+from design.vasculature.growth.threads import thread_count
 from design.vasculature.growth.trunk import NARROW_PART, Trunk, trunk_of
 from design.vasculature.options import GrowthOptions
 from design.vasculature.penalty import PenaltyArrays, sample_penalty

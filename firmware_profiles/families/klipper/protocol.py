@@ -23,7 +23,8 @@ from typing import Final
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.ack_protocol import AckProtocol, Sort, nowhere
 from firmware_profiles.families.known_messages import load_messages
-from firmware_profiles.families.link_protocol import Event, Places, Timing
+from firmware_profiles.families.link_protocol import Event, Places
+from firmware_profiles.families.timing import Timing
 
 _REASON_S: Final = 3.0
 """For so long the reason of a shutdown is waited for: it came 1.5 s late."""

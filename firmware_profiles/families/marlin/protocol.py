@@ -35,12 +35,14 @@ from functools import reduce
 from operator import xor
 from typing import Final
 
-from firmware_profiles.families.link_protocol import HOST_LATE_S, Event, LineErrors, Timing
+from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
 from firmware_profiles.families.marlin.replies import Tokens, classify
-from firmware_profiles.families.marlin.reply_handler import DoubtResolver, ReplyHandler
+from firmware_profiles.families.marlin.reply_handler import ReplyHandler
 from firmware_profiles.families.marlin.sender import Sender, guard_command
 from firmware_profiles.families.marlin.state import RENUMBER, LineState, Phase, QueryGoal, Questions
 from firmware_profiles.families.pairing import Pairing
+from firmware_profiles.families.timing import HOST_LATE_S, LineErrors, Timing
 
 _REST_LIMIT: Final = 4096
 _ARC: Final = re.compile(rb"G0*[23](?!\d)")

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Final
 
-from firmware_profiles.families import link_protocol
-from firmware_profiles.families.link_protocol import Event, Fault, LineErrors, LineRefused, Timing
+from firmware_profiles.families import timing
+from firmware_profiles.families.link_protocol import Event, Fault, LineRefused
 from firmware_profiles.families.marlin.replies import ORDER_ERROR, Kind, Reply, Tokens, frame
 from firmware_profiles.families.pairing import Pairing
+from firmware_profiles.families.timing import LineErrors, Timing
 
 _RECALLED: Final = 4
 """Lines behind which an unknown-command reply may come late: as many as a command queue holds."""
@@ -366,5 +367,5 @@ class LineState:
 
 # State of a doubt about Marlin's last accepted line: replies heard, whether they agree.
 
-QUESTION: Final = link_protocol.QUESTION
+QUESTION: Final = timing.QUESTION
 MAX_SET_BACKS: Final = 5

@@ -4,7 +4,7 @@ Goes in: a recipe's flow section and a network. Comes out: solutions, tables and
 with `solve.py`.
 """
 
-from printctl.analysis.flow.conditions import pulsatile_conditions, steady_conditions
+from printctl.analysis.flow.outlets import pulsatile_conditions, steady_conditions
 from printctl.analysis.flow.solve import (
     ONE_D,
     ONE_D_WAVES,

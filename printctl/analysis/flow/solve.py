@@ -34,7 +34,7 @@ from design.hemodynamics.zero_d.steady import node_inflow
 from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray, IntArray
-from printctl.analysis.flow.conditions import pulsatile_conditions, steady_conditions
+from printctl.analysis.flow.outlets import pulsatile_conditions, steady_conditions
 from printctl.analysis.flow.tables import FlowTables
 from printctl.recipe.parts import FlowPart, OneDPart
 

@@ -3,7 +3,8 @@
 Goes in: a pattern and its measured widths. Comes out: properties of the ink. Begin with `fit.py`.
 """
 
-from printctl.calibration.widths.fit import GivenValues, fit_measured
+from printctl.calibration.widths.fit import fit_measured
+from printctl.calibration.widths.one_width import GivenValues
 from printctl.calibration.widths.picture_widths import (
     MeasuredPicture,
     PictureFacts,

@@ -18,15 +18,8 @@ from shapely.geometry.base import BaseGeometry
 from design.solids import Solid
 from design.solids.manifolds import solid_manifold
 from kernels.arrays import FloatArray, IntArray
-from printctl.checks.lumens.leaks import (
-    DesignedLumens,
-    Grid,
-    Pixels,
-    label_pieces,
-    label_ring,
-    margin_mm,
-    mouth_pieces,
-)
+from printctl.checks.lumens.layer_spaces import Pixels, label_pieces, label_ring
+from printctl.checks.lumens.leaks import DesignedLumens, Grid, margin_mm, mouth_pieces
 from printctl.checks.lumens.lines import WrittenLines
 from printctl.checks.lumens.stations import BEYOND, BEYOND_MM, SectionStations
 from printctl.checks.lumens.width_kernels import widest_in_polygon

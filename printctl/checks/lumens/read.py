@@ -27,12 +27,10 @@ from printctl.checks.lumens.lines import (
     filaments,
     flow_window,
     layered,
-    plunger_strokes,
     read_lines,
     rounded_to_steps,
-    run_strokes,
-    valve_strokes,
 )
+from printctl.checks.lumens.written_moves import plunger_strokes, run_strokes, valve_strokes
 from printctl.errors import UsageError
 
 

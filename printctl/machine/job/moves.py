@@ -189,7 +189,7 @@ def corner_mm_s(before: PlannedMove, after: PlannedMove, printer: Printer) -> fl
     """Return the speed at the corner of two moves, mm/s: Marlin's junction deviation.
 
     v² = a d s / (1 - s) with the deviation d and s = sin(θ/2) (Sonny Jeon's centripetal model, as
-    in Grbl and Marlin, and `gcode.motion.planner.junction_sq`); small segments' rule left out.
+    in Grbl and Marlin, and `gcode.motion.block.junction_sq`); small segments' rule left out.
     """
     top = min(before.top_mm_s, after.top_mm_s)
     cosine = -sum(a * b for a, b in zip(before.way, after.way, strict=True))

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple, Protocol
 
 from firmware_profiles import Printer
-from firmware_profiles.families.link_protocol import QUESTION
+from firmware_profiles.families.timing import QUESTION
 from printctl.machine.errors import HandshakeError, PortError, PortLost, PortMissing
 from printctl.machine.ports.clock import Clock, RealClock
 from printctl.machine.ports.detection import (

@@ -14,8 +14,9 @@ from printctl.machine.process.contact import hold_folder
 from printctl.machine.records.actor import actor
 from printctl.machine.records.folders import remember_folder
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.printed_job import load_printed_job
 from printctl.machine.records.record import JOURNAL, load_record
-from printctl.machine.records.replay import load_printed_job, read_journal, read_journal_if_any
+from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.machine.records.sealing import sign_journal
 from printctl.machine.records.states import LinkState, Status
 

@@ -17,8 +17,9 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.detection import runs_files
 from printctl.machine.prints.recovery import NoCheckpoint, Recovery, plan_recovery
 from printctl.machine.process.contact import stays_alive
+from printctl.machine.records.printed_job import load_printed_job
 from printctl.machine.records.record import JOURNAL, load_record
-from printctl.machine.records.replay import load_printed_job, read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
 
 _UNOBSERVED: Final = (

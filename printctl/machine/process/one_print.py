@@ -48,8 +48,9 @@ from printctl.machine.records.mounting import (
     load_mounting,
     save_mounting,
 )
+from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record, reported_port
-from printctl.machine.records.replay import grown_in, read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.sealing import sign_journal
 from printctl.machine.records.states import LinkState, Status
 

@@ -15,8 +15,9 @@ from printctl.machine.families import link_facts
 from printctl.machine.job.job import Job
 from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.ports.detection import runs_files
+from printctl.machine.records.printed_job import load_printed_job
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
-from printctl.machine.records.replay import JournalledPrint, load_printed_job, read_journal
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 
 _HELD_AS: Final = {LinkState.PAUSED: "paused", LinkState.LOOKING: "held for a look"}

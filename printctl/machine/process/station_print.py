@@ -20,8 +20,8 @@ from printctl.machine.process.plug import Plug
 from printctl.machine.process.simulated import record_for, write_note
 from printctl.machine.process.socket_server import refusal
 from printctl.machine.records.mounting import after_print
+from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import JOURNAL
-from printctl.machine.records.replay import grown_in
 from printctl.machine.records.states import LinkState, Status
 
 _REPORT: Final = b"M155 S2"

@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from firmware_profiles import Printer
 from printctl.machine.errors import JournalError
-from printctl.machine.job.job import Insert, Job, load_job
+from printctl.machine.job.job import Insert
 from printctl.machine.job.marks import Position
 from printctl.machine.job.syringes import Filling
 from printctl.machine.records.journal import (
@@ -22,7 +21,6 @@ from printctl.machine.records.journal import (
     print_id,
     read_records,
 )
-from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.states import EARLY, LinkState
 
 _AT_WORK: Final = (LinkState.PRINTING, LinkState.PAUSING)
@@ -484,27 +482,3 @@ _BY_SORT: Final[dict[str, Callable[[JournalledPrint, Record], None]]] = {
     "host": _host,
     "end": _end,
 }
-
-
-# --- the print's job ---------------------------------------------------------------------------
-
-
-def load_printed_job(path: Path, printer: Printer, history: JournalledPrint) -> Job:
-    """Read a job's G-code file as it stood when its journal was written last.
-
-    Inserts are left out of a file that isn't the print's any more; its hash tells. Raises
-    `JobError` when the file can't be read or the inserts don't fit it.
-    """
-    return grown_by_journal(load_job(path, printer), history)
-
-
-def grown_by_journal(job: Job, history: JournalledPrint) -> Job:
-    """Return a job that was read from its file with the inserts of its print's journal."""
-    if job.sha256 != history.job.get("sha256"):
-        return job
-    return job.grown_by(history.inserts)
-
-
-def grown_in(folder: Path, job: Job) -> Job:
-    """Return a job with the inserts of the print in ``folder``; as it is without a journal."""
-    return grown_by_journal(job, read_journal_if_any(folder / JOURNAL))

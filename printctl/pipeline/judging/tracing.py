@@ -19,7 +19,7 @@ from firmware_profiles import Printer
 from gcode.deposit.written import Strands
 from gcode.heads import read_with_valve
 from kernels.arrays import FloatArray, IntArray
-from printctl.checks.lumens.lines import plunger_strokes, valve_strokes
+from printctl.checks.lumens.written_moves import plunger_strokes, valve_strokes
 from registration import RegistrationReport
 
 _ALONG_MM = 0.2

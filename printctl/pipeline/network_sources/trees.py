@@ -7,7 +7,8 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from design.anatomy.curves import curved_network
-from design.anatomy.fit import KINK, Clearance, curve_trees, kinks
+from design.anatomy.fitting.bends import curve_trees, kinks
+from design.anatomy.fitting.goal import KINK, Clearance
 from design.errors import GrowthError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue

@@ -23,8 +23,8 @@ from printctl.checks.set_up import of_each
 from printctl.errors import UsageError
 from printctl.machine.job.job import grown_text, parse_job
 from printctl.machine.process.simulated import EXECUTED, record_for
+from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import JOURNAL, load_record
-from printctl.machine.records.replay import grown_in
 from printctl.pipeline.context import LIGHT_REACHES_MM
 from printctl.pipeline.past.evidence import Evidence, evidence
 from printctl.pipeline.past.past_print import PrintEntry
@@ -38,7 +38,7 @@ from printctl.pipeline.simulated_scan import (
 )
 from printctl.pipeline.stages.scan import describe, write_truth
 from printctl.recipe import Recipe
-from printctl.recipe.sections.making import SimulatedScan
+from printctl.recipe.sections.scans import SimulatedScan
 from printctl.run_folder.artefacts import NETWORK
 from registration.files.readers import metadata
 from registration.files.writers import write_scan

@@ -24,7 +24,7 @@ from printctl.machine.process.clients.starting import find_or_start, finished, s
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import is_complete_record, simulated_printer
 from printctl.machine.records.mounting import load_mounting
-from printctl.machine.records.replay import grown_in
+from printctl.machine.records.printed_job import grown_in
 from printctl.observe.observer_launch import (
     ObserverError,
     end_idle_observer,
@@ -42,7 +42,8 @@ from printctl.pipeline.observing import (
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe import Recipe
-from printctl.recipe.sections.making import Embedded, SimulatedScan
+from printctl.recipe.sections.making import Embedded
+from printctl.recipe.sections.scans import SimulatedScan
 from printctl.run_folder.artefacts import GCODE, JOURNAL_FOLDER
 from printctl.run_folder.manifest import digest_file
 

@@ -24,8 +24,8 @@ from printctl.machine.prints.mends import MendStrokes, mend_strokes
 from printctl.machine.prints.mounted import keep_confirmed
 from printctl.machine.process.clients.starting import running
 from printctl.machine.process.orders import Order
+from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import load_record
-from printctl.machine.records.replay import grown_in
 from printctl.observe.observer_launch import end_idle_observer, start_observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER_FILE

@@ -11,6 +11,7 @@ import numpy as np
 
 from firmware_profiles import Printer, Span
 from firmware_profiles.families import family_of
+from gcode.motion.block import to_steps
 from gcode.motion.executed import ExecutedMotion, executed_motion
 from gcode.motion.planner import (
     add_move,
@@ -21,7 +22,6 @@ from gcode.motion.planner import (
     set_axis,
     stop_now,
     take_head,
-    to_steps,
 )
 from gcode.motion.state import LOG, new_planner, new_ring
 from gcode.program.modal import new_modal

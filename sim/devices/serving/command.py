@@ -15,7 +15,8 @@ from gcode.program.gcode import checksum
 from sim.devices.families.registry import simulated_printer
 from sim.devices.faults import Fault, FaultFile, FaultyCable, Pace, parse_fault
 from sim.devices.serving.job_lines import JobLines
-from sim.devices.serving.serve import Server, Serving, open_port
+from sim.devices.serving.port import open_port
+from sim.devices.serving.serve import Server, Serving
 from sim.errors import ServeError
 
 

@@ -7,7 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from design.anatomy.fit import Clearance, check_trunks, push_apart
+from design.anatomy.fit import check_trunks
+from design.anatomy.fitting.goal import Clearance
+from design.anatomy.fitting.push_apart import push_apart
 from design.anatomy.from_trunks import clear_trunks
 from design.anatomy.openness import sample_surface
 from design.anatomy.organ import PRESETS, AnatomicTrees, grow_or_advise, trunk_ends

@@ -17,15 +17,10 @@ from design.toolpath.embedded.needle import (
     joint_reach,
     radius_at,
 )
-from design.toolpath.embedded.pass_order import TRAVEL, broken_rules, fewest, shorten_travels
-from design.toolpath.embedded.rules import (
-    Rules,
-    along_elements,
-    find_meetings,
-    find_rules,
-    touches,
-)
-from design.toolpath.embedded.schedule import Leg, Pass, schedule_passes
+from design.toolpath.embedded.order.pass_order import TRAVEL, broken_rules, fewest, shorten_travels
+from design.toolpath.embedded.order.schedule import Leg, Pass, schedule_passes
+from design.toolpath.embedded.rules import Rules, along_elements, find_meetings, find_rules
+from design.toolpath.embedded.touches import touches
 from tests.design.networks import network, polyline, polylines
 from tests.design.toolpath.shapes import cage, helix, random_tree, ring
 from tests.slower import examples

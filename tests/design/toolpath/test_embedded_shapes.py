@@ -16,7 +16,7 @@ from design.toolpath.embedded import (
     plan_embedded,
 )
 from design.toolpath.embedded.left_out import Supply
-from design.toolpath.embedded.pass_order import SearchLimits
+from design.toolpath.embedded.order.pass_order import SearchLimits
 from design.toolpath.embedded.write import ground_under, highest_along, lay
 from tests.design.networks import network, polyline, polylines
 from tests.design.toolpath.joint_checker import bodies
@@ -144,8 +144,8 @@ def funnel(overlap_radii: float):
 
 def test_a_joint_that_stays_open_is_refused_by_place(monkeypatch):
     net, options = funnel(4.0)
-    monkeypatch.setattr("design.toolpath.embedded.pass_order.LIMITS", SearchLimits(rounds=1))
-    monkeypatch.setattr("design.toolpath.embedded.joints.PARTS", (1.0,))
+    monkeypatch.setattr("design.toolpath.embedded.order.pass_order.LIMITS", SearchLimits(rounds=1))
+    monkeypatch.setattr("design.toolpath.embedded.order.joints.PARTS", (1.0,))
     with pytest.raises(ToolpathError, match=r"1 of 3 joints .*vessel \d with vessel \d at \(0\.00"):
         plan_embedded(net, options)
     allowed = plan_embedded(net, replace(options, open_joints=1))

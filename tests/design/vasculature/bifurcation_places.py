@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from design.vasculature import VesselTree, tree_radii
-from design.vasculature.growth.kernels.cost import SEGMENT, NewTerminal, refresh_all, spread_down
-from design.vasculature.growth.kernels.kernel import estimate
+from design.vasculature.growth.kernels.bifurcation import NewTerminal
+from design.vasculature.growth.kernels.cost import SEGMENT, refresh_all, spread_down
+from design.vasculature.growth.kernels.proposals import estimate
 from design.vasculature.options import Law
 from design.vasculature.penalty import no_penalty
 

@@ -19,7 +19,7 @@ from design.vasculature import (
     tree_radii,
     tree_to_network,
 )
-from design.vasculature.growth.root import search_root
+from design.vasculature.growth.root_search import search_root
 from design.vasculature.growth.tree import EFFORT, _mouth_reach
 from design.vasculature.growth.trunk import trunk_of
 from design.vasculature.viscosity import relative_viscosity

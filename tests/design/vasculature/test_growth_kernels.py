@@ -16,18 +16,15 @@ from design.vasculature import (
     tree_from_topology,
     tree_radii,
 )
-from design.vasculature.growth.kernels.checks import prune
-from design.vasculature.growth.kernels.cost import (
-    SEGMENT,
+from design.vasculature.growth.kernels.bifurcation import (
     NewTerminal,
     best_place,
     climb,
-    place,
-    refresh,
     split_value,
-    spread_down,
 )
-from design.vasculature.growth.kernels.kernel import trial
+from design.vasculature.growth.kernels.cost import SEGMENT, place, refresh, spread_down
+from design.vasculature.growth.kernels.proposals import trial
+from design.vasculature.growth.kernels.prune import prune
 from design.vasculature.growth.territories import Surroundings
 from design.vasculature.growth.tree import TreeGrowth
 from design.vasculature.options import Law

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gcode.clearance.approach import SEARCH, shaft_distance
 from gcode.clearance.check import check_clearance
-from gcode.clearance.kernels import SEARCH, NeedleBody, shaft_distance
+from gcode.clearance.kernels import NeedleBody
 from gcode.clearance.motion import LineSources, NeedleMotion, Pieces, heads_of, ink_of
 from gcode.errors import ClearanceError
 from tests.gcode.clearance.naive import STEP, nearest, signed

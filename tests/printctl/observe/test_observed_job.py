@@ -24,6 +24,7 @@ from printctl.machine.job.job import Insert, parse_job
 from printctl.machine.job.marks import Marks
 from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.devices import DeviceError
+from printctl.observe.inspection_state import InspectionState
 from printctl.observe.looks.expected_ink import (
     MendedStretch,
     count_tries,
@@ -39,7 +40,7 @@ from printctl.observe.looks.look_evidence import build_evidence, keep_mends_only
 from printctl.observe.looks.views import frame_holds
 from printctl.observe.mending import Gap as MendGap
 from printctl.observe.mending import HeldPrint, plan_mend
-from printctl.observe.observed_job import InspectionState, ObservedJob, _keep_mended_gaps
+from printctl.observe.observed_job import ObservedJob, _keep_mended_gaps
 from tests.printctl.observe.mending.small_jobs import (
     INK,
     NEEDLE,

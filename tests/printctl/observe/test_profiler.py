@@ -17,6 +17,7 @@ from printctl.errors import UsageError
 from printctl.inspection import ExpectedLines, HeightFrame
 from printctl.observe.deciding.evidence import MapCheck
 from printctl.observe.devices import DeviceError
+from printctl.observe.inspection_state import InspectionState
 from printctl.observe.looks.height_maps import (
     ScanSize,
     read_profiler_frame,
@@ -26,7 +27,6 @@ from printctl.observe.looks.height_maps import (
 )
 from printctl.observe.looks.map_history import MapHistory
 from printctl.observe.looks.views import View, open_view
-from printctl.observe.observed_job import InspectionState
 from registration.devices.lens.lens import write_model as write_frame_laser_sweep
 from registration.devices.lens.lens import write_model as write_laser
 from registration.errors import PictureError

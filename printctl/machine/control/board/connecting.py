@@ -9,8 +9,9 @@ from typing import Final, NoReturn
 
 from firmware_profiles import Printer
 from firmware_profiles.families import LinkSetup, family_of
-from firmware_profiles.families.link_protocol import LinkProtocol, Timing
+from firmware_profiles.families.link_protocol import LinkProtocol
 from firmware_profiles.families.position_reply import parse_position
+from firmware_profiles.families.timing import Timing
 from printctl.machine.control.board.channel import Channel
 from printctl.machine.control.board.steps import Steps
 from printctl.machine.errors import HandshakeError

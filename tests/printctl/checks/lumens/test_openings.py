@@ -31,7 +31,7 @@ from printctl.checks.lumens import (
     report_lumens,
     rounded_to_steps,
 )
-from printctl.checks.lumens.leaks import find_runs, join_runs
+from printctl.checks.lumens.layer_spaces import find_runs, join_runs
 from printctl.checks.lumens.stations import slabs_near
 from printctl.checks.lumens.width_kernels import first_hit, widest_in_polygon
 from printctl.errors import UsageError

@@ -9,7 +9,7 @@ from operator import xor
 
 import pytest
 
-from firmware_profiles.families.link_protocol import MAX_REFUSALS
+from firmware_profiles.families.timing import MAX_REFUSALS
 from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.job.care import Care
 from printctl.machine.job.retreat import Retreat

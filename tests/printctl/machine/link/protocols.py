@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from firmware_profiles.families import LinkSetup, family_names, find_family
-from firmware_profiles.families.link_protocol import Timing
+from firmware_profiles.families.timing import Timing
 from printctl.machine.job.coordinates import places
 
 STREAMED = tuple(name for name in family_names() if find_family(name).make_protocol)

@@ -12,7 +12,8 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.link_protocol import MAX_REFUSALS, Halting
+from firmware_profiles.families.link_protocol import Halting
+from firmware_profiles.families.timing import MAX_REFUSALS
 from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock

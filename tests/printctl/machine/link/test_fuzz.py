@@ -13,11 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.facts import crc16
+from firmware_profiles.families.timing import Timing
 from printctl.machine.control.board.connecting import protocol_for
 from printctl.machine.control.printing.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock

@@ -19,11 +19,11 @@ from firmware_profiles.families.link_protocol import (
     NoReply,
     StrayOk,
     Synchronised,
-    Timing,
 )
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.facts import RrfProtocol
+from firmware_profiles.families.timing import Timing
 from printctl.machine.job.coordinates import places
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, slips_through, zigzag

@@ -19,7 +19,6 @@ from firmware_profiles.families.link_protocol import (
     Notice,
     Renumbered,
     StrayOk,
-    Timing,
     TokenSent,
 )
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
@@ -27,6 +26,7 @@ from firmware_profiles.families.marlin.replies import Kind, classify, frame
 from firmware_profiles.families.marlin.sender import guard_command
 from firmware_profiles.families.marlin.state import QUESTION, RENUMBER
 from firmware_profiles.families.pairing import Pairing
+from firmware_profiles.families.timing import Timing
 from printctl.machine.control.board.connecting import protocol_for
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import read_records

@@ -15,6 +15,7 @@ import numpy as np
 
 from design.toolpath.embedded.elements import Elements, Squares, near
 from design.toolpath.embedded.needle import Needle, joint_reach, off_shaft, radius_at
+from design.toolpath.embedded.order.schedule import Pass
 from design.toolpath.embedded.report import BrushedOverlap, JoinedPasses, WeakJoint
 from design.toolpath.embedded.rules import (
     TIPS,
@@ -24,7 +25,6 @@ from design.toolpath.embedded.rules import (
     of_one_joint,
     tip_along,
 )
-from design.toolpath.embedded.schedule import Pass
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
