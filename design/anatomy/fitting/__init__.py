@@ -1,4 +1,4 @@
 """Steps by which grown trees are fitted into a tissue beside each other.
 
-Begin with `goal`.
+Begin with `goal.py`.
 """

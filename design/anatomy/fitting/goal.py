@@ -1,4 +1,4 @@
-"""What vessels are fitted to: flows, clearances, and what still misfits."""
+"""Goal that vessels are fitted to: flows, clearances, and what still misfits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
 """Steps of the repair of triangle surfaces: limits, holes, duplicates, orientation.
 
-Begin with `limits`.
+Begin with `limits.py`.
 """

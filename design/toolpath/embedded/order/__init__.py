@@ -1,4 +1,4 @@
 """Order and direction in which the vessels of an embedded print are printed.
 
-Begin with `schedule`.
+Begin with `schedule.py`.
 """
