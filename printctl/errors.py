@@ -11,6 +11,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class PrintctlError(Exception):
     """Something failed; the message says what and what to do."""
@@ -31,9 +33,19 @@ class UsageError(PrintctlError):
 
 
 class SafetyError(PrintctlError):
-    """A safety check refused to go on."""
+    """A safety check refused to go on.
+
+    Attributes
+    ----------
+    kinds : tuple of str
+        Kinds of the checks that refused (`printctl.checks.kinds`), where checks did.
+    """
 
     exit_code = 3
+
+    def __init__(self, message: str = "", kinds: Iterable[str] = ()) -> None:
+        super().__init__(message)
+        self.kinds = tuple(kinds)
 
 
 class PrinterFailedError(PrintctlError):

@@ -9,7 +9,7 @@ import sys
 from contextvars import ContextVar
 from typing import Any, Final
 
-from printctl.errors import PrintctlError
+from printctl.errors import PrintctlError, SafetyError
 from printctl.system_errors import explain
 
 CODES: tuple[tuple[str, str, int], ...] = (
@@ -35,7 +35,9 @@ JSON_PRINTED: Final = ContextVar("JSON_PRINTED", default=False)
 
 def error_facts(exc: BaseException | None, message: str, code: int) -> dict[str, Any]:
     """Return a failure JSON-ready, as it stands beside or in place of a command's result."""
-    return {"error": {"kind": type(exc).__name__.lstrip("_"), "code": code, "message": message}}
+    facts = {"kind": type(exc).__name__.lstrip("_"), "code": code, "message": message}
+    kinds = exc.kinds if isinstance(exc, SafetyError) else ()
+    return {"error": facts | ({"checks": list(kinds)} if kinds else {})}
 
 
 def message_and_code(exc: Exception) -> tuple[str, int] | None:

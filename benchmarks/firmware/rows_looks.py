@@ -21,6 +21,7 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.process.clients.client import PrintClient
 from printctl.machine.process.clients.starting import resume_print, start_print
+from printctl.machine.process.orders import Order
 from printctl.machine.records.states import LinkState
 
 LIFT_MM = 3.0
@@ -162,7 +163,14 @@ def one(image: Path, folder: Path, seed: int, event: str) -> tuple[LinkState, Fo
     care = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=60)
     with AvrBoard(image, folder / f"board-{seed}") as board:
         client = start_print(
-            job, "marlin_avr", str(board.port), link, retreat=Retreat(lift_mm=LIFT_MM), care=care
+            Order(
+                job,
+                "marlin_avr",
+                str(board.port),
+                link,
+                retreat=Retreat(lift_mm=LIFT_MM),
+                care=care,
+            )
         )
         held = Held(board, file, client)
         state = see_to_the_end(held, link, EVENTS[event][0])

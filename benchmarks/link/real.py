@@ -14,6 +14,7 @@ from benchmarks.common import Row, at_least, limited, row, scratch
 from benchmarks.link.files import zigzag
 from benchmarks.link.printers import answerer, profile, read_record
 from printctl.machine.process.clients.starting import start_print
+from printctl.machine.process.orders import Order
 from printctl.machine.records.states import LinkState
 
 REAL = {"clock": "wall"}
@@ -28,7 +29,7 @@ def speed_rows(quick: bool) -> Iterator[Row]:
         facts, record = profile(folder, "no_reset", resets_on_connect=False), folder / "taken.json"
         with answerer(record) as port, _Watched() as cpu:
             job = file.write(folder / "speed.gcode")
-            client = start_print(job, facts, port, folder / "speed")
+            client = start_print(Order(job, facts, port, folder / "speed"))
             cpu.watch(client.record.pid)
             outcome = client.wait(600)
         taken = read_record(record)

@@ -33,6 +33,7 @@ from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.process.clients.client import PrintClient
 from printctl.machine.process.clients.starting import resume_print, start_print
+from printctl.machine.process.orders import Order
 from printctl.machine.records.states import LinkState
 
 START = (50.0, 50.0, 10.0)
@@ -136,7 +137,7 @@ class Run:
     def run(self, job: Path) -> LinkState:
         """Print to the end; return how it ended."""
         care = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=60)
-        client = start_print(job, self.printer, self.port, self.folder, care=care)
+        client = start_print(Order(job, self.printer, self.port, self.folder, care=care))
         looks = np.sort(self.rng.integers(1, LAYERS + 1, self.kills))  # some in the same look
         self._ahead = [(int(n), str(self.rng.choice(MOMENTS))) for n in looks]
         while True:

@@ -34,6 +34,7 @@ from benchmarks.link.printers import (
 )
 from benchmarks.operator.server import browsers, page_server, touched_at, workspace
 from printctl.machine.process.clients.starting import start_print
+from printctl.machine.process.orders import Order
 from printctl.machine.records.states import LinkState
 
 WALL = {"clock": "wall"}
@@ -81,7 +82,7 @@ def _one_stop(page: Any, facts: str, folder: Path) -> float:
         simulated(facts, "--speed", "1", "--tcp", "0") as port,
         Tap(int(port.rsplit(":", 1)[1])) as tap,
     ):
-        with start_print(folder / "part.gcode", facts, tap.name, folder / "print") as client:
+        with start_print(Order(folder / "part.gcode", facts, tap.name, folder / "print")) as client:
             time.sleep(FOUND_S)
             page.click("#pc-stop")
             outcome = client.wait(30)
@@ -107,7 +108,7 @@ def slowing_rows(quick: bool) -> Iterator[Row]:
             answerer(folder / "answered.json") as port,
         ):
             pages = [psutil.Process(server["pid"]), psutil.Process(clients)]
-            client = start_print(job, facts, port, folder / "print")
+            client = start_print(Order(job, facts, port, folder / "print"))
             time.sleep(FOUND_S)
             _wait_for_check(pages[0])
             _refuse_unfollowed(server)

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
-from printctl.checks.set_up import Check, SetUp
+from printctl.checks.kinds import Kind
+from printctl.checks.set_up import Check, SetUp, finding
 from printctl.errors import SafetyError
 
 PARTS: Final[dict[str, type[Facts]]] = {
@@ -168,4 +169,4 @@ def _difference(
             f"the job was made for {wanted!r}, and {there!r} is mounted; mount {wanted!r}, or make "
             f"the job again for {there!r}"
         )
-    return Check(f"{part} that the job was made for", 0, 0, "", False, "", text)
+    return finding(Kind.MADE_FOR, f"{part} that the job was made for", "", text)

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final, Literal
 
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
 from firmware_profiles.tools import THINNEST_BORE
+from printctl.checks.kinds import Kind
 from printctl.errors import SafetyError, UsageError
 from printctl.settings import opt, settings
 
@@ -30,8 +31,10 @@ class Check:
 
     Attributes
     ----------
+    kind : Kind
+        What was looked at, for programs.
     check : str
-        What was looked at.
+        The same for people.
     value, limit : float
         What was found and what is allowed, in `unit`.
     unit : str
@@ -47,6 +50,7 @@ class Check:
         the number it rests on was never measured.
     """
 
+    kind: Kind
     check: str
     value: float
     limit: float
@@ -65,6 +69,11 @@ class Check:
         """JSON-ready."""
         return asdict(self)
 
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> Check:
+        """Read `as_dict`."""
+        return Check(**{**data, "kind": Kind(data["kind"])})
+
     def sentence(self) -> str:
         """For the user, when it didn't pass."""
         where = f" ({self.place})" if self.place else ""
@@ -79,12 +88,17 @@ class Check:
         return f"{mark} {self.check:<52} {self.value:10.4g} {self.unit:<6} limit {self.limit:g}"
 
 
-def warnings(checks: list[Check]) -> list[str]:
+def finding(kind: Kind, check: str, place: str, remedy: str, weight: Weight = "refuses") -> Check:
+    """Return a check that didn't pass, and that compares no numbers."""
+    return Check(kind, check, 0, 0, "", False, place, remedy, weight)
+
+
+def warnings(checks: Iterable[Check]) -> list[str]:
     """What a person must know before the print begins."""
     return [check.sentence() for check in checks if not check.passed and not check.refuses]
 
 
-def placed_failures(checks: list[Check]) -> tuple[tuple[int, str], ...]:
+def placed_failures(checks: Iterable[Check]) -> tuple[tuple[int, str], ...]:
     """Line of the G-code (0 for none) and sentence of each check that didn't pass."""
     failed = [check for check in checks if not check.passed]
     lines = [re.search(r"\bline (\d+)", check.place) for check in failed]
@@ -94,15 +108,17 @@ def placed_failures(checks: list[Check]) -> tuple[tuple[int, str], ...]:
     )
 
 
-def refusal_of(checks: list[Check]) -> SafetyError | None:
+def refusal_of(checks: Iterable[Check]) -> SafetyError | None:
     """Return the error that names every check that didn't pass; None where all did."""
-    failed = [check.sentence() for check in checks if check.refuses]
+    failed = [check for check in checks if check.refuses]
     if not failed:
         return None
-    return SafetyError("\n".join(["refused before the first byte was sent:", *failed]))
+    sentences = [check.sentence() for check in failed]
+    kinds = dict.fromkeys(check.kind for check in failed)
+    return SafetyError("\n".join(["refused before the first byte was sent:", *sentences]), kinds)
 
 
-def refuse_failed(checks: list[Check]) -> None:
+def refuse_failed(checks: Iterable[Check]) -> None:
     """Raise `SafetyError` naming every check that didn't pass."""
     if (refusal := refusal_of(checks)) is not None:
         raise refusal
@@ -249,6 +265,21 @@ class HeadLoading:
 
 
 @dataclass(frozen=True)
+class Keys:
+    """How a user says things, for remedies: where the part stands, a mounted part, reloads."""
+
+    place: str
+    part: str
+    reload: str
+
+
+OPTION_KEYS: Final = Keys(
+    "`printctl slice --place`; of a recipe printer.place_mm", "--{}", "give --reload"
+)
+RECIPE_KEYS: Final = Keys("printer.place_mm", "{} in the recipe", "say printer.care.reload: true")
+
+
+@dataclass(frozen=True)
 class SetUp:
     """Mounted parts and filled syringes of a print.
 
@@ -267,6 +298,13 @@ class SetUp:
         Narrowest line allowed, as a part of the needle's bore.
     absent : tuple of str
         Of needle, bath and dish those that the user says aren't there.
+    start_mm : (x, y, z) or None, mm
+        Where the tip stands before the first line; None where nobody said it.
+    names : mapping of str to str
+        Profile of each part as it was named; of several heads one for each, with commas.
+    words : tuple of str
+        Options of `printctl print` that name all of it.
+    keys : Keys
     """
 
     printer: Printer
@@ -278,11 +316,20 @@ class SetUp:
     heads: tuple[HeadLoading, ...] = ()
     thinnest_bore: float = THINNEST_BORE
     absent: tuple[str, ...] = ()
+    start_mm: Point | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+    words: tuple[str, ...] = ()
+    keys: Keys = OPTION_KEYS
+
+    @property
+    def loads(self) -> list[HeadLoading]:
+        """What each head holds."""
+        return [self.load_of(number) for number in range(self.printer.head_count)]
 
     @property
     def inks(self) -> list[Ink]:
         """What each head writes."""
-        return [self.load_of(number).ink for number in range(self.printer.head_count)]
+        return [one.ink for one in self.loads]
 
     def load_of(self, number: int) -> HeadLoading:
         """What a head holds; the same in each where nobody said it of each."""
@@ -340,8 +387,9 @@ def set_up(
     printer: Printer,
     syringe: str,
     ink: str,
-    tip: tuple[float, float, float],
+    tip: Point | None,
     mounted: ProfileNames,
+    keys: Keys = OPTION_KEYS,
 ) -> SetUp:
     """Set-up of named profiles; of several heads syringe, ink and needle may be one for each.
 
@@ -354,9 +402,13 @@ def set_up(
     bath, dish = (None if name == NONE else name for name in (mounted.bath, mounted.dish))
     standing = None
     if dish is not None:
-        centre = read_dish_centre(mounted.dish_centre) if mounted.dish_centre else tip[:2]
-        keys = ("--bath-depth", "--dish-centre")
-        standing = PlacedDish(load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth, *keys)
+        centre = (
+            read_dish_centre(mounted.dish_centre) if mounted.dish_centre else (tip or (0, 0))[:2]
+        )
+        where = ("--bath-depth", "--dish-centre")
+        standing = PlacedDish(
+            load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth, *where
+        )
     elif mounted.dish_centre is not None or mounted.bath_depth is not None:
         raise UsageError("--dish-centre and --bath-depth belong to a dish; give --dish")
     loads = loads_of(printer, syringe, ink, mounted.needle)
@@ -370,6 +422,13 @@ def set_up(
         loads if printer.heads else (),
         mounted.thinnest_bore,
         absent,
+        tip,
+        {
+            **{"syringe": syringe, "ink": ink},
+            **{part: vars(mounted)[part] or "" for part in ("needle", "bath", "dish")},
+        },
+        ("--syringe", syringe, "--ink", ink, *mounted.words()),
+        keys,
     )
 
 

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
+from printctl.checks.kinds import Kind
 from printctl.checks.made_for import MadeFor
 from printctl.cli.options import messages
 from printctl.errors import SafetyError
@@ -38,6 +39,7 @@ def confirm_set_up(file: Path, mounted: MadeFor, for_mounted: bool) -> None:
             answer = messages().input(question, markup=False)
         if answer.strip().lower() != "yes":
             raise SafetyError(
-                f"{words}; if it was made for that, add --for-mounted (asked once for each file)"
+                f"{words}; if it was made for that, add --for-mounted (asked once for each file)",
+                (Kind.UNRECORDED,),
             )
     keep_confirmed(sha256, mounted)

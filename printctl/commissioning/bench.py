@@ -21,7 +21,7 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.prints.follow import retreat_for
-from printctl.machine.prints.mounted import left_check
+from printctl.machine.prints.mounted import first_syringe_ul, left_check
 from printctl.machine.probing import Settings, query_settings, set_plunger_steps
 from printctl.machine.process.clients.client import Station, attach_station
 from printctl.machine.process.clients.starting import connect
@@ -29,6 +29,7 @@ from printctl.machine.process.contact import STATION_LOCK, alive
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
 from printctl.machine.records.states import LinkState
+from printctl.pipeline.checked_order import MIN_LIFT_MM
 
 
 @dataclass
@@ -139,8 +140,8 @@ class Bench:
         profile, held, station = self.profile, load(Syringe, syringe), self.station()
         lines, left_ul = load_job(job, profile), station.status.ul_left
         if left_ul is not None:
-            refuse_failed([left_check(lines, (), left_ul, held.area_mm2)])
-        retreat = retreat_for(held, load(Ink, ink), 20.0) if ink else Retreat()
+            refuse_failed([left_check(first_syringe_ul(lines, (), held.area_mm2), left_ul)])
+        retreat = retreat_for(held, load(Ink, ink), MIN_LIFT_MM) if ink else Retreat()
         start = declared_start(lines)
         care = Care(syringe=syringe, capacity_mm=usable_mm(held, profile), start_mm=start)
         order = Order(job, self.printer, self.port, folder, retreat, care=care)

@@ -295,15 +295,6 @@ class RunContext:
         above = min(clear, self.printer.z_mm.high)
         return np.round(np.append((low + high)[:2] / 2, above), 3)
 
-    @property
-    def lift_mm(self) -> float:
-        """By how much a needle is raised that must leave the part, from wherever in it, mm."""
-        low, high = self.written_bounds
-        over_part = float(high[2] - low[2]) + 5.0
-        if self.stand is None:
-            return over_part
-        return max(over_part, self.stand.safe_z_mm - self.printer.z_mm.low)
-
 
 def default_place(
     low: NDArray[np.float64],

@@ -14,6 +14,7 @@ from design.toolpath.embedded import EmbeddedOptions, check_thinnest
 from design.toolpath.fresh import FreshOptions, check_lumens
 from firmware_profiles import Bath, Dish, Printer, load
 from kernels.arrays import FloatArray
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight.bore import bore_check, shipped_bores
 from printctl.checks.preflight.dish import hub_check, wall_check
 from printctl.checks.preflight.mounted import (
@@ -196,6 +197,7 @@ def _size_checks(points: FloatArray, printer: Printer) -> Iterator[Check]:
     for axis, span in enumerate((printer.x_mm, printer.y_mm, printer.z_mm)):
         name, size = "xyz"[axis], float(np.ptp(points[:, axis]))
         yield Check(
+            Kind.TRAVEL,
             f"length of the network in {name}",
             size,
             span.high - span.low,
@@ -222,6 +224,7 @@ def reach_checks(points: FloatArray, printer: Printer, what: str = "network") ->
         low, high = float(points[:, axis].min()), float(points[:, axis].max())
         for value, limit, end in ((low, span.low, "low"), (high, span.high, "high")):
             yield Check(
+                Kind.TRAVEL,
                 f"{'least' if end == 'low' else 'greatest'} {name} of the {what}",
                 value,
                 limit,

@@ -97,9 +97,10 @@ def test_a_part_that_contradicts_what_is_mounted_is_refused(tmp_path: Path) -> N
 
 def test_nothing_is_assumed_on_a_real_port(tmp_path: Path) -> None:
     file = job(tmp_path, LIFT)
-    told = refused(2, "print", file, *PRINTER, *NOWHERE, *PARTS, cwd=tmp_path)
-    assert "syringe and ink unknown: neither named nor mounted on generic_marlin" in told
-    assert "printctl mount --printer generic_marlin --syringe PROFILE --ink PROFILE" in told
+    told = refused(3, "print", file, *PRINTER, *NOWHERE, *PARTS, cwd=tmp_path)
+    assert "syringe: neither named nor mounted on generic_marlin" in told
+    assert "ink: neither named nor mounted on generic_marlin" in told
+    assert "printctl mount --printer generic_marlin --syringe PROFILE" in told
     done = called("print", file, *PRINTER, "--port", "simulated", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "note: assumed syringe hamilton_1ml, ink collagen_fresh" in done.stderr

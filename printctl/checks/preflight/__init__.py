@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         role_checks,
         syringe_checks,
     )
-    from printctl.checks.preflight.set_up import file_checks
+    from printctl.checks.preflight.set_up import Designed, file_checks
     from printctl.checks.preflight.shaft import (
         accepted_text,
         read_written,
@@ -66,6 +66,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Budget",
     "Check",
+    "Designed",
     "HeadLoading",
     "PlacedDish",
     "PrintTime",

@@ -17,6 +17,7 @@ from gcode.deposit.lay import Style
 from gcode.deposit.written import Layering, written_levels
 from gcode.dry_run.run import DryRun
 from kernels.arrays import FloatArray, IntArray
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight.ink import volumes
 from printctl.checks.set_up import Check, HeadLoading
 
@@ -69,6 +70,7 @@ def bore_check(
             "ones (thinnest_bore, --thinnest-bore)"
         )
     return Check(
+        Kind.BEAD_WIDTH,
         "width of a line against the needle's bore",
         width_mm,
         limit,
@@ -143,6 +145,7 @@ def _widest_check(
     limit = bores * needle.inner_mm
     return [
         Check(
+            Kind.BEAD_WIDTH,
             "widest line against the needle's bore",
             float(width[widest]),
             limit,
@@ -179,6 +182,7 @@ def drop_checks(run: DryRun, printer: Printer, load_of_head: HeadLoading) -> lis
         return []
     return [
         Check(
+            Kind.DROP,
             "largest drop against the needle's bore",
             diameter,
             limit,

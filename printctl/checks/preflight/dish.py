@@ -12,8 +12,16 @@ from firmware_profiles import Bath, Dish, Needle, load, shipped
 from gcode.dry_run.run import DryRun
 from gcode.program.modal import MOVE
 from kernels.arrays import FloatArray
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight.mounted import longer_needle
-from printctl.checks.set_up import HUB_MM, WALL_CLEARANCE_MM, Check, PlacedDish
+from printctl.checks.set_up import (
+    HUB_MM,
+    RECIPE_KEYS,
+    WALL_CLEARANCE_MM,
+    Check,
+    PlacedDish,
+    finding,
+)
 
 # Compute and check the distance of needle and hub to a dish's wall over all moves of a job.
 
@@ -69,6 +77,7 @@ def wall_check(
 ) -> Check:
     """Least distance between needle and wall; arrays as of `wall_gap`."""
     return _least(
+        Kind.WALL,
         "needle to the dish's wall",
         wall_gap(tips, moves, standing, needle.outer_mm),
         standing.dish,
@@ -87,6 +96,7 @@ def hub_check(
 ) -> Check:
     """Least distance between the wall and what is above the needle's shaft."""
     return _least(
+        Kind.HUB,
         "needle's hub to the dish's wall",
         hub_gap(tips, moves, standing, needle),
         standing.dish,
@@ -104,10 +114,13 @@ def hub_remedy(needle: Needle, dish: Dish) -> str:
     )
 
 
-def _least(what: str, gap: FloatArray, dish: Dish, places: PlaceNames, remedy: str) -> Check:
+def _least(
+    kind: Kind, what: str, gap: FloatArray, dish: Dish, places: PlaceNames, remedy: str
+) -> Check:
     row = int(gap.argmin()) if len(gap) else -1
     value = float(gap[row]) if row >= 0 and np.isfinite(gap[row]) else dish.inner_x_mm / 2
     return Check(
+        kind,
         what,
         value,
         WALL_CLEARANCE_MM,
@@ -121,15 +134,13 @@ def _least(what: str, gap: FloatArray, dish: Dish, places: PlaceNames, remedy: s
 _TINY_MM: Final = 1e-6
 
 
-PLACE_KEY: Final = "printer.place_mm"
-PLACE_OPTION: Final = "`printctl slice --place`; of a recipe printer.place_mm"
-"""What moves a part: in a recipe, and in a G-code file that something wrote."""
-
-
-def floor_check(run: DryRun, bath: Bath, floor_mm: float, place_key: str = PLACE_KEY) -> Check:
+def floor_check(
+    run: DryRun, bath: Bath, floor_mm: float, place_key: str = RECIPE_KEYS.place
+) -> Check:
     """Check the tip's least distance from the dish's floor."""
     value = float(run.low_mm[2]) - floor_mm
     return Check(
+        Kind.FLOOR,
         "lowest tip above the dish's floor",
         value,
         bath.floor_clearance_mm,
@@ -141,14 +152,11 @@ def floor_check(run: DryRun, bath: Bath, floor_mm: float, place_key: str = PLACE
     )
 
 
-def unknown_dish(option: str = "printer.dish", *, real: bool = False) -> Check:
+def unknown_dish(option: str, *, real: bool = False) -> Check:
     """No dish is named, so its walls and the bath's depth can't be checked: refused if ``real``."""
-    return Check(
+    return finding(
+        Kind.UNKNOWN_PART,
         "dish",
-        0,
-        0,
-        "",
-        False,
         option,
         "not set, so the needle's distance from its walls wasn't checked; name the dish",
         "refuses" if real else "warns",
@@ -231,6 +239,7 @@ def _depth(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> 
     risen = _risen_mm(run, standing, needle, ink_ul)
     return [
         Check(
+            Kind.BATH_DEPTH,
             "depth of the bath with ink and needle in it, below the dish's wall",
             risen,
             dish.wall_mm,
@@ -240,6 +249,7 @@ def _depth(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> 
             f"{dish.name} would run over; fill less{_higher_dishes(run, standing, needle, ink_ul)}",
         ),
         Check(
+            Kind.BATH_SURFACE,
             "highest writing, below the bath's surface",
             top,
             surface,
@@ -249,6 +259,7 @@ def _depth(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> 
             f"it would write in the air; fill more ({standing.bath_key}) or lower the part",
         ),
         Check(
+            Kind.NEEDLE_LENGTH,
             "deepest tip below the bath's surface, against the needle",
             deepest,
             needle.length_mm,

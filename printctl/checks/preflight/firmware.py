@@ -18,7 +18,8 @@ from gcode.dry_run.run import DryRun
 from gcode.program.gcode import code
 from gcode.program.modal import DWELL, MOVE
 from gcode.reading.line import is_known, is_known_name
-from printctl.checks.set_up import Check
+from printctl.checks.kinds import Kind
+from printctl.checks.set_up import Check, finding
 
 _NAME: Final = "the firmware's own switch-off"
 
@@ -48,8 +49,12 @@ def _run_by_hand(printer: Printer) -> Check:
             f"; and that the controller has {', '.join(words)}, which the file calls and doesn't "
             "define (file_controller: ends)"
         )
-    return Check(
-        "asked of you", 0, 0, "", False, f"{printer.name}: {printer.firmware}", remedy, "warns"
+    return finding(
+        Kind.ASKED,
+        "asked of you",
+        f"{printer.name}: {printer.firmware}",
+        remedy,
+        "warns",
     )
 
 
@@ -58,6 +63,7 @@ def _safe_state(printer: Printer) -> list[Check]:
     return _known(
         printer,
         list(dict.fromkeys((*printer.safe_lines, *printer.safe_state_off))),
+        Kind.SAFE_STATE,
         "commands of the safe state unknown to the firmware",
         "dispenser, safe_state_off",
         "a stop would switch nothing off",
@@ -69,6 +75,7 @@ def _watched(printer: Printer) -> list[Check]:
     return _known(
         printer,
         [watched.query for watched in printer.watch],
+        Kind.WATCH,
         "questions to watch by unknown to the firmware",
         "watch",
         "nothing would be watched, and the print end at the first of them",
@@ -76,7 +83,7 @@ def _watched(printer: Printer) -> list[Check]:
 
 
 def _known(
-    printer: Printer, commands: Sequence[str], check: str, key: str, else_: str
+    printer: Printer, commands: Sequence[str], kind: Kind, check: str, key: str, else_: str
 ) -> list[Check]:
     if not commands:
         return []
@@ -89,7 +96,7 @@ def _known(
             strange.append(command)
     remedy = f"{', '.join(strange)}: {else_}; mend the profile, or name them in extra_commands"
     place = f"{printer.name}: {key}"
-    return [Check(check, len(strange), 0, "", not strange, place, remedy)]
+    return [Check(kind, check, len(strange), 0, "", not strange, place, remedy)]
 
 
 def _timeout(run: DryRun, printer: Printer) -> Check:
@@ -105,13 +112,14 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
             "stay as they are until somebody comes; don't leave the print alone, or have the "
             "board's own configuration watch it"
         )
-        return Check(_NAME, 0, 0, "", False, f"{printer.name}: firmware", remedy, "warns")
+        return finding(Kind.SWITCH_OFF, _NAME, f"{printer.name}: firmware", remedy, "warns")
     seconds, line = _least_timeout(run, family)
     dwell, dwells_at = _longest_dwell(run)
     if seconds <= 0:
         off = "without it" if line else "the job doesn't set it, so"
         wanted = heats or (line > 0 and printer.idle_timeout_s > 0)
         return Check(
+            Kind.SWITCH_OFF,
             _NAME,
             0,
             1,
@@ -123,6 +131,7 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
             "refuses" if wanted else "warns",
         )
     return Check(
+        Kind.SWITCH_OFF,
         f"{_NAME}, above the longest dwells between moves",
         seconds,
         dwell,
@@ -192,7 +201,7 @@ def _configured(run: DryRun, printer: Printer) -> list[Check]:
     place, remedy = family.configuration_file, family.configuration_remedy
     if not place or (printer.heads and not family.configured_heads):
         return []
-    return [Check("asked of you", 0, 0, "", False, place, remedy, "warns")]
+    return [finding(Kind.ASKED, "asked of you", place, remedy, "warns")]
 
 
 def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
@@ -216,4 +225,4 @@ def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[C
         f"filament_diameter {syringe.inner_mm:g}; see that it is"
     )
     place = f"line {int(program.line[at])}, {family.configuration_file}"
-    return [Check("asked of you", 0, 0, "", False, place, remedy, "warns")]
+    return [finding(Kind.ASKED, "asked of you", place, remedy, "warns")]

@@ -22,6 +22,7 @@ from firmware_profiles import (
     yield_pressure_pa,
 )
 from gcode.dry_run.run import DryRun
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.preflight.pneumatic_checks import air_checks, speed_checks
 from printctl.checks.set_up import Check
@@ -88,6 +89,7 @@ def force_checks(
     friction = "" if syringe.friction_n is not None else ", the syringe's friction not known"
     rows = (
         (
+            Kind.PRESSURE,
             "pressure in the syringe",
             push.pressure_pa * 1e-3,
             syringe.max_pressure_kpa,
@@ -95,6 +97,7 @@ def force_checks(
             f"{syringe.name}: max_pressure_kpa",
         ),
         (
+            Kind.PLUNGER_FORCE,
             f"force on the plunger{friction}",
             push.force_n,
             printer.max_plunger_force_n,
@@ -102,6 +105,7 @@ def force_checks(
             f"{printer.name}: max_plunger_force_n",
         ),
         (
+            Kind.SHEAR_STRESS,
             "shear stress at the needle's wall",
             push.shear_pa,
             ink.max_shear_stress_pa,
@@ -111,6 +115,7 @@ def force_checks(
     )
     limits = [
         Check(
+            kind,
             f"{name}, at {push.flow_ul_s:.3g} µL/s",
             value,
             limit,
@@ -120,7 +125,7 @@ def force_checks(
             f"above what is allowed ({whose}); write slower, or take a wider or shorter needle",
             "refuses" if ink.calibrated else "warns",
         )
-        for name, value, limit, unit, whose in rows
+        for kind, name, value, limit, unit, whose in rows
         if limit is not None
     ]
     return [*profile_checks(needle, ink), *limits, *_held(ink, needle), *speeds]
@@ -133,6 +138,7 @@ def _held(ink: Ink, needle: Needle) -> list[Check]:
         return []
     return [
         Check(
+            Kind.HELD_PRESSURE,
             "pressure that the ink holds in the needle after a stop",
             held * 1e-3,
             0,

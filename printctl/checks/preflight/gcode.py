@@ -17,12 +17,12 @@ from gcode.program.modal import MOVE
 from gcode.reading import GcodeLine
 from gcode.reading.line import OUTPUTS, SORTS, Finding, is_known_line, output_of
 from printctl.checks.gate import refused_lines
-from printctl.checks.preflight.dish import PLACE_KEY
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.checks.preflight.heads import ABOUT_HEADS, check_each_head
 from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.preflight.pneumatic_checks import pressure_checks, valve_checks
-from printctl.checks.set_up import Check, Weight
+from printctl.checks.set_up import RECIPE_KEYS, Check
 
 # Check that a job doesn't redefine its X, Y or Z coordinates (G92) after its first move.
 #
@@ -38,6 +38,7 @@ def place_checks(run: DryRun, printer: Printer) -> list[Check]:
     for number, axis, stated, stands in _told_anew(run):
         return [
             Check(
+                Kind.PLACE_REDEFINED,
                 f"place of {axis} told anew",
                 stated,
                 stands,
@@ -107,6 +108,7 @@ def motor_checks(run: DryRun, printer: Printer) -> list[Check]:
         return []
     return [
         Check(
+            Kind.MOTORS_OFF,
             "motors without power before the last move",
             1,
             0,
@@ -131,10 +133,11 @@ def _output_checks(run: DryRun, printer: Printer) -> list[Check]:
         if line.code in OUTPUTS and (line.code, line.parameters) not in own
     ]
     if not others:
-        return [Check(_OUTPUTS, 0, 0, "", True)]
+        return [Check(Kind.OUTPUTS, _OUTPUTS, 0, 0, "", True)]
     dispenser = ", ".join(f"{head.opens}, {head.closes}" for head in printer.airs) or "none"
     return [
         Check(
+            Kind.OUTPUTS,
             _OUTPUTS,
             len(others),
             0,
@@ -167,9 +170,10 @@ def gate_checks(run: DryRun, printer: Printer) -> list[Check]:
     for number, refused, why in refused_lines(known, printer):
         by_code.setdefault(refused, []).append((number, why))
     if not by_code:
-        return [Check("commands that may not be sent", 0, 0, "", True)]
+        return [Check(Kind.FORBIDDEN_COMMAND, "commands that may not be sent", 0, 0, "", True)]
     return [
         Check(
+            Kind.FORBIDDEN_COMMAND,
             f"{code}: may not be sent by a job",
             len(those),
             0,
@@ -208,7 +212,9 @@ def wait_checks(run: DryRun, printer: Printer) -> list[Check]:
         if failed is not None:
             value, limit, why = failed
             name = "wait for a temperature that may never come"
-            return [Check(name, value, limit, "°C", False, f"line {number}", why)]
+            return [
+                Check(Kind.ENDLESS_WAIT, name, value, limit, "°C", False, f"line {number}", why)
+            ]
     return []
 
 
@@ -295,7 +301,7 @@ _COUNTED_REMEDY = {
 }
 
 
-def gcode_checks(run: DryRun, printer: Printer, place_key: str = PLACE_KEY) -> list[Check]:
+def gcode_checks(run: DryRun, printer: Printer, place_key: str = RECIPE_KEYS.place) -> list[Check]:
     """Every check of a dry run, passed or not; ``place_key`` says what moves the part."""
     findings = {finding.code: finding for finding in run.findings}
     findings_told = _as_the_gate(run, printer)
@@ -368,7 +374,16 @@ def _travel(run: DryRun, printer: Printer, place_key: str) -> list[Check]:
             wrong = beyond.get((f"outside_{name}", limit))
             place = _line(wrong) if wrong else f"line {line}"
             checks.append(
-                Check(f"{name}, {end}", float(value), limit, "mm", wrong is None, place, remedy)
+                Check(
+                    Kind.TRAVEL,
+                    f"{name}, {end}",
+                    float(value),
+                    limit,
+                    "mm",
+                    wrong is None,
+                    place,
+                    remedy,
+                )
             )
     return checks
 
@@ -377,6 +392,7 @@ def _speed(run: DryRun, findings: dict[str, Finding]) -> list[Check]:
     fastest = run.speed_mm_s.max(axis=0, initial=0.0)
     return [
         Check(
+            Kind.SPEED,
             f"speed of {name}",
             float(fastest[axis]),
             float(run.limit_mm_s[axis]),
@@ -403,7 +419,18 @@ def _travelled(run: DryRun, printer: Printer, findings: dict[str, Finding]) -> l
     fits = run.plunger_max_mm <= limit + _TINY_MM
     place = _line(findings.get("plunger_travel"))
     remedy = "use a wider syringe or a smaller part"
-    return [Check("plunger travel", run.plunger_max_mm, limit, "mm", fits, place, remedy)]
+    return [
+        Check(
+            Kind.PLUNGER_TRAVEL,
+            "plunger travel",
+            run.plunger_max_mm,
+            limit,
+            "mm",
+            fits,
+            place,
+            remedy,
+        )
+    ]
 
 
 def _pulled_back(run: DryRun) -> list[Check]:
@@ -414,6 +441,7 @@ def _pulled_back(run: DryRun) -> list[Check]:
     row = int(run.program.plunger.argmin())
     return [
         Check(
+            Kind.PLUNGER_BEHIND,
             "plunger behind where it begins",
             back,
             0,
@@ -429,6 +457,7 @@ def _pulled_back(run: DryRun) -> list[Check]:
 def _line_length(run: DryRun, printer: Printer, findings: dict[str, Finding]) -> Check:
     size, line = run.longest_line
     return Check(
+        Kind.LINE_LENGTH,
         "longest line as sent",
         size,
         printer.max_line_bytes,
@@ -445,6 +474,7 @@ def _merged(run: DryRun, printer: Printer) -> Check:
     moves = int((run.program.kind == MOVE).sum())
     most = int(MAX_MERGED_SHARE * moves)
     return Check(
+        Kind.MERGED_MOVES,
         f"moves of less than {least} motor steps",
         run.merged_moves,
         most,
@@ -464,6 +494,7 @@ def _starved(run: DryRun, printer: Printer) -> Check:
     may_pair = family_of(printer).pairs and printer.lines_in_flight == 1
     more = ", lines_in_flight: 2" if may_pair else ""
     return Check(
+        Kind.STARVED,
         "segments starved by the wire",
         starved.segments,
         0,
@@ -484,6 +515,7 @@ def _probing(run: DryRun) -> Check:
     named = [number for number, line in run.named if line.code in _NAMED_PROBES]
     lines = sorted([*(int(run.program.line[row]) for row in rows), *named])
     return Check(
+        Kind.PROBING,
         "probing with the needle mounted",
         len(lines),
         0,
@@ -501,16 +533,15 @@ def _counted(code: str, name: str, findings: list[Finding]) -> Check:
     remedy = _COUNTED_REMEDY.get(code, "; ".join(finding.message for finding in those))
     first = those[0] if those else None
     count = sum(finding.count for finding in those)
-    return Check(name, count, 0, "", not those, _line(first), remedy)
-
-
-LEFT_DOWN: Final = SORTS["left_down"]
-"""Name of the check of a file's last move; it warns where nothing moves yet."""
+    return Check(_kind_of(code), name, count, 0, "", not those, _line(first), remedy)
 
 
 def _other(finding: Finding) -> Check:
     names = {**SORTS, **ABOUT_HEADS, "empty_file": "files without a command"}
-    name = names.get(finding.code, finding.code)
-    weight: Weight = "warns" if name == LEFT_DOWN else "refuses"
-    line = _line(finding)
-    return Check(name, finding.count, 0, "", False, line, finding.message, weight)
+    name, line = names.get(finding.code, finding.code), _line(finding)
+    return Check(_kind_of(finding.code), name, finding.count, 0, "", False, line, finding.message)
+
+
+def _kind_of(code: str) -> Kind:
+    """Kind of a finding of the dry run; those of the reading of lines are of one kind."""
+    return Kind(code) if code in set(Kind) else Kind.BAD_LINE

@@ -19,9 +19,10 @@ from firmware_profiles.families import family_of
 from gcode.dry_run.run import DryRun
 from gcode.program.modal import MOVE
 from kernels.arrays import FloatArray
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight.dish import wall_gap
 from printctl.checks.preflight.pneumatic_checks import marked, none_check, waited, waits_s
-from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
+from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish, finding
 
 ABOUT_HEADS: Final = {
     "no_such_head": "heads chosen that aren't there",
@@ -113,11 +114,12 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
             for number, valve in enumerate(run.valves)
         ),
     )
-    checks = [none_check(run, *row) for row in rows]
+    checks = [none_check(run, Kind.HEAD_STATE, *row) for row in rows]
     switched = (np.diff(heads.raised, axis=0, append=heads.raised[-1:])).any(axis=1)
     checks.append(
         none_check(
             run,
+            Kind.HEAD_STATE,
             "heads raised or lowered while the carriage may still move",
             switched & ~waited(run, printer),
             f"put {dialect.waits} before it",
@@ -130,6 +132,7 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
         replace(
             none_check(
                 run,
+                Kind.HEAD_STATE,
                 "heads raised or lowered without their time waited for",
                 marked(run, short),
                 f"put {dialect.dwell(least)} behind it (heads: moving_s)",
@@ -165,6 +168,7 @@ def _lowered_into(run: DryRun, printer: Printer) -> Check:
     low = worst if np.isfinite(worst) else top if np.isfinite(top) else 0.0
     limit = top if np.isfinite(top) else low
     return Check(
+        Kind.HEAD_STATE,
         "lowest tip where a head is lowered, above all that is written",
         low,
         limit,
@@ -205,6 +209,7 @@ def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> C
     remedy = f"raise {axis} before that" if axis else "raise it further (raised_mm, offset_mm)"
     remedy += "" if limit == top else ", or fill less"
     return Check(
+        Kind.IDLE_HEAD,
         f"lowest tip that doesn't write, above {what}",
         value,
         limit,
@@ -259,6 +264,7 @@ def _idle_in_walls(
             worst, row, whose = float(gap.min()), int(gap.argmin()), number
     value = worst if np.isfinite(worst) else standing.dish.inner_x_mm / 2
     return Check(
+        Kind.IDLE_HEAD,
         "needle that doesn't write, to the dish's wall",
         value,
         WALL_CLEARANCE_MM,
@@ -282,4 +288,4 @@ def _asked(printer: Printer) -> Check:
         f"see that the needles stand as the profile says ({offsets}): touch both off at one point "
         "after every change of a needle (`printctl calibrate offset`)"
     )
-    return Check("asked of you", 0, 0, "", False, f"{printer.name}: heads", remedy, "warns")
+    return finding(Kind.ASKED, "asked of you", f"{printer.name}: heads", remedy, "warns")

@@ -15,7 +15,8 @@ from gcode.heads import flowing_s
 from gcode.program.modal import MOVE
 from kernels.arrays import FloatArray
 from printctl.checks.gate import UNNAMED_C
-from printctl.checks.set_up import Budget, Check, HeadLoading
+from printctl.checks.kinds import Kind
+from printctl.checks.set_up import Budget, Check, HeadLoading, finding
 
 
 def volumes(run: DryRun, printer: Printer, loads: Sequence[HeadLoading]) -> FloatArray:
@@ -163,6 +164,7 @@ def _setting(run: DryRun, part: str, which: str, limit: float, bears: str) -> Ch
     ]
     worst = max(those, key=lambda heat: sign * heat.celsius, default=None)
     return Check(
+        Kind.INK_TEMPERATURE if part == "ink" else Kind.BATH_TEMPERATURE,
         f"{which} setting of the {part}",
         limit if worst is None else worst.celsius,
         limit,
@@ -216,6 +218,7 @@ def viability_checks(time: PrintTime, budget: Budget | None) -> list[Check]:
     changes = f" with {time.reloads} changes of syringe" if time.reloads else ""
     checks = [
         Check(
+            Kind.VIABILITY,
             f"print time{changes}, of what the cells have",
             time.minutes,
             budget.minutes,
@@ -229,12 +232,9 @@ def viability_checks(time: PrintTime, budget: Budget | None) -> list[Check]:
     ]
     if time.lacks_reloads:
         checks.append(
-            Check(
+            finding(
+                Kind.RELOAD_TIME,
                 "time of the changes of syringe",
-                0,
-                0,
-                "",
-                False,
                 "printer.care.reload_min",
                 f"not known, so {time.reloads} changes aren't in the print time; say how long one "
                 "takes you",

@@ -24,20 +24,18 @@ from firmware_profiles import (
 from firmware_profiles.materials.inks_and_baths import BathRole
 from gcode.deposit.lay import Style
 from gcode.dry_run.run import DryRun
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight.firmware import widest_push_check
-from printctl.checks.set_up import Check, Weight
+from printctl.checks.set_up import Check, Weight, finding
 from printctl.run_folder.manifest import Manifest
 
 
 def profile_checks(*profiles: Facts) -> list[Check]:
     """A refusal for each grave doubt about a profile; nothing for one that is in order."""
     return [
-        Check(
+        finding(
+            Kind.PROFILE,
             f"profile {facts.name}",
-            0,
-            0,
-            "",
-            False,
             doubt.key,
             f"{doubt.text}; `printctl profiles check` tells all that is wrong with it",
         )
@@ -59,6 +57,7 @@ _WORDS: Final = {
 def needle_check(part_height_mm: float, needle: Needle) -> Check:
     """Whether the needle reaches the part's bottom before its hub dips into the bath."""
     return Check(
+        Kind.NEEDLE_LENGTH,
         "depth of the part against the needle's length",
         part_height_mm,
         needle.length_mm,
@@ -84,6 +83,7 @@ def chemistry_check(ink: Ink, bath: Bath) -> Check:
     missing = [trigger for trigger in ink.gelled_by if trigger not in bath.provides]
     needs = " and ".join(_WORDS[trigger] for trigger in missing)
     return Check(
+        Kind.CHEMISTRY,
         "what sets the ink and the bath lacks",
         len(missing),
         0,
@@ -169,7 +169,7 @@ _ROLES: Final = {"ink": "structural, cell_laden or sacrificial", "bath": "suppor
 
 
 def _role_check(name: str, remedy: str, weight: Weight = "refuses") -> Check:
-    return Check(name, 0, 0, "", False, "role", remedy, weight)
+    return finding(Kind.ROLE, name, "role", remedy, weight)
 
 
 def _fitting_inks(stay: bool, bath: Bath) -> str:
@@ -199,6 +199,7 @@ def bath_checks(bath: Bath) -> list[Check]:
         return others
     return [
         Check(
+            Kind.MELT_OUT,
             "printing temperature of the bath, below its melt-out",
             bath.max_printing_c,
             bath.melt_out_c,
@@ -217,6 +218,7 @@ def held_check(widest_mm: float, ink: Ink, bath: Bath) -> Check:
     # Where densities are equal nothing sinks; a limit must be a number all the same.
     limit = held if math.isfinite(held) else widest_mm
     return Check(
+        Kind.FILAMENT_HELD,
         "thickest filament in the bath",
         widest_mm,
         limit,
@@ -239,6 +241,7 @@ def syringe_check(run: DryRun, syringe: Syringe) -> Check:
     over = np.flatnonzero(run.program.plunger * area + syringe.dead_volume_ul > syringe.volume_ul)
     line = f"line {int(run.program.line[over[0]])}, " if len(over) else ""
     return Check(
+        Kind.SYRINGE_VOLUME,
         f"ink, with {syringe.dead_volume_ul:g} µL dead volume",
         needed,
         syringe.volume_ul,

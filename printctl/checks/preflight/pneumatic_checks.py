@@ -27,8 +27,9 @@ from gcode.heads import flowing_s
 from gcode.program.gcode import code
 from gcode.program.modal import DWELL, MOVE, SYNC
 from gcode.program.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, read_pressures
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight.mounted import larger_syringe, profile_checks
-from printctl.checks.set_up import Check
+from printctl.checks.set_up import Check, finding
 
 _FEED_ROUNDING: Final = 1e-4
 MOST_STANDING_S: Final = 1.0
@@ -46,6 +47,7 @@ def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
     checks = [
         none_check(
             run,
+            Kind.VALVE,
             "plunger moves, where there is none",
             run.program.pushed != 0,
             "the head is pneumatic (dispenser); write the job for it, without E",
@@ -84,7 +86,7 @@ def _states(run: DryRun, valve: Valve, head: Pneumatic) -> list[Check]:
             f"give {head.opens!r} or {head.closes!r}",
         ),
     )
-    return [none_check(run, *row) for row in rows]
+    return [none_check(run, Kind.VALVE, *row) for row in rows]
 
 
 def _order(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list[Check]:
@@ -97,6 +99,7 @@ def _order(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list
     return [
         none_check(
             run,
+            Kind.VALVE,
             "valve opened that is open already",
             marked(run, valve.row[same & (valve.state == OPEN)].tolist()),
             f"its closing is missing: put {wait} and {head.closes!r} where the path before ends, "
@@ -104,6 +107,7 @@ def _order(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list
         ),
         none_check(
             run,
+            Kind.VALVE,
             "valve closed that is closed already, between the first move and the last",
             marked(run, valve.row[same & during & (valve.state == CLOSED)].tolist()),
             f"its opening is missing, and what follows wasn't written: put {wait} and {opening} "
@@ -145,6 +149,7 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
         highest = max((kpa for _, kpa in sets), default=0.0)
         found = [
             Check(
+                Kind.SET_PRESSURE,
                 "pressure at which its valve opens",
                 wrong[0][1] if wrong else wanted,
                 wanted,
@@ -159,6 +164,7 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
                 "set the resting pressure (dispenser: resting_kpa) before it",
             ),
             Check(
+                Kind.SET_PRESSURE,
                 "highest pressure set",
                 highest,
                 wanted,
@@ -188,7 +194,7 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
 
 def _at_no_line(name: str, lines: list[int], remedy: str) -> Check:
     place = f"line {min(lines)}" if lines else ""
-    return Check(name, len(lines), 0, "", not lines, place, remedy)
+    return Check(Kind.SET_PRESSURE, name, len(lines), 0, "", not lines, place, remedy)
 
 
 def _hasty(run: DryRun, sets: list[tuple[int, float]], opens: list[int]) -> list[int]:
@@ -217,10 +223,10 @@ def marked(run: DryRun, rows: list[int]) -> NDArray[np.bool_]:
     return np.isin(np.arange(len(run.program)), rows)
 
 
-def none_check(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) -> Check:
+def none_check(run: DryRun, kind: Kind, name: str, where: NDArray[np.bool_], remedy: str) -> Check:
     """Check that no row of the program (n,) is marked; names the first line that is."""
     place = f"line {int(run.program.line[int(where.argmax())])}" if where.any() else ""
-    return Check(name, int(where.sum()), 0, "", not place, place, remedy)
+    return Check(kind, name, int(where.sum()), 0, "", not place, place, remedy)
 
 
 def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:
@@ -228,7 +234,7 @@ def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:
     shut = not len(valve.row) or bool(valve.state[-1] == CLOSED)
     place = "" if shut else f"line {int(run.program.line[valve.row[-1]])}"
     remedy = f"the ink would go on flowing after the job; end it with {head.closes!r}"
-    return Check("valve open at the end", int(not shut), 0, "", shut, place, remedy)
+    return Check(Kind.VALVE, "valve open at the end", int(not shut), 0, "", shut, place, remedy)
 
 
 def _asked_to_watch(head: Pneumatic) -> Check:
@@ -239,7 +245,7 @@ def _asked_to_watch(head: Pneumatic) -> Check:
         "valve and pressure as they are: take a valve that is shut without power, and have a hand "
         "on the air's cock"
     )
-    return Check("asked of you", 0, 0, "", False, "kill and dead host", remedy, "warns")
+    return finding(Kind.ASKED, "asked of you", "kill and dead host", remedy, "warns")
 
 
 def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list[Check]:
@@ -263,6 +269,7 @@ def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> lis
         replace(
             none_check(
                 run,
+                Kind.VALVE,
                 "valve switched while the head may still move",
                 ~waited(run, printer) & marked(run, valve.row.tolist()),
                 f"put {dialect.waits} before it{enables}",
@@ -273,6 +280,7 @@ def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> lis
         replace(
             none_check(
                 run,
+                Kind.VALVE,
                 "valve switched without its delay waited for",
                 marked(run, short),
                 f"put {waits[0]} behind an opening, {waits[1]} behind a closing (dispenser), else "
@@ -283,6 +291,7 @@ def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> lis
         replace(
             none_check(
                 run,
+                Kind.VALVE,
                 "dwells with the valve open, longer than its delay and 1 s",
                 long,
                 f"ink would flow on one spot; wait no longer than {waits[0]} there",
@@ -324,12 +333,31 @@ def air_checks(
     shear = head.pressure_kpa * 1e3 * needle.inner_mm / (4 * needle.length_mm)
     key = f"{printer.name}: dispenser, pressure_kpa"
     rows = (
-        ("pressure, of the regulator", head.pressure_kpa, head.max_pressure_kpa, "kPa"),
-        ("pressure, on the syringe", head.pressure_kpa, syringe.max_pressure_kpa, "kPa"),
-        ("shear stress at the needle's wall", shear, ink.max_shear_stress_pa, "Pa"),
+        (
+            Kind.PRESSURE,
+            "pressure, of the regulator",
+            head.pressure_kpa,
+            head.max_pressure_kpa,
+            "kPa",
+        ),
+        (
+            Kind.PRESSURE,
+            "pressure, on the syringe",
+            head.pressure_kpa,
+            syringe.max_pressure_kpa,
+            "kPa",
+        ),
+        (
+            Kind.SHEAR_STRESS,
+            "shear stress at the needle's wall",
+            shear,
+            ink.max_shear_stress_pa,
+            "Pa",
+        ),
     )
     limits = [
         Check(
+            kind,
             name,
             value,
             limit,
@@ -339,7 +367,7 @@ def air_checks(
             "above what is allowed; lower the pressure, or take a longer or thinner needle for "
             "the cells' sake, a stronger syringe for the barrel's",
         )
-        for name, value, limit, unit in rows
+        for kind, name, value, limit, unit in rows
         if limit is not None
     ]
     if syringe.max_pressure_kpa is None:
@@ -347,7 +375,10 @@ def air_checks(
     try:
         flow = steady_flow(head, ink, needle)
     except ProfileError as exc:
-        return [*limits, Check("flow at the set pressure", 0, 0, "", False, key, str(exc))]
+        return [
+            *limits,
+            finding(Kind.FLOW, "flow at the set pressure", key, str(exc)),
+        ]
     return [
         *limits,
         *_flow(run, flow, syringe, key, head),
@@ -361,7 +392,7 @@ def _asked(syringe: Syringe, head: Pneumatic) -> Check:
         f"see that {syringe.name} bears {head.pressure_kpa:g} kPa and say it (max_pressure_kpa): a "
         "glass syringe may burst, and a plug may fly"
     )
-    return Check("asked of you", 0, 0, "", False, "syringe: max_pressure_kpa", remedy, "warns")
+    return finding(Kind.ASKED, "asked of you", "syringe: max_pressure_kpa", remedy, "warns")
 
 
 def _flow(
@@ -371,6 +402,7 @@ def _flow(
     needed = flow.ul_s * open_s + syringe.dead_volume_ul
     checks = [
         Check(
+            Kind.VALVE_INK,
             f"ink for the open valve, with {syringe.dead_volume_ul:g} µL dead volume",
             needed,
             syringe.volume_ul,
@@ -383,12 +415,9 @@ def _flow(
     ]
     if not flow.measured:
         checks.append(
-            Check(
+            finding(
+                Kind.FLOW,
                 "flow at the set pressure",
-                0,
-                0,
-                "",
-                False,
                 key,
                 f"{flow.ul_s:.4g} µL/s are foreseen from the ink's viscosity, not measured for "
                 "this ink and needle at this pressure; every line's width hangs on it: "
@@ -404,6 +433,7 @@ def _drop(flow: SteadyFlow, needle: Needle, head: Pneumatic) -> Check:
     across = (6 * flow.ul_s * head.closing_delay_s / math.pi) ** (1 / 3)
     limit = _DROP_BORES * needle.inner_mm
     return Check(
+        Kind.DROP,
         "drop at each path's end while the valve closes, across",
         across,
         limit,
@@ -436,6 +466,7 @@ def _written(run: DryRun, row: int, value: float, ink: Ink, *, slowest: bool) ->
     limit = value if span is None else span.low if slowest else span.high
     slack = _FEED_ROUNDING * limit
     return Check(
+        Kind.WRITING_SPEED,
         "slowest writing" if slowest else "fastest writing",
         value,
         limit,

@@ -20,8 +20,9 @@ from gcode.clearance.motion import LineSources, motion_of
 from gcode.clearance.network import WrittenNetwork
 from gcode.dry_run.run import DryRun
 from kernels.arrays import FloatArray
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight.ink import volumes
-from printctl.checks.set_up import Check, HeadLoading, SetUp
+from printctl.checks.set_up import Check, HeadLoading, SetUp, finding
 from printctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def shaft_checks(clearance: Clearance, allowed: int, *, accepted: bool = False) 
     """
     taken = accepted or clearance.pairs <= allowed
     crossing = Check(
+        Kind.SHAFT_CROSSING,
         "vessels that the needle's shaft passes through",
         clearance.pairs,
         allowed,
@@ -59,6 +61,7 @@ def shaft_checks(clearance: Clearance, allowed: int, *, accepted: bool = False) 
         "warns" if taken else "refuses",
     )
     graze = Check(
+        Kind.SHAFT_NEAR,
         f"vessels that the shaft passes by nearer than {clearance.clearance_mm:g} mm",
         clearance.grazed_pairs,
         0,
@@ -99,12 +102,9 @@ def shaft_lines(facts: Mapping[str, Any]) -> list[str]:
 
 def unmapped_check() -> Check:
     """Embedded writing without a map: nobody can tell joints from crossings."""
-    return Check(
+    return finding(
+        Kind.SHAFT_UNMAPPED,
         "needle's shaft against what is written",
-        0,
-        0,
-        "",
-        False,
         "FILE.map.npz",
         "not beside the file, so whether the shaft passes through written vessels wasn't looked at",
         "warns",
@@ -288,7 +288,9 @@ class FileShaft:
         return [] if self.found is None else shaft_lines(self.found.as_dict())
 
 
-def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = False) -> FileShaft:
+def file_shaft(
+    file: Path, run: DryRun, mounted: SetUp, *, allowed: int = 0, accepted: bool = False
+) -> FileShaft:
     """Check a file's shaft.
 
     Parameters
@@ -297,8 +299,10 @@ def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = Fals
         Its map, ``FILE.map.npz``, stands beside it.
     run : DryRun
     mounted : SetUp
+    allowed : int
+        Crossings that the recipe takes, as of `shaft_checks`.
     accepted : bool
-        Whether the user prints with crossings.
+        Whether the user prints with any.
 
     Raises
     ------
@@ -312,13 +316,12 @@ def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = Fals
     if written is None:
         return FileShaft([])
     _check_lines(file, path, len(written.sources.vessel))
-    loads = [mounted.load_of(number) for number in range(mounted.printer.head_count)]
-    clearance = shaft_clearance(run, mounted.printer, loads, written)
-    text = accepted_text(clearance)
+    clearance = shaft_clearance(run, mounted.printer, mounted.loads, written)
+    text, taken = accepted_text(clearance), accepted or clearance.pairs <= allowed
     return FileShaft(
-        shaft_checks(clearance, 0, accepted=accepted),
+        shaft_checks(clearance, allowed, accepted=accepted),
         clearance,
-        (text,) if accepted and text else (),
+        (text,) if taken and text else (),
     )
 
 

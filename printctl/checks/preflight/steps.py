@@ -17,6 +17,7 @@ from firmware_profiles import Printer, Syringe
 from gcode.deposit.written import SMOOTHING_MM, Strands
 from gcode.dry_run.run import DryRun
 from gcode.program.modal import MOVE
+from printctl.checks.kinds import Kind
 from printctl.checks.set_up import Check
 from printctl.rounding import last_digit_mm
 
@@ -123,4 +124,4 @@ def _least_dose(wrote: Strands, run: DryRun, printer: Printer, syringe: Syringe)
 def _step_check(
     name: str, value: float, limit: float, unit: str, passed: bool, line: int, remedy: str
 ) -> Check:
-    return Check(name, value, limit, unit, passed, f"line {line}", remedy, "warns")
+    return Check(Kind.STEPS, name, value, limit, unit, passed, f"line {line}", remedy, "warns")

@@ -16,6 +16,7 @@ from gcode.dry_run.run import DryRun
 from gcode.program.gcode import Program
 from gcode.program.modal import MOVE
 from kernels.arrays import FloatArray, IntArray
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight.dish import hub_gap, hub_remedy, tips_of, wall_gap
 from printctl.checks.preflight.mounted import longer_needle
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
@@ -131,6 +132,7 @@ def compare_well_moves(
         differences = {"moves": (float(abs(len(here[0]) - len(there[0]))), 0.0)}
     unit, (value, limit) = max(differences.items(), key=lambda one: one[1][0] - one[1][1])
     return Check(
+        Kind.WELL_MOVES,
         "wells against the same part alone, whose needle and lumens were looked at",
         value,
         limit,
@@ -200,11 +202,13 @@ def well_checks(run: DryRun, wells: Wells, needle: Needle) -> list[Check]:
     near = wells.nearest(tips)
     checks = [_crossing(run, wells, tips, low & (near[:, 0] != near[:, 1]))]
     asked = [
-        _of_well(run, wells, needle, number, low & (near == number).any(axis=1))
+        _of_well(
+            run, wells, needle, number, low & (near == number).any(axis=1), near[:, 1] == number
+        )
         for number in np.unique(near[low]).tolist()
     ]
-    for name in dict.fromkeys(check.check for group in asked for check in group):
-        checks += _worst([check for group in asked for check in group if check.check == name])
+    for kind in dict.fromkeys(check.kind for group in asked for check in group):
+        checks += _worst([check for group in asked for check in group if check.kind == kind])
     return checks
 
 
@@ -223,6 +227,7 @@ def _crossing(run: DryRun, wells: Wells, tips: FloatArray, across: NDArray[np.bo
     row = int(height.argmin()) if len(height) else -1
     crosses = row >= 0 and bool(across.any())
     return Check(
+        Kind.WELL_RIMS,
         "ways between wells, above the plate's rims",
         float(height[row]) if crosses else wells.safe_z_mm,
         wells.safe_z_mm,
@@ -235,14 +240,23 @@ def _crossing(run: DryRun, wells: Wells, tips: FloatArray, across: NDArray[np.bo
 
 
 def _of_well(
-    run: DryRun, wells: Wells, needle: Needle, number: int, rows: NDArray[np.bool_]
+    run: DryRun,
+    wells: Wells,
+    needle: Needle,
+    number: int,
+    rows: NDArray[np.bool_],
+    ends: NDArray[np.bool_],
 ) -> list[Check]:
-    """Checks of one well; ``rows`` are the moves that begin or end at it below the rims."""
+    """Checks of one well.
+
+    ``rows`` are the moves that begin or end at it below the rims, ``ends`` all that end at it.
+    """
     name, standing, tips = wells.names[number], wells.standing(number), tips_of(run)
     if name not in wells.ink_ul:
         line = int(run.program.line[np.flatnonzero(rows)[0]])
         return [
             Check(
+                Kind.WELL_ENTERED,
                 "wells entered in which nothing is printed",
                 1,
                 0,
@@ -252,13 +266,14 @@ def _of_well(
                 "the needle goes down where no part is; see the plate's place (a1_mm, turned_deg)",
             )
         ]
-    at = _Well(run, name, rows, tips)
+    at = _Well(run, name, rows, tips, ends)
     tall = replace(
         standing,
         dish=standing.dish.model_copy(update={"wall_mm": wells.safe_z_mm - wells.floor_mm}),
     )
     checks = [
         at.least(
+            Kind.WALL,
             "needle to its well's wall",
             wall_gap(tips, rows, tall, needle.outer_mm),
             standing.dish.inner_x_mm / 2,
@@ -266,6 +281,7 @@ def _of_well(
             "or see where the plate stands (a1_mm, turned_deg)",
         ),
         at.least(
+            Kind.HUB,
             "needle's hub to its well's wall",
             hub_gap(tips, rows, standing, needle),
             standing.dish.inner_x_mm / 2,
@@ -283,16 +299,17 @@ class _Well:
     name: str
     rows: NDArray[np.bool_]
     tips: FloatArray
+    ends: NDArray[np.bool_]
 
     def place(self, row: int) -> str:
         return f"well {self.name}, line {int(self.run.program.line[row])}"
 
-    def least(self, check: str, gap: FloatArray, none: float, remedy: str) -> Check:
+    def least(self, kind: Kind, check: str, gap: FloatArray, none: float, remedy: str) -> Check:
         """A least distance against the clearance; ``none`` where nothing comes below the rim."""
         row = int(gap.argmin())
         value = float(gap[row]) if np.isfinite(gap[row]) else none
         passed = value >= WALL_CLEARANCE_MM
-        return Check(check, value, WALL_CLEARANCE_MM, "mm", passed, self.place(row), remedy)
+        return Check(kind, check, value, WALL_CLEARANCE_MM, "mm", passed, self.place(row), remedy)
 
 
 def _bath(at: _Well, standing: PlacedDish, needle: Needle, ink_ul: float) -> list[Check]:
@@ -300,13 +317,14 @@ def _bath(at: _Well, standing: PlacedDish, needle: Needle, ink_ul: float) -> lis
     surface = standing.floor_mm + (standing.bath_mm or 0.0)
     tips, dish = at.tips, standing.dish
     moved = np.linalg.norm(np.diff(tips, axis=1)[:, 0], axis=1) > 0
-    written = at.rows & at.run.doses & moved
+    written = (at.rows | at.ends) & at.run.doses & moved
     tops = np.where(written, tips[:, :, 2].max(axis=1), -np.inf)
     lows = np.where(at.rows, tips[:, :, 2].min(axis=1), np.inf)
     top, low = float(tops.max()), float(lows.min())
     risen = standing.risen_mm(needle, surface - low, ink_ul)
     return [
         Check(
+            Kind.BATH_DEPTH,
             "depth of a well's bath with ink and needle in it, below its rim",
             risen,
             dish.wall_mm,
@@ -316,6 +334,7 @@ def _bath(at: _Well, standing: PlacedDish, needle: Needle, ink_ul: float) -> lis
             f"{dish.name} would run over; fill less or take a plate with deeper wells",
         ),
         Check(
+            Kind.BATH_SURFACE,
             "highest writing in a well, below the bath's surface",
             top if written.any() else standing.floor_mm,
             surface,
@@ -326,6 +345,7 @@ def _bath(at: _Well, standing: PlacedDish, needle: Needle, ink_ul: float) -> lis
             "flatter part",
         ),
         Check(
+            Kind.NEEDLE_LENGTH,
             "deepest tip in a well below the bath's surface, against the needle",
             surface - low,
             needle.length_mm,

@@ -3,41 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from firmware_profiles import Printer, load
-from gcode.dry_run.run import dry_run
 from printctl.checks.made_for import is_recorded, read_made_for, record_of
-from printctl.checks.preflight import file_checks, refuse_failed, warnings
-from printctl.checks.preflight.shaft import file_shaft
-from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
+from printctl.checks.set_up import ProfileNames, set_up, warnings
 from printctl.cli import options as cli
 from printctl.cli.confirmation import ForMountedFlag, confirm_set_up
 from printctl.cli.declare import json_command
-from printctl.cli.machine.simulate import read_start_position
+from printctl.cli.machine.simulate import CheckOptions, read_start_position
 from printctl.machine.families import refuse_unsent
-from printctl.machine.job.care import Care
-from printctl.machine.job.job import load_job
-from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
-from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
-from printctl.machine.prints.mounted import (
-    ASSUMED,
-    left_check,
-    or_assumed,
-    refuse_unknown,
-    with_mounted,
-)
+from printctl.machine.prints.follow import confirm, follow, interrupted
+from printctl.machine.prints.mounted import ASSUMED, There, or_assumed, with_mounted
 from printctl.machine.process.clients.starting import find_or_start, running
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
-from printctl.machine.records.mounting import Mounting, load_mounting
+from printctl.machine.records.mounting import load_mounting
 from printctl.machine.records.states import Status
 from printctl.observe.observer_launch import end_idle_observer, ensure_observer
 from printctl.observe.records import ORDER_FILE
-from printctl.pipeline.syringe_plan import plan_syringes
+from printctl.pipeline.checked_order import OrderCare, care_part, checked_order
 from printctl.progress import StageBars
 from printctl.recipe.sections.making import CarePart
 from printctl.settings import of, opt, settings
@@ -64,21 +53,16 @@ class CareOptions:
     deadman: float = of(CarePart, "deadman_min", "--deadman", metavar="MINUTES")
     deadman_stops: bool = of(CarePart, "deadman_stops")
 
-    def care(self, syringes: Sequence[str], capacity_mm: Sequence[float]) -> Care:
-        """As the link takes it; of several heads, what is in each."""
-        several = len(syringes) > 1
-        return Care(
-            checkpoint_s=None if math.isinf(self.checkpoint_every) else self.checkpoint_every,
-            deadman_s=60.0 * self.deadman,
-            deadman_stops=self.deadman_stops,
-            syringe=syringes[0],
-            capacity_mm=capacity_mm[0],
-            head_syringes=tuple(syringes) if several else (),
-            head_capacity_mm=tuple(capacity_mm) if several else (),
-            silent_limit_s=self.silent_limit,
-            noise_limit=self.noise_limit,
-            wire_log=str(Path(self.wire_log).absolute()) if self.wire_log else "",
-        )
+    def values(self) -> dict[str, Any]:
+        """As `CarePart` takes them."""
+        every = None if math.isinf(self.checkpoint_every) else self.checkpoint_every
+        return {
+            "checkpoint_every_s": every,
+            "deadman_min": self.deadman,
+            "deadman_stops": self.deadman_stops,
+            "silent_limit_s": self.silent_limit,
+            "noise_limit": self.noise_limit,
+        }
 
 
 @json_command
@@ -100,12 +84,7 @@ def print_job(
     resume: bool = opt("Go on with an interrupted print of this file.", False),
     how: CareOptions,
     prime_ul: float = of(CarePart, "prime_ul"),
-    reload: bool = of(CarePart, "reload"),
-    reload_min: float | None = of(CarePart, "reload_min", "--reload-min", metavar="MINUTES"),
-    accept_crossings: bool = opt(
-        "Print although the needle's shaft passes through written vessels; the journal keeps it.",
-        False,
-    ),
+    checks: CheckOptions,
     for_mounted: ForMountedFlag = False,
     host_key: cli.HostKeyOption = None,
     yes: cli.YesFlag = False,
@@ -126,74 +105,67 @@ def print_job(
     refuse_unsent(profile, str(file))
     tip = read_start_position(file, profile, start)
     place = folder if folder is not None else file.with_name(file.name + ".print")
-    kept, real = load_mounting(printer), port != SIMULATED
-    syringe, ink, mounted = _parts(printer, kept, real, syringe, ink, mounted)
-    loads = loads_of(profile, syringe, ink, mounted.needle)
-    usable = [usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
-    care = how.care(of_each(profile, syringe, "--syringe"), usable)
-    retreat, *others = (retreat_for(one.syringe, one.ink, 20.0, prime_ul) for one in loads)
-    retreat = replace(retreat, others=tuple(others))
-    order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))
+    real = port != SIMULATED
+    order = Order(file, printer, port, place, resume=resume, baud=read_baud(baud))
+    part = care_part(prime_ul=prime_ul, **how.values(), **checks.values())
     if running(order) is None:  # Check the file before the first byte.
-        set_for = set_up(profile, syringe, ink, tip, mounted)
-        run, job = dry_run(cli.read_gcode_file(file), profile, tip), load_job(file, profile)
-        shaft = file_shaft(file, run, set_for, accepted=accept_crossings)
-        line_map = file.with_suffix(".map.npz")
-        checks = [*file_checks(run, set_for, line_map, real=real), *shaft.checks]
-        changes = CarePart(reload=reload, reload_min=reload_min)
-        plan = plan_syringes(checks, job, usable, set_for.inks, run.duration_s, changes)
-        checks = plan.checks
-        if real and (left_ul := kept.left_ul(profile)) is not None:
-            checks.append(left_check(job, plan.reload_at, left_ul, set_for.syringe.area_mm2))
-        refuse_failed(checks)
-        if real and not is_recorded(read_made_for(run.opening), profile):
-            confirm_set_up(file, record_of(set_for), for_mounted)
-        cli.print_notes(warnings(checks))
-        care = replace(
-            care,
-            reload_at=plan.reload_at,
-            reload_heads=plan.reload_heads,
-            accepted=shaft.accepted,
-            start_mm=tip,
-            set_up=("--syringe", syringe, "--ink", ink, *mounted.words()),
+        names, assumed = _parts(printer, real, syringe, ink, mounted)
+        set_for = set_up(profile, names.syringe, names.ink, tip, names.others)
+        there = There.kept(printer) if real else None
+        care = OrderCare(
+            part,
+            real,
+            accept_crossings=checks.accept_crossings,
+            there=there,
+            assumed=assumed if real else (),
         )
-        order = replace(order, care=care)
+        checked = checked_order(file, set_for, care)
+        order = checked.complete(order)
+        if real and not is_recorded(read_made_for(checked.run.opening), profile):
+            confirm_set_up(file, record_of(set_for), for_mounted)
+        cli.print_notes(warnings(checked.checks))
+        wire_log = str(Path(how.wire_log).absolute()) if how.wire_log else ""
+        order = replace(order, care=replace(order.care, wire_log=wire_log))
         if (file.parent / ORDER_FILE).is_file() and not resume:
             cli.print_note(
                 f"note: nobody looks at this print, although {file.parent / ORDER_FILE} says how "
                 "it is observed: `printctl print` starts no observer; `printctl run RECIPE` and "
                 "the page (`printctl serve`) do for the run's whole part, not for the rest of one"
             )
-    done = _print(order, profile, tip, yes)
+    done = _print(order, profile, tip or (0.0, 0.0, 0.0), yes)
     facts = {"state": done.state.value, "proved": done.proved, "lines": done.lines_done}
     facts |= {"message": done.message, "folder": str(place)}
     cli.print_result(facts, [f"{done.state.value}: {done.message}", str(place)], done.proved)
 
 
+@dataclass(frozen=True)
+class _Names:
+    """Parts that a print is checked for: syringe and ink, and the others."""
+
+    syringe: str
+    ink: str
+    others: ProfileNames
+
+
 def _parts(
-    printer: str,
-    kept: Mounting,
-    real: bool,
-    syringe: str | None,
-    ink: str | None,
-    mounted: ProfileNames,
-) -> tuple[str, str, ProfileNames]:
-    """Return syringe, ink and the other parts: named, mounted, or on a simulated port assumed."""
+    printer: str, real: bool, syringe: str | None, ink: str | None, mounted: ProfileNames
+) -> tuple[_Names, Collection[str]]:
+    """Return the parts that are named, mounted, or assumed; and which ones are assumed."""
     named = {
         **{"syringe": syringe, "ink": ink, "needle": mounted.needle},
         **{"bath": mounted.bath, "dish": mounted.dish},
     }
-    known = with_mounted(printer, named, refuse=real)
-    if real:
-        refuse_unknown(printer, known, ASSUMED)
+    known = with_mounted(printer, named, refuse=False)
     parts, notes = or_assumed(known)
-    cli.print_notes(notes)
+    if not real:
+        cli.print_notes(notes)
+    kept = load_mounting(printer).parts
     depth, centre = mounted.bath_depth, mounted.dish_centre
-    if parts["dish"] and parts["dish"] == kept.parts.dish:
-        depth = depth or kept.parts.depth_mm
-        if centre is None and kept.parts.dish_centre_mm is not None:
-            centre = "{!r},{!r}".format(*kept.parts.dish_centre_mm)
-    names = replace(
+    if parts["dish"] and parts["dish"] == kept.dish:
+        depth = depth or kept.depth_mm
+        if centre is None and kept.dish_centre_mm is not None:
+            centre = "{!r},{!r}".format(*kept.dish_centre_mm)
+    others = replace(
         mounted,
         needle=parts["needle"] or None,
         bath=parts["bath"] or None,
@@ -201,7 +173,8 @@ def _parts(
         bath_depth=depth,
         dish_centre=centre,
     )
-    return parts["syringe"], parts["ink"], names
+    assumed = [part for part in ASSUMED if not known[part]]
+    return _Names(parts["syringe"], parts["ink"], others), assumed
 
 
 def _print(order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool) -> Status:

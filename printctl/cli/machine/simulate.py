@@ -2,63 +2,56 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, load
-from gcode.dry_run.run import dry_run
-from printctl.checks.preflight import (
-    PrintTime,
-    file_checks,
-    placed_failures,
-    viability_checks,
-    warnings,
-)
-from printctl.checks.preflight.shaft import file_shaft
-from printctl.checks.set_up import ProfileNames, refusal_of, set_up, shortest_budget
+from printctl.checks.set_up import ProfileNames, placed_failures, set_up, warnings
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command, wants_json
 from printctl.cli.kernels_ready import have_kernels
-from printctl.errors import UsageError
 from printctl.failures import error_facts
-from printctl.machine.control.board.connecting import ASIDE_MM
-from printctl.machine.errors import LinkError
-from printctl.machine.job.coordinates import declared_start
-from printctl.machine.job.job import parse_job
 from printctl.machine.prints.mounted import ASSUMED, or_assumed
+from printctl.pipeline.checked_order import OrderCare, care_part, checked_order, told_start
 from printctl.pipeline.job.bead_choices import BeadChoices, BeadOptions
-from printctl.settings import opt, three_numbers
+from printctl.recipe.sections.making import CarePart
+from printctl.settings import of, opt, settings, three_numbers
 
 Place = tuple[float, float, float]
 
 
-def read_start_position(file: Path, printer: Printer, text: str | None) -> Place:
-    """Return the tip's position before the first line, mm.
+@settings
+class CheckOptions:
+    """What the checks of a job take for granted, as the command line says it."""
 
-    The file's first lines may tell it (G92, SET_KINEMATIC_POSITION), and ``text``, of --start.
-    Raises `UsageError` when the two aren't the same place, or the file tells a part of it and
-    nobody the rest.
+    reload: bool = of(CarePart, "reload")
+    reload_min: float | None = of(CarePart, "reload_min", "--reload-min", metavar="MINUTES")
+    viability_min: float | None = opt(
+        "How long the print may take for its cells' sake, changes of syringe included; the ink's "
+        "own by default.",
+        metavar="MINUTES",
+    )
+    viability_source: str | None = of(CarePart, "viability_source", metavar="TEXT")
+    accept_crossings: bool = opt(
+        "Print although the needle's shaft passes through written vessels; the journal keeps it.",
+        False,
+    )
+
+    def values(self) -> dict[str, Any]:
+        """As `CarePart` takes them."""
+        return {name: v for name, v in vars(self).items() if name != "accept_crossings"}
+
+
+def read_start_position(file: Path, printer: Printer, text: str | None) -> Place | None:
+    """Return the tip's position before the first line, mm: ``text``, of --start, or the file's own.
+
+    None where neither tells it; `printctl.pipeline.checked_order` refuses a file that tells a part
+    of it.
     """
-    given = None if text is None else three_numbers(text, "--start")
-    try:
-        job = parse_job(cli.read_gcode_file(file), file.name, printer)
-    except LinkError:  # Other checks refuse it.
-        return given or (0.0, 0.0, 0.0)
-    try:
-        declared = declared_start(job)
-    except LinkError as exc:
-        if given is None:
-            raise UsageError(f"{file}: {exc}, or give --start X,Y,Z") from exc
-        return given
-    if declared is None:
-        return given or (0.0, 0.0, 0.0)
-    if given is not None and math.dist(given, declared) > ASIDE_MM:
-        raise UsageError(
-            f"--start {text}: the first lines of {file} tell the printer that the tip stands at "
-            f"{','.join(f'{mm:g}' for mm in declared)}; leave --start out, or correct the file"
-        )
-    return declared
+    gcode = cli.read_gcode_file(file)
+    if text is not None:
+        return three_numbers(text, "--start")
+    return told_start(gcode, file.name, printer)
 
 
 @json_command
@@ -70,6 +63,7 @@ def simulate(
     ink: str | None = opt("Ink profile.", show_default=ASSUMED["ink"]),
     names: ProfileNames,
     start: cli.StartOption = None,
+    limits: CheckOptions,
     out: Path | None = opt(
         "Folder for what will lie in the bath: tables, a time line, voxels.",
         callback=cli.folder_to_write,
@@ -91,13 +85,9 @@ def simulate(
     parts, assumed = or_assumed({"syringe": syringe, "ink": ink})
     mounted = set_up(profile, parts["syringe"], parts["ink"], tip, names)
     gcode = cli.read_gcode_file(file)
-    run = dry_run(gcode, profile, tip)
-    shaft = file_shaft(file, run, mounted)
-    checks = [
-        *file_checks(run, mounted, file.with_suffix(".map.npz")),
-        *shaft.checks,
-        *viability_checks(PrintTime(run.duration_s), shortest_budget(mounted.inks)),
-    ]
+    care = OrderCare(care_part(**limits.values()), accept_crossings=limits.accept_crossings)
+    checked = checked_order(file, mounted, care)
+    run, shaft, checks = checked.run, checked.shaft, checked.checks
     at = None if place is None else three_numbers(place, "--place")
     choices = BeadChoices(**vars(bead), out=out, place_mm=at)
     found: list[dict[str, Any]] = []
@@ -118,7 +108,7 @@ def simulate(
                 sure = "" if warning["calibrated"] else " (uncalibrated)"
                 notes.append(f"{head}{where}{warning['text']}{sure}")
         predicted += [f"wrote {name}" for one in found[:1] for name in one.get("files", [])]
-    refusal = refusal_of(checks)
+    refusal = checked.refusal
     facts = {
         "file": str(file),
         "printer": profile.name,

@@ -9,6 +9,7 @@ from typing import Final
 
 from firmware_profiles import Printer, Syringe
 from gcode.reading import code_of, plunger_word
+from printctl.checks.kinds import Kind
 from printctl.checks.set_up import Check
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.dispensing import head_chosen
@@ -17,8 +18,8 @@ from printctl.machine.job.marks import MarkKind, behind
 
 _ROUNDING_MM: Final = 1e-4
 """Of E in the text; 2 nL in a syringe of 1 mL."""
-_ABOUT_THE_SYRINGE: Final = ("plunger travel", "ink, with")
-"""How the names of the checks begin that a change of syringe satisfies."""
+OF_THE_SYRINGE: Final = (Kind.PLUNGER_TRAVEL, Kind.SYRINGE_VOLUME)
+"""Checks that a change of syringe satisfies."""
 Plan = tuple[tuple[int, ...], tuple[int, ...]]
 """Reload points, by the lines before each; and whose syringe, of several heads."""
 
@@ -109,24 +110,37 @@ def plan_reloads(
     return tuple(chosen)
 
 
+@dataclass(frozen=True)
+class Reloads:
+    """Checks of a job with the changes of syringe that it needs.
+
+    Attributes
+    ----------
+    checks : list of Check
+    at, heads : tuple of int
+        Command lines before each change; of several heads, whose syringe it is.
+    offered : bool
+        Whether changes that weren't wanted would do.
+    """
+
+    checks: list[Check]
+    at: tuple[int, ...] = ()
+    heads: tuple[int, ...] = ()
+    offered: bool = False
+
+
 def with_reloads(
-    checks: list[Check],
-    job: Job,
-    usable: Sequence[float],
-    *,
-    wanted: bool,
-    by: str = "give --reload",
-) -> tuple[list[Check], tuple[int, ...], tuple[int, ...]]:
+    checks: list[Check], job: Job, usable: Sequence[float], *, wanted: bool, by: str
+) -> Reloads:
     """Plan changes of syringe where the checks say that one isn't enough.
 
     A full syringe of each head has ``usable`` mm of plunger travel. Where they are ``wanted``, what
     the changes satisfy passes; else the remedies of such checks offer them, and say ``by`` what the
-    user agrees. Returns the checks, the command lines before each change, and of several heads,
-    whose syringe each is.
+    user agrees.
     """
-    short = [check for check in checks if not check.passed and _is_about_syringe(check)]
+    short = [check for check in checks if not check.passed and check.kind in OF_THE_SYRINGE]
     if not short:
-        return checks, (), ()
+        return Reloads(checks)
     at: tuple[int, ...]
     heads: tuple[int, ...] = ()
     try:
@@ -135,20 +149,15 @@ def with_reloads(
         else:
             at, heads = plan_head_reloads(job, usable)
     except LinkError as exc:
-        return _with_remedies(checks, short, f"; {exc}"), (), ()
+        return Reloads(_with_remedies(checks, short, f"; {exc}"))
     if wanted:
         passed = [replace(check, passed=True) if check in short else check for check in checks]
-        return passed, at, heads
+        return Reloads(passed, at, heads)
     whose = [f" (head {head})" for head in heads] or [""] * len(at)
     numbers = (job.file_line(index + 1) for index in at)
     lines = ", ".join(f"{line}{head}" for line, head in zip(numbers, whose, strict=True))
     offer = f", or {by}: the syringe is then changed before line {lines}"
-    return _with_remedies(checks, short, offer), (), ()
-
-
-def _is_about_syringe(check: Check) -> bool:
-    name = check.check.partition(": ")[2] if check.check.startswith("head ") else check.check
-    return name.startswith(_ABOUT_THE_SYRINGE)
+    return Reloads(_with_remedies(checks, short, offer), offered=True)
 
 
 def _with_remedies(checks: list[Check], short: list[Check], more: str) -> list[Check]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import Printer, Syringe, load
+from printctl.checks.kinds import Kind
 from printctl.checks.made_for import (
     MadeFor,
     differences,
@@ -18,7 +19,7 @@ from printctl.checks.made_for import (
     profile_hash,
     read_made_for,
 )
-from printctl.checks.set_up import NONE, Check
+from printctl.checks.set_up import NONE, Check, finding
 from printctl.errors import SafetyError, UsageError
 from printctl.machine.errors import Refused
 from printctl.machine.job.job import Job
@@ -45,34 +46,93 @@ _CONFIRMED: Final = "confirmed.txt"
 _OPENING_BYTES: Final = 1 << 16
 
 
+@dataclass(frozen=True)
+class There:
+    """What was entered of a machine.
+
+    Attributes
+    ----------
+    printer : str
+        Profile, by name or path.
+    parts : mapping of str to str
+        Profiles of `PARTS`; empty for nothing there, or unknown.
+    left_ul : float or None, µL
+        What the syringe can still push.
+    """
+
+    printer: str
+    parts: Mapping[str, str]
+    left_ul: float | None = None
+
+    @staticmethod
+    def kept(printer: str) -> There:
+        """Return what was entered with `printctl mount`, or is left by the last print."""
+        kept, profile = load_mounting(printer), load(Printer, printer)
+        parts = {part: getattr(kept.parts, part) for part in PARTS}
+        return There(printer, parts, kept.left_ul(profile))
+
+
+def part_checks(
+    there: There, names: Mapping[str, str], assumed: Container[str] = (), key: str = "--{}"
+) -> list[Check]:
+    """Compare the parts that a print is checked for with those on the machine.
+
+    A finding's ``check`` is the part.
+
+    Parameters
+    ----------
+    there : There
+    names : mapping of str to str
+        Profile of each part that the print is checked for; `NONE` for none.
+    assumed : container of str
+        Parts whose names nobody has given: each must be on the machine.
+    key : str
+        Where a part is named, for remedies.
+    """
+    checks = []
+    for part, name in names.items():
+        mounted, where = there.parts.get(part, ""), key.format(part)
+        if mounted and not _same(part, name, mounted):
+            text = f"{where} is {name or NONE!r}, and {mounted!r} is mounted on {there.printer}"
+            how = "use what is mounted, or change it and enter that"
+            command = f"printctl mount --printer {there.printer} --{part} {name or NONE}"
+            checks.append(finding(Kind.OTHER_PART, part, "", f"{text}; {how}: {command}"))
+        elif not mounted and part in assumed:
+            checks.append(finding(Kind.UNKNOWN_PART, part, "", _unknown([part], there, key)))
+    return checks
+
+
+def _unknown(parts: Iterable[str], there: There, key: str) -> str:
+    options = " ".join(f"--{part} PROFILE" for part in parts)
+    return (
+        f"neither named nor mounted on {there.printer}; name it "
+        f"({', '.join(map(key.format, parts))}), or enter it once: printctl mount --printer "
+        f"{there.printer} {options}"
+    )
+
+
 def with_mounted(
-    printer: str, named: Mapping[str, str | None], *, refuse: bool = True, keys: str = "--{}"
+    printer: str, named: Mapping[str, str | None], *, refuse: bool = True
 ) -> dict[str, str | None]:
     """Return what is named, and what is mounted on the printer for parts that aren't.
-
-    ``keys`` says where a part is named, for messages.
 
     Raises
     ------
     SafetyError
-        When another profile is mounted than the one named.
+        When another profile is mounted than the one named, unless ``refuse`` is unset.
     """
-    kept = load_mounting(printer).parts
-    there = {part: getattr(kept, part) or None for part in named}
-    refused = [
-        f"{keys.format(part)} is {name!r}, and {there[part]!r} is mounted on {printer}; use what "
-        f"is mounted, or change it and enter that: printctl mount --printer {printer} --{part} "
-        f"{name}"
-        for part, name in named.items()
-        if refuse and name is not None and there[part] and not _same(part, name, str(there[part]))
-    ]
+    there = There.kept(printer)
+    given = {part: name for part, name in named.items() if name is not None}
+    refused = part_checks(there, given) if refuse else []
     if refused:
-        raise SafetyError("\n".join(refused))
-    return {part: name or there[part] for part, name in named.items()}
+        raise SafetyError(
+            "\n".join(one.remedy for one in refused), dict.fromkeys(one.kind for one in refused)
+        )
+    return {part: name or there.parts[part] or None for part, name in named.items()}
 
 
 def _same(part: str, name: str, other: str) -> bool:
-    if name == other or NONE in (name, other):
+    if name == other or not {NONE, ""}.isdisjoint((name, other)):
         return name == other
     first, second = (profile_hash(load(PARTS[part], one)) for one in (name, other))
     return first == second
@@ -99,18 +159,12 @@ def refuse_remounted(folder: Path) -> None:
         raise SafetyError("\n".join(["nothing was moved:", *failed]))
 
 
-def refuse_unknown(
-    printer: str, parts: Mapping[str, str | None], needed: Iterable[str], *, keys: str = "--{}"
-) -> None:
+def refuse_unknown(printer: str, parts: Mapping[str, str | None], needed: Iterable[str]) -> None:
     """Raise `UsageError` for parts that are neither named nor mounted."""
     missing = [part for part in needed if not parts[part]]
     if missing:
-        options = " ".join(f"--{part} PROFILE" for part in missing)
-        raise UsageError(
-            f"{' and '.join(missing)} unknown: neither named nor mounted on {printer}; name it "
-            f"({', '.join(map(keys.format, missing))}), or enter it once: printctl mount --printer "
-            f"{printer} {options}"
-        )
+        text = _unknown(missing, There(printer, {}), "--{}")
+        raise UsageError(f"{' and '.join(missing)} unknown: {text}")
 
 
 def or_assumed(
@@ -123,16 +177,20 @@ def or_assumed(
     return {part: name or "" for part, name in parts.items()} | taken, notes
 
 
-def left_check(job: Job, reload_at: tuple[int, ...], left_ul: float, area_mm2: float) -> Check:
+def first_syringe_ul(job: Job, reload_at: Sequence[int], area_mm2: float) -> float:
+    """Return the ink that a job pushes before its first change of syringe, µL."""
+    return area_mm2 * max(plunger_travel(job.lines[: reload_at[0]] if reload_at else job.lines))
+
+
+def left_check(needed_ul: float, left_ul: float) -> Check:
     """Compare the ink pushed before the first change of syringe with what the syringe holds."""
-    travel = plunger_travel(job.lines[: reload_at[0]] if reload_at else job.lines)
-    needed = max(travel) * area_mm2
     return Check(
+        Kind.INK_LEFT,
         "ink that the job takes, of what is in the syringe",
-        needed,
+        needed_ul,
         left_ul,
         "µL",
-        needed <= left_ul,
+        needed_ul <= left_ul,
         "",
         "the syringe would run dry; put in a full one and enter it (printctl mount --fill-ul), or "
         "print a smaller part",

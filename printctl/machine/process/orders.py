@@ -88,19 +88,14 @@ class Order:
 
 def check_homing(job: Job, needle: str) -> None:
     """Raise Refused for a job that homes with a needle mounted."""
-    homing = homing_line(job)
+    lines = zip(job.lines, job.file_lines, strict=True)
+    homing = next((number for line, number in lines if code_of(line) == b"G28"), 0)
     if homing and needle:
         raise Refused(
             f"{job.name}, line {homing}, homes the machine with the needle "
             f"{needle} mounted, which would be driven into what is below; take the line out, and "
             "touch off instead"
         )
-
-
-def homing_line(job: Job) -> int:
-    """Return the line of the file that homes the machine; 0 for none."""
-    lines = zip(job.lines, job.file_lines, strict=True)
-    return next((number for line, number in lines if code_of(line) == b"G28"), 0)
 
 
 def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:

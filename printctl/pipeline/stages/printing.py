@@ -5,25 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from firmware_profiles import Printer, load
 from gcode.motion.executed import ExecutedMotion
-from printctl.checks.set_up import NONE, options_of, refuse_failed
+from printctl.checks.set_up import refuse_failed
 from printctl.errors import PrinterFailedError
 from printctl.machine.families import refuse_unsent
-from printctl.machine.job.care import Care
-from printctl.machine.job.job import GrownText, grown_text, load_job, parse_job
-from printctl.machine.job.retreat import Retreat
-from printctl.machine.job.syringes import usable_mm
+from printctl.machine.job.job import GrownText, grown_text, parse_job
 from printctl.machine.ports.detection import SIMULATED, named_port
-from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
-from printctl.machine.prints.mounted import left_check, refuse_unknown, with_mounted
+from printctl.machine.prints.follow import confirm, follow, interrupted
+from printctl.machine.prints.mounted import There
 from printctl.machine.process.clients.client import PrintClient
 from printctl.machine.process.clients.starting import find_or_start, finished, stop_and_leave
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import is_complete_record, simulated_printer
-from printctl.machine.records.mounting import load_mounting
 from printctl.machine.records.printed_job import grown_in
 from printctl.observe.observer_launch import (
     ObserverError,
@@ -32,6 +28,7 @@ from printctl.observe.observer_launch import (
     start_observer,
 )
 from printctl.observe.order import ObserverOrder
+from printctl.pipeline.checked_order import Plan, completed, machine_checks
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.observing import (
     look_care,
@@ -40,8 +37,8 @@ from printctl.pipeline.observing import (
     unlooked_words,
 )
 from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.paths.dry_run import set_up_of
 from printctl.progress import Report
-from printctl.recipe import Recipe
 from printctl.recipe.sections.making import Embedded
 from printctl.recipe.sections.scans import SimulatedScan
 from printctl.run_folder.artefacts import GCODE, JOURNAL_FOLDER
@@ -57,86 +54,25 @@ def depends(context: RunContext) -> Any:
         context.recipe.printer.port,
         context.start_mm.tolist(),
         context.recipe.printer.care.model_dump(mode="json"),
-        planned_reloads(context),
+        plan_of(context).to_dict(),
         None if context.recipe.observe is None else context.recipe.observe.model_dump(mode="json"),
         *context.digests(context.recipe.printer.files()).values(),
     ]
 
 
-def planned_reloads(context: RunContext) -> list[int]:
-    """Command lines before each change of syringe, as the dry run has planned them."""
-    lines: list[int] = context.manifest.stages["dry run"].summary["reload_at"]
-    return lines
+def plan_of(context: RunContext) -> Plan:
+    """What the dry run has found for the order."""
+    return Plan.from_dict(context.manifest.stages["dry run"].summary)
 
 
-def planned_heads(context: RunContext) -> list[int]:
-    """Of several heads, whose syringe each of those changes is."""
-    heads: list[int] = context.manifest.stages["dry run"].summary["reload_heads"]
-    return heads
-
-
-def accepted_checks(context: RunContext) -> tuple[str, ...]:
-    """What failed a check and the recipe allows, for the journal."""
-    text = context.manifest.stages["dry run"].summary.get("accepted_crossings", "")
-    return (text,) if text else ()
-
-
-def care_of(context: RunContext) -> Care:
-    """How the recipe wants the print to be watched over."""
-    part = context.recipe.printer
-    return Care(
-        checkpoint_s=part.care.checkpoint_every_s,
-        deadman_s=60.0 * part.care.deadman_min,
-        deadman_stops=part.care.deadman_stops,
-        silent_limit_s=part.care.silent_limit_s,
-        noise_limit=part.care.noise_limit,
-        syringe=part.heads[0].syringe if part.heads else part.syringe,
-        capacity_mm=usable_mm(context.syringe, context.printer.of_head(0)),
-        reload_at=tuple(planned_reloads(context)),
-        accepted=accepted_checks(context),
-        set_up=mounted_options(context.recipe),
-        **look_care(context.recipe.observe, embedded=isinstance(context.recipe.toolpath, Embedded)),
-        **heads_care(context),
-    )
-
-
-def mounted_options(recipe: Recipe) -> tuple[str, ...]:
-    """Options of `printctl print` that name what the recipe says is mounted."""
-    part, needle = recipe.printer, recipe.toolpath.needle
-    held = part.heads or (part,)
-    centre = part.dish_centre_mm
-    return options_of({
-        "syringe": ",".join(one.syringe for one in held),
-        "ink": ",".join(one.ink for one in held),
-        "needle": ",".join(getattr(one, "needle", None) or needle for one in held),
-        "bath": part.bath,
-        "dish": part.dish,
-        "dish_centre": None if centre is None else ",".join(f"{mm:g}" for mm in centre),
-        "bath_depth": part.bath_depth_mm,
-    })  # fmt: skip
-
-
-def heads_care(context: RunContext) -> dict[str, Any]:
-    """What is in each of several heads; nothing for one."""
-    if not context.printer.heads:
-        return {}
-    part, machine = context.recipe.printer, context.printer
-    names = tuple(head.syringe for head in part.heads) or (part.syringe,) * machine.head_count
-    usable = (usable_mm(one.syringe, machine.of_head(k)) for k, one in enumerate(context.loads))
-    return {
-        "reload_heads": tuple(planned_heads(context)),
-        "head_syringes": names,
-        "head_capacity_mm": tuple(usable),
-    }
-
-
-def retreat_of(context: RunContext, lift_mm: float) -> Retreat:
-    """How the needle leaves the bath, by each head's ink."""
-    prime = context.recipe.printer.care.prime_ul
-    first, *others = (
-        retreat_for(one.syringe, one.ink, lift_mm, prime_ul=prime) for one in context.loads
-    )
-    return replace(first, others=tuple(others))
+def order_of(context: RunContext) -> Order:
+    """The order of a run's print, with the looks of its observer."""
+    recipe, folder = context.recipe, context.folder
+    part = recipe.printer
+    order = Order(folder / GCODE, part.profile, part.port, folder / JOURNAL_FOLDER, once=True)
+    order = completed(order, set_up_of(context), part.care, plan_of(context))
+    looks = look_care(recipe.observe, embedded=isinstance(recipe.toolpath, Embedded))
+    return replace(order, care=replace(order.care, **looks))
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -173,9 +109,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
             detached=goes_on,
         )
 
-    retreat = retreat_of(context, context.lift_mm)
-    gcode, care = context.folder / GCODE, care_of(context)
-    order = Order(gcode, part.profile, part.port, folder, retreat, once=True, care=care)
+    order = order_of(context)
+    gcode = order.job
     try:
         at_interrupt = interrupted(context.bars) if goes_on else stop_and_leave
         client = _begun(context, order, port, at_interrupt)
@@ -200,30 +135,15 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     return {**summary, **executed_facts(context)}, [EXECUTED]
 
 
-_KEYS: Final = "{} in the recipe"
-
-
 def refuse_other_mounted(context: RunContext) -> None:
-    """Raise where another part is mounted than the recipe names, or one that it only assumes.
+    """Raise `SafetyError` where another part is mounted than the recipe names or assumes, or less.
 
-    SafetyError, or UsageError for a part that is neither named nor mounted.
+    A part that the recipe assumes must be mounted, and the syringe must hold the ink.
     """
-    recipe, printer = context.recipe, context.recipe.printer.profile
-    if recipe.printer.heads:
-        return
-    part, assumed = recipe.printer, recipe.assumed_parts
-    named = {
-        **{"syringe": part.syringe, "ink": part.ink, "needle": recipe.toolpath.needle},
-        **{"bath": part.bath, "dish": NONE if recipe.plate is not None else part.dish},
-    }
-    with_mounted(printer, named, keys=_KEYS)
-    known = with_mounted(printer, named | dict.fromkeys(assumed), keys=_KEYS)
-    refuse_unknown(printer, known, assumed, keys=_KEYS)
-    left_ul = load_mounting(printer).left_ul(context.printer)
-    if left_ul is not None:
-        job = load_job(context.folder / GCODE, context.printer)
-        reload_at, area_mm2 = tuple(planned_reloads(context)), context.syringe.area_mm2
-        refuse_failed([left_check(job, reload_at, left_ul, area_mm2)])
+    recipe = context.recipe
+    there = There.kept(recipe.printer.profile)
+    checks = machine_checks(set_up_of(context), there, plan_of(context), recipe.assumed_parts)
+    refuse_failed(checks)
 
 
 def observe_from_start(context: RunContext, folder: Path) -> None:
@@ -277,7 +197,7 @@ def load_finished_print(context: RunContext) -> tuple[dict[str, Any], Sequence[s
     """
     part, folder = context.recipe.printer, context.folder / JOURNAL_FOLDER
     gcode = context.folder / GCODE
-    client = finished(Order(gcode, part.profile, part.port, folder, retreat_of(context, 0.0)))
+    client = finished(Order(gcode, part.profile, part.port, folder))
     if client is None:
         raise PrinterFailedError(
             f"no finished print of {gcode.name} as it is now lies in {folder}; print it first, or "

@@ -22,6 +22,7 @@ from printctl.machine.control.idle.station_status import (
 )
 from printctl.machine.errors import NoLink
 from printctl.machine.ports.detection import SIMULATED
+from printctl.machine.prints.mounted import There
 from printctl.machine.process.clients.client import PrintClient, Station, attach_station
 from printctl.machine.process.orders import Order
 from printctl.web.errors import ConflictError
@@ -62,6 +63,11 @@ class Machine:
     def simulated(self) -> bool:
         """Whether it is no machine, so that there is nothing to look at."""
         return self.port == SIMULATED
+
+    @property
+    def there(self) -> There:
+        """What was entered of it."""
+        return There(self.profile, self.mounted, self.ul_left)
 
     @property
     def profiles(self) -> tuple[str, ...]:

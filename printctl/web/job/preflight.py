@@ -15,15 +15,17 @@ from typing import Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
+from printctl.checks.kinds import Kind
 from printctl.checks.set_up import Check
 from printctl.machine.prints.progress import JobTable
+from printctl.pipeline.checked_order import Plan
 from printctl.web.errors import BadRequestError
 from printctl.web.job.jobs import keep_facts
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import run_worker
 from printctl.web.workspace import Workspace, file_hash
 
-_VERSION: Final = 4
+_VERSION: Final = 5
 _LONGEST_S: Final = 900.0
 _REFUSED_AGAIN_S: Final = 60.0
 """So long a job that can't be used is refused without another look at it."""
@@ -42,6 +44,11 @@ class Preflight:
     checks: tuple[Check, ...]
     table: Path
 
+    @property
+    def plan(self) -> Plan:
+        """What its order needs of the checks."""
+        return Plan.from_dict(self.facts)
+
 
 @dataclass(frozen=True)
 class CheckRow:
@@ -51,6 +58,7 @@ class CheckRow:
     of the G-code, or a key of a profile.
     """
 
+    kind: Kind
     check: str
     result: Literal["passed", "failed", "warning"]
     value: float | None
@@ -136,9 +144,12 @@ class Preflights:
         if message and time.monotonic() - at < _REFUSED_AGAIN_S:
             raise BadRequestError(message)
         answer = self._folder / f"{key}.json"
-        if not (answer.is_file() and answer.with_suffix(".npz").is_file()):
+        if not answer.is_file():
             return None
-        return _preflight(key, json.loads(answer.read_text(encoding="utf-8")), self._folder)
+        facts = json.loads(answer.read_text(encoding="utf-8"))
+        if facts["commands"] and not answer.with_suffix(".npz").is_file():
+            return None
+        return _preflight(key, facts, self._folder)
 
 
 def key_of(gcode: Path, set_up: JobSetUp) -> str:
@@ -172,6 +183,6 @@ def _ask(gcode: Path, set_up: JobSetUp, table: Path) -> dict[str, Any]:
 
 
 def _preflight(key: str, facts: dict[str, Any], folder: Path) -> Preflight:
-    checks = tuple(Check(**one) for one in facts["checks"])
+    checks = tuple(map(Check.from_dict, facts["checks"]))
     rest = {name: value for name, value in facts.items() if name != "checks"}
     return Preflight(key, rest, checks, folder / f"{key}.npz")

@@ -31,7 +31,7 @@ from printctl.machine.records.states import Status
 from printctl.web.errors import NotFoundError
 from printctl.web.job.preflight import Preflights, load_table
 from printctl.web.job.record import Records
-from printctl.web.job.set_up import JobSetUp, SetUps, read_first_lines
+from printctl.web.job.set_up import JobSetUp, SetUps, read_declared
 from printctl.web.workspace import Workspace, file_hash, is_name
 
 log = logging.getLogger(__name__)
@@ -389,7 +389,7 @@ class Prints:
         if printed is not None:
             return printed
         link, values = load_record(folder), self._set_ups.of(job).model_dump()
-        start_mm, _ = read_first_lines(self._workspace.job_file(job), link.profile)
+        start_mm = read_declared(self._workspace.job_file(job), link.profile)
         known = {"syringe": link.care.get("syringe"), "start_mm": start_mm, "printer": link.profile}
         return JobSetUp.model_validate(values | {k: one for k, one in known.items() if one})
 

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from firmware_profiles import Printer, ProfileError, Syringe, load
+from printctl.checks.kinds import Kind
 from printctl.checks.made_for import record_of
-from printctl.checks.set_up import NONE, SetUp, of_each
+from printctl.checks.set_up import NONE, SetUp
 from printctl.errors import PrintctlError, SafetyError
 from printctl.machine.control.idle.station_status import NO_PRINTER
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
 from printctl.machine.job.syringes import usable_mm
-from printctl.machine.prints.follow import retreat_for
 from printctl.machine.prints.mends import MendStrokes, mend_strokes
 from printctl.machine.prints.mounted import keep_confirmed
 from printctl.machine.process.clients.starting import running
@@ -29,6 +29,7 @@ from printctl.machine.records.record import load_record
 from printctl.observe.observer_launch import end_idle_observer, start_observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER_FILE
+from printctl.pipeline.checked_order import completed
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
@@ -48,7 +49,6 @@ from printctl.web.job.readiness import (
     Readiness,
     Refusal,
     check_refusal,
-    homing_refusals,
     ink_refusals,
     machine_refusals,
     record_refusal,
@@ -60,7 +60,7 @@ from printctl.web.job.set_up import (
     JobSetUp,
     Place,
     SetUps,
-    read_first_lines,
+    read_declared,
     recipe_of,
 )
 from printctl.web.live import JobSource, SceneError
@@ -70,7 +70,6 @@ from printctl.web.rest import Asking
 
 _FOUND_S: Final = 3.0
 """So long after its start a server knows the print that goes on, which scenes are made behind."""
-_LIFT_MM: Final = 20.0
 _LARGEST_BYTES: Final = 100_000_000
 """Two million moves: about two seconds."""
 
@@ -134,7 +133,7 @@ class JobService:
     def declared(self, job: str) -> Place | None:
         """Where the job itself says that it starts; None where it starts where the tip stands."""
         printer = self.set_ups.of(job).printer
-        return read_first_lines(self.core.workspace.job_file(job), printer)[0]
+        return read_declared(self.core.workspace.job_file(job), printer)
 
     def to_start(self, who: Principal, job: str, start_mm: Place) -> Machine:
         """Bring the tip to where the job starts: up, over, down, within the soft limits."""
@@ -181,7 +180,6 @@ class JobService:
         refusals = [
             *self._others_controls(who),
             *machine_refusals(machine, set_up),
-            *homing_refusals(machine, read_first_lines(file, set_up.printer)[1]),
             *record_refusals(machine, self.record(job)),
         ]
         checked, usable, key = None, True, ""
@@ -194,14 +192,15 @@ class JobService:
             if checked is None and wait and not (machine and machine.state == "busy"):
                 checked = self._checked(job, set_up)
         except (PrintctlError, ProfileError) as exc:
-            refusals.append(Refusal("job and set-up", str(exc)))
+            refusals.append(Refusal(Kind.JOB, "job and set-up", str(exc)))
             usable = False
         if checked is not None:
             refusals += ink_refusals(machine, checked)
             if not checked.facts["recorded"]:
                 mounted = record_of(set_up.mounted())
                 refusals += record_refusal(machine, checked.facts["sha256"], mounted)
-            refusals += [check_refusal(one) for one in checked.checks if one.refuses]
+            offers = bool(checked.facts["offers_reload"])
+            refusals += [check_refusal(one, offers) for one in checked.checks if one.refuses]
         return Readiness(
             job=job,
             ready=checked is not None and not refusals,
@@ -316,7 +315,9 @@ class JobService:
         holder = self.core.controls.holder
         if holder is not None and holder.id != who.id:
             name = holder.name or "another browser"
-            yield Refusal("controls", f"{name} holds them; take them over", "controls")
+            yield Refusal(
+                Kind.CONTROLS, "controls", f"{name} holds them; take them over", "controls"
+            )
 
     def _tell(self, heard: PrintReport) -> None:
         self.watching.lapse.hear(heard)
@@ -384,35 +385,15 @@ def order_of(
     preflight: Preflight,
     observer: ObserverOrder | None = None,
 ) -> Order:
-    """The order, as `printctl print` makes it, with the looks of a run's observer.
+    """The order of a job that was checked, with the looks of a run's observer.
 
-    ``mounted`` is what the set-up names; the journal goes into ``folder``; the preflight says where
-    syringes must be changed, and what failed and was accepted.
+    ``mounted`` is what the set-up names; the journal goes into ``folder``.
     """
-    printer, part = mounted.printer, set_up.care
-    loads = [mounted.load_of(k) for k in range(printer.head_count)]
-    retreat, *others = (retreat_for(one.syringe, one.ink, _LIFT_MM, part.prime_ul) for one in loads)
-    names, usable = of_each(printer, set_up.syringe, "syringe"), set_up.usable_mm(mounted)
-    several = len(names) > 1
-    care = Care(
-        checkpoint_s=part.checkpoint_every_s,
-        deadman_s=60.0 * part.deadman_min,
-        deadman_stops=part.deadman_stops,
-        silent_limit_s=part.silent_limit_s,
-        noise_limit=part.noise_limit,
-        syringe=names[0],
-        capacity_mm=usable[0],
-        head_syringes=tuple(names) if several else (),
-        head_capacity_mm=tuple(usable) if several else (),
-        start_mm=set_up.start_mm,
-        reload_at=tuple(preflight.facts["reload_at"]),
-        reload_heads=tuple(preflight.facts["reload_heads"]),
-        accepted=tuple(preflight.facts["accepted"]),
-    )
-    if observer is not None:
-        care = Care.from_dict(care.to_dict() | observer.care)
-    retreat = replace(retreat, others=tuple(others))
-    return Order(job, machine.profile, machine.port, folder, retreat, once=True, care=care)
+    order = Order(job, machine.profile, machine.port, folder, once=True)
+    order = completed(order, mounted, set_up.care, preflight.plan)
+    if observer is None:
+        return order
+    return replace(order, care=Care.from_dict(order.care.to_dict() | observer.care))
 
 
 async def make_first_scene(service: JobService) -> None:

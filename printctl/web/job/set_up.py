@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Final
@@ -11,19 +12,25 @@ from pydantic import BaseModel, ConfigDict, Field
 from design.files import write_text
 from firmware_profiles import Facts, Printer, ProfileError, load
 from firmware_profiles.tools import THINNEST_BORE
-from printctl.checks.set_up import NONE, Budget, ProfileNames, SetUp, set_up, shortest_budget
+from gcode.user_files import read_gcode_path
+from printctl.checks.set_up import (
+    NONE,
+    OPTION_KEYS,
+    Budget,
+    ProfileNames,
+    SetUp,
+    set_up,
+    shortest_budget,
+)
 from printctl.errors import PrintctlError
-from printctl.machine.errors import LinkError
-from printctl.machine.job.coordinates import declared_start
-from printctl.machine.job.job import load_job
-from printctl.machine.job.syringes import usable_mm
-from printctl.machine.process.orders import homing_line
+from printctl.pipeline.checked_order import OrderCare, told_start
 from printctl.recipe.model import Recipe
 from printctl.recipe.sections.making import CarePart
 from printctl.run_folder.manifest import Manifest
 from printctl.web.profile_store import PARTS
 from printctl.web.workspace import Workspace
 
+PAGE_KEYS: Final = replace(OPTION_KEYS, reload="allow changes of syringe")
 FARTHEST_MM: Final = 5000.0
 """No printer's tip stands farther from its origin."""
 Millimetre = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM, allow_inf_nan=False)]
@@ -92,15 +99,13 @@ class JobSetUp(BaseModel):
             self.bath_depth_mm if self.dish != NONE else None,
             self.thinnest_bore,
         )
-        return set_up(load(Printer, self.printer), self.syringe, self.ink, self.start_mm, given)
+        printer = load(Printer, self.printer)
+        return set_up(printer, self.syringe, self.ink, self.start_mm, given, PAGE_KEYS)
 
-    def usable_mm(self, mounted: SetUp) -> list[float]:
-        """Plunger travel of a full syringe of each head, mm."""
-        printer = mounted.printer
-        return [
-            usable_mm(mounted.load_of(k).syringe, printer.of_head(k))
-            for k in range(printer.head_count)
-        ]
+    @property
+    def order_care(self) -> OrderCare:
+        """How its job is printed; what is on the machine is compared when a print starts."""
+        return OrderCare(self.care, accept_crossings=self.accept_crossings)
 
     def budget(self, mounted: SetUp) -> Budget | None:
         """How long the cells have; of several inks those that have least time."""
@@ -137,28 +142,24 @@ def _set_up_of_recipe(recipe: Recipe) -> JobSetUp:
 
 
 @lru_cache(maxsize=256)
-def _first_lines(path: Path, printer: str, size: int, changed_ns: int) -> tuple[Place | None, int]:
+def _declared(path: Path, printer: str, size: int, changed_ns: int) -> Place | None:
     try:
-        job = load_job(path, load(Printer, printer))
-    except (LinkError, ProfileError):
-        return None, 0
-    try:
-        start = declared_start(job)
-    except LinkError:
-        start = None
+        start = told_start(read_gcode_path(path), path.name, load(Printer, printer))
+    except (OSError, ProfileError):
+        return None
     if start is not None and max(map(abs, start)) > FARTHEST_MM:  # its checks say that it is wrong
-        start = None
-    return start, homing_line(job)
+        return None
+    return start
 
 
-def read_first_lines(path: Path, printer: str) -> tuple[Place | None, int]:
-    """Read where a job says that the tip stands, mm, and the line in which it homes the machine.
+def read_declared(path: Path, printer: str) -> Place | None:
+    """Read where a job says that the tip stands, mm; None where it doesn't, or can't be read.
 
-    None where the job doesn't declare its start, or can't be read; line 0 for none. The file is
-    read once for each printer profile, and again when its size or time of change is another.
+    The file is read once for each printer profile, and again when its size or time of change is
+    another.
     """
     stat = path.stat()
-    return _first_lines(path, printer, stat.st_size, stat.st_mtime_ns)
+    return _declared(path, printer, stat.st_size, stat.st_mtime_ns)
 
 
 _PRINTED: Final = "set_up.json"

@@ -119,9 +119,11 @@ class Slider:
 class ProjectCheck:
     """Something that was checked before the print, which is refused if it ``refuses`` and failed.
 
-    ``value`` and ``limit`` are in ``unit``, None where there is no number.
+    ``kind`` is a `Kind`'s value; ``value`` and ``limit`` are in ``unit``, None where there is no
+    number.
     """
 
+    kind: str
     check: str
     passed: bool
     refuses: bool
@@ -452,7 +454,16 @@ def _checked_design(folder: Path, of: Stamp) -> _Design | None:
         counted = one["value"] or one["limit"] or one["unit"]  # else it is a question to a person
         value, limit = (one["value"], one["limit"]) if counted else (None, None)
         refuses, remedy = one["weight"] == "refuses", "" if one["passed"] else one["remedy"]
-        given = (one["check"], one["passed"], refuses, value, limit, one["unit"], one["place"])
+        given = (
+            one.get("kind", ""),
+            one["check"],
+            one["passed"],
+            refuses,
+            value,
+            limit,
+            one["unit"],
+            one["place"],
+        )
         found.append(ProjectCheck(*given, remedy))
     lumens = stages["lumens"].summary if "lumens" in stages else {}
     if lumens.get("checked"):
@@ -460,7 +471,7 @@ def _checked_design(folder: Path, of: Stamp) -> _Design | None:
         remedy = "" if passed else "take thinner lines or wider vessels"
         count, all_ = float(counts["lumens"] - counts["closed"]), float(counts["lumens"])
         check = "lumens open, and without leaks, by the G-code"
-        found.append(ProjectCheck(check, passed, False, count, all_, "open", "", remedy))
+        found.append(ProjectCheck("lumens", check, passed, False, count, all_, "open", "", remedy))
     return tuple(found), stages["dry run"].summary.get("print_time_s")
 
 

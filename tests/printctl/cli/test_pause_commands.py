@@ -35,6 +35,7 @@ from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care
 from printctl.machine.process.clients.client import PrintClient
 from printctl.machine.process.clients.starting import start_print
+from printctl.machine.process.orders import Order
 from printctl.machine.records.states import LinkState, Status
 from registration.devices.camera_frame import read_frame, write_insert
 from registration.devices.lens import write_lens
@@ -56,7 +57,7 @@ def begun(folder: Path, profile: str, port: str) -> PrintClient:
     job = folder / "job.gcode"
     job.write_bytes(layered(4, 60))
     care = Care(checkpoint_s=0.0, syringe="hamilton_1ml", capacity_mm=58.0, deadman_s=600.0)
-    return start_print(job, profile, port, folder / "job.gcode.print", care=care)
+    return start_print(Order(job, profile, port, folder / "job.gcode.print", care=care))
 
 
 def test_the_only_print_that_goes_on_needs_no_name(tmp_path, profile, capsys, monkeypatch):
@@ -211,7 +212,7 @@ def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(prof
     job = Path("job.gcode")
     job.write_bytes(b"\n".join([b"G92 E0", *zigzag(300)]) + b"\n")
     with pty_printer(FakeMarlin(), hold_at=40) as served:
-        client = start_print(job, profile, served.name, Path("job.gcode.print"))
+        client = start_print(Order(job, profile, served.name, Path("job.gcode.print")))
         assert served.held.wait(10)
         for words, why in (
             (("pause", "job.gcode", "--after", "vessel"), "marks no end of a vessel"),

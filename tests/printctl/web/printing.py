@@ -10,6 +10,7 @@ from pathlib import Path
 
 from printctl.machine.process.clients.client import PrintClient
 from printctl.machine.process.clients.starting import start_print
+from printctl.machine.process.orders import Order
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
 from tests.printctl.machine.link.jobs import quick_profile
@@ -36,7 +37,7 @@ def under_way(workspace: Path, run: str = "heart") -> Iterator[UnderWay]:
     write_job(folder / "part.gcode", LINES)
     with pty_printer(FakeMarlin(), pace_s=PACE_S) as served:
         client = start_print(
-            folder / "part.gcode", quick_profile(workspace), served.name, folder / "print"
+            Order(folder / "part.gcode", quick_profile(workspace), served.name, folder / "print")
         )
         try:
             yield UnderWay(client, served.printer, folder / "print")

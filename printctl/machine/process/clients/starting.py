@@ -74,46 +74,36 @@ def stop_and_leave(client: PrintClient) -> NoReturn:
 
 
 def start_print(
-    job: Path,
-    printer: str,
-    port: str,
-    folder: Path,
-    *,
-    retreat: Retreat | None = None,
-    baud: int | str | None = None,
-    care: Care | None = None,
-    resume: bool = False,
-    on_interrupt: Callable[[PrintClient], None] = stop_and_leave,
+    order: Order, on_interrupt: Callable[[PrintClient], None] = stop_and_leave
 ) -> PrintClient:
     """Start a process that prints a job on a port of its own, and attach to it.
 
-    Returns once the printer has answered the handshake and the first lines go out. What is given is
-    an `Order`'s; here ``port`` is a device, ``tcp:HOST:PORT``, ``socket://HOST:PORT``, or ``auto``
-    for the one with the profile's USB id, and ``resume`` goes on with the print whose process died
-    in ``folder``. Ctrl-C before the first lines calls ``on_interrupt`` once the process takes
-    requests; where that returns, the print is waited for again.
+    Returns once the printer has answered the handshake and the first lines go out. The order's port
+    is a device, ``tcp:HOST:PORT``, ``socket://HOST:PORT``, or ``auto`` for the one with the
+    profile's USB id; to resume is to go on with the print whose process died in its folder. Ctrl-C
+    before the first lines calls ``on_interrupt`` once the process takes requests; where that
+    returns, the print is waited for again.
 
     Raises
     ------
     AlreadyPrinting
-        When a print's process is alive in ``folder``.
+        When a print's process is alive in the folder.
     LinkError
         When the print fails before its first line: port missing, denied or in use, no answer to
         the handshake, a job with a line that must not be sent.
     """
+    folder, printer = order.folder, load(Printer, order.printer)
     folder.mkdir(0o700, parents=True, exist_ok=True)
     if stays_alive(folder):
         raise AlreadyPrinting(
             f"a print is running in {folder}; attach to it, or give another folder"
         )
     done = 0
-    if resume and not runs_files(port):
-        done = resumable(folder, load_job(job, load(Printer, printer)).sha256).done
-    if AUTO in (port, baud):
-        place = locate(port, baud, load(Printer, printer))
-        port, baud = place.port, place.baud
-    order = Order(job, printer, port, folder, retreat or Retreat(), resume, baud=baud)
-    order = replace(order, care=care or Care())
+    if order.resume and not runs_files(order.port):
+        done = resumable(folder, load_job(order.job, printer).sha256).done
+    if AUTO in (order.port, order.baud):
+        place = locate(order.port, order.baud, printer)
+        order = replace(order, port=place.port, baud=place.baud)
     command = [*python_command(_PROCESS), "--detach", "--print", json.dumps(order.to_json())]
     client: PrintClient | None = None
     while True:
@@ -170,17 +160,17 @@ def resume_print(
         When there is no such print, it is running, or the port can't be used.
     """
     record = load_record(folder)
-    return start_print(
+    order = Order(
         Path(record.job),
         record.profile,
         port or living_port(folder, record.port),
         folder,
-        retreat=Retreat(**record.retreat),
-        baud=record.baud,
-        care=Care.from_dict(record.care),
+        Retreat(**record.retreat),
         resume=True,
-        on_interrupt=on_interrupt,
+        care=Care.from_dict(record.care),
+        baud=record.baud,
     )
+    return start_print(order, on_interrupt)
 
 
 # --- a print that may be going on, ended or interrupted ------------------------------------------
@@ -231,16 +221,7 @@ def find_or_start(
         return done
     if order.port != SIMULATED:
         _refuse_interrupted(order)
-    return start_print(
-        order.job,
-        order.printer,
-        open_port(),
-        order.folder,
-        retreat=order.retreat,
-        baud=order.baud,
-        care=order.care,
-        on_interrupt=on_interrupt,
-    )
+    return start_print(replace(order, port=open_port()), on_interrupt)
 
 
 def _find_or_start_on_host(
@@ -266,15 +247,7 @@ def _find_or_start_on_host(
                 f"give that print up (`printctl give-up {order.folder}`)"
             )
         return resume_print(order.folder, order.port, on_interrupt)
-    return start_print(
-        order.job,
-        order.printer,
-        open_port(),
-        order.folder,
-        retreat=order.retreat,
-        care=order.care,
-        on_interrupt=on_interrupt,
-    )
+    return start_print(replace(order, port=open_port()), on_interrupt)
 
 
 def running(order: Order) -> PrintClient | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,25 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_text
-from gcode.clearance.check import Clearance
 from gcode.dry_run.run import DryRun, dry_run
 from gcode.program.gcode import Program
 from kernels.arrays import BoolArray
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight import (
     Check,
-    bath_checks,
+    Designed,
     compare_well_moves,
-    gcode_checks,
-    read_wells,
     refuse_failed,
-    shaft_checks,
     volumes,
     warnings,
-    well_checks,
 )
+from printctl.checks.preflight.set_up import read_map_wells
+from printctl.checks.set_up import finding
 from printctl.errors import PrintctlError
-from printctl.machine.job.job import parse_job
-from printctl.machine.job.syringes import usable_mm
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate_plan import Well
 from printctl.pipeline.run_options import SIMULATED_PORT
@@ -38,7 +33,6 @@ from printctl.pipeline.running.plate.job import NOWHERE
 from printctl.pipeline.running.plate.wells import PlateRun, relative
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.paths import dry_run as alone
-from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.progress import Report
 from printctl.recipe.sections.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
@@ -70,30 +64,17 @@ def dry_run_stage(run: PlateRun) -> Stage:
 def check_job(run: PlateRun, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Run the file through the planner; refuse when anything is wrong."""
     whole = run.whole
-    data = (whole.folder / GCODE).read_bytes()
-    x, y, z = whole.start_mm.tolist()
-    checked = dry_run(data, whole.printer, (x, y, z))
+    parts = [run.run_of(well).recipe.toolpath for well in run.wells]
+    allowed = sum(0 if isinstance(part, Fresh) else part.allowed_crossings for part in parts)
+    found = alone.checked(whole, _designed(run), allowed)
     report(0.4, "looking at each well")
     of_line = _well_of_line(whole.folder / LINE_MAP)
-    times = well_times(run, checked, of_line)
-    planned = plan_syringes(
-        _checks(run, checked, of_line, times),
-        parse_job(data, GCODE, whole.printer),
-        [usable_mm(whole.syringe, whole.printer)],
-        [one.ink for one in whole.loads],
-        checked.duration_s,
-        whole.recipe.printer.care,
-        by="say printer.care.reload: true",
-    )
-    report(0.8, "looking at the needle's shaft")
-    clearance = alone.shaft(whole, checked)
-    checks = [*planned.checks, *_shaft(run, clearance)]
+    times = well_times(run, found.run, of_line)
+    if read_map_wells(found.run, found.set_up, whole.folder / LINE_MAP) is None:
+        raise PrintctlError(f"{LINE_MAP} names no wells; take it away and run again")
+    checks = [*found.checks, *_as_alone(run, found.run.program, of_line), *_place(run)]
     summary = {
-        "duration_s": checked.duration_s,
-        **planned.facts,
-        **alone.ink_facts(whole, checked, planned.reload_at, planned.reload_heads),
-        **alone.shaft_facts(clearance),
-        "merged_moves": checked.merged_moves,
+        **alone.summary_of(whole, found),
         "checks": [check.as_dict() for check in checks],
         "wells": times,
     }
@@ -104,29 +85,25 @@ def check_job(run: PlateRun, report: Report) -> tuple[dict[str, Any], Sequence[s
     return summary, [alone.CHECKS]
 
 
+def _designed(run: PlateRun) -> Designed:
+    """The deepest part and the widest filament of all wells; ink where its factor is varied."""
+    each = [alone.designed(context) for context in run.runs.values()]
+    return Designed(
+        max(one.depth_mm for one in each),
+        [max(one.widest_mm[0] for one in each)],
+        run.whole.recipe.toolpath.written,
+        {well.name: _ink_factor(run, well) for well in run.wells},
+    )
+
+
+def _ink_factor(run: PlateRun, well: Well) -> float:
+    """What comes out in a well over what the plate's ink would give, where the factor is swept."""
+    return run.run_of(well).ink.flow_factor / run.whole.ink.flow_factor
+
+
 def _well_of_line(path: Path) -> NDArray[np.int64]:
     with np.load(path, allow_pickle=False) as data:
         return np.asarray(data["well"], dtype=np.int64)
-
-
-def _checks(
-    run: PlateRun, checked: DryRun, of_line: NDArray[np.int64], times: Sequence[dict[str, Any]]
-) -> list[Check]:
-    whole = run.whole
-    inks = volumes(checked, whole.printer, whole.loads)
-    wells = read_wells(whole.folder / LINE_MAP, checked.program.line, inks)
-    if wells is None:
-        raise PrintctlError(f"{LINE_MAP} names no wells; take it away and run again")
-    # What comes out where the swept factor is the true one, as for every other check.
-    wells = replace(wells, ink_ul={row["well"]: row["ink_ul"] for row in times})
-    return [
-        *gcode_checks(checked, whole.printer),
-        *alone.of_mounted(whole, checked, whole.printer, 0),
-        *well_checks(checked, wells, whole.needle),
-        *_as_alone(run, checked.program, of_line),
-        *_place(run),
-        *bath_checks(whole.bath),
-    ]
 
 
 def _place(run: PlateRun) -> list[Check]:
@@ -135,12 +112,9 @@ def _place(run: PlateRun) -> list[Check]:
         return []
     x, y = run.standing.centre_mm("A1")
     return [
-        Check(
+        finding(
+            Kind.PLATE_PLACE,
             "place of the plate",
-            0,
-            0,
-            "",
-            False,
             "plate.a1_mm",
             f"isn't said, so A1 is taken to be at x {x:g}, y {y:g} mm, the plate in the middle of "
             "the work area; bring the tip over A1 and give what the printer shows",
@@ -194,8 +168,7 @@ def well_times(run: PlateRun, checked: DryRun, of_line: NDArray[np.int64]) -> li
 def _row(
     run: PlateRun, well: Well, lines: NDArray[np.int64], pushed_ul: float, times: Any
 ) -> dict[str, Any]:
-    # What comes out where the swept factor is the true one, as for every other check.
-    ink_ul = pushed_ul * run.run_of(well).ink.flow_factor / run.whole.ink.flow_factor
+    ink_ul = pushed_ul * _ink_factor(run, well)
     begins, ends = times
     x, y = run.standing.centre_mm(well.name)
     return {
@@ -212,13 +185,3 @@ def _row(
         "begins_s": round(float(begins.min()), 2),
         "lasts_s": round(float(ends.max() - begins.min()), 2),
     }
-
-
-def _shaft(run: PlateRun, clearance: Clearance | None) -> list[Check]:
-    """Of all wells together, as many crossings as their recipes allow together."""
-    parts = [run.run_of(well).recipe.toolpath for well in run.wells]
-    if clearance is None:
-        return []
-    return shaft_checks(
-        clearance, sum(0 if isinstance(part, Fresh) else part.allowed_crossings for part in parts)
-    )

@@ -9,48 +9,27 @@ from typing import Any
 import numpy as np
 
 from design.files import write_text
-from firmware_profiles import Printer
-from gcode.clearance.check import Clearance
-from gcode.dry_run.run import DryRun, dry_run
+from gcode.dry_run.run import DryRun
 from printctl.checks.bead import PLAYED
 from printctl.checks.preflight import (
-    Check,
+    Designed,
+    HeadLoading,
     PlacedDish,
+    SetUp,
     accepted_text,
-    bath_checks,
-    check_each_head,
-    chemistry_check,
-    dish_checks,
-    floor_check,
-    force_checks,
-    gcode_checks,
-    head_checks,
-    held_check,
     ink_use,
-    needle_check,
     placed_failures,
-    read_written,
     refuse_failed,
-    role_checks,
-    shaft_checks,
-    shaft_clearance,
-    step_checks,
-    syringe_checks,
-    temperature_checks,
-    unknown_dish,
     warnings,
-    written_ul,
 )
-from printctl.checks.preflight.bore import line_checks
-from printctl.machine.job.job import parse_job
-from printctl.machine.job.syringes import usable_mm
+from printctl.checks.set_up import NONE, RECIPE_KEYS, options_of
 from printctl.machine.ports.detection import SIMULATED
+from printctl.pipeline.checked_order import CheckedOrder, OrderCare, checked_order
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.job.heads import layer_lines_um
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.paths.predicting import predicting
 from printctl.pipeline.stages.paths.toolpath import of_heads
-from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.progress import Report
 from printctl.recipe.sections.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
@@ -73,64 +52,7 @@ def depends(context: RunContext) -> Any:
         [at.dish_centre_mm, context.bath_depth_mm, at.care.reload],
         [at.care.reload_min, at.care.viability_min, at.care.viability_source],
         context.compensation_digest,
-        PLAYED,  # a run folder from before it gets one
-    ]
-
-
-def all_checks(context: RunContext, run: DryRun) -> list[Check]:
-    """The G-code's own checks and those of the set-up."""
-    printer, dish = context.printer, standing(context)
-    ink_ul = written_ul(run, printer, context.loads)
-    inks = [one.ink for one in context.loads]
-    common = [
-        *bath_checks(context.bath),
-        *role_checks(inks, context.bath, context.recipe.toolpath.written),
-        *([] if dish else [unknown_dish(real=context.recipe.printer.port != SIMULATED)]),
-    ]
-    if not printer.heads:
-        return [*gcode_checks(run, printer), *of_head(context, run, printer, 0, ink_ul), *common]
-    needles = [one.needle for one in context.loads]
-    return [
-        *gcode_checks(run, printer),
-        *check_each_head(run, printer, lambda k, view, one: of_head(context, view, one, k, ink_ul)),
-        *head_checks(run, printer, dish, needles),
-        *common,
-    ]
-
-
-def of_head(
-    context: RunContext, run: DryRun, printer: Printer, number: int, ink_ul: float
-) -> list[Check]:
-    """What a head holds and where its needle goes; the printer has that head alone.
-
-    ``ink_ul`` is what all heads together write.
-    """
-    needle, dish = context.loads[number].needle, standing(context)
-    checks = [*of_mounted(context, run, printer, number), *of_part(context, number)]
-    return checks if dish is None else [*checks, *dish_checks(run, dish, needle, ink_ul)]
-
-
-def of_mounted(context: RunContext, run: DryRun, printer: Printer, number: int) -> list[Check]:
-    """What a head holds, whatever it writes; the printer has that head alone."""
-    load, bath, part = context.loads[number], context.bath, context.recipe.toolpath
-    return [
-        *syringe_checks(run, printer, load.syringe),
-        *step_checks(run, printer, load.syringe),
-        *force_checks(run, load.ink, load.needle, load.syringe, printer),
-        *line_checks(run, printer, context.loads[number], part.thinnest_bore, part.style[0]),
-        chemistry_check(load.ink, bath),
-        *temperature_checks(run, load.ink, bath),
-        floor_check(run, bath, printer.z_mm.low),
-    ]
-
-
-def of_part(context: RunContext, number: int) -> list[Check]:
-    """What the part asks of a head's needle and of the bath."""
-    low, high = context.written_bounds
-    load = context.loads[number]
-    return [
-        needle_check(float(high[2] - low[2]), load.needle),
-        held_check(widest_filament_mm(context, number), load.ink, context.bath),
+        *(PLAYED, "lift_mm"),  # a run folder from before them gets them
     ]
 
 
@@ -156,60 +78,88 @@ def standing(context: RunContext) -> PlacedDish | None:
     return PlacedDish(context.dish, centre, floor, context.bath_depth_mm, key)
 
 
-def shaft(context: RunContext, run: DryRun) -> Clearance | None:
-    """The needle's shaft against what is written; layers are written from below, without any."""
-    written = read_written(context.folder / LINE_MAP)
-    if written is None or isinstance(context.recipe.toolpath, Fresh):
-        return None
-    return shaft_clearance(run, context.printer, context.loads, written)
+def designed(context: RunContext) -> Designed:
+    """What the recipe knows of the part, besides its G-code."""
+    low, high = context.written_bounds
+    widest = [widest_filament_mm(context, number) for number in range(context.printer.head_count)]
+    return Designed(float(high[2] - low[2]), widest, context.recipe.toolpath.written)
 
 
-def allowed_shaft(context: RunContext, clearance: Clearance | None) -> list[Check]:
-    """What the recipe allows of it."""
+def set_up_of(context: RunContext) -> SetUp:
+    """What the recipe says is mounted; of a plate's own run no dish."""
+    recipe, loads = context.recipe, context.loads
+    x, y, z = context.start_mm.tolist()
+    of_plate = recipe.plate is not None
+    held = tuple(HeadLoading(one.syringe, one.ink, one.needle) for one in loads)
+    part, needle = recipe.printer, recipe.toolpath.needle
+    each = part.heads or (part,)
+    names = {
+        "syringe": ",".join(one.syringe for one in each),
+        "ink": ",".join(one.ink for one in each),
+        "needle": ",".join(getattr(one, "needle", None) or needle for one in each),
+        "bath": part.bath,
+        "dish": NONE if of_plate else part.dish or "",
+    }
+    centre = part.dish_centre_mm
+    lengths = {
+        "dish_centre": None if centre is None else ",".join(f"{mm:g}" for mm in centre),
+        "bath_depth": part.bath_depth_mm,
+    }
+    return SetUp(
+        context.printer,
+        *(held[0].syringe, held[0].ink, held[0].needle),
+        context.bath,
+        None if of_plate else standing(context),
+        held if context.printer.heads else (),
+        recipe.toolpath.thinnest_bore,
+        ("dish",) if of_plate else (),
+        (x, y, z),
+        names,
+        options_of({**names, "dish": part.dish, **lengths}),
+        RECIPE_KEYS,
+    )
+
+
+def checked(
+    context: RunContext, of_part: Designed | None = None, allowed_crossings: int | None = None
+) -> CheckedOrder:
+    """Check the G-code in a run's folder; of a plate ``of_part`` and crossings are its wells'."""
     part = context.recipe.toolpath
-    if clearance is None or isinstance(part, Fresh):
-        return []
-    return shaft_checks(clearance, part.allowed_crossings)
+    if allowed_crossings is None:
+        allowed_crossings = 0 if isinstance(part, Fresh) else part.allowed_crossings
+    care = OrderCare(
+        context.recipe.printer.care,
+        context.recipe.printer.port != SIMULATED,
+        allowed_crossings,
+        designed=of_part or designed(context),
+    )
+    return checked_order(context.folder / GCODE, set_up_of(context), care)
 
 
-def shaft_facts(clearance: Clearance | None) -> dict[str, Any]:
-    """The checker's result, JSON-ready; nothing for layers."""
-    if clearance is None:
-        return {}
-    return {"clearance": clearance.as_dict(), "accepted_crossings": accepted_text(clearance)}
+def summary_of(context: RunContext, found: CheckedOrder) -> dict[str, Any]:
+    """What the run's manifest keeps of the checks."""
+    shaft, plan = found.shaft.found, found.plan
+    return {
+        **found.facts,
+        **plan.to_dict(),
+        **ink_facts(context, found.run, plan.reload_at, plan.reload_heads),
+        **({} if shaft is None else {"clearance": shaft.as_dict()}),
+        **({} if shaft is None else {"accepted_crossings": accepted_text(shaft)}),
+        "merged_moves": found.run.merged_moves,
+        "checks": [check.as_dict() for check in found.checks],
+    }
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Run the file through the planner; refuse when anything is wrong."""
-    x, y, z = context.start_mm.tolist()
-    data = (context.folder / GCODE).read_bytes()
-    run = dry_run(data, context.printer, (x, y, z))
-    machines = [context.printer.of_head(k) for k in range(context.printer.head_count)]
-    planned = plan_syringes(
-        all_checks(context, run),
-        parse_job(data, GCODE, context.printer),
-        [usable_mm(one.syringe, of) for one, of in zip(context.loads, machines, strict=True)],
-        [one.ink for one in context.loads],
-        run.duration_s,
-        context.recipe.printer.care,
-        by="say printer.care.reload: true",
-    )
-    clearance = shaft(context, run)
-    checks = [*planned.checks, *allowed_shaft(context, clearance)]
-    summary = {
-        "duration_s": run.duration_s,
-        **planned.facts,
-        **ink_facts(context, run, planned.reload_at, planned.reload_heads),
-        **shaft_facts(clearance),
-        "merged_moves": run.merged_moves,
-        "checks": [check.as_dict() for check in checks],
-    }
+    found = checked(context)
+    summary = summary_of(context, found)
     report(0.5, "predicting what will lie in the bath")
-    predicted, files = predicting(context, run, data, placed_failures(checks))
+    predicted, files = predicting(context, found.run, found.data, placed_failures(found.checks))
     facts = summary | {"predicted": predicted}
     write_text(context.folder / CHECKS, json.dumps(facts, indent=1) + "\n")
-    refuse_failed(checks)
-    for text in warnings(checks):
+    refuse_failed(found.checks)
+    for text in warnings(found.checks):
         context.bars.remark("dry run", text)
     return summary, [CHECKS, *files]
 

@@ -32,6 +32,7 @@ from printctl.machine.prints.progress import remaining_time
 from printctl.machine.prints.recovery import beginning
 from printctl.machine.process import one_print
 from printctl.machine.process.clients.starting import start_print
+from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import resumable
 from printctl.machine.records import folders
 from printctl.machine.records.folders import (
@@ -515,7 +516,7 @@ def test_link_process_adds_its_print(data, tmp_path, writable):
     write_job(tmp_path / "job.gcode", 50)
     with pty_printer(FakeMarlin()) as served:
         job, run = tmp_path / "job.gcode", tmp_path / "run"
-        client = start_print(job, "generic_marlin", served.name, run)
+        client = start_print(Order(job, "generic_marlin", served.name, run))
         assert client.wait(300).state is LinkState.DONE
     if writable:
         for _ in range(100):

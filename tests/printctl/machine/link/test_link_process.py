@@ -34,6 +34,7 @@ from printctl.machine.process.clients import launch, starting
 from printctl.machine.process.clients.client import PrintClient, attach
 from printctl.machine.process.clients.starting import resume_print, start_print
 from printctl.machine.process.contact import alive
+from printctl.machine.process.orders import Order
 from printctl.machine.records.actor import ACTOR, this_user
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.lab_key import lab_key
@@ -74,7 +75,7 @@ def held_print(folder: Path, profile: str) -> Iterator[tuple[list[str], PtyPrint
     """A print whose printer holds its answers back from line 100 on, until its gate is set."""
     lines = write_job(folder / "job.gcode", 400)
     with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(folder / "job.gcode", profile, served.name, folder / "run")
+        client = start_print(Order(folder / "job.gcode", profile, served.name, folder / "run"))
         assert served.held.wait(10)
         yield lines, served, client
 
@@ -82,7 +83,7 @@ def held_print(folder: Path, profile: str) -> Iterator[tuple[list[str], PtyPrint
 def test_prints_a_whole_job_and_ends_by_itself(tmp_path, profile):
     lines = write_job(tmp_path / "job.gcode", 500)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        client = start_print(Order(tmp_path / "job.gcode", profile, served.name, tmp_path / "run"))
         outcome = client.wait(300)
         assert outcome.state is LinkState.DONE
         assert outcome.lines_done == len(lines)
@@ -99,7 +100,7 @@ def test_unplugged_port_fails_with_what_was_acknowledged_and_goes_on_when_it_is_
 ):
     lines, printer = write_job(tmp_path / "job.gcode", 500), FakeMarlin()
     with pty_printer(printer, unplug_at=200) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        client = start_print(Order(tmp_path / "job.gcode", profile, served.name, tmp_path / "run"))
         outcome = client.wait(300)
     assert outcome.state is LinkState.FAILED
     assert outcome.error == "PortLost"
@@ -121,9 +122,9 @@ def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile,
         served.gate.set()
         until(client, LinkState.PAUSED)
         with pytest.raises(AlreadyPrinting, match="attach"):
-            start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+            start_print(Order(tmp_path / "job.gcode", profile, served.name, tmp_path / "run"))
         with pytest.raises(PortInUse, match="held by printctl itself"):
-            start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "other")
+            start_print(Order(tmp_path / "job.gcode", profile, served.name, tmp_path / "other"))
         assert client.command("M105")[0].startswith("ok T:")
         client.resume()
         assert client.wait(300).state is LinkState.DONE
@@ -165,8 +166,9 @@ def test_print_goes_on_when_its_client_is_killed(tmp_path, profile):
     script = (
         "import sys; from pathlib import Path\n"
         "from printctl.machine.process.clients.starting import start_print\n"
-        f"start_print(Path({str(tmp_path / 'job.gcode')!r}), {profile!r}, sys.argv[1], "
-        f"Path({str(tmp_path / 'run')!r}))\n"
+        "from printctl.machine.process.orders import Order\n"
+        f"start_print(Order(Path({str(tmp_path / 'job.gcode')!r}), {profile!r}, sys.argv[1], "
+        f"Path({str(tmp_path / 'run')!r})))\n"
         "print('up', flush=True)\n"
         "import time; time.sleep(60)\n"
     )
@@ -207,7 +209,7 @@ def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from
         assert attach(tmp_path / "run").record.port == served.name
         served.gate.set()
         again = start_print(
-            tmp_path / "job.gcode", profile, served.name, tmp_path / "run", resume=True
+            Order(tmp_path / "job.gcode", profile, served.name, tmp_path / "run", resume=True)
         )
         assert again.wait(300).state is LinkState.DONE
         sent = handshake_and(served.printer)
@@ -259,7 +261,7 @@ def test_print_whose_start_is_interrupted_is_stopped_before_its_first_line(
     printer.mute = True
     with pty_printer(printer) as served:
         with pytest.raises(KeyboardInterrupt):
-            start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+            start_print(Order(tmp_path / "job.gcode", profile, served.name, tmp_path / "run"))
         outcome = attach(tmp_path / "run").wait(60)
     assert ctrl_c
     assert outcome.state is LinkState.STOPPED
@@ -278,10 +280,7 @@ def test_ctrl_c_before_the_first_lines_asks(tmp_path, profile, ctrl_c, monkeypat
     monkeypatch.setattr(follow, "_ask", lambda bars: word)
     with pty_printer(printer) as served:
         client = start_print(
-            tmp_path / "job.gcode",
-            profile,
-            served.name,
-            tmp_path / "run",
+            Order(tmp_path / "job.gcode", profile, served.name, tmp_path / "run"),
             on_interrupt=follow.interrupted(StageBars(Console(quiet=True))),
         )
         outcome = client.wait(60)
@@ -300,7 +299,7 @@ def test_folder_with_a_long_path_still_has_its_socket(tmp_path, profile):
     folder = tmp_path / ("deep" * 20) / ("deeper" * 10)
     write_job(tmp_path / "job.gcode", 20)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, folder)
+        client = start_print(Order(tmp_path / "job.gcode", profile, served.name, folder))
         assert client.wait(300).state is LinkState.DONE
         assert attach(folder).status.state is LinkState.DONE
 
@@ -317,7 +316,7 @@ def test_link_process_that_dies_at_once_is_told_with_its_last_words(tmp_path, pr
     write_job(tmp_path / "job.gcode", 20)
     (tmp_path / "run" / "link.json").mkdir(parents=True)
     with pytest.raises(LinkError, match=r"ended at once: .*can't be written to: Is a directory"):
-        start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
+        start_print(Order(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run"))
 
 
 def test_process_that_dies_on_a_full_disk_names_the_disk(tmp_path, monkeypatch):
@@ -349,7 +348,7 @@ def test_insert_outlives_the_process_that_took_it(tmp_path, profile):
     job.write_bytes(data)
     care, lines = Care(checkpoint_s=None, look_after=MarkKind.LAYER), patch(data, 0)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(job, profile, served.name, run, care=care)
+        client = start_print(Order(job, profile, served.name, run, care=care))
         look(client, 1)
         with pytest.raises(Refused, match="G28 may not be inserted"):
             client.insert(1, ["G28"])
@@ -377,7 +376,7 @@ def test_a_look_that_was_heard_before_is_told_again(tmp_path, profile):
     job.write_bytes(layered(1, 6))
     care = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=5)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(job, profile, served.name, run, care=care)
+        client = start_print(Order(job, profile, served.name, run, care=care))
         look(client, 1)
         assert next(client.events()).state is LinkState.LOOKING  # paused by the link in 5 s
         client.stop()
@@ -429,7 +428,7 @@ def test_program_that_reads_the_port_is_named_and_the_print_paused_once(tmp_path
     write_job(tmp_path / "job.gcode", 140)
     with pty_printer(FakeMarlin(), pace_s=0.02) as served, thief(served.name) as process:
         run = tmp_path / "run"
-        client = start_print(tmp_path / "job.gcode", profile, served.name, run)
+        client = start_print(Order(tmp_path / "job.gcode", profile, served.name, run))
         pauses: list[str] = []
         told = False
         for status in client.events():

@@ -43,6 +43,7 @@ from printctl.machine.ports.serial_port import SerialTransport, _refusal
 from printctl.machine.ports.transport import Transport, open_port, sweep
 from printctl.machine.ports.wire_log import LoggedTransport, WireLog
 from printctl.machine.process.clients.starting import start_print
+from printctl.machine.process.orders import Order
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.control.bench import MemoryJournal
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
@@ -470,7 +471,9 @@ def test_auto_port_and_rate_start_a_print(tmp_path, monkeypatch, profile):
     monkeypatch.setattr(detection, "list_ports", lambda: [OTHER, port])
     write_job(tmp_path / "job.gcode", 20)
     try:
-        client = start_print(tmp_path / "job.gcode", profile, AUTO, tmp_path / "run", baud=AUTO)
+        client = start_print(
+            Order(tmp_path / "job.gcode", profile, AUTO, tmp_path / "run", baud=AUTO)
+        )
         assert client.wait(300).state is LinkState.DONE
         assert (client.record.port, client.record.baud) == (port.device, 57_600)
     finally:

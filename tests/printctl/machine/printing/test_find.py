@@ -19,6 +19,7 @@ from rich.console import Console
 
 from firmware_profiles import Printer, Syringe, load
 from gcode.dry_run.run import dry_run
+from printctl.checks.kinds import Kind
 from printctl.checks.preflight import Check, gcode_checks, refuse_failed, syringe_checks
 from printctl.errors import PrintctlError, SafetyError
 from printctl.machine.control.excursion import CHANGE
@@ -229,21 +230,22 @@ def job() -> Job:
 
 
 def test_job_that_needs_more_is_refused_with_the_lines_of_a_change():
-    told, reload_at, _ = with_reloads(checks(), job(), (0.5,), wanted=False)
-    assert reload_at == ()
+    found = with_reloads(checks(), job(), (0.5,), wanted=False, by="give --reload")
+    assert found.at == ()
+    assert found.offered
     with pytest.raises(SafetyError, match=r"give --reload: the syringe is then changed before l"):
-        refuse_failed(told)
+        refuse_failed(found.checks)
 
 
 def test_change_that_is_agreed_to_satisfies_the_checks_it_concerns_and_no_other():
-    told, reload_at, _ = with_reloads(checks(), job(), (0.5,), wanted=True)
-    refuse_failed(told)
+    found = with_reloads(checks(), job(), (0.5,), wanted=True, by="give --reload")
+    refuse_failed(found.checks)
     points = [mark.index for mark in job().marks.all]
-    assert len(reload_at) >= 2
-    assert set(reload_at) <= set(points)
-    wrong = Check("x, highest", 300.0, 200.0, "mm", False)
+    assert len(found.at) >= 2
+    assert set(found.at) <= set(points)
+    wrong = Check(Kind.TRAVEL, "x, highest", 300.0, 200.0, "mm", False)
     with pytest.raises(SafetyError, match="x, highest"):
-        refuse_failed(with_reloads([wrong, *checks()], job(), (0.5,), wanted=True)[0])
+        refuse_failed(with_reloads([wrong, *checks()], job(), (0.5,), wanted=True, by="").checks)
 
 
 # --- syringe change reported to a print whose link process died beforehand

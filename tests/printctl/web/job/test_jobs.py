@@ -20,7 +20,7 @@ from printctl.web.job.jobs import all_jobs, entry_of
 from printctl.web.job.machine import Machine, places_to, set_up_of
 from printctl.web.job.readiness import machine_refusals
 from printctl.web.job.record import PrintRecord
-from printctl.web.job.set_up import JobSetUp, read_first_lines
+from printctl.web.job.set_up import JobSetUp, read_declared
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, START, add
 
@@ -223,7 +223,7 @@ def test_the_start_is_that_of_the_whole_job(
     path = tmp_path / "job.gcode"
     path.write_bytes(data)
     name = "klipper_bioprinter" if b"KINEMATIC" in data else "generic_marlin"
-    assert read_first_lines(path, name)[0] == found
+    assert read_declared(path, name) == found
 
 
 def test_the_same_file_again_does_no_harm_another_one_is_refused(service):

@@ -14,7 +14,7 @@ from printctl.machine.process.orders import Order
 from printctl.web.core import Core
 from printctl.web.job.aftercare import checklist
 from printctl.web.job.machine import Machine, StationPrinting
-from printctl.web.job.readiness import homing_refusals, machine_refusals
+from printctl.web.job.readiness import machine_refusals
 from printctl.web.job.record import LASTING_POINTS
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp
@@ -87,13 +87,6 @@ def test_a_bath_or_dish_that_nobody_entered_is_asked_for() -> None:
         ("bath", "mount", "bath"),
         ("dish", "mount", "dish"),
     ]
-
-
-def test_a_job_that_homes_with_a_needle_on_is_refused() -> None:
-    needle = replace(MACHINE, mounted={"needle": "30g"})
-    assert [one.place for one in homing_refusals(needle, 7)] == ["line 7"]
-    bare = replace(MACHINE, mounted={})
-    assert not [*homing_refusals(needle, 0), *homing_refusals(bare, 7)]
 
 
 @pytest.fixture

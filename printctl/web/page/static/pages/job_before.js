@@ -56,7 +56,7 @@ function withEarlier(value, earlier) {
   const { preflight } = earlier ?? {};
   if (!preflight) return value;
   const failed = preflight.checks.filter((one) => one.result === "failed");
-  const known = ({ what, place }) => failed.some((one) => one.check === what && one.place === place);
+  const known = ({ kind, place }) => failed.some((one) => one.kind === kind && one.place === place);
   const kept = earlier.refusals.filter(known);
   return { ...value, preflight, refusals: [...value.refusals, ...kept] };
 }

@@ -144,12 +144,14 @@ function useSketch(project, values) {
 
 const VIEWS = [["network", "Network"], ["layers", "Print, line by line"], ["dry_run", "Dry run"]];
 
+const LOADS = ["pressure", "shear_stress", "plunger_force"];
+
 function Check({ project, reload }) {
   if (busy(project)) return html`<${Making} project=${project} reload=${reload} />`;
   if (!project.made) return html`<${NotMade} project=${project} reload=${reload} />`;
   const { passed = [], refused = [], noted = [] } = Object.groupBy(
     project.checks, (one) => (one.passed ? "passed" : one.refuses ? "refused" : "noted"));
-  const loads = project.checks.filter((one) => one.value !== null && /pressure|shear|force/i.test(one.check));
+  const loads = project.checks.filter((one) => one.value !== null && LOADS.includes(one.kind));
   return html`<div class="columns">
     <${Card} title=${refused.length ? `${refused.length} of ${project.checks.length} checks refuse the print`
       : `All ${project.checks.length} checks let it be printed`} tone=${refused.length ? "bad" : undefined}>

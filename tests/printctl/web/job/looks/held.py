@@ -16,6 +16,7 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.process.clients.client import PrintClient
 from printctl.machine.process.clients.starting import start_print
 from printctl.machine.process.contact import hold_folder
+from printctl.machine.process.orders import Order
 from printctl.machine.records.states import LinkState
 from printctl.observe.records import OBSERVER_LOCK, LookRecord, look_folder, save_look
 from printctl.web.workspace import Workspace
@@ -58,7 +59,7 @@ def print_held_for_a_look(workspace: Workspace, observed: bool = True) -> Iterat
     profile = quick_profile(workspace.root)
     care = Care(checkpoint_s=None, look_after=MarkKind.LAYER)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(file, profile, served.name, folder, care=care)
+        client = start_print(Order(file, profile, served.name, folder, care=care))
         try:
             _until(client, LinkState.LOOKING)
             picture(folder, 1)
