@@ -56,7 +56,7 @@ from registration.options import RegistrationOptions, segmentation_options
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import GelEvidence, Segmentation, gel_evidence, segment
-from registration.segmentation.evidence import are_separable
+from registration.segmentation.gel_probe import GelProbe
 
 # Segment a scan and prepare the model's surface for alignment; check that they match.
 
@@ -294,10 +294,8 @@ def _gel_at(case: PreparedScan, fit: Fit, evidence: GelEvidence) -> FloatArray |
     """Whether there is gel at the places that the options name; NaN where it can't be told."""
     if case.options.places_mm is None:
         return None
-    places = fit.invert(case.options.places_mm)
-    value = case.segmentation.field.above_level(places)
-    told = np.isfinite(value) & are_separable(1.0, 0.0, evidence.scatter_at(places))
-    return np.where(told, value >= 0, np.nan)
+    probe = GelProbe(case.segmentation, case.scan.depth_down, evidence)
+    return probe.at(fit.invert(case.options.places_mm)).share
 
 
 @dataclass(frozen=True)

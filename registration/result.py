@@ -18,6 +18,7 @@ from registration.alignment.as_printed import AsPrinted
 from registration.alignment.uncertainty import quantity, terms
 from registration.json_ready import json_ready
 from registration.measuring.gauging import ContrastGauge, Defect, Deviation, Perfusion, VesselGauge
+from registration.measuring.gauging.deviation import deviation_numbers
 from registration.measuring.gauging.openings.face_places import FacePlace
 from registration.measuring.geometry import Characteristic, Frame
 from registration.measuring.topology import Agreement, Overlap, Topology
@@ -207,8 +208,8 @@ def scaled_vertices(report: RegistrationReport) -> FloatArray:
 def report_dict(report: RegistrationReport) -> dict[str, Any]:
     """JSON-ready numbers (no mesh); what isn't known or finite is None."""
     plain: dict[str, Any] = {
-        "rigid": _deviation_dict(report.rigid),
-        "scaled": _deviation_dict(report.scaled),
+        "rigid": deviation_numbers(report.rigid),
+        "scaled": deviation_numbers(report.scaled),
         "transform_scan_to_part": report.transform_scan_to_part.tolist(),
         "scaled_scan_to_part": report.scaled_scan_to_part.tolist(),
         "scale": report.scale.tolist(),
@@ -236,8 +237,8 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
             "counts": report.histogram_counts.tolist(),
             "counts_rigid": report.histogram_counts_rigid.tolist(),
         },
-        "rigid_model_to_scan": _deviation_dict(report.rigid_back),
-        "scaled_model_to_scan": _deviation_dict(report.scaled_back),
+        "rigid_model_to_scan": deviation_numbers(report.rigid_back),
+        "scaled_model_to_scan": deviation_numbers(report.scaled_back),
         "rms_interval_95_um": report.rms_interval_um,
         "hausdorff_p95_um": {
             "rigid": report.hausdorff_p95_um,
@@ -379,12 +380,6 @@ def _as_printed_dict(printed: AsPrinted) -> dict[str, Any]:
             "interval_95_um": (1e3 * shift.interval_mm).round(1).tolist(),
         },
     }
-
-
-def _deviation_dict(deviation: Deviation) -> dict[str, Any]:
-    plain = asdict(deviation)
-    plain["within"] = {f"{limit:g}": share for limit, share in deviation.within.items()}
-    return plain
 
 
 def _topology_dict(topology: Topology) -> dict[str, Any]:

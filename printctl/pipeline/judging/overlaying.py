@@ -24,6 +24,8 @@ from registration.overlay import (
     LayerStatus,
     Limits,
     LumenSections,
+    OverlayLayer,
+    OverlaySpot,
     Pose,
     Raster,
     ScanCut,
@@ -285,13 +287,13 @@ def _s(count: int) -> str:
     return "" if count == 1 else "s"
 
 
-def _lines(gap: dict[str, Any]) -> str:
+def _lines(gap: OverlaySpot) -> str:
     if gap["line_count"] == 1:
         return f"line {gap['lines'][0]} of the G-code"
     return f"{gap['line_count']} lines of the G-code, {gap['first_line']} to {gap['last_line']}"
 
 
-def _page(overlay: Overlay, layers: Sequence[dict[str, Any]], data: dict[str, Any]) -> OverlayPage:
+def _page(overlay: Overlay, layers: Sequence[OverlayLayer], data: dict[str, Any]) -> OverlayPage:
     lines = summary_lines(data)
     judged = any(one["gap_count"] is not None for one in layers)
     wrong = any(one["gap_count"] or one["blob_count"] for one in layers)

@@ -126,8 +126,8 @@ def split_summary(
     return {
         name: {
             "points": int(which.sum()),
-            "rigid": _plain(rigid_um[which]),
-            "scaled": _plain(scaled_um[which]),
+            "rigid": deviation_numbers(summarise(1e-3 * rigid_um[which])),
+            "scaled": deviation_numbers(summarise(1e-3 * scaled_um[which])),
             "histogram": {
                 "edges_um": HISTOGRAM_EDGES_UM.tolist(),
                 "counts": histogram(1e-3 * scaled_um[which]).tolist(),
@@ -145,10 +145,12 @@ def split_summary(
     }
 
 
-def _plain(deviation_um: FloatArray) -> dict[str, Any]:
-    summary = asdict(summarise(1e-3 * deviation_um))
-    summary["within"] = {f"{limit:g}": share for limit, share in summary["within"].items()}
-    return summary
+def deviation_numbers(deviation: Deviation) -> dict[str, Any]:
+    """Return a deviation as registration.json holds it."""
+    return {
+        **asdict(deviation),
+        "within": {f"{limit:g}": share for limit, share in deviation.within.items()},
+    }
 
 
 def near_lumen(points: FloatArray, network: VesselNetwork) -> NDArray[np.bool_]:
