@@ -38,11 +38,6 @@ class GelReading:
     gel: BoolArray
     known: BoolArray
 
-    @property
-    def share(self) -> FloatArray:
-        """1 for gel, 0 for none, NaN where it isn't known."""
-        return np.where(self.known, self.gel.astype(np.float64), np.nan)
-
 
 class GelProbe:
     """Reads gel at places of one scan.

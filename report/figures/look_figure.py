@@ -112,16 +112,8 @@ def look_figure(rows: Sequence[LookRow]) -> bytes:
             number, ink, color=ACCENT, linewidth=1.1, marker="o", markersize=3.0, label="with ink"
         )
         if np.isfinite(scan).any():
-            axes.plot(
-                number,
-                scan,
-                color=INK,
-                linewidth=0.9,
-                linestyle="--",
-                marker="D",
-                markersize=3.0,
-                label="with ink in the final scan",
-            )
+            label = "with ink in the final scan"
+            axes.plot(number, scan, "D--", color=INK, linewidth=0.9, markersize=3.0, label=label)
         mended = np.array([row.mended for row in rows])
         held = np.array([row.held for row in rows])
         marks: Any = {"linestyle": "", "markersize": 8.0, "markerfacecolor": "none"}

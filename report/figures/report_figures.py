@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -191,7 +191,7 @@ class RunSources:
     """
 
     waves: Mapping[str, FloatArray] | None = None
-    files: Mapping[str, Path] | None = None
+    files: Mapping[str, Path] = field(default_factory=dict)
     job: GcodeJob | None = None
     outline_at: OutlineAt | None = None
     looks: Sequence[LookRow] = ()
@@ -209,8 +209,9 @@ def run_figures(run: RunSources) -> dict[str, bytes]:
     if run.waves is not None:
         name = "flow/Flow and pressure at inlets and outlets over one cycle, as designed"
         made[name] = wave_figure(run.waves)
-    files = run.files or {}
-    made |= {PICTURE_FILES[key]: files[key].read_bytes() for key in PICTURE_FILES if key in files}
+    made |= {
+        name: run.files[key].read_bytes() for key, name in PICTURE_FILES.items() if key in run.files
+    }
     if run.job is not None:
         made |= layer_figures(run.job, run.outline_at)
     return made | look_figures(run.looks)

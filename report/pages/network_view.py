@@ -38,7 +38,7 @@ class ShownVessels:
     least_diameter_mm: float
 
 
-def report_view(network: VesselNetwork, data: Mapping[str, Any]) -> dict[str, Any]:
+def report_view(network: VesselNetwork, data: Mapping[str, Any]) -> dict[str, object]:
     """`network_view` of what report.json says of each vessel.
 
     ``strahler_orders`` in `data`: (v,) float64, where they are known already.
@@ -60,7 +60,7 @@ def network_view(
     names: Mapping[int, str],
     first: str = "radius",
     most_pieces: int = MAX_PIECES,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Polylines and quantities as JSON values.
 
     Positions are off by less than 1e-5 of the network's extent; numbers are float32.
@@ -122,7 +122,7 @@ def _points_of(network: VesselNetwork, vessels: IntArray) -> IntArray:
 
 def _colouring(
     network: VesselNetwork, quantity: Quantity, vessels: IntArray, points: IntArray
-) -> dict[str, Any]:
+) -> dict[str, object]:
     at_points = quantity.at_points(network)
     values = quantity.values[points if at_points else vessels]
     return {

@@ -42,7 +42,7 @@ from report.views import Views
 
 def write_report_html(
     path: Path,
-    data: dict[str, Any],
+    data: dict[str, object],
     surfaces: Surfaces,
     network: VesselNetwork | None,
     figures: Mapping[str, bytes] | None = None,
@@ -111,7 +111,7 @@ def report_html(
     return render("report.html", context, entry, play.styles if play else ())
 
 
-def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
+def section_context(data: Mapping[str, Any]) -> dict[str, object]:
     """Tables and lists of the sections that `data` holds."""
     registration, flow = mapping(data, "registration"), mapping(data, "flow")
     return {
@@ -147,7 +147,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
 
 def view_data(
     data: Mapping[str, Any], surfaces: Surfaces, network: VesselNetwork | None
-) -> dict[str, Any] | None:
+) -> dict[str, object] | None:
     """What the 3D view draws, as JSON values; None when there is nothing to draw."""
     if not surfaces and network is None:
         return None

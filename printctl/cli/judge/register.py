@@ -107,9 +107,10 @@ def register(
         # Help waits for no mesh library; the second process loads beside this one.
         from printctl.pipeline.judging import register_inputs as inputs
         from printctl.pipeline.judging.measurement_record import Corrections
-        from printctl.pipeline.judging.register_and_judge import Judging, register_and_judge
+        from printctl.pipeline.judging.register_and_judge import register_and_judge
         from printctl.pipeline.judging.register_files import RegisteredScan
         from printctl.recipe import section_files
+        from registration import RegistrationOptions
         from registration.corrected import corrected_scan
 
         design = inputs.read_design(model, network, lumens, unit, printed_in, out, cli.print_note)
@@ -121,17 +122,15 @@ def register(
         )
         limits.check_network(design.vessels)
         optics, above = scan_said.oct_calibration, scan_said.air_above
-        how = Judging(
-            limits,
-            inputs.datums_of(datums, design.vessels),
-            scan_said.filled,
-            record=stated,
-            done=Corrections(None if optics is None else str(optics), above),
+        options = RegistrationOptions(
+            lumens="bright" if scan_said.filled else "dark",
+            datums=inputs.datums_of(datums, design.vessels),
         )
         measured = corrected_scan(scan, scan_said.overrides(), optics, above, True, scan_said.walls)
         cli.print_notes(measured.notes)
         begin("registration")
-        judged = register_and_judge(measured, design, how)
+        done = Corrections(None if optics is None else str(optics), above)
+        judged = register_and_judge(measured, design, options, limits, (stated, done))
         made = RegisteredScan(scan, design, judged)
         data = made.data()
         begin("writing")

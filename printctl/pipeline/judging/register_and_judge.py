@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from design.hemodynamics import FlowConditions
 from design.network import VesselNetwork
 from design.solids import Solid
-from kernels.arrays import FloatArray
 from printctl.pipeline.judging.measurement_record import Corrections, add_record
 from printctl.recipe.sections.record import RecordPart
 from printctl.run_folder.registration_files import (
@@ -25,7 +22,6 @@ from printctl.run_folder.registration_files import (
 )
 from registration import RegistrationOptions, RegistrationReport, Scan, register_scan, report_dict
 from registration.devices.optics import is_resampled
-from registration.measuring.geometry import Datum
 from registration.measuring.judging import Tolerances, judge, withhold_unsure
 from registration.result import SIGN
 from report.views import Views, add_scan_places, take_views
@@ -60,35 +56,6 @@ class ScannedDesign:
 
 
 @dataclass(frozen=True, eq=False)
-class Judging:
-    """How a scan is registered and judged.
-
-    Attributes
-    ----------
-    tolerances : Tolerances
-    datums : sequence of Datum
-        None for the best fit.
-    filled : bool
-        Lumens are brighter than the gel.
-    flow : FlowConditions or None
-        What drives the printed network.
-    places_mm : (p, 3) float64, mm, optional
-        Where it is asked for gel, part frame.
-    record : RecordPart or None
-        What is stated of the measurement; None where nobody measured.
-    done : Corrections
-    """
-
-    tolerances: Tolerances
-    datums: Sequence[Datum] = ()
-    filled: bool = False
-    flow: FlowConditions | None = None
-    places_mm: FloatArray | None = None
-    record: RecordPart | None = None
-    done: Corrections = field(default_factory=Corrections)
-
-
-@dataclass(frozen=True, eq=False)
 class JudgedScan:
     """A scan that was registered to its design and judged.
 
@@ -118,8 +85,24 @@ class JudgedScan:
         return [DEVIATION, *write_exports(folder, self.scan, self.design.vessels, judged)]
 
 
-def register_and_judge(scan: Scan, design: ScannedDesign, how: Judging) -> JudgedScan:
+def register_and_judge(
+    scan: Scan,
+    design: ScannedDesign,
+    options: RegistrationOptions,
+    tolerances: Tolerances,
+    record: tuple[RecordPart, Corrections] | None = None,
+) -> JudgedScan:
     """Register a scan, judge the numbers, and say of what they are.
+
+    Parameters
+    ----------
+    scan : Scan
+    design : ScannedDesign
+    options : RegistrationOptions
+        Of a design that was written as cords the lumens count as bright.
+    tolerances : Tolerances
+    record : RecordPart and Corrections, optional
+        What is stated of the measurement, and what was taken out of the scan.
 
     Raises
     ------
@@ -128,14 +111,8 @@ def register_and_judge(scan: Scan, design: ScannedDesign, how: Judging) -> Judge
     ToleranceError
         When the tolerances name a vessel or kind that the network doesn't have.
     """
-    # A cord is bright, and so is a lumen that is filled: both are solid in the scan.
-    bright = how.filled or design.cords
-    options = RegistrationOptions(
-        lumens="bright" if bright else "dark",
-        flow=how.flow,
-        datums=tuple(how.datums),
-        places_mm=how.places_mm,
-    )
+    # A cord is bright, as a lumen is that is filled: both are solid in the scan.
+    options = replace(options, lumens="bright") if design.cords else options
     found = register_scan(scan, design.surface, design.vessels, options)
     measured = report_dict(found) | (AS_CORDS if design.cords else {})
     if design.lumens is not None:
@@ -145,13 +122,13 @@ def register_and_judge(scan: Scan, design: ScannedDesign, how: Judging) -> Judge
             "at_mm": design.lumens.left_at.round(3).tolist(),
         }
     numbers = {
-        **judge(measured, how.tolerances),
+        **judge(measured, tolerances),
         "sign_convention": SIGN,
         "measured_by": scan_facts(scan),
         "by_surface": surface_facts(found, design.vessels),
         "design": design_facts(design.network),
     }
-    if how.record is not None:
-        add_record(numbers, how.record, scan, how.done, datetime.now(UTC))
+    if record is not None:
+        add_record(numbers, record[0], scan, record[1], datetime.now(UTC))
     add_scan_places(numbers, scan, found)
     return JudgedScan(scan, design, found, numbers)

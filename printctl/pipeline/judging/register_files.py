@@ -18,6 +18,7 @@ from printctl.pipeline.judging.register_and_judge import JudgedScan, ScannedDesi
 from printctl.pipeline.judging.verdict import verdict
 from printctl.processes.second import Call, SecondProcess
 from printctl.run_folder.artefacts import JOURNAL_FOLDER, NUMBERS
+from registration.json_ready import Record
 from registration.result import scaled_vertices
 from report import ReportSurface
 from report.deviation_surfaces import split_surfaces
@@ -40,7 +41,7 @@ class DesignRead(ScannedDesign):
     """
 
     model: Path
-    printed: dict[str, Any] | None
+    printed: Record | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,7 @@ class RegisteredScan:
         }
 
     def write(
-        self, out: Path, data: dict[str, Any], pdf: bool, second: SecondProcess, drawn: Call
+        self, out: Path, data: Record, pdf: bool, second: SecondProcess, drawn: Call
     ) -> list[str]:
         """Write all files of `data` into `out`; say what they don't serve.
 
@@ -85,25 +86,19 @@ class RegisteredScan:
             parts = self._parts(data, pdf, drawn)
             pages = second.call(PAGES, "write_pages", out, parts)
             made, why_not = self._origin(out)
-            write_text(out / NUMBERS, json.dumps(data | made, indent=1, allow_nan=False) + "\n")
+            write_text(
+                out / NUMBERS, json.dumps({**data, **made}, indent=1, allow_nan=False) + "\n"
+            )
             exports.result()
             pages.result()
         return why_not
 
-    def _parts(self, data: dict[str, Any], pdf: bool, drawn: Call) -> PageParts:
+    def _parts(self, data: Record, pdf: bool, drawn: Call) -> PageParts:
         views, surfaces = self.judged.views(), pack_surfaces(self._surfaces())
         origin = scan_origin(self.source, self.read.network) if pdf else None
         orders = network_strahler_orders(self.read.vessels)
-        return PageParts(
-            data,
-            surfaces,
-            self.read.vessels,
-            orders,
-            views,
-            drawn.result(),
-            origin,
-            self._observed(),
-        )
+        made = drawn.result(), origin, self._observed()
+        return PageParts(data, surfaces, self.read.vessels, orders, views, *made)
 
     def _observed(self) -> Path | None:
         """Folder of the print that was scanned, where it was observed."""
@@ -120,7 +115,7 @@ class RegisteredScan:
             ReportSurface("As designed", self.read.surface),
         ]
 
-    def _origin(self, out: Path) -> tuple[dict[str, Any], list[str]]:
+    def _origin(self, out: Path) -> tuple[dict[str, object], list[str]]:
         """How the part was made, where the model is a run, and why a compensation can't use it."""
         if not self.read.model.is_dir():
             return {}, []

@@ -15,11 +15,7 @@ from kernels.ahead import wait_for_late
 from kernels.arrays import FloatArray
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.judging.measurement_record import Corrections
-from printctl.pipeline.judging.register_and_judge import (
-    Judging,
-    ScannedDesign,
-    register_and_judge,
-)
+from printctl.pipeline.judging.register_and_judge import ScannedDesign, register_and_judge
 from printctl.pipeline.judging.tracing import Job, by_layer, made_by, read_job
 from printctl.pipeline.judging.written_in_scan import WRITTEN, save_written, written_places
 from printctl.pipeline.stage import Stage
@@ -29,9 +25,8 @@ from printctl.recipe.sections.making import FileScan, Fresh, SimulatedScan
 from printctl.recipe.sections.record import RecordPart
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, NUMBERS, SOLID
 from printctl.run_folder.registration_files import VIEWS
-from registration import RegistrationReport
+from registration import RegistrationOptions, RegistrationReport
 from registration.measuring.geometry import check_designed, read_datums
-from registration.measuring.judging import Tolerances
 from report.views import save_views
 
 # Compute a registration's pose error against the simulated scanner's true pose.
@@ -43,7 +38,7 @@ def pose_error(
     place: FloatArray,
     box: FloatArray,
     written: FloatArray | None = None,
-) -> dict[str, Any]:
+) -> dict[str, float]:
     """Displacement of the part's corners by the error of the recovered transform.
 
     Parameters
@@ -94,7 +89,7 @@ def depends(context: RunContext) -> Any:
     return [part.model_dump(mode="json"), *digest_user_files(context.recipe_folder, part), made]
 
 
-def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+def work(context: RunContext, report: Report) -> tuple[dict[str, object], Sequence[str]]:
     """Register; trace what is off to what wrote it; hold a simulated scan against the truth."""
     tolerances = context.recipe.registration.all_tolerances()
     tolerances.check_network(context.network)
@@ -102,7 +97,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     job = _written_job(context)
     # Where a print was observed, its looks are held against what the scan has of its lines.
     written = None if context.recipe.observe is None else written_places(job, fresh)
-    how = _judging(context, tolerances, None if written is None else written.at_mm)
+    options = _options(context, None if written is None else written.at_mm)
     design = ScannedDesign(
         context.solid if fresh else context.lumen,
         context.folder / NETWORK,
@@ -111,7 +106,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     )
     scan = load_scan(context)
     wait_for_late()
-    judged = register_and_judge(scan, design, how)
+    record = _record(context.scan_part)
+    judged = register_and_judge(scan, design, options, tolerances, record)
     report(0.8, "tracing")
     summary, found = judged.numbers, judged.found
     add_traces(summary, context, found, job)
@@ -129,16 +125,22 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     return summary, [NUMBERS, VIEWS, *names]
 
 
-def _judging(context: RunContext, tolerances: Tolerances, places: FloatArray | None) -> Judging:
-    """What the recipe says of the scan and of what flows."""
-    part = context.scan_part
+def _options(context: RunContext, places: FloatArray | None) -> RegistrationOptions:
+    """What the recipe says of the scan and of what flows; where it is asked for gel."""
+    flow, part = context.conditions, context.scan_part
     datums = read_datums(context.recipe.registration.datums)
     check_designed(datums, context.network)
-    how = Judging(tolerances, datums, flow=context.conditions, places_mm=places)
+    bright = isinstance(part, FileScan) and part.filled
+    return RegistrationOptions(
+        lumens="bright" if bright else "dark", flow=flow, datums=datums, places_mm=places
+    )
+
+
+def _record(part: FileScan | SimulatedScan) -> tuple[RecordPart, Corrections] | None:
+    """What is stated of a measurement; None of a simulated scan."""
     if not isinstance(part, FileScan):
-        return how
-    done = Corrections(part.oct_calibration, part.air_above)
-    return replace(how, filled=part.filled, record=part.record or RecordPart(), done=done)
+        return None
+    return part.record or RecordPart(), Corrections(part.oct_calibration, part.air_above)
 
 
 def _written_job(context: RunContext) -> Job:
@@ -170,7 +172,7 @@ def add_traces(
         defect["made_by"] = made_by(defect, job, context.local_network, line_mm)
 
 
-def check_truth(context: RunContext, report: RegistrationReport, model: Solid) -> dict[str, Any]:
+def check_truth(context: RunContext, report: RegistrationReport, model: Solid) -> dict[str, float]:
     """The recovered transform against the simulated scanner's, which registration never saw."""
     truth = json.loads((context.folder / TRUTH).read_text(encoding="utf-8"))
     return pose_error(

@@ -38,7 +38,7 @@ from report.print_page import print_page
 from report.views import load_views
 
 
-def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:
+def frames(context: RunContext, registration: dict[str, object]) -> dict[str, object]:
     """The chain tissue → part → printer, and scan → part as registration found it."""
     place = np.eye(4)
     place[:3, 3] = context.place_mm
@@ -51,7 +51,7 @@ def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
+def write_report(context: RunContext, pdf: bool = False) -> dict[str, object]:
     """Write the report of a whole run, with `pdf` as a PDF too; return report.json's content."""
     data = collect(context)
     registration = data["registration"]
@@ -116,7 +116,7 @@ def figure_sources(context: RunContext, scan_rows: Sequence[Mapping[str, Any]] =
     )
 
 
-def look_rows_with_scan(context: RunContext) -> list[dict[str, Any]]:
+def look_rows_with_scan(context: RunContext) -> list[dict[str, object]]:
     """Looks at the print beside what the final scan has there; none where nobody looked."""
     part, written = context.recipe.observe, context.folder / WRITTEN
     if part is None or not written.is_file():

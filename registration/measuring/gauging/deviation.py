@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +104,7 @@ def split_summary(
     network: VesselNetwork,
     rigid_um: FloatArray,
     scaled_um: FloatArray,
-) -> dict[str, Any]:
+) -> dict[str, dict[str, object] | None]:
     """Summarise lumens and outer faces apart, as registration.json holds them.
 
     Parameters
@@ -145,7 +144,7 @@ def split_summary(
     }
 
 
-def deviation_numbers(deviation: Deviation) -> dict[str, Any]:
+def deviation_numbers(deviation: Deviation) -> dict[str, object]:
     """Return a deviation as registration.json holds it."""
     return {
         **asdict(deviation),
