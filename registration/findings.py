@@ -6,13 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.hemodynamics import FlowConditions
-from design.network import VesselNetwork
 from kernels import helper_thread
 from kernels.arrays import FloatArray
 from registration.alignment import Alignment
-from registration.alignment.distance import ModelSurface
-from registration.alignment.uncertainty import ScanErrors
 from registration.measuring.gauging import (
     ContrastGauge,
     Defect,
@@ -51,7 +47,8 @@ from registration.measuring.topology import (
     scanned_with,
 )
 from registration.measuring.topology.gel_paths import LEAST_MM
-from registration.segmentation import GelEvidence, Segmentation
+from registration.prepared import PreparedScan
+from registration.segmentation import GelEvidence
 
 RIM_BLURS = 3.0
 """So many standard deviations of the blur a face is rounded off beside a sharp edge."""
@@ -73,58 +70,32 @@ class Findings:
 
 
 @dataclass(frozen=True)
-class Inspection:
-    """Inputs and options of an inspection.
+class Inspection(PreparedScan):
+    """An aligned scan.
 
     Attributes
     ----------
-    network : VesselNetwork
-        The design.
-    surface : ModelSurface
-        The model.
-    model_is_lumen : bool
-        Whether it is the lumens alone.
-    segmentation : Segmentation
-        Of the scan.
     alignment : Alignment
         Scan to part.
     deviation_mm : (n,) float64, mm
         Of the segmentation's vertices after the scaled fit.
-    section_mm : float, mm
-        Between sections.
-    false_alarm : float
-        Probability that a clean scan shows a bulge or a stenosis.
-    flow : FlowConditions or None
-        What drives the printed network.
-    errors : ScanErrors
-        What all measurements of the scan share.
     evidence : GelEvidence
         Of the scan.
     """
 
-    network: VesselNetwork
-    surface: ModelSurface
-    model_is_lumen: bool
-    segmentation: Segmentation
     alignment: Alignment
     deviation_mm: FloatArray
-    section_mm: float
-    false_alarm: float
-    flow: FlowConditions | None
-    errors: ScanErrors
     evidence: GelEvidence
 
 
 def inspect(case: Inspection) -> Findings:
     """Gauge every vessel, look for defects, compare topology and volume, solve the flow."""
     field, fit = case.segmentation.field, case.alignment.scaled
-    part = None if case.model_is_lumen else case.surface
+    part = None if case.is_lumen else case.surface
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm, part)
-    traces = with_designed_walls(traces, fit, case.surface, case.model_is_lumen)
+    traces = with_designed_walls(traces, fit, case.surface, case.is_lumen)
     traces = with_mouths(traces, case.segmentation, fit, part)
-    traces, errors, wall_mm = with_told_walls(
-        traces, case.segmentation, case.errors, case.model_is_lumen
-    )
+    traces, errors, wall_mm = with_told_walls(traces, case.segmentation, case.errors, case.is_lumen)
     margin = _margin(case)
     grid = _grid(case, margin)
     evidence = case.evidence
@@ -137,15 +108,15 @@ def inspect(case: Inspection) -> Findings:
     traces = with_own_levels(traces, case.segmentation, fit, part)
     # Fronts that look for leaks run on one core; what needs none of them is done beside.
     with helper_thread() as other:
-        search = LeakSearch(grid, case.surface, case.model_is_lumen, _wall(case),
-                            case.false_alarm, field, evidence, liquid, fit,
+        search = LeakSearch(grid, case.surface, case.is_lumen, _wall(case),
+                            case.options.false_alarm, field, evidence, liquid, fit,
                             case.network)  # fmt: skip
         leaking = other.submit(find_leaks, search, traces)
         closures = find_closures(traces, Ends(field, fit, wall_mm, errors))
         scale = float(np.mean(fit.scale))
         hidden = _in_junctions(case, traces)
         changes = [
-            *find_changes(traces, scale, case.false_alarm, field.blur_mm),
+            *find_changes(traces, scale, case.options.false_alarm, field.blur_mm),
             *hidden,
         ]
         near = max(margin, float(case.network.radius.min()) / 2)
@@ -192,7 +163,7 @@ def _in_junctions(case: Inspection, traces: tuple[VesselTrace, ...]) -> list[Def
     points = fit.apply(segmentation.surface.vertices[segmentation.seen])
     clear = ~case.surface.near_rims(points, RIM_BLURS * segmentation.field.blur_mm)
     off = case.deviation_mm[segmentation.seen]
-    return find_junction_changes(traces, points[clear], off[clear], case.false_alarm)
+    return find_junction_changes(traces, points[clear], off[clear], case.options.false_alarm)
 
 
 def _perfusion(
@@ -202,7 +173,7 @@ def _perfusion(
     known: bool,
 ) -> Perfusion | None:
     """Solve the flow; its pressure ratio has no interval where a junction's lumen isn't known."""
-    flow = perfusion(case.network, traces, case.flow, case.alignment.scaled.scale)
+    flow = perfusion(case.network, traces, case.options.flow, case.alignment.scaled.scale)
     if flow is None or not known:
         return flow
     return with_interval(flow, [vessel.errors for vessel in vessels])
@@ -239,7 +210,7 @@ def _step(case: Inspection) -> float:
 def _grid(case: Inspection, margin: float) -> LumenGrid:
     network, reach = case.network, max(LUMEN_REACH_MM, 2 * margin)
     bounds = case.surface.bounds
-    if case.model_is_lumen:
+    if case.is_lumen:
         around = network.radius.max() + reach
         bounds = np.stack(
             [network.points.min(axis=0) - around, network.points.max(axis=0) + around]

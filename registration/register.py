@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from design.solids.solid import Solid
-from kernels import helper_thread, keep_freed_memory
+from kernels import helper_thread
 from kernels.arrays import FloatArray
 from registration.alignment import (
     Alignment,
@@ -23,9 +23,8 @@ from registration.alignment import (
 from registration.alignment.as_printed import AsPrinted, Explanation, Misfit
 from registration.alignment.distance import ModelSurface
 from registration.alignment.symmetry import moved_vessels
-from registration.alignment.uncertainty import ScanErrors, scan_errors
 from registration.assemble import FitDeviations, RegistrationParts, assemble
-from registration.errors import AlignmentError, RegistrationError
+from registration.errors import AlignmentError
 from registration.findings import Findings, Inspection, inspect
 from registration.measuring.gauging import (
     ScannedSurface,
@@ -40,7 +39,6 @@ from registration.measuring.gauging.vessels import outlines
 from registration.measuring.geometry import (
     Characteristic,
     Cut,
-    Datum,
     Face,
     Frame,
     Scene,
@@ -52,139 +50,15 @@ from registration.measuring.geometry import (
 )
 from registration.measuring.geometry.faces import POINTS, RIM_BLURS, RIM_MM
 from registration.measuring.topology import Landed, agreement
-from registration.options import RegistrationOptions, segmentation_options
+from registration.options import RegistrationOptions
+from registration.prepared import PreparedScan
 from registration.result import RegistrationReport
 from registration.scan import Scan
-from registration.segmentation import GelEvidence, Segmentation, gel_evidence, segment
-from registration.segmentation.evidence import are_separable
-
-# Segment a scan and prepare the model's surface for alignment; check that they match.
-
-LARGEST_FIELD = 20.0
-"""Of the part's longest edge: a field of view larger than that each way shows something else."""
+from registration.segmentation import GelEvidence, gel_evidence
+from registration.segmentation.gel_probe import GelProbe
 
 
-@dataclass(frozen=True)
-class PreparedScan:
-    """What every step behind the segmentation takes; build with `of`.
-
-    Attributes
-    ----------
-    scan : Scan
-    model : Solid
-    network : VesselNetwork
-    options : RegistrationOptions
-    segmentation : Segmentation
-        Of the scan.
-    surface : ModelSurface
-        Of the model.
-    is_lumen : bool
-        The model is the lumens, not the gel around them.
-    errors : ScanErrors
-        What all measurements of the scan share.
-    section_mm : float, mm
-        Between sections along a vessel.
-    """
-
-    scan: Scan
-    model: Solid
-    network: VesselNetwork
-    options: RegistrationOptions
-    segmentation: Segmentation
-    surface: ModelSurface
-    is_lumen: bool
-    errors: ScanErrors
-    section_mm: float
-
-    @staticmethod
-    def of(
-        scan: Scan, model: Solid, network: VesselNetwork, options: RegistrationOptions
-    ) -> PreparedScan:
-        """Segment the scan, and see what the model is.
-
-        Raises
-        ------
-        RegistrationError
-            When the scan can't be segmented, or scan, model and network don't belong together.
-        """
-        thinnest = 2 * float(network.radius.min())
-        _check_sizes(scan, model, thinnest)
-        # The surface takes one core, and the segmentation leaves one free now and then.
-        with ThreadPoolExecutor(1) as other, keep_freed_memory():
-            preparing = other.submit(ModelSurface.of, model)
-            # An OCT needn't know what the model is: its surface is prepared meanwhile.
-            whole = scan.modality != "oct" and not _model_is_lumen(preparing.result(), network)
-            how = replace(segmentation_options(scan, options, thinnest), whole_part=whole)
-            segmentation = segment(scan, how)
-        errors = scan_errors(scan, segmentation)
-        surface = preparing.result()
-        is_lumen = _model_is_lumen(surface, network)
-        section_mm = options.section_mm or thinnest / 4
-        return PreparedScan(
-            scan, model, network, options, segmentation, surface, is_lumen, errors, section_mm
-        )
-
-
-def _check_sizes(scan: Scan, model: Solid, thinnest_mm: float) -> None:
-    """Refuse a scan in which no lumen has room, or the part is lost: a wrong unit."""
-    if scan.volume.ndim != 3:
-        return  # no stack: the segmentation says so
-    extent = np.array(scan.volume.shape)[::-1] * np.array(scan.geometric_voxel_mm)[::-1]
-    part = np.ptp(model.vertices, axis=0)
-    if thinnest_mm <= extent.max() and extent.min() <= LARGEST_FIELD * part.max():
-        return
-    raise RegistrationError(
-        f"the scan is {_sizes(extent)} mm and the model {_sizes(part)} mm, with lumens from "
-        f"{thinnest_mm:.3g} mm: they don't fit each other; check the voxel size (--voxel-um, "
-        "or scan.voxel_um in a recipe; µm) and the units of model and network"
-    )
-
-
-def _sizes(size: FloatArray) -> str:
-    return " × ".join(f"{one:.3g}" for one in size)
-
-
-def _model_is_lumen(surface: ModelSurface, network: VesselNetwork) -> bool:
-    """Whether the vessels' axes lie inside the model."""
-    start, end, _, _, _ = network.pieces()
-    inside = float((surface.query((start + end) / 2).distance < 0).mean())
-    if 0.1 < inside < 0.9:
-        raise RegistrationError(
-            f"{100 * inside:.0f} % of the network's axes lie inside the model: it is neither "
-            "lumen (nearly all inside) nor construct (nearly none); give model and network of the "
-            "same design, in the same frame"
-        )
-    return inside >= 0.9
-
-
-# Find the part's reference frame in a scan: best fit, or laid on chosen datums.
-
-
-@dataclass(frozen=True)
-class Ground:
-    """What a frame is laid on.
-
-    Attributes
-    ----------
-    network : VesselNetwork
-    segmentation : Segmentation
-    faces : tuple of Face
-    errors : ScanErrors
-    section_mm : float, mm
-        Between sections.
-    part : ModelSurface or None
-        The designed part; None where the model is the lumens alone.
-    """
-
-    network: VesselNetwork
-    segmentation: Segmentation
-    faces: tuple[Face, ...]
-    errors: ScanErrors
-    section_mm: float
-    part: ModelSurface | None
-
-
-def find_frame(datums: tuple[Datum, ...], alignment: Alignment, ground: Ground) -> Frame:
+def find_frame(case: PreparedScan, alignment: Alignment, faces: tuple[Face, ...]) -> Frame:
     """Return the frame of the best fit, or of datums.
 
     Raises
@@ -192,19 +66,17 @@ def find_frame(datums: tuple[Datum, ...], alignment: Alignment, ground: Ground) 
     DatumError
         When datums aren't there, aren't seen, or leave the part free to move.
     """
+    datums = case.options.datums
     if not datums:
-        return best_fit(alignment.rigid, alignment.uncertainty, ground.errors)
+        return best_fit(alignment.rigid, alignment.uncertainty, case.errors)
     cuts: tuple[Cut, ...] = ()
     if any(datum.kind != "face" for datum in datums):
+        part = None if case.is_lumen else case.surface
         traces = trace_vessels(
-            ground.network,
-            ground.segmentation,
-            alignment.scaled,
-            ground.section_mm,
-            ground.part,
+            case.network, case.segmentation, alignment.scaled, case.section_mm, part
         )
         cuts = tuple(map(_cut, traces))
-    scene = Scene(ground.network, ground.faces, cuts, ground.errors)
+    scene = Scene(case.network, faces, cuts, case.errors)
     return lay_on_datums(datums, alignment.rigid, scene)
 
 
@@ -294,10 +166,9 @@ def _gel_at(case: PreparedScan, fit: Fit, evidence: GelEvidence) -> FloatArray |
     """Whether there is gel at the places that the options name; NaN where it can't be told."""
     if case.options.places_mm is None:
         return None
-    places = fit.invert(case.options.places_mm)
-    value = case.segmentation.field.above_level(places)
-    told = np.isfinite(value) & are_separable(1.0, 0.0, evidence.scatter_at(places))
-    return np.where(told, value >= 0, np.nan)
+    probe = GelProbe(case.segmentation, case.scan.depth_down, evidence)
+    read = probe.at(fit.invert(case.options.places_mm))
+    return np.where(read.known, read.gel, np.nan)
 
 
 @dataclass(frozen=True)
@@ -323,9 +194,7 @@ def _laid(case: PreparedScan) -> _Lying:
         if case.is_lumen
         else outer_faces(case.surface, case.network, case.segmentation, alignment.scaled)
     )
-    part = None if case.is_lumen else case.surface
-    ground = Ground(case.network, case.segmentation, faces, case.errors, case.section_mm, part)
-    frame = find_frame(case.options.datums, alignment, ground)
+    frame = find_frame(case, alignment, faces)
     return _Lying(replace(alignment, rigid=frame.fit), found.surface, found.printed, faces, frame)
 
 
@@ -441,20 +310,9 @@ def _both_ways(
 def _inspected(
     case: PreparedScan, alignment: Alignment, scaled: FitDeviations, evidence: GelEvidence
 ) -> Findings:
+    off_mm = scaled.all_mm
     return inspect(
-        Inspection(
-            case.network,
-            case.surface,
-            case.is_lumen,
-            case.segmentation,
-            alignment,
-            scaled.all_mm,
-            case.section_mm,
-            case.options.false_alarm,
-            case.options.flow,
-            case.errors,
-            evidence,
-        )
+        Inspection(**vars(case), alignment=alignment, deviation_mm=off_mm, evidence=evidence)
     )
 
 

@@ -16,8 +16,9 @@ from kernels.arrays import FloatArray
 from registration.alignment import AXES, AlternativePose, Uncertainty
 from registration.alignment.as_printed import AsPrinted
 from registration.alignment.uncertainty import quantity, terms
-from registration.json_ready import json_ready
+from registration.json_ready import json_object
 from registration.measuring.gauging import ContrastGauge, Defect, Deviation, Perfusion, VesselGauge
+from registration.measuring.gauging.deviation import deviation_numbers
 from registration.measuring.gauging.openings.face_places import FacePlace
 from registration.measuring.geometry import Characteristic, Frame
 from registration.measuring.topology import Agreement, Overlap, Topology
@@ -206,9 +207,9 @@ def scaled_vertices(report: RegistrationReport) -> FloatArray:
 
 def report_dict(report: RegistrationReport) -> dict[str, Any]:
     """JSON-ready numbers (no mesh); what isn't known or finite is None."""
-    plain: dict[str, Any] = {
-        "rigid": _deviation_dict(report.rigid),
-        "scaled": _deviation_dict(report.scaled),
+    plain: dict[str, object] = {
+        "rigid": deviation_numbers(report.rigid),
+        "scaled": deviation_numbers(report.scaled),
         "transform_scan_to_part": report.transform_scan_to_part.tolist(),
         "scaled_scan_to_part": report.scaled_scan_to_part.tolist(),
         "scale": report.scale.tolist(),
@@ -236,8 +237,8 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
             "counts": report.histogram_counts.tolist(),
             "counts_rigid": report.histogram_counts_rigid.tolist(),
         },
-        "rigid_model_to_scan": _deviation_dict(report.rigid_back),
-        "scaled_model_to_scan": _deviation_dict(report.scaled_back),
+        "rigid_model_to_scan": deviation_numbers(report.rigid_back),
+        "scaled_model_to_scan": deviation_numbers(report.scaled_back),
         "rms_interval_95_um": report.rms_interval_um,
         "hausdorff_p95_um": {
             "rigid": report.hausdorff_p95_um,
@@ -274,8 +275,7 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
         "walls": None if report.walls is None else asdict(report.walls),
         "notes": list(report.notes),
     }
-    cleaned: dict[str, Any] = json_ready(plain)
-    return cleaned
+    return json_object(plain)
 
 
 _DECIMALS = {
@@ -303,7 +303,7 @@ _INTERVALS = {
 """Names of a vessel's 95 % intervals in JSON: half widths, but for the last, which has ends."""
 
 
-def _budget(report: RegistrationReport) -> list[dict[str, Any]]:
+def _budget(report: RegistrationReport) -> list[dict[str, object]]:
     """Budgets of the pose's scales and offset, and of the vessel whose interval is the median."""
     known = [vessel for vessel in report.vessels if math.isfinite(vessel.measured_u_um)]
     rows = [
@@ -316,7 +316,7 @@ def _budget(report: RegistrationReport) -> list[dict[str, Any]]:
     return rows
 
 
-def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
+def _vessel_dict(vessel: VesselGauge) -> dict[str, object]:
     plain = {f.name: getattr(vessel, f.name) for f in fields(vessel)}
     for name in ("budget", "errors", "outlines"):
         del plain[name]
@@ -329,7 +329,7 @@ def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
     return plain
 
 
-def _frame_dict(frame: Frame) -> dict[str, Any]:
+def _frame_dict(frame: Frame) -> dict[str, object]:
     return {
         "datums": list(frame.names),
         "words": frame.words,
@@ -340,7 +340,7 @@ def _frame_dict(frame: Frame) -> dict[str, Any]:
     }
 
 
-def _characteristic_dict(one: Characteristic) -> dict[str, Any]:
+def _characteristic_dict(one: Characteristic) -> dict[str, object]:
     return {
         "characteristic": one.words,
         "name": one.name,
@@ -353,7 +353,7 @@ def _characteristic_dict(one: Characteristic) -> dict[str, Any]:
     }
 
 
-def _rival_dict(rival: AlternativePose) -> dict[str, Any]:
+def _rival_dict(rival: AlternativePose) -> dict[str, object]:
     return {
         "motion": rival.motion,
         "mirrored": rival.mirrored,
@@ -366,7 +366,7 @@ def _rival_dict(rival: AlternativePose) -> dict[str, Any]:
     }
 
 
-def _as_printed_dict(printed: AsPrinted) -> dict[str, Any]:
+def _as_printed_dict(printed: AsPrinted) -> dict[str, object]:
     shift = printed.shift
     return {
         "ends_mm": printed.ends_mm,
@@ -381,20 +381,14 @@ def _as_printed_dict(printed: AsPrinted) -> dict[str, Any]:
     }
 
 
-def _deviation_dict(deviation: Deviation) -> dict[str, Any]:
-    plain = asdict(deviation)
-    plain["within"] = {f"{limit:g}": share for limit, share in deviation.within.items()}
-    return plain
-
-
-def _topology_dict(topology: Topology) -> dict[str, Any]:
+def _topology_dict(topology: Topology) -> dict[str, object]:
     plain = asdict(topology)
     for name in ("designed", "drawn", "printed", "expected"):
         plain[name]["euler"] = getattr(topology, name).euler
     return plain
 
 
-def _perfusion_dict(flow: Perfusion) -> dict[str, Any]:
+def _perfusion_dict(flow: Perfusion) -> dict[str, object]:
     return {
         "perfused": flow.perfused,
         "inflow_ul_s": flow.inflow_ul_s,

@@ -16,12 +16,13 @@ if TYPE_CHECKING:
         histogram_figure,
         network_figure,
     )
+    from report.figures.report_figures import all_figures, network_drawing
     from report.pages.network import (
         NetworkPage,
         write_network_html,
         write_places_html,
     )
-    from report.pages.registration import all_figures, network_drawing, write_report_html
+    from report.pages.registration import write_report_html
     from report.pages.standalone import write_report
     from report.surface import ReportSurface
 

@@ -21,7 +21,7 @@ from report.svg import INK, MUTED, PAPER, RULE
 PANEL_IN: Final = 3.4
 MOST_COLUMNS: Final = 3
 _TITLE_IN: Final = 0.25
-STYLE: Final[dict[str, Any]] = {
+STYLE: Final[dict[str, object]] = {
     "svg.fonttype": "none",
     "font.family": "DejaVu Sans",
     "font.size": 9.2,

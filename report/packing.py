@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from report.simplify import simplify
 from report.surface import ReportSurface
 
-Surfaces = Sequence[ReportSurface] | Sequence[dict[str, Any]]
+Surfaces = Sequence[ReportSurface] | Sequence[dict[str, object]]
 """As they are, or packed."""
 MAX_FACES = 400_000
 """Triangles of all surfaces of a page together."""
@@ -57,7 +57,7 @@ class PackedColumn:
 
 def pack_table(
     columns: Sequence[PackedColumn], values: Mapping[str, NDArray[Any]]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Columns of equal length as JSON values: their form, how many rows, and their numbers."""
     return {
         "rows": len(values[columns[0].name]),
@@ -103,7 +103,7 @@ def level_column(name: str, values: NDArray[Any], summed: bool = False) -> Packe
     return PackedColumn(name, "u2", step, float(known.min()), summed, None if summed else NO_DATA)
 
 
-def pack_points(points: NDArray[np.floating[Any]], **more: NDArray[Any]) -> dict[str, Any]:
+def pack_points(points: NDArray[np.floating[Any]], **more: NDArray[Any]) -> dict[str, object]:
     """Points (n, 3) as columns x, y and z, with further columns of float32 values."""
     places = {axis: points[:, k].astype(np.float64) for k, axis in enumerate("xyz")}
     columns = [level_column(axis, values, summed=True) for axis, values in places.items()]
@@ -111,7 +111,7 @@ def pack_points(points: NDArray[np.floating[Any]], **more: NDArray[Any]) -> dict
     return pack_table(columns, places | more)
 
 
-def pack_surface(surface: ReportSurface, max_faces: int) -> dict[str, Any]:
+def pack_surface(surface: ReportSurface, max_faces: int) -> dict[str, object]:
     """All that the page needs to draw one surface, as JSON values."""
     shown = simplify(surface, max_faces)
     scalar, corners = shown.scalar, shown.surface.faces.ravel()
@@ -134,7 +134,7 @@ def pack_surface(surface: ReportSurface, max_faces: int) -> dict[str, Any]:
 
 def pack_surfaces(
     surfaces: list[ReportSurface], max_faces: int = MAX_FACES
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """Pack every surface; together they keep to ``max_faces`` triangles.
 
     Small surfaces stay whole; what they leave is shared by the large ones.
@@ -149,7 +149,7 @@ def pack_surfaces(
     return [pack_surface(surface, allowed[i]) for i, surface in enumerate(surfaces)]
 
 
-def pack_unpacked(surfaces: Surfaces) -> list[dict[str, Any]]:
+def pack_unpacked(surfaces: Surfaces) -> list[dict[str, object]]:
     """Pack surfaces that aren't packed yet."""
     plain = [one for one in surfaces if isinstance(one, ReportSurface)]
     return pack_surfaces(plain) if plain else [one for one in surfaces if isinstance(one, dict)]

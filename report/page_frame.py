@@ -20,7 +20,7 @@ from report.wording import MISSING, label_and_unit, number, plain
 _HERE: Final = Path(__file__).parent
 
 
-def scene(title: str, surfaces: Surfaces, network: dict[str, Any] | None) -> dict[str, Any]:
+def scene(title: str, surfaces: Surfaces, network: dict[str, object] | None) -> dict[str, object]:
     """A 3D view's data: surfaces, a network of `network_view`, and the colours of both."""
     return {
         "title": title,
@@ -30,7 +30,7 @@ def scene(title: str, surfaces: Surfaces, network: dict[str, Any] | None) -> dic
     }
 
 
-def page_colours() -> dict[str, Any]:
+def page_colours() -> dict[str, object]:
     """Colours of the scales of a view, and that of no value."""
     return {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA}
 

@@ -14,7 +14,8 @@ from registration.alignment.distance import ModelSurface
 from registration.errors import RegistrationError
 from registration.measuring.topology import Landed, agreement
 from registration.options import RegistrationOptions
-from registration.register import PreparedScan, align_prepared
+from registration.prepared import PreparedScan
+from registration.register import align_prepared
 from registration.segmentation import GelEvidence, gel_evidence
 
 QUICK_SEARCH = AlignmentOptions(

@@ -36,8 +36,8 @@ from printctl.recipe.parts import FlowPart
 from printctl.run_folder.artefacts import NETWORK, NUMBERS, SURFACE
 from printctl.run_folder.manifest import Manifest
 from printctl.settings import opt, settings
-from report.pages.network_view import columns
 from report.picture import FLOW, GAUGED, VesselQuantities
+from report.sections.tables import columns
 
 # Read and write networks in every known format, chosen by the file's suffix.
 

@@ -38,10 +38,6 @@ TABLE: Final = OXYGEN
 FIELD: Final = "oxygen.vti"
 SLICE: Final = "oxygen.svg"
 _ASSUMED: Final = ("cells_per_ml", "uptake_mol_per_cell_s")
-CAPTION: Final = (
-    "Oxygen in a plane through the middle of the widest hypoxic place, or the one with least "
-    "(cross); vessels within a cell of it are light lines, the orange line is the threshold"
-)
 
 
 def oxygen_conditions(part: OxygenPart) -> OxygenConditions:

@@ -26,6 +26,7 @@ from registration.comparison import (
     gauge_csv,
     gauged_scan,
 )
+from registration.json_ready import Verdict
 from registration.measuring.judging import judge_plain
 from report.pages.comparison import comparison_figures, write_comparison_html
 from report.print_page import print_page
@@ -146,7 +147,7 @@ def _record(numbers: dict[str, Any]) -> dict[str, Any]:
     return record if isinstance(record, dict) else {}
 
 
-def _judged(numbers: dict[str, Any], judged: NewLimits, folder: Path) -> dict[str, Any]:
+def _judged(numbers: dict[str, Any], judged: NewLimits, folder: Path) -> Verdict:
     try:
         numbers |= judge_plain(numbers, judged.tolerance_um, judged.diameter_percent)
         return verdict(numbers)

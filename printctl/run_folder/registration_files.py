@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from registration.files.exports import (
     write_surface_vtp,
     write_tables,
 )
+from registration.json_ready import Record
 from registration.measuring.gauging.deviation import split_summary
 from registration.result import scaled_vertices
 
@@ -38,7 +39,9 @@ def design_facts(network: Path) -> dict[str, str]:
     return {"network_sha256": digest_file(network)}
 
 
-def surface_facts(report: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
+def surface_facts(
+    report: RegistrationReport, network: VesselNetwork
+) -> dict[str, dict[str, object] | None]:
     """Deviations of lumens and of outer faces apart, and where outer faces stand out."""
     known = report.seen & np.isfinite(report.scaled_deviation_um)
     facts = split_summary(
@@ -47,12 +50,12 @@ def surface_facts(report: RegistrationReport, network: VesselNetwork) -> dict[st
         report.deviation_um[known],
         report.scaled_deviation_um[known],
     )
-    if facts["outer_faces"]:
-        facts["outer_faces"]["places"] = [asdict(place) for place in report.places]
+    if (faces := facts["outer_faces"]) is not None:
+        faces["places"] = [asdict(place) for place in report.places]
     return facts
 
 
-def scan_facts(scan: Scan) -> dict[str, Any]:
+def scan_facts(scan: Scan) -> dict[str, object]:
     """What a compensation must know of the scan behind the numbers."""
     dz, dy, dx = scan.geometric_voxel_mm
     return {
@@ -67,7 +70,7 @@ def scan_facts(scan: Scan) -> dict[str, Any]:
     }
 
 
-AS_CORDS: Final[dict[str, Any]] = {"written": "cords", "perfusion": None}
+AS_CORDS: Final[dict[str, str | None]] = {"written": "cords", "perfusion": None}
 """Over the numbers of solid cords (`toolpath.writes`), which nothing flows through."""
 
 
@@ -75,7 +78,7 @@ def write_exports(
     folder: Path,
     scan: Scan,
     network: VesselNetwork,
-    judged: tuple[RegistrationReport, dict[str, Any]],
+    judged: tuple[RegistrationReport, Record],
 ) -> list[str]:
     """Tables, and files for ParaView and 3D Slicer, of a report and its judged numbers."""
     report, numbers = judged

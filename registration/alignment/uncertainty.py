@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -472,7 +472,7 @@ REMEDIES = {
 """What makes each term smaller."""
 
 
-def terms(budget: Budget, scale: float) -> list[dict[str, Any]]:
+def terms(budget: Budget, scale: float) -> list[dict[str, object]]:
     """Return a budget's terms, standard uncertainties times `scale`, the largest first."""
     return [
         {
@@ -487,17 +487,16 @@ def terms(budget: Budget, scale: float) -> list[dict[str, Any]]:
     ]
 
 
-def quantity(name: str, unit: str, budget: Budget, scale: float) -> dict[str, Any]:
+def quantity(name: str, unit: str, budget: Budget, scale: float) -> dict[str, object]:
     """Return a quantity's budget with what would reduce it most."""
-    rows = terms(budget, scale)
     return {
         "quantity": name,
         "unit": unit,
         "standard": _short(scale * budget.standard),
         "dof": _short(budget.dof),
         "interval_95": _short(scale * budget.expanded),
-        "terms": rows,
-        "reduce": REMEDIES[rows[0]["term"]],
+        "terms": terms(budget, scale),
+        "reduce": REMEDIES[max(budget.terms, key=lambda term: term.standard).name],
     }
 
 

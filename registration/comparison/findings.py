@@ -11,13 +11,13 @@ from registration.comparison.gauge_findings import gauge_dict, gauge_sentences
 from registration.comparison.statistics import Interval, sd_factors
 from registration.comparison.vessels import SIGNIFICANT, VesselSpread
 from registration.files.exports import as_csv
-from registration.json_ready import json_ready
+from registration.json_ready import Verdict, json_object, json_ready
 
 FEW = 10
 """Prints below which the notes say what so few are worth."""
 
 
-def verdict(comparison: Comparison) -> dict[str, Any]:
+def verdict(comparison: Comparison) -> Verdict:
     """``passed`` (None where no print has a verdict), ``undecided``, and reasons in sentences."""
     known = [p for p in comparison.prints if p.passed is not None]
     short = [p for p in known if not p.passed]
@@ -164,8 +164,7 @@ def comparison_dict(comparison: Comparison) -> dict[str, Any]:
         "gauge": None if comparison.gauge is None else gauge_dict(comparison.gauge),
         "notes": notes(comparison),
     }  # fmt: skip
-    cleaned: dict[str, Any] = json_ready(plain)
-    return cleaned
+    return json_object(plain)
 
 
 def _interval_text(interval: Interval, unit: str, signed: bool = False) -> str:
@@ -189,7 +188,7 @@ def comparison_csv(comparison: Comparison) -> str:
     return as_csv([json_ready(vessel_row(comparison, v)) for v in comparison.vessels])
 
 
-def vessel_row(comparison: Comparison, vessel: VesselSpread) -> dict[str, Any]:
+def vessel_row(comparison: Comparison, vessel: VesselSpread) -> dict[str, object]:
     """One vessel's numbers, flat."""
     error = vessel.error
     able = vessel.capability

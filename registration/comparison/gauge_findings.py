@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import Any
 
 from registration.comparison.gauge_shares import ALPHA, NAMES, Share
 from registration.comparison.gauge_study import Claim, GaugeQuantity, GaugeStudy
 from registration.comparison.statistics import Interval
 from registration.files.exports import as_csv
-from registration.json_ready import json_ready
+from registration.json_ready import json_object, json_ready
 
 # Convert a gauge study's results to sentences, notes, JSON and CSV text.
 
@@ -129,7 +128,7 @@ def gauge_notes(study: GaugeStudy) -> list[str]:
     return made
 
 
-def gauge_dict(study: GaugeStudy) -> dict[str, Any]:
+def gauge_dict(study: GaugeStudy) -> dict[str, object]:
     """JSON-ready numbers; what isn't known is None."""
     plain = {
         "sentences": gauge_sentences(study),
@@ -146,11 +145,10 @@ def gauge_dict(study: GaugeStudy) -> dict[str, Any]:
         "left_out": [{"name": name, "why": why} for name, why in study.left_out],
         "claims": [{**asdict(c), "verdict": c.verdict} for c in study.claims],
     }
-    cleaned: dict[str, Any] = json_ready(plain)
-    return cleaned
+    return json_object(plain)
 
 
-def _quantity_dict(quantity: GaugeQuantity) -> dict[str, Any]:
+def _quantity_dict(quantity: GaugeQuantity) -> dict[str, object]:
     s = quantity.squares
     return {
         "name": quantity.name,
@@ -181,7 +179,7 @@ def gauge_csv(study: GaugeStudy) -> str:
     return as_csv(rows)
 
 
-def _row(quantity: GaugeQuantity, name: str, share: Share) -> dict[str, Any]:
+def _row(quantity: GaugeQuantity, name: str, share: Share) -> dict[str, object]:
     return {
         "quantity": quantity.name,
         "vessel": quantity.vessel,

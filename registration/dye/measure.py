@@ -29,7 +29,7 @@ Outcome = Literal["pass", "fail", "undecided"]
 _NAMED = 12
 
 
-def dye_verdict(report: DyeReport, tolerance_percent: float) -> dict[str, Any]:
+def dye_verdict(report: DyeReport, tolerance_percent: float) -> dict[str, object]:
     """``outcome`` (pass, fail, undecided) and ``reasons``.
 
     A vessel that is blocked or not reached fails; so does one that dye leaves too late or early
@@ -374,7 +374,7 @@ def dye_dict(report: DyeReport, tolerance_percent: float) -> dict[str, Any]:
     }
 
 
-def _beside_dict(report: DyeReport) -> dict[str, Any] | None:
+def _beside_dict(report: DyeReport) -> dict[str, object] | None:
     """The flow that closed vessels leave, and arrivals against it; None without any."""
     if report.beside is None:
         return None
@@ -393,7 +393,7 @@ def _percentile(values: Sequence[float] | np.ndarray[Any, Any], percent: float) 
     return float(np.percentile(values, percent)) if len(values) else None
 
 
-def place_rows(report: DyeReport) -> list[dict[str, Any]]:
+def place_rows(report: DyeReport) -> list[dict[str, object]]:
     """A row for each place along the vessels, for a CSV file."""
     stations, seen = report.stations, report.view.pixels(report.stations.points)
     rows = []

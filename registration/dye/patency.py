@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,8 +154,8 @@ def find_patency(
             or_in=_series(network, flow, states, vessel) if shut else (),
             seen_share=float(stations.seen[here].mean()),
         )
-        timed = _times(share, arrivals, prediction, here) if state == "open" else {}
-        made.append(replace(judged, **timed))
+        timed = _times(share, arrivals, prediction, here) if state == "open" else Times()
+        made.append(replace(judged, **vars(timed)))
     return made
 
 
@@ -171,8 +171,9 @@ def times_against_open_flow(
     made = []
     for vessel in vessels:
         here = stations.vessel == vessel.vessel
-        timed = _times(share, arrivals, prediction, here) if vessel.patency == "open" else {}
-        made.append(replace(vessel, beside=Times(**timed)))
+        is_open = vessel.patency == "open"
+        timed = _times(share, arrivals, prediction, here) if is_open else Times()
+        made.append(replace(vessel, beside=timed))
     return made
 
 
@@ -235,26 +236,26 @@ def _stop(
 
 def _times(
     share: FloatArray, arrivals: Arrivals, prediction: Prediction, here: NDArray[np.bool_]
-) -> dict[str, Any]:
+) -> Times:
     """Arrival at both ends and transit, as far as a vessel's known stations tell."""
     known = np.flatnonzero(here & arrivals.dyed & np.isfinite(prediction.time_s))
     if len(known) == 0:
-        return {}
+        return Times()
     late = float(np.median((arrivals.time_s - prediction.time_s)[known]))
     if len(known) < _FEWEST_OF_LINE or np.ptp(share[known]) < _LEAST_SPAN:
-        return {"late_s": late}
+        return Times(late_s=late)
     measured = _line(share[known], arrivals.time_s[known])
     due = _line(share[known], prediction.time_s[known])
-    return {
-        "late_s": late,
-        "arrives_s": measured[0],
-        "leaves_s": measured[1],
-        "predicted_arrives_s": due[0],
-        "predicted_leaves_s": due[1],
-        "transit_s": measured[1] - measured[0],
-        "predicted_transit_s": due[1] - due[0],
-        "transit_sd_s": measured[2],
-    }
+    return Times(
+        late_s=late,
+        arrives_s=measured[0],
+        leaves_s=measured[1],
+        predicted_arrives_s=due[0],
+        predicted_leaves_s=due[1],
+        transit_s=measured[1] - measured[0],
+        predicted_transit_s=due[1] - due[0],
+        transit_sd_s=measured[2],
+    )
 
 
 def _line(share: FloatArray, time: FloatArray) -> tuple[float, float, float]:

@@ -75,7 +75,7 @@ def write_tables(folder: Path, report: RegistrationReport | Mapping[str, Any]) -
     return VESSELS, SECTIONS, DEFECTS, ZONES
 
 
-def vessel_rows(report: RegistrationReport) -> list[dict[str, Any]]:
+def vessel_rows(report: RegistrationReport) -> list[dict[str, object]]:
     """Every vessel's deviation, a row each, as `vessels.csv` holds it; None where not known.
 
     Among the columns are ``designed_um``, ``measured_um``, ``error_percent``, ``rms_um`` and
@@ -84,7 +84,7 @@ def vessel_rows(report: RegistrationReport) -> list[dict[str, Any]]:
     return _rows(report_dict(report))
 
 
-def _rows(numbers: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _rows(numbers: Mapping[str, Any]) -> list[dict[str, object]]:
     vessels = numbers["vessels"]
     flow = numbers["perfusion"]["vessels"] if numbers["perfusion"] else [{}] * len(vessels)
     return [
@@ -116,7 +116,7 @@ def as_csv(rows: Sequence[Mapping[str, Any]], columns: Iterable[str] | None = No
     return text.getvalue()
 
 
-def _sections(vessels: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def _sections(vessels: Sequence[Mapping[str, Any]]) -> list[dict[str, object]]:
     return [
         {"vessel": vessel["vessel"], **dict(zip(_SECTION_COLUMNS.values(), row, strict=True))}
         for vessel in vessels
@@ -130,13 +130,13 @@ def _along(vessel: Mapping[str, Any], key: str) -> Sequence[Any]:
     return values
 
 
-def _zone(row: Mapping[str, Any]) -> dict[str, Any]:
+def _zone(row: Mapping[str, Any]) -> dict[str, object]:
     low, high = row["interval_95_um"]
     plain = {**row, "low_um": low, "high_um": high}
     return {name: plain.get(name) for name in _ZONE_COLUMNS}
 
 
-def _defect(defect: Mapping[str, Any]) -> dict[str, Any]:
+def _defect(defect: Mapping[str, Any]) -> dict[str, object]:
     plain = dict(defect)
     plain["x_mm"], plain["y_mm"], plain["z_mm"] = plain.pop("point_mm")
     plain["lower_um"], plain["upper_um"] = plain.get("tolerance_um") or (None, None)

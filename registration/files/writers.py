@@ -80,7 +80,7 @@ def _write(folder: Path, scan: Scan, name: str) -> None:
         place.write_bytes(zlib.compress(whole.tobytes(), _LEVEL))
 
 
-def _attributes(scan: Scan, name: str) -> dict[str, Any]:
+def _attributes(scan: Scan, name: str) -> dict[str, object]:
     axes = [{"name": name, "type": "space", "unit": "millimeter"} for name in "zyx"]
     scale = {"type": "scale", "scale": list(scan.geometric_voxel_mm)}
     image = {

@@ -7,7 +7,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final
+from typing import Final, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -219,13 +219,52 @@ def reached(one: LayerNumbers) -> int | None:
 
 # Convert a scan overlay's results by layer to JSON values and CSV.
 
+
+class OverlaySpot(TypedDict):
+    """A gap or a blob in overlay.json; of a gap with the G-code lines that cover it."""
+
+    area_mm2: float
+    width_um: float
+    at_mm: list[float]
+    from_mm: list[float]
+    to_mm: list[float]
+    lines: NotRequired[list[int]]
+    line_count: NotRequired[int]
+    first_line: NotRequired[int]
+    last_line: NotRequired[int]
+
+
+class OverlayLayer(TypedDict):
+    """A layer in overlay.json; what isn't known is None."""
+
+    layer: int
+    from_mm: float
+    to_mm: float
+    cut_mm: float
+    status: str
+    first_line: int
+    last_line: int
+    in_view_share: float
+    seen_share: float
+    written_mm2: float
+    free_mm2: float
+    gel_in_written_share: float | None
+    gel_in_free_share: float | None
+    gap_count: int | None
+    gap_mm2: float | None
+    gaps: list[OverlaySpot] | None
+    blob_count: int | None
+    blob_mm2: float | None
+    blobs: list[OverlaySpot] | None
+
+
 MOST_LINES: Final = 20
 """Of a gap, that are named one by one."""
 MOST_SPOTS: Final = 20
 """Of a layer, that are listed one by one."""
 
 
-def overlay_dict(numbers: LayerNumbers, status: LayerStatus) -> dict[str, Any]:
+def overlay_dict(numbers: LayerNumbers, status: LayerStatus) -> OverlayLayer:
     """One layer's numbers, JSON-ready; what isn't known is None.
 
     Of a layer that isn't judged gaps and blobs are None: it is neither good nor bad.
@@ -233,7 +272,7 @@ def overlay_dict(numbers: LayerNumbers, status: LayerStatus) -> dict[str, Any]:
     layer = numbers.layer
     judged, unseen = status.judged, status == LayerStatus.NOT_SEEN
     gaps = [
-        {**_spot(gap, layer.middle_mm), **_named(lines.tolist())}
+        _named(_spot(gap, layer.middle_mm), lines.tolist())
         for gap, lines in zip(numbers.gaps, numbers.gap_lines, strict=True)
     ]
     blobs = [_spot(blob, layer.middle_mm) for blob in numbers.blobs]
@@ -260,7 +299,7 @@ def overlay_dict(numbers: LayerNumbers, status: LayerStatus) -> dict[str, Any]:
     }
 
 
-def _spot(spot: PixelPatch, height_mm: float) -> dict[str, Any]:
+def _spot(spot: PixelPatch, height_mm: float) -> OverlaySpot:
     return {
         "area_mm2": spot.area_mm2,
         "width_um": 1e3 * spot.width_mm,
@@ -270,8 +309,9 @@ def _spot(spot: PixelPatch, height_mm: float) -> dict[str, Any]:
     }
 
 
-def _named(lines: list[int]) -> dict[str, Any]:
+def _named(gap: OverlaySpot, lines: list[int]) -> OverlaySpot:
     return {
+        **gap,
         "lines": lines[:MOST_LINES],
         "line_count": len(lines),
         "first_line": lines[0],
@@ -279,15 +319,13 @@ def _named(lines: list[int]) -> dict[str, Any]:
     }
 
 
-_COLUMNS: Final = (
-    "layer", "from_mm", "to_mm", "cut_mm", "status", "first_line", "last_line", "in_view_share",
-    "seen_share", "written_mm2", "free_mm2", "gel_in_written_share", "gel_in_free_share",
-    "gap_count", "gap_mm2", "blob_count", "blob_mm2",
-)  # fmt: skip
+_COLUMNS: Final = tuple(
+    name for name in OverlayLayer.__annotations__ if name not in ("gaps", "blobs")
+)
 _LARGEST: Final = ("x_mm", "y_mm", "area_mm2", "width_um")
 
 
-def overlay_csv(layers: Sequence[dict[str, Any]]) -> str:
+def overlay_csv(layers: Sequence[OverlayLayer]) -> str:
     """One row a layer of `overlay_dict`, with the largest gap and blob; empty where unknown."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -295,19 +333,20 @@ def overlay_csv(layers: Sequence[dict[str, Any]]) -> str:
     of_blob = [f"largest_blob_{name}" for name in _LARGEST]
     writer.writerow([*_COLUMNS, *of_gap, "largest_gap_lines", *of_blob])
     for one in layers:
-        gap, blob = (next(iter(one[name] or []), None) for name in ("gaps", "blobs"))
+        gap, blob = (next(iter(spots or []), None) for spots in (one["gaps"], one["blobs"]))
         named = " ".join(map(str, gap["lines"])) if gap else ""
-        writer.writerow([*(_cell(one[name]) for name in _COLUMNS), *_row(gap), named, *_row(blob)])
+        plain = [_cell(value) for name, value in one.items() if name in _COLUMNS]
+        writer.writerow([*plain, *_row(gap), named, *_row(blob)])
     return stream.getvalue()
 
 
-def _row(spot: dict[str, Any] | None) -> list[str]:
+def _row(spot: OverlaySpot | None) -> list[str]:
     if spot is None:
         return [""] * len(_LARGEST)
     return [_cell(v) for v in (*spot["at_mm"][:2], spot["area_mm2"], spot["width_um"])]
 
 
-def _cell(value: Any) -> str:
+def _cell(value: object) -> str:
     if value is None:
         return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)

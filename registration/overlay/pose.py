@@ -80,7 +80,7 @@ def read_pose(path: Path, fit: FitName = "scaled") -> Pose:
     return Pose(matrix, stands, False, doubt)
 
 
-def _section(numbers: Any) -> dict[str, Any]:
+def _section(numbers: Any) -> dict[str, object]:
     """The registration's numbers, which `register` and a report put one level down."""
     if not isinstance(numbers, dict):
         return {}

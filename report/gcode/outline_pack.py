@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class PackedOutlines:
     beyond_um: list[list[float]]
 
     @property
-    def view(self) -> dict[str, Any]:
+    def view(self) -> dict[str, object]:
         """All but the packed numbers, as JSON values."""
         return {
             "points": self.points,

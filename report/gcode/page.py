@@ -90,7 +90,7 @@ def write_gcode_html(
     write_text(path, render("gcode.html", context, _ENTRY, [GCODE_STATIC / "gcode.css"]))
 
 
-def _view(job: GcodeJob, packed: PackedPieces, page: GcodePage) -> dict[str, Any]:
+def _view(job: GcodeJob, packed: PackedPieces, page: GcodePage) -> dict[str, object]:
     """All but the moves, as JSON values."""
     sums, writes = layer_sums(job), job.writes
     half = np.nan_to_num(np.nanmax(job.width_mm[writes], initial=0.0)) / 2

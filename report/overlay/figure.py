@@ -124,7 +124,7 @@ def _amount(spots: Sequence[PixelPatch], noun: str) -> str:
 
 def _scan_panel(axes: Axes, what: PictureOf) -> None:
     """The scan, lines to scale over it, and rings about what is wrong."""
-    axes.set_title(f"Scan ({what.scale}) and the layer's lines", **_HEAD)
+    _head(axes, f"Scan ({what.scale}) and the layer's lines")
     shown = np.ma.masked_invalid(what.cut.grey)
     low, high = what.grey
     _image(axes, what, shown, cmap="gray", vmin=low, vmax=high)
@@ -135,7 +135,7 @@ def _scan_panel(axes: Axes, what: PictureOf) -> None:
 
 def _found_panel(axes: Axes, what: PictureOf) -> None:
     """Gel or not, lumens, gaps and blobs."""
-    axes.set_title("Gel by the segmentation, held against the lines", **_HEAD)
+    _head(axes, "Gel by the segmentation, held against the lines")
     cut, numbers = what.cut, what.numbers
     colours = np.array([to_rgba(c) for c in (NO_GEL, GEL, LUMEN, GAP, BLOB)])
     kind = np.where(cut.gel, 1, np.where(what.lumen, 2, 0))
@@ -150,7 +150,8 @@ def _found_panel(axes: Axes, what: PictureOf) -> None:
     _rings(axes, what)
 
 
-_HEAD: Final[dict[str, Any]] = {"fontsize": 8.8, "loc": "left", "color": MUTED}
+def _head(axes: Axes, text: str) -> None:
+    axes.set_title(text, fontsize=8.8, loc="left", color=MUTED)
 
 
 def _image(axes: Axes, what: PictureOf, picture: Any, **more: Any) -> None:

@@ -6,11 +6,12 @@ import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from markupsafe import Markup
 
 from design.files import write_text
+from registration.overlay import OverlayLayer, OverlaySpot
 from report.page_frame import render
 from report.wording import MISSING, fixed, number
 
@@ -47,7 +48,7 @@ class OverlayPage:
 def write_overlay_html(
     path: Path,
     page: OverlayPage,
-    layers: Sequence[dict[str, Any]],
+    layers: Sequence[OverlayLayer],
     pictures: Mapping[int, bytes],
 ) -> None:
     """Write the page; it holds all it shows.
@@ -78,9 +79,7 @@ def write_overlay_html(
     write_text(path, render("overlay.html", context, _ENTRY, [_STATIC / "overlay.css"]))
 
 
-def _chosen(
-    layers: Sequence[dict[str, Any]], pictures: Mapping[int, bytes]
-) -> list[dict[str, Any]]:
+def _chosen(layers: Sequence[OverlayLayer], pictures: Mapping[int, bytes]) -> list[OverlayLayer]:
     """Layers whose pictures go into the page: those with a finding first, then evenly spread."""
     room, kept = MOST_BYTES, set()
     spread = sorted(range(len(layers)), key=lambda k: (not _finding(layers[k]), _reversed_bits(k)))
@@ -97,35 +96,58 @@ def _reversed_bits(k: int) -> int:
     return int(f"{k:020b}"[::-1], 2)
 
 
-def _finding(layer: dict[str, Any]) -> bool:
+def _finding(layer: OverlayLayer) -> bool:
     return bool(layer["gap_count"] or layer["blob_count"])
 
 
-def _first(kept: Sequence[dict[str, Any]]) -> int:
+def _first(kept: Sequence[OverlayLayer]) -> int:
     """Place of the layer shown first: the one with most wrong, else the middle one."""
     worst = max(range(len(kept)), key=lambda k: _wrong(kept[k]), default=0)
     return worst if kept and _wrong(kept[worst]) > 0 else (len(kept) - 1) // 2
 
 
-def _wrong(layer: dict[str, Any]) -> float:
+def _wrong(layer: OverlayLayer) -> float:
     return float((layer["gap_mm2"] or 0.0) + (layer["blob_mm2"] or 0.0))
 
 
-def _picture(layer: dict[str, Any], png: bytes) -> dict[str, Any]:
+@dataclass(frozen=True)
+class _Picture:
+    """Of a layer, as the page's template shows it."""
+
+    layer: int
+    status: str
+    source: Markup
+    said: list[str]
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """Of the page's table: what it is sorted by, what it says, whether it is marked."""
+
+    order: float | str
+    text: str
+    mark: str = ""
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Of the page's table; `shown` where the layer has a picture."""
+
+    layer: int
+    shown: bool
+    cells: list[_Cell]
+
+
+def _picture(layer: OverlayLayer, png: bytes) -> _Picture:
     data = base64.b64encode(png).decode("ascii")
-    return {
-        "layer": layer["layer"],
-        "status": layer["status"],
-        "source": Markup("data:image/png;base64," + data),
-        "said": _said(layer),
-    }
+    source = Markup("data:image/png;base64," + data)
+    return _Picture(layer["layer"], layer["status"], source, _said(layer))
 
 
-def _said(layer: dict[str, Any]) -> list[str]:
+def _said(layer: OverlayLayer) -> list[str]:
     """Sentences on a layer's largest gap and blob."""
     said = []
-    for name, what in (("gaps", "gap"), ("blobs", "blob of gel in a lumen")):
-        spots = layer[name]
+    for spots, what in ((layer["gaps"], "gap"), (layer["blobs"], "blob of gel in a lumen")):
         if not spots:
             continue
         one = spots[0]
@@ -138,7 +160,7 @@ def _said(layer: dict[str, Any]) -> list[str]:
     return said
 
 
-def _lines(gap: dict[str, Any]) -> str:
+def _lines(gap: OverlaySpot) -> str:
     named, count = gap["lines"], gap["line_count"]
     if count == 1:
         return f"Line {named[0]} of the G-code should have filled it."
@@ -150,36 +172,26 @@ def _lines(gap: dict[str, Any]) -> str:
     return f"Lines {', '.join(map(str, named))} of the G-code should have filled it."
 
 
-def _row(layer: dict[str, Any], shown: bool) -> dict[str, Any]:
+def _row(layer: OverlayLayer, shown: bool) -> _Row:
+    shares = layer["seen_share"], layer["gel_in_written_share"], layer["gel_in_free_share"]
+    mark = "bad" if layer["status"] == "missing" else ""
     cells = [
-        _cell(layer["cut_mm"], fixed(layer["cut_mm"], 3)),
-        {"order": layer["status"], "text": layer["status"], "mark": _mark(layer)},
-        *(_percent(layer[key]) for key in _SHARES),
-        *(_amount(layer, name) for name in ("gap", "blob")),
-        _cell(layer["first_line"], f"{layer['first_line']}\u2013{layer['last_line']}"),
+        _Cell(layer["cut_mm"], fixed(layer["cut_mm"], 3)),
+        _Cell(layer["status"], layer["status"], mark),
+        *map(_percent, shares),
+        _amount(layer["gap_count"], layer["gap_mm2"]),
+        _amount(layer["blob_count"], layer["blob_mm2"]),
+        _Cell(layer["first_line"], f"{layer['first_line']}\u2013{layer['last_line']}"),
     ]
-    return {"layer": layer["layer"], "shown": shown, "cells": cells}
+    return _Row(layer["layer"], shown, cells)
 
 
-_SHARES: Final = ("seen_share", "gel_in_written_share", "gel_in_free_share")
+def _percent(share: float | None) -> _Cell:
+    return _Cell("", MISSING) if share is None else _Cell(share, fixed(100 * share, 1))
 
 
-def _mark(layer: dict[str, Any]) -> str:
-    return "bad" if layer["status"] == "missing" else ""
-
-
-def _percent(share: float | None) -> dict[str, Any]:
-    return _cell(share, MISSING if share is None else fixed(100 * share, 1))
-
-
-def _amount(layer: dict[str, Any], name: str) -> dict[str, Any]:
+def _amount(count: int | None, area: float | None) -> _Cell:
     """Count and area together; nothing for none."""
-    count, area = layer[f"{name}_count"], layer[f"{name}_mm2"]
-    if count is None:
-        return _cell(None, MISSING)
-    text = f"{count}, {number(area, 2)} mm²" if count else "none"
-    return {"order": area, "text": text, "mark": "bad" if count else ""}
-
-
-def _cell(order: Any, text: str) -> dict[str, Any]:
-    return {"order": "" if order is None else order, "text": text, "mark": ""}
+    if count is None or area is None:
+        return _Cell("", MISSING)
+    return _Cell(area, f"{count}, {number(area, 2)} mm²" if count else "none", "bad" * bool(count))

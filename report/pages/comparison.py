@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from design.files import write_text
 from registration.comparison import Comparison
@@ -112,7 +112,7 @@ def _vessel_table(study: GaugeStudy) -> Table:
     for q in study.quantities:
         if q.vessel is None or not q.name.startswith("diameter_"):
             continue
-        s, row = q.shares.sources, dict[str, Any](vessel=q.vessel)
+        s, row = q.shares.sources, dict[str, object](vessel=q.vessel)
         row |= {name: _plain(s[name].sd.value) for name in NAMES}
         row |= {name: interval_text(s[name].sd, 2) for name in ("EV", "GRR")}
         row |= {
@@ -265,7 +265,7 @@ def print_table(comparison: Comparison) -> Table:
     for k, each in enumerate(comparison.prints):
         for n in each.scans:
             scan = comparison.scans[n]
-            row: dict[str, Any] = {q.name: q.values[n] for q in comparison.quantities}
+            row: dict[str, object] = {q.name: q.values[n] for q in comparison.quantities}
             row |= {
                 "print": k + 1,
                 "label": scan.label,
@@ -287,7 +287,7 @@ def trend_table(comparison: Comparison) -> Table:
     return make_table("trends", [_trend_row(q) for q in comparison.quantities], TREND_COLUMNS)
 
 
-def _trend_row(quantity: Quantity) -> dict[str, Any]:
+def _trend_row(quantity: Quantity) -> dict[str, object]:
     digits = 3 if quantity.unit == "%" else 1
     unit, slope = quantity.unit, quantity.per_print
     return {
@@ -313,7 +313,7 @@ def vessel_table(comparison: Comparison) -> Table:
     return make_table("vessels", rows, VESSEL_COLUMNS, order="by mean error")
 
 
-def _vessel_row(vessel: VesselSpread) -> dict[str, Any]:
+def _vessel_row(vessel: VesselSpread) -> dict[str, object]:
     error, able = vessel.error, vessel.capability
     return {
         "vessel": vessel.vessel,

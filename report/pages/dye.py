@@ -137,7 +137,7 @@ def write_dye_html(
     write_text(path, render("dye.html", context))
 
 
-def vessel_table(vessels: list[dict[str, Any]]) -> Table:
+def vessel_table(vessels: list[dict[str, object]]) -> Table:
     """Rows of the vessels, closed ones first."""
     ordered = sorted(vessels, key=lambda v: (_WORST.index(v["patency"]), v["vessel"]))
     rows = [{**v, **_beside(v), "where": _where(v)} for v in ordered]
@@ -145,7 +145,7 @@ def vessel_table(vessels: list[dict[str, Any]]) -> Table:
     return make_table("dye", rows, (*_COLUMNS, *beside), order="closed and unseen ones first")
 
 
-def _beside(vessel: Mapping[str, Any]) -> dict[str, Any]:
+def _beside(vessel: Mapping[str, Any]) -> dict[str, object]:
     return {f"beside_{name}": value for name, value in (vessel["beside"] or {}).items()}
 
 
@@ -158,6 +158,6 @@ def _where(vessel: Mapping[str, Any]) -> str | None:
     return f"{vessel['blocked_from_mm']:.2f} to {vessel['blocked_to_mm']:.2f} mm"
 
 
-def _counts(vessels: list[dict[str, Any]]) -> list[tuple[str, int]]:
+def _counts(vessels: list[dict[str, object]]) -> list[tuple[str, int]]:
     counts = [(state, sum(v["patency"] == state for v in vessels)) for state in _WORST]
     return [(state, count) for state, count in counts if count or state in ("blocked", "open")]

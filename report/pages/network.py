@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from design.files import write_text
 from design.network import VesselNetwork
@@ -88,7 +87,7 @@ def write_places_html(path: Path, tissue: ReportSurface, page: NetworkPage) -> N
     _write(path, page, [count(faces, "triangle")], view)
 
 
-def _write(path: Path, page: NetworkPage, facts: list[str], view: dict[str, Any]) -> None:
+def _write(path: Path, page: NetworkPage, facts: list[str], view: dict[str, object]) -> None:
     context = {
         "title": page.title,
         "facts": facts,

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
-from kernels.arrays import FloatArray, IntArray
-from registration.json_ready import Record, is_number
+from kernels.arrays import IntArray
+from registration.json_ready import Record
 from report.packing import PackedColumn, pack_points, pack_table
 from report.picture import FLOW, GAUGED, Quantity, VesselQuantities, quantities
 from report.sections.facts import mapping, records
-from report.sections.tables import vessel_index
+from report.sections.tables import columns, vessel_index
 
 MAX_PIECES: Final = 60_000
 """Straight pieces that a page shows at most: what an office computer still turns fluently."""
@@ -39,7 +38,7 @@ class ShownVessels:
     least_diameter_mm: float
 
 
-def report_view(network: VesselNetwork, data: Mapping[str, Any]) -> dict[str, Any]:
+def report_view(network: VesselNetwork, data: Mapping[str, Any]) -> dict[str, object]:
     """`network_view` of what report.json says of each vessel.
 
     ``strahler_orders`` in `data`: (v,) float64, where they are known already.
@@ -61,7 +60,7 @@ def network_view(
     names: Mapping[int, str],
     first: str = "radius",
     most_pieces: int = MAX_PIECES,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Polylines and quantities as JSON values.
 
     Positions are off by less than 1e-5 of the network's extent; numbers are float32.
@@ -123,7 +122,7 @@ def _points_of(network: VesselNetwork, vessels: IntArray) -> IntArray:
 
 def _colouring(
     network: VesselNetwork, quantity: Quantity, vessels: IntArray, points: IntArray
-) -> dict[str, Any]:
+) -> dict[str, object]:
     at_points = quantity.at_points(network)
     values = quantity.values[points if at_points else vessels]
     return {
@@ -144,19 +143,3 @@ def vessel_names(rows: Sequence[Record]) -> dict[int, str]:
     """What records call each vessel, where they give it a name."""
     named = ((vessel_index(row), row.get("name")) for row in rows)
     return {index: str(name) for index, name in named if index is not None and name}
-
-
-def columns(rows: Sequence[Record], keys: Sequence[str], count: int) -> dict[str, FloatArray]:
-    """The records' values by key and number of vessel; only keys with any value."""
-    by_key = {key: per_vessel(rows, key, count) for key in keys}
-    return {key: values for key, values in by_key.items() if np.isfinite(values).any()}
-
-
-def per_vessel(rows: Sequence[Record], key: str, count: int) -> NDArray[np.float64]:
-    """The records' values by number of vessel, (count,); NaN where there is none."""
-    values = np.full(count, np.nan)
-    for row in rows:
-        index, value = vessel_index(row), row.get(key)
-        if index is not None and 0 <= index < count and is_number(value):
-            values[index] = float(value)
-    return values

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from string import ascii_uppercase
@@ -210,13 +211,20 @@ def _kind(values: Sequence[Any]) -> Any:
     return "number" if numbers else "text"
 
 
-def _variants(wells: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class _Variant:
+    """Of a plate's wells, as the page's template shows it."""
+
+    number: int
+    label: str
+    wells: list[str]
+
+
+def _variants(wells: Sequence[Mapping[str, Any]]) -> list[_Variant]:
     """Number, label and wells of each variant."""
-    variants: dict[int, dict[str, Any]] = {}
+    variants: dict[int, _Variant] = {}
     for row in sorted(wells, key=lambda row: (row["variant"], row["copy"])):
         text = row["label"] if row["values"] else "as the recipe says"
-        one = variants.setdefault(
-            row["variant"], {"label": text, "wells": [], "number": row["variant"]}
-        )
-        one["wells"].append(row["well"])
+        one = variants.setdefault(row["variant"], _Variant(row["variant"], text, []))
+        one.wells.append(row["well"])
     return list(variants.values())

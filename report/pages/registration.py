@@ -2,32 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
-from typing import Any, Final
-
-from markupsafe import Markup
+from typing import Any
 
 from design.files import write_text
 from design.network import VesselNetwork
-from registration.json_ready import is_number
-from registration.measuring.judging import list_findings
-from report.figures.deviation import diameter_figure, histogram_figure, network_figure
-from report.figures.finding_figures import finding_figures, views_note
-from report.figures.gauging_figures import (
-    MOST_PROFILES,
-    curve_figure,
-    layer_deviation_figure,
-    parted_curve_figure,
-    profile_figure,
-)
-from report.figures.oxygen_figures import oxygen_histogram
+from report.figures.finding_figures import views_note
+from report.figures.report_figures import all_figures, placed_figures
 from report.packing import Surfaces
 from report.page_frame import render, scene
-from report.pages.network_view import columns, report_view
-from report.picture.quantity import point_pressure
+from report.pages.network_view import report_view
 from report.scripts import ENTRY
 from report.sections import facts as sections
 from report.sections.added import AddedSection
@@ -51,25 +37,12 @@ from report.sections.measurement_tables import (
     zone_table,
 )
 from report.sections.section_view import section_view
-from report.svg import inline_figure
 from report.views import Views
-
-PLACES: Final = (
-    "flow",
-    "fidelities",
-    "oxygen",
-    "design",
-    "toolpath",
-    "print",
-    "scan",
-    "registration",
-)
-"""Sections a figure can be put into by a prefix of its name, ``toolpath/Layer 12``."""
 
 
 def write_report_html(
     path: Path,
-    data: dict[str, Any],
+    data: dict[str, object],
     surfaces: Surfaces,
     network: VesselNetwork | None,
     figures: Mapping[str, bytes] | None = None,
@@ -95,8 +68,8 @@ def write_report_html(
         The design, in the part's frame; ``vessel`` in `data` is its number there.
     figures : mapping of str to bytes, optional
         Caption to SVG or PNG. A prefix names the section: ``toolpath/Layer 12 of 50``; the
-        sections are `PLACES`, and anything else goes into a section of its own. What is here of
-        `all_figures` isn't drawn again.
+        sections are `report.figures.report_figures.SECTIONS`, and anything else goes into a
+        section of its own. What is here of `all_figures` isn't drawn again.
     play : AddedSection, optional
         The slider over the predicted print (`report.play.play_section`).
     views : Views, optional
@@ -138,7 +111,7 @@ def report_html(
     return render("report.html", context, entry, play.styles if play else ())
 
 
-def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
+def section_context(data: Mapping[str, Any]) -> dict[str, object]:
     """Tables and lists of the sections that `data` holds."""
     registration, flow = mapping(data, "registration"), mapping(data, "flow")
     return {
@@ -174,137 +147,9 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
 
 def view_data(
     data: Mapping[str, Any], surfaces: Surfaces, network: VesselNetwork | None
-) -> dict[str, Any] | None:
+) -> dict[str, object] | None:
     """What the 3D view draws, as JSON values; None when there is nothing to draw."""
     if not surfaces and network is None:
         return None
     shown = None if network is None else report_view(network, data)
     return scene("Deviation map" if surfaces else "Network", surfaces, shown)
-
-
-NETWORK_DRAWING = "design/Network, coloured by diameter"
-
-
-def network_drawing(network: VesselNetwork) -> dict[str, bytes]:
-    """The one drawing of `all_figures` that needs no numbers, to be made ahead of them."""
-    return {NETWORK_DRAWING: network_figure(network)}
-
-
-def all_figures(
-    data: Mapping[str, Any],
-    network: VesselNetwork | None,
-    figures: Mapping[str, bytes] | None = None,
-    views: Views | None = None,
-) -> dict[str, bytes]:
-    """The drawings that follow from the numbers themselves, and those given.
-
-    What is given under a drawing's own name stands for it.
-    """
-    given = figures or {}
-    made = {
-        name: given[name] if name in given else draw()
-        for name, draw in _drawings(data, network).items()
-    }
-    made |= finding_figures(mapping(data, "registration"), views, given)
-    return {name: picture for name, picture in made.items() if picture is not None} | dict(given)
-
-
-def _drawings(
-    data: Mapping[str, Any], network: VesselNetwork | None
-) -> dict[str, Callable[[], bytes | None]]:
-    """How to draw what there are numbers for."""
-    made: dict[str, Callable[[], bytes | None]] = {}
-    registration = mapping(data, "registration")
-    for fit, key in (("scaled", "counts"), ("rigid", "counts_rigid")):
-        for of, part in sections.surfaces(registration).items():
-            histogram = mapping(part, "histogram")
-            if histogram.get(key):
-                made[f"histogram/Signed deviation{of and ' of the ' + of}, {fit} fit"] = partial(
-                    histogram_figure, histogram["edges_um"], histogram[key]
-                )
-    made |= _gauged(registration)
-    made |= _oxygen(mapping(data, "oxygen"))
-    gauged = records(registration, "vessels")
-    if any(is_number(r.get("measured_um")) for r in gauged):
-        made[
-            "diameters/Mean diameter of each vessel with its 95 % interval, against the designed "
-            "one and what is allowed of it"
-        ] = partial(diameter_figure, _means(registration, gauged))
-    if network is not None:
-        made[NETWORK_DRAWING] = partial(network_figure, network)
-        rows = records(mapping(data, "flow"), "vessels")
-        ends = columns(rows, ("pressure_in_mmhg", "pressure_out_mmhg"), network.vessel_count)
-        pressure = point_pressure(
-            network, ends.get("pressure_in_mmhg"), ends.get("pressure_out_mmhg")
-        )
-        if pressure is not None:
-            name = "flow/Pressure along the network, as designed"
-            made[name] = partial(network_figure, network, pressure, "pressure / mmHg")
-    return made
-
-
-def _oxygen(oxygen: Mapping[str, Any]) -> dict[str, Callable[[], bytes | None]]:
-    """How much of the tissue holds how much."""
-    shares, level = mapping(oxygen, "histogram"), oxygen.get("threshold_millimolar")
-    if not shares or not is_number(level):
-        return {}
-    return {"oxygen/Share of the tissue by its oxygen": partial(oxygen_histogram, shares, level)}
-
-
-def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | None]]:
-    """What was gauged: shares within, diameters along the vessels, layers."""
-    curve, vessels = mapping(registration, "within_curve"), records(registration, "vessels")
-    made: dict[str, Callable[[], bytes | None]] = {}
-    apart = {
-        of: mapping(part, "within_curve")
-        for of, part in sections.surfaces(registration).items()
-        if of and mapping(part, "within_curve")
-    }
-    if apart:
-        made["curve/Share of lumens and of outer faces within any tolerance"] = partial(
-            parted_curve_figure, apart
-        )
-    elif curve:
-        made["curve/Share of the surface within any tolerance"] = partial(
-            curve_figure, curve["tolerance_um"], curve["rigid"], curve["scaled"]
-        )
-    made[
-        "profiles/Diameter along the vessels: measured with its 95 % interval (grey) and limits "
-        "(blue band); sections that fail are squares, undecided ones triangles; findings are "
-        f"shaded; {min(MOST_PROFILES, len(vessels))} of {len(vessels)} vessels"
-    ] = partial(profile_figure, vessels, list_findings(registration))
-    made["registration/Deviation of each written layer"] = partial(
-        layer_deviation_figure, records(registration, "by_layer")
-    )
-    return made
-
-
-def _means(
-    registration: Mapping[str, Any], gauged: Sequence[Mapping[str, Any]]
-) -> list[Mapping[str, Any]]:
-    """Mean diameters as they were judged; of a file without decisions as they were measured."""
-    judged = records(mapping(registration, "judging"), "features")
-    return [one for one in judged if one.get("name") == "mean"] or [
-        {**row, "value_um": row["measured_um"] - row["designed_um"]}
-        for row in gauged
-        if is_number(row.get("measured_um")) and is_number(row.get("designed_um"))
-    ]
-
-
-def placed_figures(figures: Mapping[str, bytes]) -> dict[str, list[tuple[str, Markup]]]:
-    """Figures by section: caption and HTML each; those without a section under ``other``."""
-    placed: dict[str, list[tuple[str, Markup]]] = {}
-    for index, (name, picture) in enumerate(figures.items()):
-        place, _, caption = name.partition("/")
-        if not caption or place not in (
-            *PLACES,
-            "histogram",
-            "curve",
-            "diameters",
-            "profiles",
-            "findings",
-        ):
-            place, caption = "other", name
-        html = inline_figure(picture, caption, f"f{index}-")
-        placed.setdefault(place, []).append((caption, html))
-    return placed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from markupsafe import Markup
 
@@ -25,7 +25,7 @@ def play_section(played: Playback) -> AddedSection:
     return AddedSection(_context(played), ENTRY, styles)
 
 
-def _context(played: Playback) -> dict[str, Any]:
+def _context(played: Playback) -> dict[str, object]:
     picture, said = draw_frame(played)
     ordered = sorted(played.warnings, key=lambda one: (one.time_s is None, one.time_s or 0.0))
     return {

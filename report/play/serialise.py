@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap, to_hex
@@ -43,7 +43,7 @@ COLUMNS: Final = (
 _GAP: Final = 2e-6
 
 
-def pack_playback(played: Playback) -> dict[str, Any]:
+def pack_playback(played: Playback) -> dict[str, object]:
     """All that the page needs, as JSON values.
 
     A row ends at its place and time, and began where the one before ended. Where it didn't, a row

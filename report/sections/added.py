@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +20,6 @@ class AddedSection:
         Its style sheets.
     """
 
-    context: dict[str, Any]
+    context: dict[str, object]
     entry: str
     styles: tuple[Path, ...]

@@ -351,7 +351,7 @@ def lumen_facts(lumens: Mapping[str, Any]) -> list[Fact]:
     return rows
 
 
-def _lumen(row: Record) -> dict[str, Any]:
+def _lumen(row: Record) -> dict[str, object]:
     stepped, layer = mapping(row, "stepped"), row.get("layer")  # which counts from 0
     at = row.get("at_mm")
     return {
@@ -363,7 +363,7 @@ def _lumen(row: Record) -> dict[str, Any]:
     }
 
 
-def timing_rows(timings: Mapping[str, Any]) -> list[dict[str, Any]]:
+def timing_rows(timings: Mapping[str, Any]) -> list[dict[str, object]]:
     """Stages with seconds, peak memory, whether reused, and share of the longest."""
     stages = [(name, t) for name, t in timings.items() if isinstance(t, Mapping)]
     seconds = [t.get("seconds") for _, t in stages]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Final
 
 from registration.json_ready import Record, is_number
@@ -47,28 +47,18 @@ def two_way_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     back = [mapping(registration, f"{fit}_model_to_scan") for fit in ("rigid", "scaled")]
     overlaps = [mapping(mapping(registration, "overlap"), fit) for fit in ("rigid", "scaled")]
     hausdorff = mapping(registration, "hausdorff_p95_um")
-    wanted: list[tuple[str, Sequence[Any], int, float]] = [
-        ("Design to scan, RMS / µm", [b.get("rms_um") for b in back], 1, 1.0),
-        ("Design to scan, 95th percentile / µm", [b.get("p95_um") for b in back], 1, 1.0),
-        (
-            "95 % Hausdorff distance / µm",
-            [hausdorff.get(fit) for fit in ("rigid", "scaled")],
-            1,
-            1.0,
-        ),
-        ("Dice of the lumens", [o.get("dice") for o in overlaps], 3, 1.0),
-        ("Lumen volume, printed / designed", [o.get("volume_ratio") for o in overlaps], 3, 1.0),
-    ]
+    wanted = (
+        ("Design to scan, RMS / µm", [b.get("rms_um") for b in back], 1),
+        ("Design to scan, 95th percentile / µm", [b.get("p95_um") for b in back], 1),
+        ("95 % Hausdorff distance / µm", [hausdorff.get(fit) for fit in ("rigid", "scaled")], 1),
+        ("Dice of the lumens", [o.get("dice") for o in overlaps], 3),
+        ("Lumen volume, printed / designed", [o.get("volume_ratio") for o in overlaps], 3),
+    )
     return [
-        (label, *_pair(values, decimals, factor))
-        for label, values, decimals, factor in wanted
-        if any(is_number(value) for value in values)
+        (label, fixed(rigid, decimals), fixed(scaled, decimals))
+        for label, (rigid, scaled), decimals in wanted
+        if is_number(rigid) or is_number(scaled)
     ]
-
-
-def _pair(values: Sequence[Any], decimals: int, factor: float) -> tuple[str, str]:
-    first, second = (fixed(v * factor if is_number(v) else None, decimals) for v in values)
-    return first, second
 
 
 def defect_table(registration: Mapping[str, Any]) -> Table | None:
@@ -77,7 +67,7 @@ def defect_table(registration: Mapping[str, Any]) -> Table | None:
     return make_table("defects", rows, DEFECT_COLUMNS, order="by vessel") if rows else None
 
 
-def _defect(row: Record) -> dict[str, Any]:
+def _defect(row: Record) -> dict[str, object]:
     to = {"leak": "outside", "bridge": f"vessel {row.get('other')}"}.get(str(row.get("kind")))
     if row.get("doubt"):
         to = f"{to}, or {'a shadow' if row['doubt'] == 'shade' else 'thin gel'}"
@@ -135,7 +125,7 @@ def perfusion_table(registration: Mapping[str, Any]) -> Table | None:
     return make_table("perfusion", rows, PERFUSION_COLUMNS, order="by number") if rows else None
 
 
-def _driven(row: Record, ends: Any) -> dict[str, Any]:
+def _driven(row: Record, ends: Any) -> dict[str, object]:
     printed, designed = row.get("resistance_pa_s_ul"), row.get("designed_resistance_pa_s_ul")
     ratio = printed / designed if is_number(printed) and is_number(designed) else None
     known = isinstance(ends, list | tuple) and len(ends) == 2 and all(map(is_number, ends))

@@ -30,7 +30,7 @@ def budget_table(registration: Mapping[str, Any]) -> Table | None:
     return make_table("budget", rows, BUDGET_COLUMNS, order="by quantity") if rows else None
 
 
-def _rows(budget: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _rows(budget: Mapping[str, Any]) -> list[dict[str, object]]:
     unit = "µm" if budget["unit"] == "um" else budget["unit"]
     name = str(budget["quantity"]).replace("_", " ")
     rows = [
@@ -46,17 +46,16 @@ def _rows(budget: Mapping[str, Any]) -> list[dict[str, Any]]:
         for term in budget["terms"]
         if (term["share"] or 0.0) >= LEAST_SHARE
     ]
-    half = f"± {number(budget['interval_95'], 3)} {unit}"
-    total = {"term": "95 % interval", "type": "", "standard": half, "share": ""}
-    return [
-        *rows,
-        {
-            "quantity": name,
-            **total,
-            "dof": _freedom(budget["dof"]),
-            "remark": f"most is gained by: {budget['reduce']}",
-        },
-    ]
+    total = {
+        "quantity": name,
+        "term": "95 % interval",
+        "type": "",
+        "standard": f"± {number(budget['interval_95'], 3)} {unit}",
+        "dof": _freedom(budget["dof"]),
+        "share": "",
+        "remark": f"most is gained by: {budget['reduce']}",
+    }
+    return [*rows, total]
 
 
 def _freedom(value: Any) -> str:
@@ -152,7 +151,7 @@ def whole_table(registration: Mapping[str, Any]) -> Table | None:
     return make_table("whole", rows, WHOLE_COLUMNS, order="as judged") if rows else None
 
 
-def _whole(feature: Mapping[str, Any]) -> dict[str, Any]:
+def _whole(feature: Mapping[str, Any]) -> dict[str, object]:
     if feature["name"] != "size":
         return {**feature, "quantity": _WHOLE[feature["name"]]}
     value = feature.get("value_um")
@@ -189,7 +188,7 @@ def zone_table(registration: Mapping[str, Any]) -> Table | None:
     return make_table("zones", rows, ZONE_COLUMNS, order="by vessel") if rows else None
 
 
-def _row(row: Mapping[str, Any]) -> dict[str, Any]:
+def _row(row: Mapping[str, Any]) -> dict[str, object]:
     low, high = row.get("interval_95_um") or (None, None)
     known = is_number(low) and is_number(high)
     return {

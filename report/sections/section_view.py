@@ -19,7 +19,7 @@ _KEYS: Final = ("along_mm", "diameter_um", "interval_95_um", "designed_along_um"
 _WALL: Final = tuple(PackedColumn(axis, "i2", none=32_767) for axis in "xy")
 
 
-def section_view(registration: Mapping[str, Any], views: Views | None) -> dict[str, Any] | None:
+def section_view(registration: Mapping[str, Any], views: Views | None) -> dict[str, object] | None:
     """Pack the pictures and numbers of all sections; None where there are none.
 
     Returns

@@ -6,6 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels.arrays import FloatArray
 from registration.json_ready import Record, is_number
 from report.wording import MISSING, decimals_for, fixed, plain
 
@@ -121,6 +125,22 @@ def vessel_index(record: Record) -> int | None:
     if isinstance(vessel, str) and vessel.isascii() and vessel.isdigit():
         return int(vessel)
     return None
+
+
+def columns(rows: Sequence[Record], keys: Sequence[str], count: int) -> dict[str, FloatArray]:
+    """The records' values by key and number of vessel; only keys with any value."""
+    by_key = {key: per_vessel(rows, key, count) for key in keys}
+    return {key: values for key, values in by_key.items() if np.isfinite(values).any()}
+
+
+def per_vessel(rows: Sequence[Record], key: str, count: int) -> NDArray[np.float64]:
+    """The records' values by number of vessel, (count,); NaN where there is none."""
+    values = np.full(count, np.nan)
+    for row in rows:
+        index, value = vessel_index(row), row.get(key)
+        if index is not None and 0 <= index < count and is_number(value):
+            values[index] = float(value)
+    return values
 
 
 def _scaled(record: Record, column: Column) -> Any:

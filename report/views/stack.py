@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
+from registration.json_ready import Record
 from registration.overlay.cut import Shades, trilinear
 from registration.scan import Scan
 
@@ -86,7 +87,7 @@ def chosen_sections(
 
 
 def section_stack(
-    scan: Scan, shades: Shades, vessels: Sequence[VesselGauge], rows: Sequence[dict[str, Any]]
+    scan: Scan, shades: Shades, vessels: Sequence[VesselGauge], rows: Sequence[Record]
 ) -> SectionStack:
     """Take the pictures of a registration's sections.
 

@@ -99,7 +99,7 @@ def _moved(points: FloatArray, motion: FloatArray) -> FloatArray:
     return np.asarray(points @ motion[:3, :3].T + motion[:3, 3])
 
 
-def add_scan_places(numbers: dict[str, Any], scan: Scan, report: RegistrationReport) -> None:
+def add_scan_places(numbers: Record, scan: Scan, report: RegistrationReport) -> None:
     """Put ``scan_place`` to each finding of judged numbers: where to look in the scan's file."""
     for finding in numbers["findings"]:
         finding["scan_place"] = scan_place(scan, report, finding)

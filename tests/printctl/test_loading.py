@@ -103,7 +103,7 @@ STEPS = (
 WORK = (
     ("design.solids",),
     ("design.solids; design.solids.lumen_solid",),
-    ("printctl.pipeline.judging.registration_work",),
+    ("printctl.pipeline.judging.register_inputs",),
     ("design.hemodynamics.three_d",),
 )
 

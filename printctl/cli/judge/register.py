@@ -56,7 +56,7 @@ def register(
     model: Path = opt("A run folder, or the design's STL.", ...),
     out: cli.OutFolder,
     network: Path | None = opt(
-        "network.csv in mm; else the one beside the model, or the lumens found in an STL."
+        "netinputs.csv in mm; else the one beside the model, or the lumens found in an STL."
     ),
     lumens: bool | None = opt(
         "With a run folder: only its lumens were scanned, or the whole part. If not given, the "
@@ -105,10 +105,15 @@ def register(
     ):
         begin("reading")
         # Help waits for no mesh library; the second process loads beside this one.
-        from printctl.pipeline.judging import registration_work as work
+        from printctl.pipeline.judging import register_inputs as inputs
+        from printctl.pipeline.judging.measurement_record import Corrections
+        from printctl.pipeline.judging.register_and_judge import register_and_judge
+        from printctl.pipeline.judging.register_files import RegisteredScan
         from printctl.recipe import section_files
+        from registration import RegistrationOptions
+        from registration.corrected import corrected_scan
 
-        design = work.read_design(model, network, lumens, unit, printed_in, out, cli.print_note)
+        design = inputs.read_design(model, network, lumens, unit, printed_in, out, cli.print_note)
         drawn = second.call(PAGES, "network_drawing", design.vessels)
         stated = RecordPart() if record is None else section_files.read_record(record)
         percent, rule = diameter_tolerance_percent, decision_rule
@@ -116,20 +121,18 @@ def register(
             tolerance, tolerance_um, percent, rule, conformance_percent
         )
         limits.check_network(design.vessels)
-        how = work.Measuring(
-            scan,
-            scan_said.overrides(),
-            scan_said.oct_calibration,
-            scan_said.walls,
-            scan_said.air_above,
-            scan_said.filled,
-            work.datums_of(datums, design.vessels),
+        optics, above = scan_said.oct_calibration, scan_said.air_above
+        options = RegistrationOptions(
+            lumens="bright" if scan_said.filled else "dark",
+            datums=inputs.datums_of(datums, design.vessels),
         )
-        measured = how.read()
+        measured = corrected_scan(scan, scan_said.overrides(), optics, above, True, scan_said.walls)
         cli.print_notes(measured.notes)
         begin("registration")
-        made = how.register(measured, design)
-        data = work.judge_registration(made, how, limits, stated)
+        done = Corrections(None if optics is None else str(optics), above)
+        judged = register_and_judge(measured, design, options, limits, (stated, done))
+        made = RegisteredScan(scan, design, judged)
+        data = made.data()
         begin("writing")
         cli.print_notes(made.write(out, data, pdf, second, drawn))
     files = [str(out / HTML), *([str(out / PDF)] if pdf else [])]

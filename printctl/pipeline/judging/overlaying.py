@@ -16,6 +16,7 @@ from printctl.pipeline.prepared.written_layers import WrittenRun
 from printctl.progress import Report
 from registration import Scan
 from registration.errors import RegistrationError
+from registration.json_ready import Record
 from registration.notes import wall_notes
 from registration.overlay import (
     Cutter,
@@ -24,6 +25,8 @@ from registration.overlay import (
     LayerStatus,
     Limits,
     LumenSections,
+    OverlayLayer,
+    OverlaySpot,
     Pose,
     Raster,
     ScanCut,
@@ -164,7 +167,7 @@ _DIMMEST: Final = 0.15
 
 
 def write_overlay(
-    folder: Path, overlay: Overlay, chosen: Sequence[int], data: dict[str, Any], report: Report
+    folder: Path, overlay: Overlay, chosen: Sequence[int], data: Record, report: Report
 ) -> dict[str, Any]:
     """Draw the chosen layers and write pictures, numbers and page; return overlay.json's content.
 
@@ -221,7 +224,7 @@ def _shown(overlay: Overlay, k: int) -> tuple[float, float]:
     return black, max(own, black + _DIMMEST * (brightest - black), black + 1e-9)
 
 
-def _facts(overlay: Overlay, chosen: Sequence[int]) -> dict[str, Any]:
+def _facts(overlay: Overlay, chosen: Sequence[int]) -> dict[str, object]:
     """What holds for all layers, and how many of the chosen ones were what."""
     status = [overlay.status[k] for k in chosen]
     return {
@@ -250,7 +253,7 @@ def _under_way(overlay: Overlay, chosen: Sequence[int]) -> dict[str, int] | None
     return None
 
 
-def summary_lines(data: dict[str, Any]) -> list[str]:
+def summary_lines(data: Record) -> list[str]:
     """What was found, in sentences; the first is the shortest."""
     judged = [one for one in data["layers"] if one["gap_count"] is not None]
     bad = [one for one in judged if one["gap_count"] or one["blob_count"]]
@@ -285,13 +288,13 @@ def _s(count: int) -> str:
     return "" if count == 1 else "s"
 
 
-def _lines(gap: dict[str, Any]) -> str:
+def _lines(gap: OverlaySpot) -> str:
     if gap["line_count"] == 1:
         return f"line {gap['lines'][0]} of the G-code"
     return f"{gap['line_count']} lines of the G-code, {gap['first_line']} to {gap['last_line']}"
 
 
-def _page(overlay: Overlay, layers: Sequence[dict[str, Any]], data: dict[str, Any]) -> OverlayPage:
+def _page(overlay: Overlay, layers: Sequence[OverlayLayer], data: Record) -> OverlayPage:
     lines = summary_lines(data)
     judged = any(one["gap_count"] is not None for one in layers)
     wrong = any(one["gap_count"] or one["blob_count"] for one in layers)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from design.network import VesselNetwork
+    from registration.json_ready import Record
     from report.views import Views
 
 
@@ -37,11 +38,11 @@ class PageParts:
         Folder of the print, with the looks at it; None where there are none.
     """
 
-    data: dict[str, Any]
-    surfaces: list[dict[str, Any]]
+    data: Record
+    surfaces: list[dict[str, object]]
     network: VesselNetwork
     orders: NDArray[float64]
     views: Views
     drawn: dict[str, bytes]
-    origin: dict[str, Any] | None
+    origin: Record | None
     observed: Path | None = None

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from gcode.heads import read_with_valve
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.written_moves import plunger_strokes, valve_strokes
 from registration import RegistrationReport
+from registration.json_ready import Record
 
 _ALONG_MM = 0.2
 """Places along a defect at which moves beside it are looked for."""
@@ -97,7 +97,7 @@ def _spans(of_line: IntArray) -> tuple[IntArray, IntArray]:
     return np.where(last > 0, first, 0), last
 
 
-def by_layer(report: RegistrationReport, job: Job) -> list[dict[str, Any]]:
+def by_layer(report: RegistrationReport, job: Job) -> list[dict[str, float | None]]:
     """Deviation after the scaled fit of the seen surface in each layer, and the layer's lines.
 
     Parameters
@@ -141,8 +141,8 @@ def layer_tops(job: Job) -> FloatArray:
 
 
 def made_by(
-    defect: dict[str, Any], job: Job, network: VesselNetwork, line_mm: float
-) -> dict[str, Any]:
+    defect: Record, job: Job, network: VesselNetwork, line_mm: float
+) -> dict[str, int | list[int]]:
     """Layers or vessels, and lines, that wrote around a defect.
 
     Parameters

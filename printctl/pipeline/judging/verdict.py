@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 from printctl.pipeline.judging.common_causes import THROUGHOUT, common_causes, print_faults
 from printctl.pipeline.judging.premises import Finding, mismatch, premises
-from registration.json_ready import Record
+from registration.json_ready import Record, Verdict
 from registration.measuring.judging import (
     Decision,
     decision_at_sure_pose,
@@ -26,7 +26,7 @@ _OF_PLACE: Final = ("position_um", "profile_um")
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")
 
 
-def verdict(registration: Record) -> dict[str, Any]:
+def verdict(registration: Record) -> Verdict:
     """Collect the decisions on a judged registration.
 
     The print passes when every feature of every vessel passes, the pose is unambiguous and every

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,8 @@ from design.solids import Solid
 from kernels.ahead import wait_for_late
 from kernels.arrays import FloatArray
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.judging.measurement_record import Corrections, add_record
+from printctl.pipeline.judging.measurement_record import Corrections
+from printctl.pipeline.judging.register_and_judge import ScannedDesign, register_and_judge
 from printctl.pipeline.judging.tracing import Job, by_layer, made_by, read_job
 from printctl.pipeline.judging.written_in_scan import WRITTEN, save_written, written_places
 from printctl.pipeline.stage import Stage
@@ -25,22 +25,10 @@ from printctl.recipe.sections.making import Fresh
 from printctl.recipe.sections.record import RecordPart
 from printctl.recipe.sections.scans import FileScan, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, NUMBERS, SOLID
-from printctl.run_folder.registration_files import (
-    AS_CORDS,
-    DEVIATION,
-    VIEWS,
-    design_facts,
-    scan_facts,
-    surface_facts,
-    write_deviation,
-    write_exports,
-)
-from registration import RegistrationOptions, RegistrationReport, register_scan, report_dict
-from registration.devices.optics import is_resampled
+from printctl.run_folder.registration_files import VIEWS
+from registration import RegistrationOptions, RegistrationReport
 from registration.measuring.geometry import check_designed, read_datums
-from registration.measuring.judging import judge
-from registration.result import SIGN
-from report.views import add_scan_places, save_views, take_views
+from report.views import save_views
 
 # Compute a registration's pose error against the simulated scanner's true pose.
 
@@ -51,7 +39,7 @@ def pose_error(
     place: FloatArray,
     box: FloatArray,
     written: FloatArray | None = None,
-) -> dict[str, Any]:
+) -> dict[str, float]:
     """Displacement of the part's corners by the error of the recovered transform.
 
     Parameters
@@ -102,63 +90,58 @@ def depends(context: RunContext) -> Any:
     return [part.model_dump(mode="json"), *digest_user_files(context.recipe_folder, part), made]
 
 
-def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+def work(context: RunContext, report: Report) -> tuple[dict[str, object], Sequence[str]]:
     """Register; trace what is off to what wrote it; hold a simulated scan against the truth."""
     tolerances = context.recipe.registration.all_tolerances()
     tolerances.check_network(context.network)
     fresh = isinstance(context.recipe.toolpath, Fresh)
-    model = context.solid if fresh else context.lumen
     job = _written_job(context)
     # Where a print was observed, its looks are held against what the scan has of its lines.
     written = None if context.recipe.observe is None else written_places(job, fresh)
-    options = _options(context)
-    if written is not None:
-        options = replace(options, places_mm=written.at_mm)
+    options = _options(context, None if written is None else written.at_mm)
+    design = ScannedDesign(
+        context.solid if fresh else context.lumen,
+        context.folder / NETWORK,
+        context.network,
+        cords=context.recipe.toolpath.written == "cords",
+    )
     scan = load_scan(context)
     wait_for_late()
-    registered = register_scan(scan, model, context.network, options)
+    record = _record(context.scan_part)
+    judged = register_and_judge(scan, design, options, tolerances, record)
     report(0.8, "tracing")
-    numbers = report_dict(registered)
-    if context.recipe.toolpath.written == "cords":
-        numbers |= AS_CORDS
-    summary = {
-        **judge(numbers, tolerances),
-        "sign_convention": SIGN,
-        "measured_by": scan_facts(scan),
-        "by_surface": surface_facts(registered, context.network),
-        "design": design_facts(context.folder / NETWORK),
-    }
-    part = context.scan_part
-    if isinstance(part, FileScan):
-        done = Corrections(part.oct_calibration, part.air_above)
-        add_record(summary, part.record or RecordPart(), scan, done, datetime.now(UTC))
-    add_scan_places(summary, scan, registered)
-    add_traces(summary, context, registered, job)
+    summary, found = judged.numbers, judged.found
+    add_traces(summary, context, found, job)
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
-    write_deviation(context.folder / DEVIATION, registered)
-    views = take_views(scan, model, registered, summary, not is_resampled(scan))
-    save_views(context.folder / VIEWS, views)
-    names = write_exports(context.folder, scan, context.network, (registered, summary))
-    if written is not None and registered.gel_at is not None:
+    save_views(context.folder / VIEWS, judged.views())
+    names = judged.write(context.folder)
+    if written is not None and found.gel_at is not None:
         # What an embedded print writes is melted out: ink is where no gel is.
-        ink = registered.gel_at if fresh else 1.0 - registered.gel_at
+        ink = found.gel_at if fresh else 1.0 - found.gel_at
         save_written(context.folder / WRITTEN, written, ink)
         names = [*names, WRITTEN]
     if isinstance(context.scan_part, SimulatedScan):
-        summary["truth_check"] = check_truth(context, registered, model)
-    return summary, [NUMBERS, DEVIATION, VIEWS, *names]
+        summary["truth_check"] = check_truth(context, found, design.surface)
+    return summary, [NUMBERS, VIEWS, *names]
 
 
-def _options(context: RunContext) -> RegistrationOptions:
-    """What the recipe says of the scan and of what flows."""
+def _options(context: RunContext, places: FloatArray | None) -> RegistrationOptions:
+    """What the recipe says of the scan and of what flows; where it is asked for gel."""
     flow, part = context.conditions, context.scan_part
     datums = read_datums(context.recipe.registration.datums)
     check_designed(datums, context.network)
     bright = isinstance(part, FileScan) and part.filled
-    # A cord is bright, and so is a lumen that is filled: both are solid in the scan.
-    bright |= context.recipe.toolpath.written == "cords"
-    return RegistrationOptions(lumens="bright" if bright else "dark", flow=flow, datums=datums)
+    return RegistrationOptions(
+        lumens="bright" if bright else "dark", flow=flow, datums=datums, places_mm=places
+    )
+
+
+def _record(part: FileScan | SimulatedScan) -> tuple[RecordPart, Corrections] | None:
+    """What is stated of a measurement; None of a simulated scan."""
+    if not isinstance(part, FileScan):
+        return None
+    return part.record or RecordPart(), Corrections(part.oct_calibration, part.air_above)
 
 
 def _written_job(context: RunContext) -> Job:
@@ -190,7 +173,7 @@ def add_traces(
         defect["made_by"] = made_by(defect, job, context.local_network, line_mm)
 
 
-def check_truth(context: RunContext, report: RegistrationReport, model: Solid) -> dict[str, Any]:
+def check_truth(context: RunContext, report: RegistrationReport, model: Solid) -> dict[str, float]:
     """The recovered transform against the simulated scanner's, which registration never saw."""
     truth = json.loads((context.folder / TRUTH).read_text(encoding="utf-8"))
     return pose_error(

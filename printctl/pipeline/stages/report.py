@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,16 +12,17 @@ from design.files import write_text
 from printctl.analysis.flow import WAVES, read_waves
 from printctl.analysis.flow.fidelities import COMPARED, SEEN
 from printctl.analysis.flow.lattice_comparison import PICTURE
-from printctl.analysis.oxygen import CAPTION, SLICE
+from printctl.analysis.oxygen import SLICE
 from printctl.checks.bead import PLAYED
+from printctl.checks.gcode_view import read_job, read_line_map
+from printctl.checks.gcode_view.outline import PartOutlines
 from printctl.machine.job.job import load_job
 from printctl.machine.records.folders import print_identity
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.observe.records import read_looks
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.job.layer_pictures import layer_pictures
-from printctl.pipeline.judging.look_pictures import look_pictures
+from printctl.pipeline.judging.look_rows import look_rows
 from printctl.pipeline.judging.verdict import verdict
 from printctl.pipeline.judging.written_in_scan import WRITTEN, looks_and_scan
 from printctl.pipeline.prepared.written_layers import outlined_design, pushing_of
@@ -31,13 +32,13 @@ from printctl.run_folder.manifest import digest_file
 from printctl.run_folder.registration_files import DEVIATION, VIEWS, load_deviation
 from report import ReportSurface, write_report_html
 from report.deviation_surfaces import split_surfaces
-from report.figures.flow_figures import wave_figure
+from report.figures.report_figures import RunSources, run_figures
 from report.play import load_played, play_section
 from report.print_page import print_page
 from report.views import load_views
 
 
-def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:
+def frames(context: RunContext, registration: dict[str, object]) -> dict[str, object]:
     """The chain tissue → part → printer, and scan → part as registration found it."""
     place = np.eye(4)
     place[:3, 3] = context.place_mm
@@ -50,7 +51,7 @@ def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
+def write_report(context: RunContext, pdf: bool = False) -> dict[str, object]:
     """Write the report of a whole run, with `pdf` as a PDF too; return report.json's content."""
     data = collect(context)
     registration = data["registration"]
@@ -65,7 +66,8 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
     context.manifest.facts["frames"] = data["frames"]
     context.manifest.save()
     write_text(context.folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
-    drawn, views = figures(context, scan_rows), load_views(context.folder / VIEWS)
+    drawn = run_figures(figure_sources(context, scan_rows))
+    views = load_views(context.folder / VIEWS)
     play = context.folder / PLAYED
     shown = play_section(load_played(play)) if play.is_file() else None
     page = context.folder / HTML
@@ -90,25 +92,31 @@ def surfaces(context: RunContext) -> list[ReportSurface]:
     ]
 
 
-def figures(context: RunContext, scan_rows: Sequence[dict[str, Any]] = ()) -> dict[str, bytes]:
-    """Layers or passes, looks at the print; the other figures the page draws by itself."""
-    return (
-        waves(context)
-        | space_pictures(context)
-        | oxygen_picture(context)
-        | layer_pictures(context.folder / GCODE, pushing_of(context), outlined_design(context))
-        | observed(context, scan_rows)
+def figure_sources(context: RunContext, scan_rows: Sequence[Mapping[str, Any]] = ()) -> RunSources:
+    """What the run's files hold for figures; the page draws others from report.json's numbers."""
+    flow, folder = context.recipe.flow, context.folder
+    gcode = (folder / GCODE).read_bytes()
+    line_map, _ = read_line_map(folder / GCODE, gcode.count(b"\n"))
+    job = read_job(gcode, GCODE, pushing_of(context), line_map)
+    design = outlined_design(context)
+    compare, resolved = flow.compare, flow.three_d is not None
+    asked = {
+        "shear": (resolved, SEEN),
+        "compared": (compare is not None and (resolved or flow.one_d is not None), COMPARED),
+        "beside": (compare is not None and compare.lattice is not None, PICTURE),
+        "oxygen": (context.recipe.oxygen is not None, SLICE),
+    }
+    observed = context.recipe.observe is not None
+    return RunSources(
+        read_waves(folder / WAVES) if flow.pulse is not None else None,
+        {key: folder / name for key, (wanted, name) in asked.items() if wanted},
+        job,
+        None if design is None else PartOutlines(job, *design).at,
+        look_rows(folder / JOURNAL_FOLDER, scan_rows) if observed else (),
     )
 
 
-def observed(context: RunContext, scan_rows: Sequence[dict[str, Any]] = ()) -> dict[str, bytes]:
-    """Looks at the print, where the recipe has it observed."""
-    if context.recipe.observe is None:
-        return {}
-    return look_pictures(context.folder / JOURNAL_FOLDER, scan_rows)
-
-
-def look_rows_with_scan(context: RunContext) -> list[dict[str, Any]]:
+def look_rows_with_scan(context: RunContext) -> list[dict[str, object]]:
     """Looks at the print beside what the final scan has there; none where nobody looked."""
     part, written = context.recipe.observe, context.folder / WRITTEN
     if part is None or not written.is_file():
@@ -119,31 +127,3 @@ def look_rows_with_scan(context: RunContext) -> list[dict[str, Any]]:
     lines = [job.file_line(one.job_line) for one in looks]
     inserts = read_journal(folder / JOURNAL).inserts
     return looks_and_scan(written, looks, inserts, lines, part.tolerance.gap_mm)
-
-
-def space_pictures(context: RunContext) -> dict[str, bytes]:
-    """Wall shear in the lumens and fidelities side by side, where the recipe asks for them."""
-    asked, pictures = context.recipe.flow, {}
-    if asked.three_d is not None:
-        pictures["fidelities/Wall shear, resolved in the lumens"] = SEEN
-    compare = asked.compare
-    if compare is not None and (asked.three_d is not None or asked.one_d is not None):
-        pictures["fidelities/Fidelities against the ideal"] = COMPARED
-    if compare is not None and compare.lattice is not None:
-        pictures["fidelities/Flow across the vessels that feed, and across a lattice's"] = PICTURE
-    return {caption: (context.folder / name).read_bytes() for caption, name in pictures.items()}
-
-
-def oxygen_picture(context: RunContext) -> dict[str, bytes]:
-    """The section through the worst place, where the recipe asks for oxygen."""
-    if context.recipe.oxygen is None:
-        return {}
-    return {f"oxygen/{CAPTION}": (context.folder / SLICE).read_bytes()}
-
-
-def waves(context: RunContext) -> dict[str, bytes]:
-    """Flow and pressure at the ends over a cycle, where the recipe's flow pulses."""
-    if context.recipe.flow.pulse is None:
-        return {}
-    caption = "flow/Flow and pressure at inlets and outlets over one cycle, as designed"
-    return {caption: wave_figure(read_waves(context.folder / WAVES))}

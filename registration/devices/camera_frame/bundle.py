@@ -246,7 +246,7 @@ def _solved(bundle: Bundle, start: Start, unknown: FloatArray) -> tuple[FloatArr
         return _slopes(residuals, tried, sizes)
 
     sizes = _sizes(bundle)
-    limits: dict[str, Any] = {"ftol": _REST, "xtol": _REST, "max_nfev": _MAX_TRIALS}
+    limits: dict[str, object] = {"ftol": _REST, "xtol": _REST, "max_nfev": _MAX_TRIALS}
     with suppress(ValueError):  # residuals that aren't numbers
         found = least_squares(residuals, unknown, jacobian, method="lm", x_scale=sizes, **limits)
         normal = found.jac.T @ found.jac

@@ -76,7 +76,7 @@ def read_calibration(path: Path) -> OctCalibration:
     return _built(_all_numbers(_LIMITS, data, path), data, path)
 
 
-def _built(numbers: dict[str, list[float]], data: dict[str, Any], path: Path) -> OctCalibration:
+def _built(numbers: dict[str, list[float]], data: dict[str, object], path: Path) -> OctCalibration:
     plain = OctCalibration()
     lateral = numbers.get("lateral", [1.0, 0.0, 0.0, 1.0])
     fan, bow = numbers.get("fan_per_mm", [0.0] * 2), numbers.get("bow_per_mm", [0.0] * 3)
@@ -120,7 +120,7 @@ def _pair(name: object, value: Any, path: Path) -> tuple[float, float]:
 
 
 def _all_numbers(
-    limits: dict[str, tuple[int, float, float]], data: dict[str, Any], path: Path
+    limits: dict[str, tuple[int, float, float]], data: dict[str, object], path: Path
 ) -> dict[str, list[float]]:
     """Return the numbers that are given, each as a flat list."""
     numbers = {}

@@ -103,7 +103,7 @@ def _plain(unit: str | None) -> str:
 
 def known_voxel(
     sizes: Sequence[Any], units: Sequence[str | None]
-) -> tuple[dict[str, Any], tuple[str, ...]]:
+) -> tuple[dict[str, list[float]], tuple[str, ...]]:
     """Return what a file says of its voxel size, and why none of it is used.
 
     A unit that isn't known is no error: the user may state the size.

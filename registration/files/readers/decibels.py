@@ -200,9 +200,9 @@ _MOST_SPAN_DB = 200.0
 _SLAB_VOXELS = 1 << 24
 
 
-def layered(*layers: Mapping[str, Any]) -> dict[str, Any]:
+def layered(*layers: Mapping[str, Any]) -> dict[str, object]:
     """Merge descriptions of a scan, later ones first; grey values described by one of them."""
-    known: dict[str, Any] = {}
+    known: dict[str, object] = {}
     for layer in layers:
         if any(layer.get(name) is not None for name in COUNT_KEYS):
             known = {name: value for name, value in known.items() if name not in COUNT_KEYS}

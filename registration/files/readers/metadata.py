@@ -179,9 +179,9 @@ def describe(scan: Scan) -> str:
     )
 
 
-def metadata_of(scan: Scan) -> dict[str, Any]:
+def metadata_of(scan: Scan) -> dict[str, object]:
     """What a scan says of itself, but for the order of its axes in some file."""
-    plain: dict[str, Any] = {name: getattr(scan, name) for name in _OF_SCAN}
+    plain: dict[str, object] = {name: getattr(scan, name) for name in _OF_SCAN}
     if scan.scale == "db" and scan.volume.dtype.kind in "ui":
         plain |= {"counts_per_db": 1.0, "db_at_zero": 0.0}
     if scan.handedness == "right":
@@ -189,7 +189,7 @@ def metadata_of(scan: Scan) -> dict[str, Any]:
     return plain
 
 
-def parse(text: str, source: str) -> dict[str, Any]:
+def parse(text: str, source: str) -> dict[str, object]:
     """Metadata in a JSON text; unknown keys are refused.
 
     Raises
@@ -204,7 +204,7 @@ def parse(text: str, source: str) -> dict[str, Any]:
     return known_keys(data, source)
 
 
-def known_keys(data: Any, source: str, more: tuple[str, ...] = ()) -> dict[str, Any]:
+def known_keys(data: Any, source: str, more: tuple[str, ...] = ()) -> dict[str, object]:
     """A mapping whose keys are all known, less the name of its schema.
 
     Raises
@@ -276,7 +276,7 @@ def build_scan(
     )
 
 
-def _renamed(in_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def _renamed(in_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, object]:
     """What the file says of its axes' sizes, for the names that the user gives the axes."""
     old, new, sizes = in_file.get("axes"), given.get("axes"), in_file.get("voxel_mm")
     if is_axes(old) and is_axes(new) and _are_sizes(sizes):
@@ -284,7 +284,9 @@ def _renamed(in_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
     return dict(in_file)
 
 
-def _redivided(in_file: dict[str, Any], given: Mapping[str, Any], path: Path) -> dict[str, Any]:
+def _redivided(
+    in_file: Mapping[str, Any], given: Mapping[str, Any], path: Path
+) -> Mapping[str, Any]:
     """Depth that the program divided by one index, for the other index that the user says."""
     was, now = in_file.get("refractive_index"), given.get("refractive_index")
     depth_from_file = not ({"voxel_mm", "optical_depth"} & set(given))
@@ -410,7 +412,7 @@ RAW_KEYS = ("shape", "dtype", "offset_bytes", "byte_order")
 _SUFFIXES = (".json", ".yaml", ".yml")
 
 
-def sidecar(path: Path, more: tuple[str, ...] = ()) -> dict[str, Any]:
+def sidecar(path: Path, more: tuple[str, ...] = ()) -> dict[str, object]:
     """Metadata in a JSON or YAML file of the scan's name, if there is one.
 
     Raises

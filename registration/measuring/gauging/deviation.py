@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +104,7 @@ def split_summary(
     network: VesselNetwork,
     rigid_um: FloatArray,
     scaled_um: FloatArray,
-) -> dict[str, Any]:
+) -> dict[str, dict[str, object] | None]:
     """Summarise lumens and outer faces apart, as registration.json holds them.
 
     Parameters
@@ -126,8 +125,8 @@ def split_summary(
     return {
         name: {
             "points": int(which.sum()),
-            "rigid": _plain(rigid_um[which]),
-            "scaled": _plain(scaled_um[which]),
+            "rigid": deviation_numbers(summarise(1e-3 * rigid_um[which])),
+            "scaled": deviation_numbers(summarise(1e-3 * scaled_um[which])),
             "histogram": {
                 "edges_um": HISTOGRAM_EDGES_UM.tolist(),
                 "counts": histogram(1e-3 * scaled_um[which]).tolist(),
@@ -145,10 +144,12 @@ def split_summary(
     }
 
 
-def _plain(deviation_um: FloatArray) -> dict[str, Any]:
-    summary = asdict(summarise(1e-3 * deviation_um))
-    summary["within"] = {f"{limit:g}": share for limit, share in summary["within"].items()}
-    return summary
+def deviation_numbers(deviation: Deviation) -> dict[str, object]:
+    """Return a deviation as registration.json holds it."""
+    return {
+        **asdict(deviation),
+        "within": {f"{limit:g}": share for limit, share in deviation.within.items()},
+    }
 
 
 def near_lumen(points: FloatArray, network: VesselNetwork) -> NDArray[np.bool_]:

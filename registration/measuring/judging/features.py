@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -431,7 +431,7 @@ _LIMITS = {
 
 def judged_zones(
     rows: Sequence[Record], kinds: Mapping[int, str], tolerances: Tolerances
-) -> tuple[list[dict[str, Any]], list[Feature]]:
+) -> tuple[list[dict[str, object]], list[Feature]]:
     """Return characteristics with limit and decision, and the features of those that have one.
 
     Parameters
@@ -445,7 +445,7 @@ def judged_zones(
     judged, features = [], []
     for row in rows:
         limit = _limit(row, kinds, tolerances)
-        plain: dict[str, Any] = {**row, "limit_um": None, "decision": None}
+        plain: dict[str, object] = {**row, "limit_um": None, "decision": None}
         if math.isfinite(limit) and not str(row.get("note", "")).startswith("not defined"):
             feature = _feature(row, limit, tolerances.limits.rule)
             features.append(feature)

@@ -74,7 +74,7 @@ def pose_in_doubt(ambiguity: Record) -> bool:
     return len(ambiguity.get("doubts", ())) > len(symmetric)
 
 
-def fails_withdrawn(judged: Record) -> dict[str, Any]:
+def fails_withdrawn(judged: Record) -> dict[str, object]:
     """Return judged numbers in which each fail is undecided; passes stay.
 
     Features so changed have the ``doubt`` ``pose``.
@@ -104,7 +104,7 @@ def decision_at_sure_pose(feature: Record) -> Record:
     return {**feature, "decision": "fail"} if feature.get("doubt") == "pose" else feature
 
 
-def _row(row: Record) -> dict[str, Any]:
+def _row(row: Record) -> dict[str, object]:
     return {
         **row,
         "decision": _withdrawn(row["decision"]),
@@ -124,7 +124,7 @@ _ALONG = (
 """Of a vessel's row, one for each section."""
 
 
-def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
+def judge(numbers: Record, tolerances: Tolerances) -> dict[str, object]:
     """Return a registration's numbers with every decision.
 
     Parameters
@@ -163,7 +163,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     return held_in_all(found, others, poses, [str(one["motion"]) for one in same])
 
 
-def _judged(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
+def _judged(numbers: Record, tolerances: Tolerances) -> dict[str, object]:
     """Judge in one pose."""
     rows, rule = numbers["vessels"], tolerances.limits.rule
     kinds = {int(row["vessel"]): str(row["kind"]) for row in rows}
@@ -270,7 +270,7 @@ def is_defect(finding: Record) -> bool:
 
 def judge_plain(
     numbers: Record, tolerance_um: float, diameter_tolerance_percent: float
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Judge by one RMS limit and one symmetric limit of every diameter, by the rule it had."""
     p = diameter_tolerance_percent
     limits = VesselLimits(Limit(minus_percent=p, plus_percent=p), rule=_rule_of(numbers))
@@ -355,12 +355,12 @@ def band_of(series: Series, limit: Limit, rule: Rule) -> Band:
     return Band(series, below, above, u_fail, code, probability, decision)
 
 
-def _closure(defect: Record, limits: VesselLimits) -> dict[str, Any]:
+def _closure(defect: Record, limits: VesselLimits) -> dict[str, object]:
     decision: Decision = "fail" if limits.open else "pass"
     return {**defect, "local": True, **BARE, "decision": decision}
 
 
-def _way(defect: Record, limits: VesselLimits) -> tuple[dict[str, Any], Feature]:
+def _way(defect: Record, limits: VesselLimits) -> tuple[dict[str, object], Feature]:
     feature = leak_feature(defect, limits)
     judged = {"decision": feature.decision, "u_um": feature.u_um, "limit": feature.limit}
     return {**defect, "local": True, **BARE, **judged}, feature
@@ -377,11 +377,11 @@ def _rms(numbers: Record, rule: Rule, limit_um: float) -> Feature:
     )
 
 
-def _plain(feature: Feature) -> dict[str, Any]:
+def _plain(feature: Feature) -> dict[str, object]:
     return {key: value for key, value in asdict(feature).items() if value not in (None, "", ())}
 
 
-def plain_tolerances(tolerances: Tolerances) -> dict[str, Any]:
+def plain_tolerances(tolerances: Tolerances) -> dict[str, object]:
     """Return tolerances as JSON; what isn't limited is left out."""
     return {
         "rms_um": tolerances.rms_um,
@@ -404,7 +404,7 @@ def _finite(name: str, limit: float) -> dict[str, float]:
     return {name: limit} if math.isfinite(limit) else {}
 
 
-def _limits(limits: VesselLimits) -> dict[str, Any]:
+def _limits(limits: VesselLimits) -> dict[str, object]:
     values = {f.name: _value(getattr(limits, f.name)) for f in fields(limits) if f.name != "rule"}
     return {key: value for key, value in values.items() if value is not None}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -61,7 +61,7 @@ def _shared(change: Record, other: Record) -> float:
     return max(0.0, float(ends))
 
 
-BARE: dict[str, Any] = {
+BARE: dict[str, object] = {
     "decision": None, "deviation_um": None, "deviation_percent": None, "u_um": None,
     "tolerance_um": None, "limit": None,
 }  # fmt: skip
@@ -71,7 +71,7 @@ _CLOSED = ("occlusion", "missing")
 
 def findings(
     row: Record, band: Band, limit: Limit, rule: Rule, records: Sequence[Record]
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """List what isn't a pass on a vessel, and what stands out from it; one place is one finding.
 
     Parameters
@@ -101,7 +101,7 @@ def findings(
     return [*alone, *(_joined(band, limit, group) for group in groups(within, runs))]
 
 
-def _joined(band: Band, limit: Limit, group: Sequence[Record]) -> dict[str, Any]:
+def _joined(band: Band, limit: Limit, group: Sequence[Record]) -> dict[str, object]:
     """Make one finding of runs and changes of one place: numbers of the worst, then the longest.
 
     Its ``changes`` are those that stand out within it, as they were found.
@@ -125,7 +125,7 @@ def _joined(band: Band, limit: Limit, group: Sequence[Record]) -> dict[str, Any]
     }
 
 
-def _as_found(change: Record) -> dict[str, Any]:
+def _as_found(change: Record) -> dict[str, object]:
     return {key: value for key, value in change.items() if key not in BARE}
 
 
@@ -183,7 +183,7 @@ def _sides(band: Band) -> IntArray:
     return high.astype(np.int64) - low.astype(np.int64)
 
 
-def _finding(row: Record, band: Band, limit: Limit, run: IntArray) -> dict[str, Any]:
+def _finding(row: Record, band: Band, limit: Limit, run: IntArray) -> dict[str, object]:
     series, half = band.series, band.series.spacing_mm / 2
     inside = np.zeros(len(band.code), dtype=np.bool_)
     inside[run] = True
@@ -219,7 +219,7 @@ def _finding(row: Record, band: Band, limit: Limit, run: IntArray) -> dict[str, 
 
 def judged_change(
     row: Record, band: Band, limit: Limit, rule: Rule, change: Record
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return a change of a vessel with the decision on its sections."""
     own = {**change, "local": True}
     inside = _inside(band, own)
@@ -245,7 +245,7 @@ def apart_from_sections(band: Band, finding: Record) -> bool:
     return finding["kind"] in SIGN and not _inside(band, finding).any()
 
 
-def _alone(row: Record, limit: Limit, rule: Rule, change: Record) -> dict[str, Any]:
+def _alone(row: Record, limit: Limit, rule: Rule, change: Record) -> dict[str, object]:
     """Decide on such a change by its own size and interval."""
     size, u = float(change["size_um"]), float(change["error_um"] or math.nan)
     percent = float(change["percent"] or math.nan)
@@ -268,7 +268,7 @@ def _inside(band: Band, extent: Record) -> BoolArray:
     return np.asarray((along >= extent["from_mm"] - edge) & (along <= extent["to_mm"] + edge))
 
 
-def _judged(band: Band, limit: Limit, inside: BoolArray) -> dict[str, Any]:
+def _judged(band: Band, limit: Limit, inside: BoolArray) -> dict[str, object]:
     """Decision on some sections, and the numbers of the worst."""
     k = worst_section(band, inside)
     assert k is not None  # asked only where there are sections

@@ -73,14 +73,14 @@ def same_poses(ambiguity: Record) -> list[SamePose]:
     return [SamePose(vessels, apart) for vessels, apart in poses.items() if vessels != own]
 
 
-def renamed(numbers: Record, pose: SamePose) -> dict[str, Any]:
+def renamed(numbers: Record, pose: SamePose) -> dict[str, object]:
     """Return a registration's numbers as they are if the part lay in another same pose."""
     own = {int(row["vessel"]): row for row in numbers["vessels"]}
 
     def name(vessel: Any) -> Any:
         return None if vessel is None else pose.vessels[int(vessel)]
 
-    def row_of(row: Record) -> dict[str, Any]:
+    def row_of(row: Record) -> dict[str, object]:
         other = own[name(row["vessel"])]
         share = float(other["designed_um"]) / float(row["designed_um"])
         along = [share * float(one) for one in row["designed_along_um"]]
@@ -95,13 +95,13 @@ def renamed(numbers: Record, pose: SamePose) -> dict[str, Any]:
             "error_percent": percent,
         }
 
-    def zone_of(row: Record) -> dict[str, Any]:
+    def zone_of(row: Record) -> dict[str, object]:
         low, high = row["interval_95_um"]
         wide = 2 * pose.apart_um
         ends = [low if low is None else max(low - wide, 0.0), high if high is None else high + wide]
         return {**row, "vessel": name(row["vessel"]), "interval_95_um": ends}
 
-    def defect_of(row: Record) -> dict[str, Any]:
+    def defect_of(row: Record) -> dict[str, object]:
         return {**row, "vessel": name(row["vessel"]), "other": name(row.get("other"))}
 
     return {
@@ -113,8 +113,8 @@ def renamed(numbers: Record, pose: SamePose) -> dict[str, Any]:
 
 
 def held_in_all(
-    judged: dict[str, Any], others: Sequence[Record], poses: Sequence[SamePose], motions: list[str]
-) -> dict[str, Any]:
+    judged: Record, others: Sequence[Record], poses: Sequence[SamePose], motions: list[str]
+) -> dict[str, object]:
     """Return a judged registration with what all poses say of it.
 
     A decision on the print that all share stands, with the features of the pose found. Else the
@@ -181,10 +181,10 @@ def _alternatives(feature: Record, orbits: dict[int, list[int]]) -> Record:
     return {**feature, "or_vessels": others} if others else feature
 
 
-def _undecided(row: Record) -> dict[str, Any]:
+def _undecided(row: Record) -> dict[str, object]:
     along = ["undecided" if one == "fail" else one for one in row["decision_along"]]
     return {**row, "decision": "undecided", "decision_along": along}
 
 
-def _withdrawn(one: Record) -> dict[str, Any]:
+def _withdrawn(one: Record) -> dict[str, object]:
     return {**one, "decision": "undecided" if one["decision"] == "fail" else one["decision"]}

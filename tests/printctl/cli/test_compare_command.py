@@ -17,7 +17,7 @@ from printctl.errors import UsageError
 from printctl.history import comparing
 from printctl.machine.records.journal import encode
 from printctl.machine.records.record import JOURNAL
-from printctl.pipeline.judging.registration_work import read_design
+from printctl.pipeline.judging.register_inputs import read_design
 from printctl.run_folder.artefacts import JOURNAL_FOLDER, LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest
 from report import print_page

@@ -26,7 +26,7 @@ from printctl.machine.job.job import Insert
 from printctl.machine.records.journal import encode
 from printctl.machine.records.record import JOURNAL
 from printctl.observe.records import LookRecord, look_folder, save_look
-from printctl.pipeline.judging.look_pictures import look_pictures
+from printctl.pipeline.judging.look_rows import look_rows
 from printctl.pipeline.judging.tracing import Job, by_layer, made_by
 from printctl.pipeline.judging.written_in_scan import looks_and_scan, save_written, written_places
 from printctl.pipeline.running.run import toolpath_recipe
@@ -35,6 +35,7 @@ from printctl.pipeline.stages.perfusion.flow import work
 from printctl.recipe import parse_recipe
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.sections.solid import SolidPart
+from report.figures.look_figure import look_figures
 from tests.design.hemodynamics.networks import network_of
 from tests.printctl.networks import vessels
 from tests.printctl.pipeline.test_heads import SIZE_MM, TUBE, WHOLE_UL, recipe
@@ -83,7 +84,7 @@ def record(number: int, decision: str = "go_on", coverage: float | None = 1.0) -
 
 
 def test_strip_and_curve_of_a_print_folder(tmp_path: Path) -> None:
-    assert look_pictures(tmp_path) == {}
+    assert look_figures(look_rows(tmp_path)) == {}
     job = {"t": "job", "sha256": "0" * 64, "lines": 30, "started": 50.0}
     insert = {"t": "insert", "reload_at": [], **Insert(2, 20, (b"G1 X1", b"G4 P0")).to_record()}
     (tmp_path / JOURNAL).write_bytes(encode(job) + encode(insert))
@@ -93,7 +94,7 @@ def test_strip_and_curve_of_a_print_folder(tmp_path: Path) -> None:
     Image.new("RGB", (300, 200), "#8090a0").save(look_folder(tmp_path, 1) / "seen.png")
     Image.new("L", (200, 300), 90).save(look_folder(tmp_path, 2) / "picture.png")
     (look_folder(tmp_path, 3) / "seen.png").write_bytes(b"torn")
-    found = look_pictures(tmp_path)
+    found = look_figures(look_rows(tmp_path))
     curve, strip = found.values()
     assert [name.startswith("print/") for name in found] == [True, True]
     assert "3 looks in their order" in list(found)[1]

@@ -12,6 +12,7 @@ from design.files import write_bytes, write_text
 from printctl.pipeline.running.plate.wells import WELLS, PlateRun
 from printctl.pipeline.stages.collect import collect
 from printctl.run_folder.artefacts import HTML, JSON, PLATE_PICTURE, PLATE_TABLE
+from registration.json_ready import Verdict
 from report.pages.plate import plate_figure, write_plate_html
 
 _COLUMNS: Final = (
@@ -102,7 +103,7 @@ def write_table(run: PlateRun, wells: Sequence[Mapping[str, Any]]) -> None:
     write_bytes(run.whole.folder / PLATE_PICTURE, plate_figure(run.standing.plate, wells))
 
 
-def plate_verdict(scanned: Sequence[Mapping[str, Any]], wells: int) -> dict[str, Any]:
+def plate_verdict(scanned: Sequence[Mapping[str, Any]], wells: int) -> Verdict:
     """Collect the verdicts of the wells that were scanned, of so many; fail before undecided."""
     reasons = [
         f"{row['well']} ({row['label']}) {row['outcome']}: {'; '.join(row['reasons'])}"

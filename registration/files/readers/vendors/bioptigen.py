@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -66,7 +65,7 @@ def _read(data: Array, header: dict[str, bytes], at: int, path: Path) -> FileVol
     check_available(shape, kind, len(data) - at, path)
     places = _frames(data, at, frames, lines * depth * 2, path)
     views = (data[p : p + lines * depth * 2].view(kind).reshape(lines, depth) for p in places)
-    known: dict[str, Any] = {"axes": "yxz", "modality": "oct", "depth_down": True}
+    known: dict[str, object] = {"axes": "yxz", "modality": "oct", "depth_down": True}
     lengths = [_real(header[n]) for n in ("SCANDEPTH", "ELSCANLENGTH", "AZSCANLENGTH")]
     known["voxel_mm"] = [s / n for s, n in zip(lengths, (depth, frames, lines), strict=True)]
     return FileVolume(fill_volume(views, shape, kind, path), known, notes=(_NOTE,))

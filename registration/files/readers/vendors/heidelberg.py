@@ -77,7 +77,7 @@ def read_heidelberg(path: Path) -> FileVolume:
     _check_scans(data, header, path)
     outside = [0]
     volume = fill_volume(_scans(data, header, outside), shape, kind, path)
-    known: dict[str, Any] = {
+    known: dict[str, object] = {
         "axes": "yzx", "scale": "linear", "modality": "oct", "depth_down": True,
         "voxel_mm": header.voxel_mm,
     }  # fmt: skip

@@ -81,7 +81,7 @@ def _read(archive: zipfile.ZipFile, data: zipfile.ZipInfo, root: Element, path: 
     shape = tuple(sizes.voxels[name] for name in order[::-1])
     dtype = _dtype(shape, stored, data.file_size, path)
     volume = member_array(archive, data, dtype, shape, path)
-    known: dict[str, Any] = {"axes": slowest_first, "modality": "oct", "depth_down": True}
+    known: dict[str, object] = {"axes": slowest_first, "modality": "oct", "depth_down": True}
     if dtype.itemsize == 4:
         known["scale"] = "db"
     known |= _depth(root, path)
@@ -165,7 +165,7 @@ def _dtype(
     )
 
 
-def _depth(root: Element, path: Path) -> dict[str, Any]:
+def _depth(root: Element, path: Path) -> dict[str, object]:
     """Whether depth is optical, and the index it was divided by."""
     text = root.findtext(".//{*}RefractiveIndex")
     if text is None:
@@ -179,7 +179,7 @@ def _depth(root: Element, path: Path) -> dict[str, Any]:
     return {"optical_depth": False, "refractive_index": index}
 
 
-def _voxel(sizes: _Sizes, path: Path) -> dict[str, Any]:
+def _voxel(sizes: _Sizes, path: Path) -> dict[str, object]:
     counts = [sizes.voxels[name] for name in "ZYX"]
     extent = None if sizes.extent is None else [sizes.extent[name] for name in "ZYX"]
     if sizes.spacing is not None:

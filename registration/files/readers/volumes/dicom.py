@@ -365,7 +365,7 @@ def _found(
 ) -> FileVolume:
     """The volume with what its modality means; `sizes` as frames, rows, columns, mm."""
     modality = _MODALITY.get(str(data.get("Modality", "")))
-    known: dict[str, Any] = {"axes": "yzx" if modality == "oct" else "zyx"}
+    known: dict[str, object] = {"axes": "yzx" if modality == "oct" else "zyx"}
     if data.get("PhotometricInterpretation") == "MONOCHROME1":
         notes = (*notes, _INVERTED)
     if sizes is not None and all(math.isfinite(size) for size in sizes):

@@ -53,8 +53,8 @@ def read_hdf5(path: Path) -> FileVolume:
         return FileVolume(volume.T if _MATLAB in data.attrs else volume, known)
 
 
-def _volumes(file: Any, h5py: Any) -> dict[str, Any]:
-    volumes: dict[str, Any] = {}
+def _volumes(file: Any, h5py: Any) -> dict[str, object]:
+    volumes: dict[str, object] = {}
 
     def look(name: str, item: Any) -> bool | None:
         if isinstance(item, h5py.Dataset) and item.ndim == 3 and item.dtype.kind in "uif":
@@ -65,7 +65,7 @@ def _volumes(file: Any, h5py: Any) -> dict[str, Any]:
     return volumes
 
 
-def _the_one(volumes: dict[str, Any], path: Path) -> Any:
+def _the_one(volumes: dict[str, object], path: Path) -> Any:
     named = [name for name in volumes if name.split("/")[-1] == "volume"]
     if len(named) == 1:
         return volumes[named[0]]
@@ -77,8 +77,8 @@ def _the_one(volumes: dict[str, Any], path: Path) -> Any:
     return next(iter(volumes.values()))
 
 
-def _said(group: Any, attributes: Any) -> dict[str, Any]:
-    known: dict[str, Any] = {}
+def _said(group: Any, attributes: Any) -> dict[str, object]:
+    known: dict[str, object] = {}
     for name in NAMES:
         if name in attributes:
             known[name] = _plain(attributes[name])

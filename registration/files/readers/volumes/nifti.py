@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from kernels.arrays import FloatArray
 from registration.errors import ScanFileError
 from registration.files.readers.common import (
     DEFLATE_RATIO,
@@ -83,7 +84,7 @@ def _volume(image: Any, shape: tuple[int, ...], path: Path) -> Array:
     return volume
 
 
-def _known(image: Any) -> dict[str, Any]:
+def _known(image: Any) -> dict[str, object]:
     known, _ = known_voxel(image.header.get_zooms()[2::-1], [_unit(image.header)] * 3)
     return {"axes": "zyx", **known}
 
@@ -133,7 +134,7 @@ def _notes(image: Any, shape: tuple[int, ...]) -> tuple[str, ...]:
     return (f"its sform and qform differ by up to {apart:.3g} (in its unit); the sform was used",)
 
 
-def _check_forms(forms: dict[str, Any], zooms: list[float], path: Path) -> None:
+def _check_forms(forms: dict[str, FloatArray], zooms: list[float], path: Path) -> None:
     signs = {name: bool(np.linalg.det(form[:3, :3]) > 0) for name, form in forms.items()}
     if len(set(signs.values())) > 1:
         raise ScanFileError(

@@ -125,7 +125,7 @@ def _volume(
     return stacked(files, read_slab, shape[::-1], kind, path)
 
 
-def _known(header: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+def _known(header: dict[str, Any]) -> tuple[dict[str, object], tuple[str, ...]]:
     """Return order and sizes of the axes, and notes; NRRD has no unit of its own."""
     units = [str(unit) for unit in header.get("space units", header.get("units", ()))]
     directions, sizes = header.get("space directions"), header.get("spacings")

@@ -58,7 +58,7 @@ def _shape(value: Any, path: Path) -> tuple[int, ...]:
     return tuple(value)
 
 
-def _dtype(metadata: dict[str, Any], path: Path) -> np.dtype[np.generic]:
+def _dtype(metadata: dict[str, object], path: Path) -> np.dtype[np.generic]:
     name, order = metadata["dtype"], metadata.get("byte_order")
     if name not in _KINDS:
         raise ScanFileError(f"{path}: dtype is {name!r}; known are {', '.join(_KINDS)}")

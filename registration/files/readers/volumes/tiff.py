@@ -34,7 +34,7 @@ from registration.files.readers.metadata import SCHEMA, describe, parse
 from registration.scan import Scan
 
 
-def read_ome_xml(text: str, path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+def read_ome_xml(text: str, path: Path) -> tuple[dict[str, object], tuple[str, ...]]:
     """Read the first image's ``Pixels`` (OME schema 2016-06: sizes in µm by default).
 
     Raises
@@ -343,7 +343,7 @@ def _check_size(tiff: tifffile.TiffFile, shape: tuple[int, ...], path: Path) -> 
     check_available(shape, first.dtype, size * bound, path)
 
 
-def _known(tiff: tifffile.TiffFile, path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+def _known(tiff: tifffile.TiffFile, path: Path) -> tuple[dict[str, object], tuple[str, ...]]:
     """What the file says of itself, and what the user should know of it."""
     text = tiff.pages.first.description
     if SCHEMA in text:
@@ -355,7 +355,7 @@ def _known(tiff: tifffile.TiffFile, path: Path) -> tuple[dict[str, Any], tuple[s
     return {}, ()
 
 
-def _of_imagej(tiff: tifffile.TiffFile) -> tuple[dict[str, Any], tuple[str, ...]]:
+def _of_imagej(tiff: tifffile.TiffFile) -> tuple[dict[str, object], tuple[str, ...]]:
     """ImageJ: slices are z; spacing and units in its own text, pixels by the resolution tags.
 
     ``unit`` is that of all axes for which there is no ``yunit`` or ``zunit``.

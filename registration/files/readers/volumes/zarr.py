@@ -207,8 +207,8 @@ def _missing(array: Any, path: Path) -> tuple[str, ...]:
 
 
 def _known(
-    image: dict[str, Any], axes: list[str], path: Path
-) -> tuple[dict[str, Any], tuple[str, ...]]:
+    image: Mapping[str, Any], axes: list[str], path: Path
+) -> tuple[dict[str, object], tuple[str, ...]]:
     """Return order and sizes of the spatial axes, and notes on their units."""
     named = "".join(name for name in axes if name in _AXIS_ORDER)
     if sorted(named) != sorted(_AXIS_ORDER):

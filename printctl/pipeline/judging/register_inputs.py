@@ -1,10 +1,8 @@
-"""Read a design and a scan, register them, judge the print."""
+"""Read the design that `printctl register` holds a scan against, and its datums."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,16 +11,11 @@ from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from printctl.errors import UsageError
-from printctl.pipeline.judging.measurement_record import Corrections
-from printctl.pipeline.judging.registering import DesignRead, RegisteredScan
-from printctl.recipe.sections.record import RecordPart
+from printctl.pipeline.judging.register_files import DesignRead
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest
-from registration import RegistrationOptions, Scan, ScanOverrides, register_scan
-from registration.corrected import corrected_scan
 from registration.errors import DatumError
 from registration.measuring.geometry import Datum, check_designed, read_datums
-from registration.measuring.judging import Tolerances
 
 if TYPE_CHECKING:
     from design.solids.axes.lumen_axes import FoundLumens
@@ -49,55 +42,6 @@ def datums_of(text: str | None, network: VesselNetwork) -> tuple[Datum, ...]:
     except DatumError as exc:
         raise UsageError(f"--datums: {exc}") from exc
     return datums
-
-
-@dataclass(frozen=True)
-class Measuring:
-    """How a scan is read and measured.
-
-    Attributes
-    ----------
-    scan : Path
-    said : ScanOverrides
-        What its file doesn't say.
-    optics, walls : Path or None
-        Files of calibrations.
-    air_above : bool
-    filled : bool
-        Lumens are brighter than the gel.
-    datums : tuple of Datum
-        None for the best fit.
-    """
-
-    scan: Path
-    said: ScanOverrides
-    optics: Path | None
-    walls: Path | None
-    air_above: bool
-    filled: bool
-    datums: tuple[Datum, ...]
-
-    def read(self) -> Scan:
-        """Read the scan."""
-        return corrected_scan(self.scan, self.said, self.optics, self.air_above, True, self.walls)
-
-    def register(self, measured: Scan, design: DesignRead) -> RegisteredScan:
-        """Register what was read."""
-        options = RegistrationOptions(
-            lumens="bright" if self.filled or design.cords else "dark", datums=self.datums
-        )
-        found = register_scan(measured, design.surface, design.vessels, options)
-        return RegisteredScan(**vars(design), source=self.scan, scan=measured, found=found)
-
-
-def judge_registration(
-    made: RegisteredScan, how: Measuring, limits: Tolerances, stated: RecordPart
-) -> dict[str, Any]:
-    """Numbers and verdict, with the measurement record."""
-    data = made.judged(limits)
-    done = Corrections(None if how.optics is None else str(how.optics), how.air_above)
-    made.add_record(data, stated, done, datetime.now(UTC))
-    return data
 
 
 def read_design(
@@ -130,7 +74,10 @@ def read_design(
     else:
         vessels = read_network_csv(path, unit="mm")
     cords = model.is_dir() and Manifest.load(model).writes_cords
-    return DesignRead(model, surface, path, vessels, _printed(model, printed_in), found, cords)
+    printed = _printed(model, printed_in)
+    return DesignRead(
+        surface, path, vessels, lumens=found, cords=cords, model=model, printed=printed
+    )
 
 
 def _surface(
