@@ -63,7 +63,7 @@ def look_pictures(
     )
     caption = (
         f"print/{count} in their order, each with the share that had ink: blue mended or flow "
-        "corrected, red paused or stopped"
+        "corrected, red paused or cancelled"
     )
     curve = f"print/{_CURVE}{_SCANNED if scan_rows else ''}"
     return {curve: look_figure(rows), caption: strip}

@@ -169,7 +169,7 @@ def _tip(machine: Machine, set_up: JobSetUp) -> Iterator[Refusal]:
         yield Refusal(
             "where the tip stands",
             "not known to the printer; home it without the needle, or touch off and say where the "
-            "tip is (page Printer)",
+            "tip is (Printer page)",
             "set_position",
         )
         return
@@ -198,7 +198,7 @@ def ink_refusals(machine: Machine | None, checked: Preflight) -> Iterator[Refusa
     if needed_ul > machine.ul_left:
         yield Refusal(
             "ink that the job takes, of what is in the syringe",
-            "it would run dry; put a full syringe in and say so, or change it on the page Printer",
+            "it would run dry; put a full syringe in and say so, or change it on the Printer page",
             "fill",
             value=needed_ul,
             limit=machine.ul_left,
