@@ -169,8 +169,8 @@ GROUPS: Final[dict[str, dict[str, str]]] = {
         "pause": "machine.running_print:pause",
         "resume": "machine.running_print:resume",
         "reload": "machine.running_print:reload",
-        "stop": "machine.running_print:stop",
-        "kill": "machine.running_print:kill",
+        "cancel": "machine.running_print:cancel",
+        "emergency-stop": "machine.running_print:emergency_stop",
         "alive": "machine.running_print:confirm_presence",
         "recover": "machine.running_print:recover",
         "give-up": "machine.running_print:give_up",
@@ -197,6 +197,11 @@ GROUPS: Final[dict[str, dict[str, str]]] = {
 }
 """By panel of the help: name to module of `printctl.cli` and the function or group in it."""
 COMMANDS: Final = {name: place for group in GROUPS.values() for name, place in group.items()}
+ALIASES: Final = {
+    "stop": "machine.running_print:stop",
+    "kill": COMMANDS["emergency-stop"],
+}
+"""Earlier names, which still work but aren't listed."""
 CALLED_WITH: dict[str, dict[str, Any]] = {
     "sim-printer": {"allow_extra_args": True, "ignore_unknown_options": True}
 }
@@ -233,9 +238,10 @@ class LazyGroup(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The command of that name, or None."""
-        if cmd_name not in COMMANDS:
+        place = COMMANDS.get(cmd_name) or ALIASES.get(cmd_name)
+        if place is None:
             return None
-        module, attribute = COMMANDS[cmd_name].split(":")
+        module, attribute = place.split(":")
         module = f"printctl.cli.{module}"
         if self._listing:
             panel = next(panel for panel, names in GROUPS.items() if cmd_name in names)

@@ -14,7 +14,7 @@ from typer import rich_utils
 ALWAYS: Final[Mapping[int, str]] = {0: "done", 1: "failed", 2: "wrong use"}
 PRINTS: Final[Mapping[int, str]] = {
     3: "a safety check refused it",
-    4: "the printer failed, or was stopped",
+    4: "the printer failed, or the print was cancelled",
 }
 REACHES: Final[Mapping[int, str]] = {4: "the link to the printer failed"}
 

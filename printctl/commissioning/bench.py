@@ -28,7 +28,7 @@ from printctl.machine.process.clients.starting import connect
 from printctl.machine.process.contact import STATION_LOCK, alive
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
-from printctl.machine.records.states import LinkState
+from printctl.machine.records.states import LinkState, state_words
 from printctl.pipeline.checked_order import MIN_LIFT_MM
 
 
@@ -152,8 +152,8 @@ class Bench:
                 break
         if done.state is not LinkState.DONE:
             raise PrinterFailedError(
-                f"the print of {job.name} ended as {done.state.value}: {done.message} (journal: "
-                f"{folder}); look at the machine, then run the commissioning again"
+                f"the print of {job.name} ended as {state_words(done.state)}: {done.message} "
+                f"(journal: {folder}); look at the machine, then run the commissioning again"
             )
         return {"lines": done.lines_done, "folder": str(folder)}
 

@@ -46,7 +46,7 @@ MOST_SINGLE_STEPS: Final = 0.1
 """Share of moves with at most one plunger step above which it is asked about."""
 TOUCHES: Final = 3
 SPREAD_MM: Final = 0.05
-"""Greatest difference of three touches, as on the page Printer."""
+"""Greatest difference of three touches, as on the Printer page."""
 LIFT_MM: Final = 5.0
 LIFT_ERROR_MM: Final = 1.0
 """Of a height read off a ruler."""
@@ -281,7 +281,9 @@ def _touches(desk: Desk, bench: Bench, station: Station, floor: float) -> list[f
     """Return three heights of the tip on the floor, typed or taken while it is moved by steps."""
     usual = ",".join([f"{floor:g}"] * TOUCHES) if bench.simulated else ""
     if station.status.mounted.floor_mm is not None and "heights" not in desk.record.answers:
-        usual = ",".join([f"{station.status.mounted.floor_mm:g}"] * TOUCHES)  # by the page Printer
+        usual = ",".join(
+            [f"{station.status.mounted.floor_mm:g}"] * TOUCHES
+        )  # as on the Printer page
     taken: list[float] = desk.record.facts.setdefault("taken", [])
     text = (
         "Lower the tip onto the foil until it just drags. Type steps such as z-0.1 (repeat), and "

@@ -27,6 +27,7 @@ from printctl.history.table import outcome
 from printctl.machine.process.contact import alive
 from printctl.machine.records.lab_key import LabKey
 from printctl.machine.records.sealing import check_journal_file
+from printctl.machine.records.states import state_words
 from printctl.pipeline.past.evidence import Evidence, evidence
 from printctl.pipeline.past.past_print import INTERRUPTED, PrintEntry, entry_of
 from printctl.version import version
@@ -93,7 +94,7 @@ def utc(seconds: float) -> str:
 
 def cover_facts(entry: PrintEntry) -> list[tuple[str, str]]:
     """Names and values of a print, for both covers."""
-    ended = f"{entry.state}: {entry.message}" if entry.message else entry.state
+    ended = state_words(entry.state) + (f": {entry.message}" if entry.message else "")
     return [
         ("Print", entry.id),
         ("Ended", ended),

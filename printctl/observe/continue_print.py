@@ -19,7 +19,7 @@ from printctl.machine.process.contact import alive
 from printctl.machine.process.outcome import resumable
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal_if_any
-from printctl.machine.records.states import LinkState, Status
+from printctl.machine.records.states import LinkState, Status, state_words
 from printctl.observe.observer_launch import end_idle_observer, ensure_observer
 from printctl.observe.records import OBSERVER_LOCK, look_awaiting_answer, read_looks
 
@@ -100,7 +100,7 @@ def _refuse_status(
     """
     if status.state in _RUNNING_STATES and not status.waits_for and not (changed or unchanged):
         raise PrintctlError(
-            f"the print in {folder} isn't paused ({status.state.value}: {status.message})"
+            f"the print in {folder} isn't paused ({state_words(status.state)}: {status.message})"
         )
     if changed and status.ended:
         _refuse_unchanged(folder)
@@ -151,8 +151,8 @@ def _refuse_unchanged(folder: Path) -> None:
     then = "the change asked for is made first" if requested else "`printctl reload RUN` makes room"
     raise PrintctlError(
         f"when its link process died, the print in {folder} wasn't held for a change of syringe "
-        f"(last {history.state.value}), so it takes no new one; `printctl resume RUN` without "
-        f"--syringe and --plunger-mm, then {then}"
+        f"(last {state_words(history.state)}), so it takes no new one; `printctl resume RUN` "
+        f"without --syringe and --plunger-mm, then {then}"
     )
 
 

@@ -413,7 +413,7 @@ class ObservedJob:
         for sentence in mend.sentences():
             log.info("look %d: %s", look.number, sentence)
         if check is not None:
-            log.info("look %d: the insert takes %.0f s", look.number, check.duration_s)
+            log.info("look %d: the injected G-code takes %.0f s", look.number, check.duration_s)
         again = [
             MendedStretch(
                 one.path, float(one.from_mm), float(one.to_mm), count_tries(one, context.mended) + 1

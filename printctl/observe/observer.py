@@ -293,7 +293,9 @@ class Observer:
                 self._amend(look, f"{decision.why}{put.left}", put.left_mm)
                 self.go_on(look.number)
             else:
-                then = "it can't be mended from here: resume goes on without, stop ends it"
+                then = (
+                    "it can't be mended from here: resume continues without, cancel ends the print"
+                )
                 self._amend(look, f"{decision.why}{put.left}; approved, but {then}", asked="")
         elif answer == "go_on":
             self.go_on(look.number)

@@ -43,7 +43,7 @@ OUTCOMES: Final = {
     "flow": "flow corrected",
     "mend": "mended",
     "pause": "paused",
-    "stop": "stopped",
+    "stop": "cancelled",
 }
 """Words for what was done after a look, by its decision."""
 PROPOSALS: Final = {
@@ -203,7 +203,7 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
             write_text(path, text)
         elif given != answer:
             raise ValueError(
-                f"look {number} was answered before: {given}; `printctl stop` and `resume` work "
+                f"look {number} was answered before: {given}; `printctl cancel` and `resume` work "
                 "as ever"
             ) from None
 
@@ -279,7 +279,7 @@ def outcome_words(look: LookRecord, answer: Answer | None) -> str:
         return f"asks to {PROPOSALS[look.asked]}"
     if answer == "approve":
         return f"{OUTCOMES.get(look.asked, look.asked)}, approved"
-    return "gone on without" if answer == "go_on" else "stopped by the operator"
+    return "gone on without" if answer == "go_on" else "cancelled by the operator"
 
 
 def total_words(looks: Sequence[LookRecord]) -> str:

@@ -175,7 +175,9 @@ def router(core: Core, prints: PrintSockets, end_rehearsals: Callable[[], int]) 
         publish_holder(core)
         return holder(who)
 
-    @routes.post("/stop", summary="Halt every printer past all queues; needs no controls")
+    @routes.post(
+        "/stop", summary="Emergency stop of every printer, past all queues; needs no controls"
+    )
     async def stop() -> StopAnswer:
         sent = await prints.kill(time.monotonic())
         ending = asyncio.create_task(asyncio.to_thread(end_rehearsals))
@@ -183,12 +185,11 @@ def router(core: Core, prints: PrintSockets, end_rehearsals: Callable[[], int]) 
         unconfirmed = any("cut its power" in one["message"].lower() for one in outcomes)
         machines = len({one.process or one.folder for one in sent})
         message = (
-            f"a halt to {machines} printer{'s' if machines > 1 else ''}; "
+            f"emergency stop sent to {machines} printer{'s' if machines > 1 else ''}; "
             + (f"{UNCONFIRMED}; " if unconfirmed else "")
             + "each status tells whether it has halted; positions are unknown now"
             if sent
-            else "nothing is connected to a printer here: nothing to stop; if something moves, "
-            "cut its power"
+            else "no printer is connected here: nothing to halt; if something moves, cut its power"
         )
         await asyncio.wait({ending}, timeout=_REHEARSALS_END_S)
         ended = 0 if not ending.done() or ending.exception() else ending.result()

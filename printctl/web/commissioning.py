@@ -97,7 +97,7 @@ class Commissioning:
         if not path.is_relative_to(root):
             raise BadRequestError(
                 f"{key} {answer[:80]!r} is outside the workspace {root}; put the file into "
-                f"{root / 'scans'} (page Scan: upload)"
+                f"{root / 'scans'} (Scan page: upload)"
             )
         return str(path)
 

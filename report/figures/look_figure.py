@@ -79,7 +79,7 @@ def look_figures(rows: Sequence[LookRow]) -> dict[str, bytes]:
     few = f"{len(shown)} of " if len(shown) < len(rows) else ""
     caption = (
         f"print/{few}{len(rows)} looks in their order, each with the share that had ink: blue "
-        "mended or flow corrected, red paused or stopped"
+        "mended or flow corrected, red paused or cancelled"
     )
     scanned = any(row.scan is not None for row in rows)
     curve = f"print/{_CURVE}{_SCANNED if scanned else ''}"

@@ -236,9 +236,9 @@ def test_detach_leaves_it_printing_and_stop_ends_it_in_order(job: Path, port: st
     again = Terminal(job, port)
     again.expect(r"[1-9]\d* of 5007 lines")
     again.type("\x03")
-    again.expect("stop")
-    again.type("s\n")
-    again.expect("ended as stopped")
+    again.expect("cancel")
+    again.type("c\n")
+    again.expect("ended as cancelled")
     assert again.exit_code() == 4
     left = attach(job.with_name("job.gcode.print")).status
     assert left.position_known
@@ -249,8 +249,8 @@ def test_kill_halts_the_printer(job: Path, port: str) -> None:
     terminal = Terminal(job, port, "dumb")
     terminal.expect(r"print +\d+% [1-9]\d* of 5007 lines\r\n")
     terminal.type("\x03")
-    terminal.expect("kill")
-    terminal.type("k\n")
-    terminal.expect("ended as killed")
+    terminal.expect("EMERGENCY STOP")
+    terminal.type("e\n")
+    terminal.expect("ended as halted")
     assert terminal.exit_code() == 4
     assert not attach(job.with_name("job.gcode.print")).status.position_known

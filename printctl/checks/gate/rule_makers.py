@@ -57,7 +57,7 @@ REASONS: Final[dict[str, str]] = {
     "M108": f"it breaks the printer's waits; {_COUNT}",
     "M110": f"it renumbers the lines, which the link does itself; {_COUNT}",
     "M111": "it may make the firmware run dry or silent; M111 alone asks for its flags",
-    "M112": f"{_COUNT}; to halt the printer use `printctl station kill`",
+    "M112": f"{_COUNT}; to halt the printer use `printctl station emergency-stop`",
     "M113": "the link sets how often the firmware says that it is busy",
     "M118": "its text would be taken for the printer's own answer; use M117",
     "M149": "temperatures are in °C",
@@ -89,8 +89,8 @@ REASONS: Final[dict[str, str]] = {
 }  # fmt: skip
 """By code, without its number of a head."""
 _IN_PRINT: Final[dict[str, str]] = {
-    "M112": f"{_COUNT}; to halt the printer use `printctl kill`",
-    "M410": f"it throws moves away; {_COUNT}: `printctl stop` ends the print",
+    "M112": f"{_COUNT}; to halt the printer use `printctl emergency-stop`",
+    "M410": f"it throws moves away; {_COUNT}: `printctl cancel` ends the print",
     "G92": f"{_COUNT}, which a print takes from its start",
     "SET_KINEMATIC_POSITION": f"{_COUNT}, which a print takes from its start",
 }

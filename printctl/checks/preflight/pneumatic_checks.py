@@ -240,12 +240,12 @@ def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:
 def _asked_to_watch(head: Pneumatic) -> Check:
     """What no link can do: switch a valve at a printer that takes nothing any more."""
     remedy = (
-        f"a stop or pause sends {head.closes!r} before the needle is lifted, and a kill before "
-        "M112, but a firmware that halts may not do it, and a dead host and a pulled cable leave "
-        "valve and pressure as they are: take a valve that is shut without power, and have a hand "
-        "on the air's cock"
+        f"cancel and pause send {head.closes!r} before the needle is lifted, and an emergency stop "
+        "sends it before M112; but a halting firmware may ignore it, and a dead host or a pulled "
+        "cable leaves valve and pressure unchanged: use a normally closed valve and stay near the "
+        "air shut-off"
     )
-    return finding(Kind.ASKED, "asked of you", "kill and dead host", remedy, "warns")
+    return finding(Kind.ASKED, "asked of you", "emergency stop and dead host", remedy, "warns")
 
 
 def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list[Check]:

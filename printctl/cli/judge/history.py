@@ -31,13 +31,13 @@ from printctl.machine.records.lab_key import (
 )
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.sealing import Finding, check_journal_file
-from printctl.machine.records.states import ENDED
+from printctl.machine.records.states import ENDED, state_words
 from printctl.pipeline.past.evidence import evidence
-from printctl.pipeline.past.past_print import INTERRUPTED, PrintEntry, entry_of
+from printctl.pipeline.past.past_print import PrintEntry, entry_of
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 from printctl.settings import arg, opt, settings
 
-STATES = (*sorted(state.value for state in ENDED), INTERRUPTED)
+STATES = {state_words(state): state.value for state in sorted(ENDED)}
 SearchOption = Annotated[str, opt("Words that must all occur: file, hash, profile, alarm ...")]
 CsvFlag = Annotated[bool, opt("Every column as CSV.", False, "--csv")]
 IdArg = Annotated[
@@ -54,7 +54,7 @@ class Which:
     """Which prints are meant."""
 
     search: SearchOption = ""
-    state: list[str] | None = opt(f"How it ended, any of those given: {', '.join(STATES)}.")
+    state: list[str] | None = opt(f"Any of these ends: {', '.join(STATES)}.")
     profile: str = opt("The printer's profile.", "")
     who: str = opt("The operator.", "")
     since: str = opt("First day: 2026-11-01.", "", metavar="DAY")
@@ -62,12 +62,13 @@ class Which:
 
     def query(self) -> HistoryQuery:
         """As the history takes it; raises `UsageError` for a state or a day that there isn't."""
-        for one in self.state or ():
-            if one not in STATES:
+        states = tuple(STATES.get(one.replace("_", " "), one) for one in self.state or ())
+        for one in states:
+            if one not in STATES.values():
                 raise UsageError(f"--state {one!r} isn't one of {', '.join(STATES)}")
         return HistoryQuery(
             words=self.search,
-            states=tuple(self.state or ()),
+            states=states,
             profile=self.profile,
             who=self.who,
             since=table.day_begins(self.since, "--since"),
@@ -112,7 +113,7 @@ def show(print_id: IdArg) -> None:
         "events": list(map(asdict, line.events)),
     }
     print_result(facts, [
-        f"{entry.file}, {entry.state}: {entry.message}",
+        f"{entry.file}, {state_words(entry.state)}: {entry.message}",
         f"id       {entry.id}",
         f"sha256   {entry.sha256}",
         f"begun    {local_time(entry.started)}, over {local_time(entry.ended) or 'never'}",
@@ -177,7 +178,11 @@ def verify(
         journal = _journal(file)
         check = check_journal_file(journal, trusted)
         past, lines = entry_of(journal), [f"JOURNAL: {check.words}"]
-        lines += [f"  {past.file}, {past.state}, {local_time(past.started)}"] if past else []
+        lines += (
+            [f"  {past.file}, {state_words(past.state)}, {local_time(past.started)}"]
+            if past
+            else []
+        )
         told = {"journal": str(journal), **asdict(check)}
         print_result(told, lines, check.finding is Finding.SIGNED)
         return
@@ -193,7 +198,9 @@ def verify(
     }
     lines = [*result.lines()]
     if result.whole and entry:
-        lines.append(f"  {entry.file}, {entry.state}, {local_time(entry.started)}, {entry.who}")
+        lines.append(
+            f"  {entry.file}, {state_words(entry.state)}, {local_time(entry.started)}, {entry.who}"
+        )
     print_result(facts, lines, result.good)
 
 
@@ -249,7 +256,7 @@ def overview(context: typer.Context, search: SearchOption = "", as_csv: CsvFlag 
 def list_prints(which: Sorted, as_csv: CsvFlag = False) -> None:
     """List past prints that fit.
 
-    Example: `printctl history list --state killed --state failed --since 2026-11-01`
+    Example: `printctl history list --state halted --state failed --since 2026-11-01`
     """
     _show(which.query(), as_csv)
 

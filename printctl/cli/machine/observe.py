@@ -40,12 +40,12 @@ def insert(
     out: Path = opt("Folder to write to.", ..., callback=folder_to_write),
     made: str = opt("How it is made: fdm, resin, paper or engraved.", "fdm"),
     mark_mm: float = opt("Side of a mark.", 8.0),
-    thickness_mm: float | None = opt("Of the plate; 3 mm if not, of paper on a card 1 mm."),
+    thickness_mm: float | None = opt("Plate thickness; default 3 mm, paper on a card 1 mm."),
     hole_mm: float | None = opt(
-        "Hole along x: the dish outside and 0.5 mm; 4 mm more than the dish inside if not."
+        "Hole size along x; default: outer dish size + 0.5 mm, or inner size + 4 mm."
     ),
 ) -> None:
-    """Write a plate with ArUco marks that lies around the dish: drawings at true size, and bodies.
+    """Write a fiducial plate with ArUco marks for a dish: drawings at true size, and bodies.
 
     Into the folder go `insert.yaml` (for `observe frame`), `insert.svg`, `.pdf` and `.png`; of a
     printed one `insert_white.stl` and `insert_black.stl`, which lie flush in one another. Then
@@ -87,7 +87,7 @@ def sweep(
 ) -> None:  # fmt: skip
     """Fit how a laser line sweeps under a camera, so that pictures of its line become heights.
 
-    The line must cross the insert left and right of the dish.
+    The line must cross the fiducial plate left and right of the dish.
     """
     camera = camera_frame.read_frame(frame).under(None)
     traced = trace(pictures, camera)
@@ -114,11 +114,11 @@ def sweep(
 @json_command
 def check(
     *,
-    picture: Path = arg("Picture of the insert."),
+    picture: Path = arg("Picture of the fiducial plate."),
     frame: FrameFile,
     limit_um: float = opt("Shift at the dish up to which a frame holds.", LIMIT_UM, min=1),
 ) -> None:
-    """Compare a picture's marks with the frame's: a bumped camera, a moved insert, another focus.
+    """Compare a picture's marks with the frame's: a moved camera or plate, another focus.
 
     Marks may be hidden, as long as four around the dish are seen.
     """
@@ -142,7 +142,7 @@ def check(
 
 @json_command
 def frame(
-    pictures: list[Path] = arg("Pictures of the insert, nothing moved between them."),
+    pictures: list[Path] = arg("Pictures of the fiducial plate, nothing moved between them."),
     lens: Path = opt("File of `printctl calibrate camera`.", ...),
     insert: Path = opt("File of `printctl observe insert`.", ...),
     out: Path = opt("YAML file to write.", ..., "-o", "--out"),
@@ -157,8 +157,8 @@ def frame(
         "looked for."
     ),
     at: str | None = opt(
-        "Insert's middle and its marks' height, printer's frame, about; touched crosses tell it "
-        "better. If not given, where the print lies, or 0,0,0.",
+        "Fiducial plate's middle and its marks' height, printer's frame, about; touched crosses "
+        "tell it better. If not given, where the print lies, or 0,0,0.",
         metavar="X,Y,Z"
     ),
     u_z_mm: float | None = opt("Standard uncertainty of --at's Z; 0.2 if not given.", min=0.001),
@@ -171,9 +171,9 @@ def frame(
     ),
     index: float = opt("Refractive index of the bath.", 1.333, min=1, max=2),
 ) -> None:  # fmt: skip
-    """Fit a camera's place over the printer to pictures of a dish insert.
+    """Fit a camera's place over the printer to pictures of a fiducial plate.
 
-    Without touched crosses and without a print the frame is the insert's own, moved to --at.
+    Without touched crosses and without a print the frame is the plate's own, moved to --at.
     """
     if touched and printed is not None:
         raise UsageError("give crosses (--touched) or a print (--printed), not both")
@@ -218,7 +218,7 @@ def frame(
         f"scale               {found.um_per_px:.1f} µm a pixel in the dish's middle",
         f"marks               {len(marks.index)} of {len(drawn.marks)}, off by "
         f"{found.off_px:.2f} pixels",
-        f"insert              {100 * (found.insert_scale - 1):+.2f} % against its drawing",
+        f"plate               {100 * (found.insert_scale - 1):+.2f} % against its drawing",
         *notes,
     ])  # fmt: skip
     print_note(f"wrote {out}")
@@ -227,9 +227,9 @@ def frame(
 def _about(
     at: str | None, u_z_mm: float | None, lines: list[camera_frame.PrintedLine]
 ) -> tuple[tuple[float, float, float], float]:
-    """Insert's middle with its marks' height, and that height's standard uncertainty, mm.
+    """Fiducial plate's middle with its marks' height, and that height's standard uncertainty, mm.
 
-    A print without --at lies in the insert's middle, and a camera that looks from aside tells how
+    A print without --at lies in the plate's middle, and a camera that looks from aside tells how
     much higher the marks are.
     """
     if at is not None:

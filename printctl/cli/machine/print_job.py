@@ -23,7 +23,7 @@ from printctl.machine.process.clients.starting import find_or_start, running
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
 from printctl.machine.records.mounting import load_mounting
-from printctl.machine.records.states import Status
+from printctl.machine.records.states import Status, state_words
 from printctl.observe.observer_launch import end_idle_observer, ensure_observer
 from printctl.observe.records import ORDER_FILE
 from printctl.pipeline.checked_order import OrderCare, care_part, checked_order
@@ -92,7 +92,7 @@ def print_job(
     """Check a G-code file and print it; attach when its print is already going on.
 
     The print runs in a process of its own and goes on when this command ends. Ctrl-C asks: detach,
-    stop or kill.
+    cancel or emergency stop.
 
     Parts that aren't named are those entered with `printctl mount`; on a simulated port the usual
     ones are assumed where none are mounted.
@@ -135,7 +135,7 @@ def print_job(
     done = _print(order, profile, tip or (0.0, 0.0, 0.0), yes)
     facts = {"state": done.state.value, "proved": done.proved, "lines": done.lines_done}
     facts |= {"message": done.message, "folder": str(place)}
-    cli.print_result(facts, [f"{done.state.value}: {done.message}", str(place)], done.proved)
+    cli.print_result(facts, [f"{state_words(done.state)}: {done.message}", str(place)], done.proved)
 
 
 @dataclass(frozen=True)

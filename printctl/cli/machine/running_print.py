@@ -1,4 +1,4 @@
-"""Commands to a print that runs or has ended: status, stop, pause, resume, its looks and so on."""
+"""Commands to a print that runs or has ended: status, cancel, pause, resume and so on."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from printctl.machine.process.outcome import may_still_move
 from printctl.machine.records.actor import this_user
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal_if_any
-from printctl.machine.records.states import LinkState, Status
+from printctl.machine.records.states import LinkState, Status, state_words
 from printctl.observe import records
 from printctl.observe.continue_print import continue_print
 from printctl.observe.records import proposal_words, seen_words, total_words
@@ -80,7 +80,7 @@ def status_lines(truth: PrintTruth, run: str) -> list[str]:
     """A print for people."""
     status = truth.status
     lines = [
-        f"{status.state.value}: {status.message}",
+        f"{state_words(status.state)}: {status.message}",
         f"{truth.words['made']}; {status.lines_done} of {status.lines_total} lines taken, "
         f"line {status.file_line} of the file",
         *(truth.words[key] for key in ("time", "layer", "vessel", "ink") if truth.words[key]),
@@ -121,16 +121,16 @@ def _offered(actions: Iterable[Possible], run: str) -> Iterator[str]:
 
 
 STOP_S: Final = 20.0
-"""Longest wait for the end of a controlled stop; the line in flight may take longer."""
+"""Longest wait for the end of a cancelled print; the line in flight may take longer."""
 HALT_S: Final = 10.0
 """Longest wait for the printer's word that it has halted."""
 
 
-def stop(run: GoingOnArg = None) -> None:
-    """End a print: relieve the plunger, lift the needle straight up, switch the heaters off.
+def cancel(run: GoingOnArg = None) -> None:
+    """Cancel a print: relieve the plunger, lift the needle straight up, switch the heaters off.
 
-    The position stays known, and `printctl recover RUN` goes on with the rest. To halt the printer
-    at once there is `printctl kill`.
+    The position stays known, and `printctl recover RUN` continues with the rest. To halt the
+    printer at once use `printctl emergency-stop`.
     """
     run = run_going_on(run)
     with running_print(run) as client:
@@ -140,21 +140,32 @@ def stop(run: GoingOnArg = None) -> None:
         except TimeoutError:
             now = client.status
             print_lines(
-                f"a stop is asked for, and isn't over after {STOP_S:.0f} s; now {now.state}: "
-                f"{now.message}; `printctl status {run}` tells how it ends"
+                f"cancelling is requested but not finished after {STOP_S:.0f} s; now "
+                f"{state_words(now.state)}: {now.message}; `printctl status {run}` reports the end"
             )
             return
-    print_lines(f"{outcome.state}: {outcome.message}")
+    print_lines(f"{state_words(outcome.state)}: {outcome.message}")
 
 
-def kill(run: GoingOnArg = None) -> None:
-    """Halt the printer of a print past all queues, whatever it does; its position is lost.
+def stop(run: GoingOnArg = None) -> None:
+    """Cancel a print; the earlier name of `printctl cancel`."""
+    messages().print(
+        "`printctl stop` cancels the print in an orderly way; to halt the printer at once use "
+        "`printctl emergency-stop`",
+        markup=False,
+    )
+    cancel(run)
+
+
+def emergency_stop(run: GoingOnArg = None) -> None:
+    """Halt the printer of a print at once, past all queues; its position is lost.
 
     A Marlin with emergency parser gets M410 first and M112 after 2.8 s, or 3.8 s where the profile
     has two lines in flight; others M112 at once.
     Where the print's own process is gone, the print's port is opened and the halt written to it; a
     network host that runs another file isn't halted, nor one that doesn't run an ended print's.
-    Look at the machine afterwards and reset it; `printctl recover RUN` plans the rest.
+    Check the needle afterwards and reset the printer; `printctl recover RUN` plans the rest. To
+    end a print in an orderly way use `printctl cancel`.
     """
     run = run_going_on(run)
     with attach(print_folder(run)) as client:
@@ -172,7 +183,7 @@ def kill(run: GoingOnArg = None) -> None:
             client.kill()
             outcome = client.wait(HALT_S)
     before = "" if outcome.state is LinkState.KILLED else "not halted, for the print had ended: "
-    print_lines(f"{before}{outcome.state.value}: {outcome.message}")
+    print_lines(f"{before}{state_words(outcome.state)}: {outcome.message}")
 
 
 @command
@@ -315,7 +326,7 @@ def give_up(run: RunArg) -> None:
     its file is deleted there.
     """
     status = give_up_print(print_folder(run), this_user()["who"] or "the user")
-    print_lines(f"{status.state.value}: {status.message}")
+    print_lines(f"{state_words(status.state)}: {status.message}")
 
 
 # Looks at an observed print: `printctl observe looks` and `answer`.
@@ -381,7 +392,7 @@ def looks_lines(run: Path) -> list[str]:
 @command
 def answer(
     run: RunArg,
-    word: str = arg("approve: do what is proposed. go_on: without it. stop: end the print."),
+    word: str = arg("approve: do what is proposed. go_on: without it. stop: cancel the print."),
     look: int | None = opt(
         "The look that is meant: refused if another one asks by now.",
         min=1,
@@ -403,8 +414,8 @@ def answer(
     status = read_print(folder).status
     if not records.is_paused_by_look(status, last):
         raise UsageError(
-            f"the print doesn't wait for a word on look {last} (it is {status.state.value}); "
-            "nothing was done"
+            f"the print isn't waiting for an answer to look {last} "
+            f"({state_words(status.state)}); nothing was done"
         )
     try:
         records.refuse_without_observer(folder)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from firmware_profiles import Printer, load, shipped
 from printctl.checks.set_up import read_dish_centre
@@ -243,14 +244,14 @@ def send(command: str = arg("Such as M503."), folder: FolderOption = None) -> No
 def stop(folder: FolderOption = None) -> None:
     """End the move that goes on, after at most half a second of it; the position stays known.
 
-    Sending it twice does no harm. Homing can't be ended by it. For a halt at once there is
-    `printctl station kill`.
+    Sending it twice does no harm. Homing can't be ended by it. To halt the printer at once use
+    `printctl station emergency-stop`.
     """
     print_status(the_station(folder).stop_motion())
 
 
-def kill(folder: FolderOption = None) -> None:
-    """Halt the firmware past all queues, whatever it does; its position is lost.
+def emergency_stop(folder: FolderOption = None) -> None:
+    """Halt the firmware at once, past all queues; its position is lost.
 
     A Marlin with emergency parser gets M410 first and M112 after 2.8 s, or 3.8 s where the profile
     has two lines in flight; others M112 at once.
@@ -259,14 +260,16 @@ def kill(folder: FolderOption = None) -> None:
     anew.
     """
     the_station(folder).kill()
-    print_lines("a halt is sent; `printctl station status` tells whether the printer has halted")
+    print_lines(
+        "emergency stop sent; `printctl station status` reports whether the printer has halted"
+    )
 
 
 @json_command
 def reconnect(folder: FolderOption = None) -> None:
     """Open the port again and check the printer; see first what its needle stands in.
 
-    After a kill or a lost port. The position isn't trusted until it is homed or said again.
+    After an emergency stop or a lost port. The position isn't trusted until it is homed or set.
     """
     print_status(the_station(folder).reconnect())
 
@@ -281,12 +284,21 @@ def disconnect(folder: FolderOption = None) -> None:
     print_lines(station.status.message)
 
 
+class _StationGroup(TyperGroup):
+    """Commands of a station; ``kill`` is the earlier name of ``emergency-stop``."""
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command of that name, or None."""
+        return super().get_command(ctx, "emergency-stop" if cmd_name == "kill" else cmd_name)
+
+
 station = group(
     typer.Typer(
+        cls=_StationGroup,
         help="Connect a printer, move it by hand within soft limits, and have it ready to print.",
         no_args_is_help=True,
     ),
-    *(connect, status, mount, jog, home, where, touch_off, push, heat, send, stop, kill),
+    *(connect, status, mount, jog, home, where, touch_off, push, heat, send, stop, emergency_stop),
     *(reconnect, disconnect),
 )
 

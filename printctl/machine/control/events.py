@@ -226,8 +226,8 @@ class PrintEvents:
 
     def _on_person_awaited(self, event: wire.WaitingForPerson) -> None:
         self._logbook.alarm(
-            "the printer waits for somebody to press its own button (paused for user): press it or "
-            "stop the print"
+            "the printer waits for its own button to be pressed (paused for user): press it or "
+            "cancel the print"
         )
 
     def _on_noisy(self, event: wire.Noisy) -> None:
@@ -262,7 +262,9 @@ class PrintEvents:
 
     def _on_booted(self, event: wire.FirmwareStarted) -> None:
         if self._kill.asked.is_set():
-            raise PrintEnded(LinkState.KILLED, "killed by the user, by the reset line", known=False)
+            raise PrintEnded(
+                LinkState.KILLED, "emergency stop by the user (reset line)", known=False
+            )
         if not self._wiring.fresh and not self._logbook.begun:
             self._lost_before_print()  # nobody has opened its port: it wasn't that
 

@@ -129,8 +129,8 @@ class Interruption:
     def _end_early(self) -> None:
         who = self._queue.stopped_by
         if not self._logbook.resumed:
-            raise PrintEnded(LinkState.STOPPED, f"stopped by {who} before the first line")
-        message = f"stopped by {who} before the printer was found again"
+            raise PrintEnded(LinkState.STOPPED, f"cancelled by {who} before the first line")
+        message = f"cancelled by {who} before the printer was found again"
         quickstop = link_facts(self._wiring.printer).quickstop
         if quickstop:
             self._wiring.exchange.effects.append(Urgent(b"\n%b\n" % quickstop))

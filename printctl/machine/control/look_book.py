@@ -135,8 +135,8 @@ def _repeated_insert(request: LookRequest, insert: Insert, texts: tuple[str, ...
     if same and request.flow in (None, insert.flow):
         return insert_answer(insert)
     raise Refused(
-        f"look {request.look} has an insert of {len(insert.lines)} lines already, other ones: "
-        "a look has one; what is still missing is for the next look"
+        f"look {request.look} has injected G-code of {len(insert.lines)} lines already, other "
+        "ones: a look has one; what is still missing is for the next look"
     )
 
 

@@ -208,33 +208,36 @@ class _Insert:
         read = read_sent(line)
         if read.code not in _ALLOWED:
             raise Refused(
-                f"{read.code} may not be inserted: an insert moves (G0, G1), waits (G4, M400) and "
-                "counts the plunger anew (G92 E); heaters, motors, heads and settings are the job's"
+                f"{read.code} can't be injected: injected G-code moves (G0, G1), waits (G4, M400) "
+                "and counts the plunger anew (G92 E); heaters, motors, heads and settings are the "
+                "job's"
             )
         if read.code == "G4":
             self._wait(read)
         elif read.code == "G92":
             e_mm = read.number("E")
             if set(read.words) != {"E"} or e_mm is None:
-                raise Refused("an insert may count the plunger anew (G92 E), and no other axis")
+                raise Refused(
+                    "injected G-code may count the plunger anew (G92 E), and no other axis"
+                )
             self.at = self.at._replace(e=e_mm)
         elif read.code in _MOVES:
             self._move(read)
         if self.plunger_mm < -MAX_RELIEF_MM:
             raise Refused(
-                f"the plunger would stand {-self.plunger_mm:.3g} mm behind its place; an insert "
-                f"draws it back by {MAX_RELIEF_MM:g} mm at most"
+                f"the plunger would stand {-self.plunger_mm:.3g} mm behind its place; injected "
+                f"G-code draws it back by {MAX_RELIEF_MM:g} mm at most"
             )
         if self.seconds > MAX_INSERT_S:
             raise Refused(
-                f"the insert would take more than {MAX_INSERT_S / 60:g} min with the needle in the "
-                "bath; raise F, wait less, or mend less at a time"
+                f"the injected G-code would take more than {MAX_INSERT_S / 60:g} min with the "
+                "needle in the bath; raise F, wait less, or mend less at a time"
             )
 
     def _wait(self, read: GcodeLine) -> None:
         seconds = (read.number("P") or 0.0) / 1e3 + (read.number("S") or 0.0)
         if seconds > MAX_WAIT_S:
-            raise Refused(f"a wait of {seconds:g} s; at most {MAX_WAIT_S:g} s in an insert")
+            raise Refused(f"a wait of {seconds:g} s; at most {MAX_WAIT_S:g} s in injected G-code")
         self.seconds += seconds
 
     def _move(self, read: GcodeLine) -> None:

@@ -141,8 +141,8 @@ class Job:
         begun = max((one.after + len(one.lines) for one in self.inserts), default=0)
         if not begun <= after <= len(self):
             raise JobError(
-                f"an insert behind line {after} doesn't fit {self.name}, {len(self)} lines with "
-                f"inserts up to line {begun}; the journal isn't of this job"
+                f"injected G-code behind line {after} doesn't fit {self.name}, {len(self)} lines "
+                f"with injected G-code up to line {begun}; the journal isn't of this job"
             )
         line, rest = self.file_line(after), self.lines[after:]
         if insert.flow != self.flow:

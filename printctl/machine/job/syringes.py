@@ -208,12 +208,12 @@ def grown_plan(job: Job, grown: Job, plan: Plan, filling: Filling, head: int | N
         points = tuple(others)
         new_plan = plan_reloads(grown, filling.capacity_mm, used, after, head=head, taken=points)
     except LinkError as exc:
-        raise Refused(f"the insert needs more ink than is left: {exc}") from exc
+        raise Refused(f"the injected G-code needs more ink than is left: {exc}") from exc
     if new_plan and not own:
         raise Refused(
-            f"with the insert the syringe, {filling.capacity_mm - used:.2f} mm of plunger left, "
-            "doesn't last to the job's end, and no change of it is planned: pause and change it "
-            "(`printctl reload RUN`), or leave the insert out"
+            f"with the injected G-code the syringe, {filling.capacity_mm - used:.2f} mm of plunger "
+            "left, doesn't last to the job's end, and no change of it is planned: pause and change "
+            "it (`printctl reload RUN`), or leave the injected G-code out"
         )
     every = {**others, **dict.fromkeys((*here, *new_plan), head)}
     order = sorted(every)

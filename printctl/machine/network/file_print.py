@@ -54,7 +54,7 @@ from printctl.machine.network.hosts import make_host
 from printctl.machine.network.http_client import ReadyConnection
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.replay import UNANSWERED
-from printctl.machine.records.states import LinkState, PrintEnded, Status
+from printctl.machine.records.states import LinkState, PrintEnded, Status, state_words
 
 POLL_S: Final = 0.5
 SILENT_S: Final = 3.0
@@ -189,7 +189,7 @@ class FilePrint:
     def stop(self, by: str = "the user") -> None:
         """End the print in the host's own way; before its start nothing is started."""
         if not self.stopping:
-            log.info("stop requested by %s", by)
+            log.info("cancel requested by %s", by)
         self.stopping = True
         self._cancel()
 
@@ -223,7 +223,7 @@ class FilePrint:
 
     def _refuse_unless(self, right: bool, why: str) -> None:
         if not right or self._status.ended:
-            raise Refused(f"{why} ({self.status.state.value}: {self.status.message})")
+            raise Refused(f"{why} ({state_words(self.status.state)}: {self.status.message})")
 
     def _cancel(self) -> None:
         """Send a cancel, unless one is just being sent: a person's every one, a repeat if due."""
@@ -257,7 +257,7 @@ class FilePrint:
         while (wanted := commands.wanted.get()) is not None:
             (do, answer), why = wanted, ""
             if self.stopping and do != "cancel":
-                answer(f"{do} isn't sent: a stop is requested")
+                answer(f"{do} isn't sent: cancelling is requested")
                 continue
             left = False
             try:
@@ -636,7 +636,7 @@ class FilePrint:
             raise PrintEnded(LinkState.DONE, f"{said}; {where}", rests)
         if self.stopping or end is HostState.CANCELLED:
             by = "the user" if self.stopping else "someone at the host"
-            words = f"stopped by {by}; {said}; {where}; {HOST_ENDED}"
+            words = f"cancelled by {by}; {said}; {where}; {HOST_ENDED}"
             raise PrintEnded(LinkState.STOPPED, words, known=place is not None)
         raise PrintEnded(LinkState.FAILED, f"{said}: {report.message}", known=False)
 
@@ -652,14 +652,14 @@ class FilePrint:
             if time.monotonic() - self._halted_at > 1.0:
                 self._halt()
             time.sleep(POLL_S / 4)
-        return PrintEnded(LinkState.KILLED, f"killed by the user; {words}", known=False)
+        return PrintEnded(LinkState.KILLED, f"emergency stop by the user; {words}", known=False)
 
     def _look_for_end(self) -> None:
         """End a print of which no start is under way, where a person wants that."""
         if self.killing:
             raise self._halt_end()
         if self.stopping and not self._start_sent:
-            words = "stopped by the user before its start; nothing moved"
+            words = "cancelled by the user before its start; nothing moved"
             raise PrintEnded(LinkState.STOPPED, words)
 
     # --- what is known -------------------------------------------------------------------------
@@ -724,9 +724,9 @@ class FilePrint:
     def _said(self, status: Status) -> str:
         """Return the state's message: what the host said last, and how long ago."""
         report, age_s = self._report, time.monotonic() - self._known_at
-        asked = "; a stop is requested" if self.stopping else ""
+        asked = "; cancelling is requested" if self.stopping else ""
         if self._lost_at > -math.inf and not self._cancelling:
-            asked += ", and its answer was lost: if the print doesn't end, stop it again"
+            asked += ", and its answer was lost: if the print doesn't end, cancel it again"
         if self._begun and age_s <= SILENT_S and (other := self._other_file(report)):
             words = f"{self.address} runs another file, {other} ({_in_words(report)}"
             return f"{words}, {age_s:.1f} s ago){asked}"
@@ -769,7 +769,7 @@ def _delete_unbegun(host: PrintHost, name: str, over: bool = False) -> None:
     A file that has begun is left, unless its print is ``over``: with it a host may drop its record.
     """
     if host.state(name).active_file == name or not (over or host.ended(name) is None):
-        raise HostRefused("it has begun after all; `printctl kill` halts it")
+        raise HostRefused("it has started after all; `printctl emergency-stop` halts it")
     with suppress(HostRefused):  # it may be gone already
         host.delete(name)
     try:

@@ -21,7 +21,7 @@ Sentences = tuple[str, str, str]
 _TABLE: Final = Path(__file__).with_name("alarms.yaml")
 _LIFT: Final = (
     "See where the needle is, and lift it by hand if it stands in the part. Then connect the "
-    "printer again on the page Printer."
+    "printer again on the Printer page."
 )
 _NOT_BEGUN: Final = "The printer has acknowledged no line of the job."
 _POSITION_LOST: Final = (
@@ -73,11 +73,9 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
     if status.state is LinkState.KILLED:
         return Alert(*_killed(detail), detail, "bad")
     if status.state is LinkState.STOPPED:
-        what = "The print was stopped"
-        if "stopped by the user" in detail:
-            what = "The print was cancelled"
-        elif "dead-man" in detail:
-            what = "The print was stopped: nobody confirmed to be there"
+        what = "The print was cancelled"
+        if "dead-man" in detail:
+            what = "The print was cancelled: no operator confirmed presence"
         means, remedy = "The plunger was relieved and the needle lifted straight up.", ""
         if HOST_ENDED in detail:
             means = "The host ended it in its own way; the plunger may press on."
@@ -119,11 +117,12 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
 
 def _killed(detail: str) -> Sentences:
     if UNCONFIRMED in detail:
-        what = "STOP was sent, and the printer hasn't confirmed that it halted"
+        what = "Emergency stop sent, but the printer hasn't confirmed that it halted"
         means = "It may go on, and its heaters may be on."
         return what, means, "Cut its power now. " + _LIFT
-    if detail.startswith("killed by the user") and "itself" not in detail:
-        return "STOP has halted the printer", _POSITION_LOST, _LIFT
+    by_user = detail.startswith(("emergency stop by", "killed by"))  # the latter in older journals
+    if by_user and "itself" not in detail:
+        return "The printer has halted after an emergency stop", _POSITION_LOST, _LIFT
     return "The printer halted itself", _POSITION_LOST, "Its own screen may say why. " + _LIFT
 
 

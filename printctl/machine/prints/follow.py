@@ -1,4 +1,4 @@
-"""Ask before a print starts; follow it from the command line; on Ctrl-C detach, stop or kill."""
+"""Ask before a print starts; follow it from the command line; on Ctrl-C detach, cancel or halt."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from printctl.machine.process.clients.client import PrintClient
 from printctl.machine.process.clients.starting import stop_and_leave
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal_if_any
-from printctl.machine.records.states import LinkState, Status
+from printctl.machine.records.states import LinkState, Status, state_words
 from printctl.progress import Report, StageBars
 
 _QUESTION = """
-The print goes on by itself. What shall happen?
+The print continues by itself. Choose:
   d  detach: leave it printing
-  s  stop: end the print; relieve the plunger, lift the needle
-  k  kill: halt the printer at once; its position is lost
-  (anything else: go on watching)
+  c  cancel: end the print; relieve the plunger, lift the needle
+  e  EMERGENCY STOP: halt the printer at once; its position is lost
+  (anything else: keep watching)
 > """
 
 
@@ -48,7 +48,7 @@ def confirm(port: str, bars: StageBars, assume_yes: bool) -> None:
 
 
 def follow(client: PrintClient, report: Report, bars: StageBars, goes_on: bool = True) -> Status:
-    """Show progress until the print is over; on Ctrl-C ask: detach, stop or kill.
+    """Show progress until the print is over; on Ctrl-C ask: detach, cancel or emergency stop.
 
     Nothing is asked of a print that doesn't go on by itself: Ctrl-C ends it.
 
@@ -80,7 +80,7 @@ def follow(client: PrintClient, report: Report, bars: StageBars, goes_on: bool =
     outcome = client.wait()
     if outcome.state is not LinkState.DONE:
         raise PrinterFailedError(
-            f"the print ended as {outcome.state.value}: {outcome.message} "
+            f"the print ended as {state_words(outcome.state)}: {outcome.message} "
             f"({outcome.lines_done} of {outcome.lines_total} lines taken by the printer; `printctl "
             f"status` tells how many are made; journal: {client.folder})"
         )
@@ -135,26 +135,26 @@ def retreat_for(syringe: Syringe, ink: Ink, lift_mm: float, prime_ul: float = 0.
 
 
 def _ask(bars: StageBars) -> str:
-    """d, s or k; without a terminal the print isn't touched."""
+    """d, c or e (earlier s and k); without a terminal the print isn't touched."""
     if not sys.stdin.isatty():
         return "d"
     try:
         with bars.paused():
             return bars.ask(_QUESTION).strip().lower()[:1]
     except KeyboardInterrupt:  # pressed again: whoever insists wants it to end, but not lost
-        return "s"
+        return "c"
     except EOFError:
         return "d"
 
 
 def _obey(request: str, client: PrintClient) -> None:
-    if request == "k":
+    if request in ("e", "k"):
         client.kill()
-    elif request == "s":
+    elif request in ("c", "s"):
         client.stop()
     elif request == "d":
         client.detach()
         raise PrintctlError(
             f"detached; the print goes on (journal: {client.folder}); "
-            "run the same command again to watch it, or to stop it by Ctrl-C"
+            "run the same command again to watch it, or to cancel it by Ctrl-C"
         )

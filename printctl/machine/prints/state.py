@@ -24,7 +24,7 @@ from printctl.machine.prints.alerts import Alert, alert_of
 from printctl.machine.prints.progress import JobTable, Progress, Supply, progress
 from printctl.machine.prints.recovery import NoCheckpoint
 from printctl.machine.prints.recovery_file import planned
-from printctl.machine.prints.words import print_words, progress_words, state_words, tip_words
+from printctl.machine.prints.words import print_words, progress_words, tip_words
 from printctl.machine.process.clients.client import PrintClient, attach
 from printctl.machine.process.contact import (
     STATION_LOCK,
@@ -44,7 +44,7 @@ from printctl.machine.records.record import (
     reported_port,
 )
 from printctl.machine.records.replay import JournalledPrint, read_journal_if_any
-from printctl.machine.records.states import LinkState, Status
+from printctl.machine.records.states import LinkState, Status, state_words
 
 TABLE = "progress.{}.npz"
 """A print's table, with the beginning of its job's hash."""
@@ -89,12 +89,12 @@ def running_print(run: Path) -> PrintClient:
     status = client.status
     if status.ended:
         still = status.position_known or status.state is LinkState.KILLED
-        halts = "" if still else "; if anything moves, `printctl kill` halts it"
+        halts = "" if still else "; if anything moves, `printctl emergency-stop` halts it"
         if not _why_no_going_on(client.folder):
             halts = f"; `printctl resume {run}` takes it up again, then give this command{halts}"
         raise PrintctlError(
-            f"the print in {client.folder} has ended ({status.state.value}: {status.message})"
-            f"{halts}"
+            f"the print in {client.folder} has ended "
+            f"({state_words(status.state)}: {status.message}){halts}"
         )
     return client
 
@@ -303,7 +303,7 @@ def _of_ended(status: Status) -> Iterator[Possible]:
     over = f"the print is over ({state_words(status.state)})"
     for action in (PrintAction.PAUSE, PrintAction.RESUME, PrintAction.STOP):
         yield _unless(over, action)
-    yield _unless(f"{over}; the red STOP halts whatever is connected", PrintAction.KILL)
+    yield _unless(f"{over}; EMERGENCY STOP halts whatever is connected", PrintAction.KILL)
 
 
 def _while_going_on(status: Status) -> Iterator[Possible]:
@@ -316,7 +316,7 @@ def _while_going_on(status: Status) -> Iterator[Possible]:
     changing = held and status.waits_for.startswith("syringe")
     why_not = "" if may_resume else f"the print isn't paused, it is {words}"
     yield _unless(why_not, PrintAction.RESUME, "syringe" if changing else "")
-    why_not = "the print is being stopped" if state is LinkState.STOPPING else ""
+    why_not = "the print is being cancelled" if state is LinkState.STOPPING else ""
     yield _unless(why_not, PrintAction.STOP)
     yield Possible(PrintAction.KILL)
 

@@ -9,11 +9,6 @@ from printctl.machine.prints.progress import Progress
 from printctl.machine.records.states import LinkState, Status
 
 
-def state_words(state: LinkState | str) -> str:
-    """Return a state as it is shown: ``position unknown``."""
-    return str(state).replace("_", " ")
-
-
 def alarm_words(count: int, last: str) -> str:
     """Return how many alarms there are and what the last one says."""
     if count == 1:

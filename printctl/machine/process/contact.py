@@ -164,8 +164,8 @@ def _remedy(state: StationState, last: StationStatus) -> str:
         )
     if state is StationState.BUSY:
         return (
-            "what moves may move on, and heaters stay on: `printctl station kill` halts the "
-            "printer; then connect again"
+            "what moves may move on, and heaters stay on: `printctl station emergency-stop` halts "
+            "the printer; then connect again"
         )
     return "connect again"
 

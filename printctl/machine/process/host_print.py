@@ -38,7 +38,7 @@ from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.sealing import sign_journal
-from printctl.machine.records.states import LinkState, Status
+from printctl.machine.records.states import LinkState, Status, state_words
 from printctl.processes.alive import ignore_signals
 
 HALT_TRIES: Final = 3
@@ -182,7 +182,7 @@ def halt_on_host(record: ContactRecord, before: Status, history: JournalledPrint
     late = void_start(lambda: host, history.unanswered)
     if not halted:
         raise LinkError(f"{record.port}: {UNCONFIRMED} ({words}){late}")
-    return f"killed by the user; {words}{late}"
+    return f"emergency stop by the user; {words}{late}"
 
 
 def host_of(record: ContactRecord) -> PrintHost:
@@ -215,6 +215,6 @@ def _refuse_other_print(record: ContactRecord, before: Status, runs: str) -> Non
     if runs or before.state in _OVER or not may_still_move(before):
         now = f"runs {runs}" if runs else "doesn't report that it runs its file"
         raise Refused(
-            f"not halted: the print is {before.state.value}, and {record.port} {now}; if the "
-            "printer must stop all the same, use the host's own emergency stop or cut the power"
+            f"not halted: the print is {state_words(before.state)}, and {record.port} {now}; if "
+            "the printer must stop all the same, use the host's own emergency stop or cut the power"
         )

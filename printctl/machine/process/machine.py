@@ -43,7 +43,7 @@ from printctl.machine.records.actor import actor, read_actor
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.mounting import Mounting, as_kept, save_mounting
 from printctl.machine.records.record import ContactRecord
-from printctl.machine.records.states import Status
+from printctl.machine.records.states import Status, state_words
 from printctl.processes.alive import ignore_signals
 
 DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})
@@ -138,7 +138,7 @@ class Machine:
             trouble = standby.trouble if standby is not None and status.open else ""
             return replace(status, message=trouble or status.message)
         printing = streamer.status
-        message = f"{printing.state.value}: {printing.message}"
+        message = f"{state_words(printing.state)}: {printing.message}"
         warm = parse_temperatures((streamer.protocol.report,)) or status.temperatures
         return replace(status, message=message, readings=printing.readings, temperatures=warm)
 
@@ -273,7 +273,7 @@ class Machine:
         state, word = self.state, WORDS[request.do]
         if state is StationState.PRINTING:
             where = self._status.print_folder
-            raise Refused(f"a print goes on in {where}; pause or stop it, or wait for its end")
+            raise Refused(f"a print goes on in {where}; pause or cancel it, or wait for its end")
         if word.idle is None:
             raise Refused(_NO_PRINT)
         if state in DOWN and not word.when_down:
@@ -281,18 +281,18 @@ class Machine:
         if state is StationState.CONNECTING:
             raise Refused("the printer is being connected; wait for it to be ready")
         if request.alone and self._alone:
-            raise Refused("something moves already; wait for its end, or end it (stop_motion)")
+            raise Refused("a move is in progress; wait for its end, or stop it (stop_motion)")
         if len(self._requests) >= QUEUE:
             raise Refused(f"{QUEUE} requests wait already; wait for them")
 
     def _stop_motion(self, reply: Reply) -> None:
         """End the move that goes on, and forget those that wait; the queue isn't waited for."""
         if self.state is StationState.PRINTING:
-            raise Refused("a print goes on; stop or pause it instead")
+            raise Refused("a print is running; pause or cancel it instead")
         if self.state is StationState.BUSY and self._status.message == HOMING:
             raise Refused(
                 "it is homing, which a stop can't end: the firmware does it by itself. Wait for "
-                "its end, or halt the printer (kill); its position is then lost"
+                "its end, or use the emergency stop; the position is then lost"
             )
         with self._lock:
             if self.standby is not None:

@@ -18,7 +18,7 @@ from printctl.machine.ports.detection import runs_files
 from printctl.machine.records.printed_job import load_printed_job
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import JournalledPrint, read_journal
-from printctl.machine.records.states import LinkState, Status
+from printctl.machine.records.states import LinkState, Status, state_words
 
 _HELD_AS: Final = {LinkState.PAUSED: "paused", LinkState.LOOKING: "held for a look"}
 
@@ -73,14 +73,14 @@ def _outcome(folder: Path, record: ContactRecord) -> Status:
 def _unknown(why: str) -> str:
     return (
         f", and how far it came isn't known: {why}; its motors may move and its heaters be on. "
-        "`printctl kill`, its own stop or its power ends both"
+        "`printctl emergency-stop`, its own emergency switch or its power ends both"
     )
 
 
 def _last_known(folder: Path, record: ContactRecord, history: JournalledPrint) -> str:
     return (
-        f" while {history.state.value}; at least {history.done} of {history.total} lines were "
-        f"acknowledged; {_still_moving(folder, record, history)}"
+        f" while {state_words(history.state)}; at least {history.done} of {history.total} "
+        f"lines were acknowledged; {_still_moving(folder, record, history)}"
     )
 
 
@@ -89,8 +89,8 @@ def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint)
     if runs_files(record.port):
         return (
             f"{record.port} goes on with the file by itself, if it was started; `printctl resume` "
-            "follows it again and starts nothing twice, then `printctl stop` ends it in the host's "
-            "way; `printctl kill` halts it"
+            "follows it again and starts nothing twice, then `printctl cancel` ends it in the "
+            "host's way; `printctl emergency-stop` halts it"
         )
     if history.stopping:
         return _was_stopping(record, history)
@@ -109,7 +109,7 @@ def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint)
     return (
         f"nothing has stopped its motors: {moves} (last word on "
         f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters that were set stay on{air}. "
-        "`printctl kill`, its own stop or its power ends both"
+        "`printctl emergency-stop`, its own emergency switch or its power ends both"
     )
 
 
@@ -121,7 +121,8 @@ def _was_stopping(record: ContactRecord, history: JournalledPrint) -> str:
             motors = f"its motors were told to stop ({quickstop.decode()})"
     return (
         f"it was being ended ({history.message}): {motors}; its needle may be up or still down, "
-        "and heaters may be on. `printctl kill`, its own stop or its power ends what goes on"
+        "and heaters may be on. `printctl emergency-stop`, its own emergency switch or its power "
+        "ends it"
     )
 
 
@@ -182,8 +183,8 @@ def resumable(folder: Path, sha256: str | None = None) -> JournalledPrint:
     end = history.end
     if end is not None and (end["position_known"] or history.state is not LinkState.FAILED):
         raise Refused(
-            f"the print in {folder} has ended ({history.state.value}: {history.message}); it "
-            f"can't be gone on with: {_remedy(history)}"
+            f"the print in {folder} has ended ({state_words(history.state)}: {history.message}); "
+            f"it can't be continued: {_remedy(history)}"
         )
     if history.stopping:
         raise Refused(
@@ -231,8 +232,8 @@ def followable(folder: Path, sha256: str | None = None) -> JournalledPrint:
     history = read_journal(folder / JOURNAL)
     if history.end is not None and history.state is not LinkState.POSITION_UNKNOWN:
         raise Refused(
-            f"the print in {folder} has ended ({history.state.value}: {history.message}); print it "
-            "anew"
+            f"the print in {folder} has ended "
+            f"({state_words(history.state)}: {history.message}); print it again"
         )
     if not history.job:
         raise Refused(f"the journal in {folder} doesn't say which print it is of; print it anew")

@@ -54,7 +54,7 @@ from printctl.machine.records.mounting import (
     save_mounting,
 )
 from printctl.machine.records.record import ContactRecord
-from printctl.machine.records.states import LinkState, PrintEnded, Status
+from printctl.machine.records.states import LinkState, PrintEnded, Status, state_words
 
 IDLE_S: Final = 0.03
 """Longest wait for the printer before requests are looked at."""
@@ -250,7 +250,7 @@ def _after_print(machine: Machine, status: Status, at: Place | None = None) -> N
 
     ``at``: where it stood before the print.
     """
-    ended = f"print {status.state.value}: {status.message}"
+    ended = f"print {state_words(status.state)}: {status.message}"
     if status.error == PortLost.__name__ and status.state is not LinkState.KILLED:
         go_down(machine, StationState.LOST, ended, status.error)
     elif status.state is LinkState.KILLED or not status.position_known:

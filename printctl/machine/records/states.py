@@ -39,6 +39,12 @@ ENDED: Final = frozenset(
 """States that nothing follows."""
 EARLY: Final = frozenset({LinkState.CONNECTING, LinkState.CHECKING})
 """States in which the printer hasn't got the job's first line."""
+_STATE_WORDS: Final = {"stopping": "cancelling", "stopped": "cancelled", "killed": "halted"}
+
+
+def state_words(state: str) -> str:
+    """Return a state as it is shown: ``position unknown``."""
+    return _STATE_WORDS.get(state, state).replace("_", " ")
 
 
 @dataclass(frozen=True)

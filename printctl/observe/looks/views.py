@@ -75,7 +75,7 @@ def frame_holds(image: NDArray[Any] | None, frame: object) -> bool:
 
 
 def refuse_moved(image: NDArray[Any], frame: CameraFrame, path: Path) -> None:
-    """Refuse a black picture, or one whose marks show that camera or insert were moved.
+    """Refuse a black picture, or one whose marks show that camera or fiducial plate were moved.
 
     Raises
     ------
@@ -189,8 +189,8 @@ def open_view(
     Raises
     ------
     DeviceError
-        When the file is neither, shows that camera or insert were moved, or is a volume or map of
-        another place than the lines, or in another unit.
+        When the file is neither, shows that camera or fiducial plate were moved, or is a volume or
+        map of another place than the lines, or in another unit.
     UsageError
         When the frame can't be read.
     """

@@ -85,7 +85,9 @@ def checked_mend(
     check = check_mend(held_print, mend.lines, gaps, voids)
     if check.passed:
         return mend, check
-    why = f"the check of its insert failed ({check.failures}); mend by hand, and report this"
+    why = (
+        f"the check of its injected G-code failed ({check.failures}); mend by hand, and report this"
+    )
     own = [one.gap.left(why) for one in mend.patches]
     return Mend((), (), (*mend.left, *own), 0.0), check
 

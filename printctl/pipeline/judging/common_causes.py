@@ -29,7 +29,7 @@ def print_faults(registration: Record) -> list[Finding]:
                 "fail",
                 f"The print ends at z = {printed['ends_mm']:.2f} mm, "
                 f"{printed['missing_mm']:.2f} mm below the top of the design: nothing was "
-                "deposited above (clogged needle, empty syringe, or the job stopped)",
+                "deposited above (clogged needle, empty syringe, or the job was cancelled)",
             )
         )
     if printed.get("shift"):

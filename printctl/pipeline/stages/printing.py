@@ -119,7 +119,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         if goes_on:
             words = (
                 f"IT GOES ON by itself, if it has begun: look by `printctl status {folder}`, end "
-                f"it by `printctl stop {folder}`"
+                f"it by `printctl cancel {folder}`"
             )
             context.bars.remark("print", str(exc) or words)
         raise

@@ -122,7 +122,9 @@ class CarePart(Part):
         description="Pause unless somebody confirms within so many min (printctl alive); 0 for an "
         "attended print.",
     )
-    deadman_stops: bool = Field(default=False, description="Stop then, instead of pausing.")
+    deadman_stops: bool = Field(
+        default=False, description="Cancel the print then, instead of pausing."
+    )
     reload: bool = Field(
         default=False, description="Pause for a new syringe where one doesn't last."
     )

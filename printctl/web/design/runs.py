@@ -144,7 +144,7 @@ class Runs:
         if len(stages) > len(TOOLPATH_NAMES):
             raise BadRequestError(
                 f"the design goes as far as {LAST_STAGE}; {last} comes with the print, which is "
-                "started in the Job room"
+                "started on the Job page"
             )
         return self._go(name, ["--until", stages[-1]], version=version)
 
@@ -154,7 +154,7 @@ class Runs:
         if state != "done":
             raise ConflictError(
                 f"run {name!r} has no finished print ({state or 'none was started'}); print it "
-                "first in the Job room"
+                "first on the Job page"
             )
         with self._lock:
             self._refuse_redesigned(name)

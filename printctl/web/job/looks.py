@@ -13,6 +13,7 @@ from fastapi import Query, Response
 from PIL import Image
 from pydantic import Field
 
+from printctl.machine.records.states import state_words
 from printctl.observe.records import (
     ANSWERS,
     Answer,
@@ -124,9 +125,9 @@ class LookService:
             raise ConflictError(f"look {number} was answered before: {look.answer}")
         if not look.waits:
             raise ConflictError(
-                f"the print doesn't wait for a word on look {number} (it is "
-                f"{heard.status.state.value}); nothing was done. Words are {', '.join(ANSWERS)}, "
-                "while it is paused by that look"
+                f"the print isn't waiting for an answer to look {number} "
+                f"({state_words(heard.status.state)}); nothing was done. Answers are "
+                f"{', '.join(ANSWERS)}, while that look pauses the print"
             )
         try:
             refuse_without_observer(heard.folder)

@@ -117,7 +117,7 @@ class StationPrinting:
         if status.position_mm is None or not status.position_trusted:
             raise SafetyError(
                 "nobody knows where the tip stands; home it without the needle, or say where it is "
-                "(page Printer), then it can be moved to the start"
+                "(Printer page), then it can be moved to the start"
             )
         over_mm, mounted = None, status.mounted
         away_mm = math.dist(status.position_mm, start_mm)
@@ -125,7 +125,7 @@ class StationPrinting:
             raise SafetyError(
                 f"the floor of {ProfileStore.name(mounted.dish)} isn't touched off with the needle "
                 "mounted, so nobody knows how high the tip clears the rim; nothing was moved. "
-                "Touch off the floor (page Printer, Touch off), then move the tip to the start"
+                "Touch off the floor (Printer page, Touch off), then move the tip to the start"
             )
         if mounted.dish and mounted.floor_mm is not None:
             over_mm = mounted.floor_mm + load(Dish, mounted.dish).wall_mm + RIM_MARGIN_MM

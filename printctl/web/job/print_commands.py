@@ -15,7 +15,7 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.give_up import give_up
 from printctl.machine.prints.recovery_file import planned, write_rest
 from printctl.machine.process.clients.client import PrintClient, attach
-from printctl.machine.records.states import LinkState, Status
+from printctl.machine.records.states import LinkState, Status, state_words
 from printctl.observe.continue_print import (
     awaits_observer,
     continue_print,
@@ -124,7 +124,9 @@ class PrintCommands:
             if status.state is LinkState.RESUMING:
                 return status
             if status.state in _GOING and not status.waits_for:
-                raise ConflictError(f"the print of {job} isn't paused ({status.state.value})")
+                raise ConflictError(
+                    f"the print of {job} isn't paused ({state_words(status.state)})"
+                )
             if not status.ended:
                 started = ensure_observer(folder)
                 change = new_syringe_of(client, syringe, plunger_mm) if changed else None
@@ -200,6 +202,6 @@ class PrintCommands:
             status = client.status
             if status.ended:
                 raise ConflictError(
-                    f"the print of {job} is over ({status.state.value}: {status.message})"
+                    f"the print of {job} is over ({state_words(status.state)}: {status.message})"
                 )
             yield client

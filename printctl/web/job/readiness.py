@@ -180,7 +180,7 @@ def _tip(machine: Machine, set_up: JobSetUp) -> Iterator[Refusal]:
             Kind.TIP,
             "where the tip stands",
             "not known to the printer; home it without the needle, or touch off and say where the "
-            "tip is (page Printer)",
+            "tip is (Printer page)",
             "set_position",
         )
         return
@@ -206,8 +206,10 @@ def ink_refusals(machine: Machine | None, checked: Preflight) -> Iterator[Refusa
         return
     check = left_check(checked.plan.first_ul, machine.ul_left)
     if not check.passed:
-        remedy = "it would run dry; put a full syringe in and say so, or change it on the page"
-        yield replace(check_refusal(check), remedy=f"{remedy} Printer", action="fill")
+        remedy = (
+            "it would run dry; put a full syringe in and say so, or change it on the Printer page"
+        )
+        yield replace(check_refusal(check), remedy=remedy, action="fill")
 
 
 def record_refusals(machine: Machine | None, record: PrintRecord) -> Iterator[Refusal]:

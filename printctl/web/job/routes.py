@@ -105,7 +105,7 @@ def _router(tag: str) -> APIRouter:
 
 
 def job_hints(service: JobService) -> Callable[[Request], str]:
-    """What a browser fetches at once for the page Job: how the print stands, and its drawing."""
+    """What a browser fetches at once for the Job page: how the print stands, and its drawing."""
 
     def hints(request: Request) -> str:
         job = request.query_params.get("job", "")
@@ -205,7 +205,9 @@ def _prints(service: JobService) -> APIRouter:
     post("/prints/{job}/resume", summary="Go on, with a new syringe's data")(hands.resume)
     post("/prints/{job}/reload", summary="Make room to change the syringe")(hands.reload)
     post("/prints/{job}/alive", summary="Somebody is there")(hands.alive)
-    post("/prints/{job}/cancel", summary="Controlled stop; for everybody")(hands.cancel)
+    post("/prints/{job}/cancel", summary="Cancel the print in an orderly way; needs no controls")(
+        hands.cancel
+    )
     post("/prints/{job}/go-on", summary="Go on after a print broke off")(hands.go_on)
     get("/prints/{job}/recovery", summary="Plan the rest; nothing is written")(hands.recovery)
     post("/prints/{job}/recover", summary="Write the rest as a job")(hands.recover)

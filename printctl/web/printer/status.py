@@ -20,7 +20,7 @@ STATE_WORDS: Final = {
     StationState.BUSY: "busy: doing what it was asked to",
     StationState.PRINTING: "printing: see the Job page; by hand only what a print allows",
     StationState.HALTING: "halting: a halt was sent, the printer hasn't confirmed it yet",
-    StationState.HALTED: "halted: the firmware stopped itself or was stopped; reset it, reconnect",
+    StationState.HALTED: "halted by an emergency stop or by its firmware; reset it, reconnect",
     StationState.LOST: "lost: the port went away or nothing answers; check the cable, reconnect",
     StationState.CLOSED: "not connected",
 }

@@ -83,7 +83,7 @@ class StopApp:
                 else:
                     session = self._access.session(headers, STOP_GRACE_S) or {}
                     address = (scope.get("client") or ["an unknown address"])[0]
-                    name = f"the stop button at {address} ({session.get('id', 'script')[:3]})"
+                    name = f"the emergency stop at {address} ({session.get('id', 'script')[:3]})"
                     ACTOR.set(Principal("", name, session.get("user", "")).actor)
                     sent = await self.prints.kill(began)
                     ending = asyncio.to_thread(DetachedProcesses().end_rehearsals, self._root)

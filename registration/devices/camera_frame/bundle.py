@@ -254,7 +254,7 @@ def _solved(bundle: Bundle, start: Start, unknown: FloatArray) -> tuple[FloatArr
             return found.x, normal
     raise PictureError(
         "camera and marks don't fit each other; is it this camera's lens file (--lens), and this "
-        "insert (--insert)?"
+        "fiducial plate (--insert)?"
     )
 
 

@@ -141,7 +141,10 @@ class _Shifts:
         cosine, sine = 2.0 + slope[0, 0] + slope[1, 1], slope[1, 0] - slope[0, 1]
         turn = np.degrees(np.arctan2(sine, cosine))  # of a picture upside down, too
         grown = 100.0 * (np.hypot(cosine, sine) / 2 - 1.0)
-        said = f"camera or insert moved: {self.moved_um:.0f} µm at the dish (x {x:+.0f}, y {y:+.0f}"
+        said = (
+            f"camera or fiducial plate moved: {self.moved_um:.0f} µm at the dish (x {x:+.0f}, y "
+            f"{y:+.0f}"
+        )
         if abs(turn) > 0.02:
             said += f", turned {turn:+.2f} degrees"
         if abs(grown) > 0.1:

@@ -89,7 +89,7 @@ def merged(pictures: Sequence[SeenMarks]) -> SeenMarks:
         When there is none, or something moved.
     """
     if not pictures:
-        raise PictureError("no picture of the insert is given; give one or more")
+        raise PictureError("no picture of the fiducial plate is given; give one or more")
     numbers = sorted(set.intersection(*(set(one.index.tolist()) for one in pictures)))
     if len(numbers) < FEWEST:
         raise PictureError(
@@ -103,7 +103,7 @@ def merged(pictures: Sequence[SeenMarks]) -> SeenMarks:
     moved = float(np.linalg.norm(np.median(stack - corners, axis=(1, 2)), axis=1).max())
     if moved > _MOVED_PX:
         raise PictureError(
-            f"between the pictures the insert or the camera moved by {moved:.1f} pixels "
+            f"between the pictures the fiducial plate or the camera moved by {moved:.1f} pixels "
             f"({_MOVED_PX:g} at most); fasten both, and take them again"
         )
     own = np.stack([one.u_px[row] for one, row in zip(pictures, rows, strict=True)])
@@ -190,12 +190,14 @@ def frame_notes(frame: CameraFrame, insert: Insert, lens: Lens, ties: Ties) -> l
             "a board, tilted by 20 to 40 degrees to different sides (printctl calibrate camera)"
         )
     if frame.tied == "insert":
-        notes.append("places are the insert's, moved to --at: nothing ties them to the printer")
+        notes.append("places are the plate's, moved to --at: nothing ties them to the printer")
     if frame.off_px > _MISFIT_PX:
-        notes.append(f"marks are off by {frame.off_px:.1f} pixels: is the insert flat?")
+        notes.append(f"marks are off by {frame.off_px:.1f} pixels: is the fiducial plate flat?")
     scale = frame.insert_scale / insert.scale - 1
     if abs(scale) > 3 * insert.u_scale:
-        notes.append(f"the insert is {100 * scale:+.2f} % larger than it should be; measure it")
+        notes.append(
+            f"the fiducial plate is {100 * scale:+.2f} % larger than it should be; measure it"
+        )
     return notes
 
 
@@ -203,25 +205,25 @@ def _refuse_misfits(best: Fitted, insert: Insert, ties: Ties) -> None:
     if best.marks_off > _MARKS_OFF or best.shape_off > _SHAPE_OFF:
         most = max(best.marks_off / _MARKS_OFF, best.shape_off / _SHAPE_OFF)
         raise PictureError(
-            "the marks don't lie as on this insert: the plate is bent, stretched, or made "
+            "the marks don't lie as on this fiducial plate: the plate is bent, stretched, or made "
             f"{most:.1f} times worse than {insert.process} ones may be, or the lens was "
-            "calibrated at another focus or zoom. Is it this insert (--insert), made as it "
+            "calibrated at another focus or zoom. Is it this fiducial plate (--insert), made as it "
             "says (--made) and laid flat? Is it this focus (--lens)?"
         )
     if best.worst_touch > _WORST_TOUCH:
         raise PictureError(
-            f"the touched crosses don't fit the insert: one is off by {best.worst_touch:.1f} of "
-            f"its standard uncertainties ({_WORST_TOUCH:g} at most). Touch again; are the names "
-            "those on the insert (left, right, front, back as drawn), is it this insert, and was "
-            "the lens calibrated at this focus?"
+            "the touched crosses don't fit the fiducial plate: one is off by "
+            f"{best.worst_touch:.1f} of its standard uncertainties ({_WORST_TOUCH:g} at most). "
+            "Touch again; are the names those on the fiducial plate (left, right, front, back as "
+            "drawn), is it this fiducial plate, and was the lens calibrated at this focus?"
         )
     if best.touch_chance < _TOUCH_CHANCE:
         usual = 1e3 * float(np.mean([touch.u_mm for touch in ties.touches]))
         raise PictureError(
-            f"the touched crosses don't fit the insert: they scatter {best.touch_misfit:.1f} times "
-            f"as much as touches good to {usual:.0f} µm. Touch again, or state what they are good "
-            "to (--u-touch-mm); is the insert made as it says, and was the lens calibrated at "
-            "this focus?"
+            "the touched crosses don't fit the fiducial plate: they scatter "
+            f"{best.touch_misfit:.1f} times as much as touches good to {usual:.0f} µm. Touch "
+            "again, or state what they are good to (--u-touch-mm); is the fiducial plate made as "
+            "it says, and was the lens calibrated at this focus?"
         )
 
 
@@ -230,11 +232,13 @@ def check_touches(insert: Insert, touches: Sequence[Touch]) -> None:
     names = [cross.name for cross in insert.crosses]
     for touch in touches:
         if touch.name not in names:
-            raise PictureError(f"the insert has no cross {touch.name!r}; it has {', '.join(names)}")
+            raise PictureError(
+                f"the fiducial plate has no cross {touch.name!r}; it has {', '.join(names)}"
+            )
     if len({touch.name for touch in touches}) == 1:
         raise PictureError(
-            "one touched cross doesn't say how the insert is turned; touch two or more, opposite "
-            "ones"
+            "one touched cross doesn't say how the fiducial plate is turned; touch two or more, "
+            "opposite ones"
         )
 
 

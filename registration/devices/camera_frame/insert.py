@@ -246,7 +246,8 @@ def design_insert(
     plate = (hole[0] + 2 * band, hole[1] + 2 * band)
     if max(plate) > _MOST_MM:
         raise PictureError(
-            f"the insert would be {max(plate):g} mm wide ({_MOST_MM:g} at most); take smaller marks"
+            f"the fiducial plate would be {max(plate):g} mm wide ({_MOST_MM:g} at most); take "
+            "smaller marks"
         )
     places = _places(hole, band)
     if not FEWEST_MARKS <= len(places) <= _MOST_MARKS:

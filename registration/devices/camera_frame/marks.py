@@ -304,9 +304,9 @@ def find_marks(image: NDArray[Any], insert: Insert, lens: Lens, source: Path | s
     good = np.zeros(0, bool) if corners is None else corners.good
     if corners is None or good.sum() < FEWEST:
         raise PictureError(
-            f"{source}: {int(good.sum())} marks of the insert are found ({FEWEST} wanted, of "
-            f"{len(insert.marks)}): is the insert in view, sharp, evenly lit and not mirrored? Is "
-            "it this one (--insert)? A mark wants 25 pixels or more across"
+            f"{source}: {int(good.sum())} marks of the fiducial plate are found ({FEWEST} wanted, "
+            f"of {len(insert.marks)}): is the fiducial plate in view, sharp, evenly lit and not "
+            "mirrored? Is it this one (--insert)? A mark wants 25 pixels or more across"
         )
     return SeenMarks(
         index[good],

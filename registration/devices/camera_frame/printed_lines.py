@@ -143,8 +143,8 @@ def _found(
     if clear < _LEAST_CLEAR:
         raise PictureError(
             f"printed line {number} isn't seen within {reach_mm:g} mm of where it should lie "
-            f"({clear:.1f} times the ground's deviation, {_LEAST_CLEAR:g} wanted): is the insert "
-            "where --at says, to 2 mm and 3 degrees? Dye the ink, light it evenly"
+            f"({clear:.1f} times the ground's deviation, {_LEAST_CLEAR:g} wanted): is the fiducial "
+            "plate where --at says, to 2 mm and 3 degrees? Dye the ink, light it evenly"
         )
     middle, lean, sure = _refined(sign * ridge, share, aside, (at, slope), line.width_mm, number)
     off = middle + lean * (np.array([0.0, 1.0]) - 0.5)

@@ -155,7 +155,7 @@ def fit_laser(traced: Traced, frame: CameraFrame, flat_z_mm: float, now: datetim
     apart = abs(flat_z_mm - frame.middle_mm[2])
     if apart < _LEAST_APART_MM:
         raise PictureError(
-            f"the flat face at z {flat_z_mm:g} mm lies {apart:.2f} mm from the insert's face "
+            f"the flat face at z {flat_z_mm:g} mm lies {apart:.2f} mm from the plate's face "
             f"({_LEAST_APART_MM:g} mm wanted), so it doesn't tell how the laser's plane leans; lay "
             "a plate of another thickness into the dish"
         )

@@ -280,9 +280,10 @@ def trace(path: Path, frame: CameraFrame) -> Traced:
             profiles += [one for one in pool.map(profile, some) if one is not None]
     if len(profiles) < FEWEST:
         raise PictureError(
-            f"{path}: the laser's line is found on both sides of the insert in {len(profiles)} of "
-            f"{count} pictures ({FEWEST} wanted); let it cross the insert's white left and right "
-            "of the dish, brighter than the light around, and sweep over the whole print"
+            f"{path}: the laser's line is found on both sides of the fiducial plate in "
+            f"{len(profiles)} of {count} pictures ({FEWEST} wanted); let it cross the plate's "
+            "white left and right of the dish, brighter than the light around, and sweep over the "
+            "whole print"
         )
     return Traced(tracer.whole, tuple(profiles), count)
 

@@ -37,7 +37,7 @@ def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsy
         (look_folder(folder, 1) / "answer.json").unlink()
         client.stop()
         client.wait(300)
-        with pytest.raises(UsageError, match="doesn't wait for a word on look 1"):
+        with pytest.raises(UsageError, match="isn't waiting for an answer to look 1"):
             answer(folder, "approve")
         assert read_answer(folder, 1) is None
         looks(folder)

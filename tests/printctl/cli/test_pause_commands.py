@@ -19,16 +19,16 @@ from firmware_profiles import Printer, load
 from gcode.dry_run.run import dry_run
 from printctl.calibration.patterns import Pattern, PatternSetUp, WrittenPattern, read_pattern
 from printctl.cli.machine import print_job, running_print
-from printctl.cli.machine.running_print import confirm_presence as alive
 from printctl.cli.machine.running_print import (
-    kill,
+    cancel,
+    emergency_stop,
     pause,
     recover,
     reload,
     resume,
     status,
-    stop,
 )
+from printctl.cli.machine.running_print import confirm_presence as alive
 from printctl.cli.main import app
 from printctl.errors import PrintctlError, SafetyError, UsageError
 from printctl.machine.errors import LinkError, Refused
@@ -63,7 +63,7 @@ def begun(folder: Path, profile: str, port: str) -> PrintClient:
 def test_the_only_print_that_goes_on_needs_no_name(tmp_path, profile, capsys, monkeypatch):
     monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path / "data"))
     shell = Shell(monkeypatch, capsys)
-    shell.refuses("no print of yours is going on; name the RUN that is meant", "kill")
+    shell.refuses("no print of yours is going on; name the RUN that is meant", "emergency-stop")
     with pty_printer(FakeMarlin(), hold_at=40) as served:
         client = begun(tmp_path, profile, served.name)
         assert served.held.wait(10)
@@ -72,12 +72,13 @@ def test_the_only_print_that_goes_on_needs_no_name(tmp_path, profile, capsys, mo
         with pytest.MonkeyPatch.context() as patch:
             two = [tmp_path / "job.gcode.print"] * 2
             patch.setattr("printctl.machine.prints.state.known_folders", lambda data: two)
-            shell.refuses("2 prints are going on", "stop")
+            shell.refuses("2 prints are going on", "cancel")
         assert shell("pause")[0] == 0
         served.gate.set()
         until(client, LinkState.PAUSED)
-        code, out, _ = shell("stop")
-        assert (code, out.startswith("stopped")) == (0, True), out
+        code, out, err = shell("stop")
+        assert (code, out.startswith("cancelled")) == (0, True), out
+        assert "`printctl emergency-stop`" in err
         client.detach()
 
 
@@ -149,7 +150,10 @@ def test_status_of_a_print_that_waits_for_a_layer_is_json(tmp_path, profile, cap
 
 @pytest.mark.parametrize(
     ("end", "state", "told"),
-    [(stop, LinkState.STOPPED, "stopped: "), (kill, LinkState.KILLED, "killed: killed by")],
+    [
+        (cancel, LinkState.STOPPED, "cancelled: "),
+        (emergency_stop, LinkState.KILLED, "halted: emergency stop by"),
+    ],
 )
 def test_print_is_ended_from_another_terminal(tmp_path, profile, capsys, end, state, told):
     with pty_printer(FakeMarlin(), hold_at=40) as served:
@@ -161,17 +165,17 @@ def test_print_is_ended_from_another_terminal(tmp_path, profile, capsys, end, st
     assert told in capsys.readouterr().out
 
 
-def test_a_stop_that_takes_long_says_that_it_is_asked_for(tmp_path, profile, capsys, monkeypatch):
+def test_a_cancel_that_takes_long_says_that_it_is_requested(tmp_path, profile, capsys, monkeypatch):
     monkeypatch.setattr("printctl.cli.machine.running_print.STOP_S", 0.1)
     with pty_printer(FakeMarlin(), hold_at=40) as served:
         client = begun(tmp_path, profile, served.name)
         assert served.held.wait(10)
-        stop(tmp_path / "job.gcode")
+        cancel(tmp_path / "job.gcode")
         served.gate.set()
         assert client.wait(300).state is LinkState.STOPPED
     said = capsys.readouterr().out
-    assert "a stop is asked for" in said
-    assert "tells how it ends" in said
+    assert "cancelling is requested" in said
+    assert "reports the end" in said
 
 
 def test_file_that_was_never_printed_is_told(tmp_path):

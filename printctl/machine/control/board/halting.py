@@ -48,7 +48,7 @@ KILL_WAIT_S: Final = 4.0
 WIRE_S: Final = 0.1
 _NO_CONTROLS: Final = dict.fromkeys(range(32), " ")
 UNCONFIRMED: Final = "the printer has NOT confirmed: cut its power"
-HALTED_BEFORE: Final = "killed by the user; the firmware had halted itself before"
+HALTED_BEFORE: Final = "emergency stop by the user; the firmware had halted itself before"
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ class Kill:
         sent = ", ".join(each) or "nothing left the host"
         printer_s = self._wiring.exchange.now_s - max(left.values(), default=asked)
         return (
-            f"killed by the user; {sent}, the printer said {printer_s * 1e3:.0f} ms "
+            f"emergency stop by the user; {sent}, the printer said {printer_s * 1e3:.0f} ms "
             f"later that it has halted; {self.halting.words(run_on, self._alive)}"
         )
 
@@ -224,5 +224,5 @@ class Kill:
                 self.heard()
                 hear(data, now)
         # halted without a reason
-        why = HALTED_BEFORE if self.halted_itself else f"killed by the user; {UNCONFIRMED}"
+        why = HALTED_BEFORE if self.halted_itself else f"emergency stop by the user; {UNCONFIRMED}"
         raise PrintEnded(LinkState.KILLED, why, known=False)

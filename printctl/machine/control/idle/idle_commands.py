@@ -222,7 +222,7 @@ class IdleCommands:
             if not self.known.needle_known:
                 raise Refused(
                     "homing drives an axis through whatever is in the way, and it isn't known "
-                    "whether a needle is mounted: home by Home (page Printer, `printctl station "
+                    "whether a needle is mounted: home by Home (Printer page, `printctl station "
                     "home`), which asks, or say first what is mounted (mount; '' for no needle)"
                 )
             answer = yield from self.home(line.axes)

@@ -25,7 +25,7 @@ class StationState(StrEnum):
     CLOSED = "closed"
 
 
-NO_PRINTER: Final = "no printer is connected; connect one first (page Printer)"
+NO_PRINTER: Final = "no printer is connected; connect one first (Printer page)"
 """Told wherever something is asked of a station that isn't there."""
 OPEN: Final = frozenset({StationState.READY, StationState.BUSY, StationState.PRINTING})
 """States in which the printer answers."""

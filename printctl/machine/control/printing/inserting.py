@@ -51,7 +51,7 @@ def _insert(run: Print, request: LookRequest, at: Modal) -> Steps[dict[str, obje
     Where it isn't taken (`LinkError`) nothing has changed.
     """
     logbook, progress, watch = run.logbook, run.progress, run.watch
-    done, name = progress.done, f"the insert of look {request.look}"
+    done, name = progress.done, f"the injected G-code of look {request.look}"
     if is_open(progress.job.lines, done, run.printer):
         raise Refused(f"{name} isn't taken: the job has the valve open there")
     bears = run.wiring.limits().plunger_mm_s

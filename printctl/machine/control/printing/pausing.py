@@ -341,7 +341,7 @@ def send_manual(run: Print) -> Steps[None]:
         try:
             lines = yield from run.channel.command(verdict.text.encode("ascii"))
         except StopRequested:
-            run.channel.tell(manual.refused, "the print is being stopped")
+            run.channel.tell(manual.refused, "the print is being cancelled")
             raise
         complaint = run.logbook.excuse(before)
         if not complaint:

@@ -54,7 +54,7 @@ def run_print(run: Print, history: JournalledPrint | None) -> Steps[None]:
             yield from _obey(run)
             yield from do_what_is_due(run)
     except StopRequested:
-        words = f"stopped by {run.queue.stopped_by}{run.excursion.words()}"
+        words = f"cancelled by {run.queue.stopped_by}{run.excursion.words()}"
         yield from retreat(run, LinkState.STOPPED, words)
     others = run.progress.foreign_words()
     look = f"; {others}: look at the part" if others else ""

@@ -79,7 +79,7 @@ class Streamer:
     def _ended_by(self, exc: LinkError) -> PrintEnded:
         name, logbook = type(exc).__name__, self.print.logbook
         if self.print.channel.kill.asked.is_set():
-            message = f"killed by the user; {exc}; {UNCONFIRMED}"
+            message = f"emergency stop by the user; {exc}; {UNCONFIRMED}"
             return PrintEnded(LinkState.KILLED, message, False, name)
         if isinstance(exc, PortLost):
             words = logbook.progress.words()

@@ -37,7 +37,7 @@ from printctl.machine.process.outcome import may_still_move, read_outcome
 from printctl.machine.process.socket_server import open_address
 from printctl.machine.records.actor import actor
 from printctl.machine.records.record import LOG, ContactRecord, load_record
-from printctl.machine.records.states import EARLY, LinkState, Status
+from printctl.machine.records.states import EARLY, LinkState, Status, state_words
 
 if TYPE_CHECKING:
     from printctl.machine.process.orders import Order
@@ -379,15 +379,15 @@ class PrintClient(Client):
         status = self.status
         if status.state is LinkState.INTERRUPTED:
             return self._nobody_speaks()
-        words = f"{status.state.value}: {status.message}"
+        words = f"{state_words(status.state)}: {status.message}"
         return Refused(f"the print in {self.folder} has ended ({words}); nothing was requested")
 
     def _nobody_speaks(self) -> NoLink:
         status = self.status
         return NoLink(
-            f"nobody speaks to the printer of {self.folder} any more ({status.state.value}: "
-            f"{status.message}); nothing was requested. `printctl kill` halts it, `printctl "
-            "resume` goes on where that is possible"
+            f"nobody speaks to the printer of {self.folder} any more ({state_words(status.state)}: "
+            f"{status.message}); nothing was requested. `printctl emergency-stop` halts it, "
+            "`printctl resume` goes on where that is possible"
         )
 
     # --- what a client may hear ------------------------------------------------------------------
@@ -681,8 +681,8 @@ class Station(Client):
         if lived and last_word(self.folder).state is not StationState.CLOSED:
             raise LinkError(
                 f"the station's process ended before it had answered ({do}): what moves may move "
-                "on, and heaters stay on; `printctl station kill` halts the printer, its power "
-                "ends both"
+                "on, and heaters stay on; `printctl station emergency-stop` halts the printer, its "
+                "power ends both"
             )
         raise NoLink(NO_PRINTER)
 

@@ -37,7 +37,7 @@ from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.sealing import sign_journal
-from printctl.machine.records.states import LinkState, PrintEnded, Status
+from printctl.machine.records.states import LinkState, PrintEnded, Status, state_words
 
 
 def kill_unlinked(folder: Path) -> Status:
@@ -57,7 +57,7 @@ def kill_unlinked(folder: Path) -> Status:
         else:
             message = _halt_at(record, history.capabilities, journal)
             message += str(halted_unlinked(history.state))
-        message += f"; before, the print was {before.state.value}"
+        message += f"; before, the print was {state_words(before.state)}"
         status = replace(
             before, state=LinkState.KILLED, message=message, position_known=False, error=""
         )
@@ -153,7 +153,9 @@ def _halt(wiring: Wiring, capabilities: dict[str, bool]) -> str:
                 started = "its board started anew (its port was opened), which drops all it held"
                 if kill.pulled_reset:
                     started = "its board started anew by its reset line, which drops all it held"
-                raise PrintEnded(LinkState.KILLED, f"killed by the user; {started}", known=False)
+                raise PrintEnded(
+                    LinkState.KILLED, f"emergency stop by the user; {started}", known=False
+                )
 
     striking = threading.Thread(target=kill.strike)
     striking.start()

@@ -70,7 +70,7 @@ def stop_and_leave(client: PrintClient) -> NoReturn:
     """End a print whose start was interrupted; raise KeyboardInterrupt."""
     client.stop()
     client.detach()
-    raise KeyboardInterrupt(f"the print in {client.folder} was told to stop")
+    raise KeyboardInterrupt(f"the print in {client.folder} was cancelled")
 
 
 def start_print(
@@ -262,7 +262,7 @@ def running(order: Order) -> PrintClient | None:
         client.detach()
         raise PrintctlError(
             f"another file is being printed in {order.folder}, or {order.job.name} has changed "
-            "since; wait for that print, or stop it from a terminal with its own file"
+            "since; wait for that print, or cancel it from a terminal with its own file"
         )
     return client
 

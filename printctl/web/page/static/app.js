@@ -31,7 +31,7 @@ async function show(first = false) {
       body = html`<${Page} key=${location.pathname + location.search} ...${query} />`;
     } catch (problem) {
       console.error(problem);
-      body = html`<${Failed} problem=${{ message: `The page ${title} can't be shown. STOP above works. Reload the page.` }} />`;
+      body = html`<${Failed} problem=${{ message: `The page ${title} can't be shown. EMERGENCY STOP above works. Reload the page.` }} />`;
     }
   }
   if (turn !== shown) return; // another page was asked for meanwhile

@@ -1,6 +1,6 @@
 // The header: state of printer and print, who holds the controls, whether the server is there.
 import { last, listen, send } from "./api.js";
-import { nameOf, span } from "./ui.js";
+import { nameOf, span, stateOf } from "./ui.js";
 
 const SURE_MS = 4000;
 const LONGEST_NAME = 24;
@@ -17,7 +17,7 @@ const PRINTER = {
 };
 
 // State, share and time left of a print, each in words; "" for a state of none.
-export const progressOf = ({ state, share, time_left_s: left }) => [(state ?? "").replaceAll("_", " "),
+export const progressOf = ({ state, share, time_left_s: left }) => [stateOf(state ?? ""),
   Number.isFinite(share) && `${(100 * share).toFixed(1)} %`, Number.isFinite(left) && `${span(left)} left`];
 
 const shortName = (name) => (name.length > LONGEST_NAME ? `${name.slice(0, LONGEST_NAME - 1)}…` : name);
@@ -69,10 +69,10 @@ function showLost() {
   const said = [];
   if (last("lost")?.lost) {
     said.push("The connection to the server is lost: what you see is old. A print goes on by itself.",
-      noDoor ? "STOP has no way to the printer from here: to halt it, cut its power."
-        : "STOP still works, by a way of its own.");
+      noDoor ? "EMERGENCY STOP can't reach the printer from here: to halt it, cut its power."
+        : "EMERGENCY STOP still works: it has a connection of its own.");
   } else if (noDoor) {
-    said.push("The stop process doesn't answer: STOP depends on the server alone.");
+    said.push("The stop process doesn't answer: EMERGENCY STOP depends on the server alone.");
   }
   put("pc-lost", said.join(" "));
   at("pc-lost").hidden = !said.length;

@@ -1,4 +1,4 @@
-// The red stop. Plain script: it needs neither the page's modules nor the server's event loop.
+// The emergency stop. Plain script: it needs neither the page's modules nor the server's event loop.
 //
 // A stop goes out twice at once: to the stop process, a process of its own on a port of its own (so
 // that no hanging request of the page stands before it), and to the server.
@@ -90,19 +90,19 @@
     }
   }
 
-  // Whether they have halted; what it means for a print stands on the page Job.
+  // Whether they have halted; what it means for a print is on the Job page.
   function outcome(all) {
     if (all.some((one) => /cut its power/i.test(one.message))) {
-      return "No word that it has halted: CUT ITS POWER.";
+      return "The printer hasn't confirmed that it halted: CUT ITS POWER.";
     }
     const ended = all.filter((one) => !["killed", "halted"].includes(one.state));
-    if (ended.length) return ended.map((one) => `It is ${one.state.replaceAll("_", " ")}: ${one.message}.`).join(" ");
-    return "It has halted: see where the needle is.";
+    if (ended.length) return ended.map((one) => `The print is over: ${one.message}.`).join(" ");
+    return "The printer has halted: check where the needle is.";
   }
 
   async function stop(by) {
     const began = performance.now();
-    const said = { head: `STOP (${by}) …`, sent: "", outcome: "", rehearsal: "", trouble: "" };
+    const said = { head: `EMERGENCY STOP (${by}) …`, sent: "", outcome: "", rehearsal: "", trouble: "" };
     const tell = () => show([said.head, said.sent, said.outcome, said.rehearsal, said.trouble]);
     const since = () => `${Math.round(performance.now() - began)} ms`;
     let answers = 0;
@@ -114,24 +114,24 @@
         const machines = new Set(message.sent.map((one) => one.process || one.folder)).size;
         if (machines > most) {
           most = machines;
-          said.sent = `Halt went to ${most} printer${most > 1 ? "s" : ""} after ${since()}.`;
+          said.sent = `Sent to ${most} printer${most > 1 ? "s" : ""} after ${since()}.`;
         } else if (!most) {
-          said.sent = `Nothing is connected to a printer here: nothing to halt. ${CUT}`;
+          said.sent = `No printer is connected here: nothing to halt. ${CUT}`;
         }
       }
-      if (message.rehearsals_ended) said.rehearsal = "What was being rehearsed is ended, too.";
+      if (message.rehearsals_ended) said.rehearsal = "Running rehearsals were ended, too.";
       if (message.outcome?.length) said.outcome = outcome(message.outcome);
-      said.head = `STOP (${by}).`;
+      said.head = `EMERGENCY STOP (${by}).`;
       tell();
     };
     const ways = [ask("/api/v1/stop", { credentials: "same-origin" }, heard)];
     if (door) ways.unshift(ask(`${door}/stop`, { mode: "cors", credentials: "include" }, heard));
     const results = await Promise.allSettled(ways);
     if (!answers) {
-      said.head = "STOP: NO ANSWER.";
+      said.head = "EMERGENCY STOP: NO ANSWER.";
       said.trouble = "Neither the stop process nor the server answers. CUT THE PRINTER'S POWER.";
     } else if (results.some((one) => one.status === "rejected")) {
-      said.trouble = "One of the two ways of the stop didn't answer.";
+      said.trouble = "One of the two connections of the emergency stop didn't answer.";
     }
     tell();
   }

@@ -220,7 +220,7 @@ export function Card({ title, tools, fold, folded = false, tone, children, ...mo
     ${(title || tools) && html`<div class="card-head">${title && html`<h2>${head}</h2>`}
       ${tools && html`<div class="row">${tools}</div>`}</div>`}
     <div class="card-body" id=${id} hidden=${closed}>${broken
-      ? html`<${Failed} problem=${{ message: `This part can't be shown (${broken.message}). STOP above works; reload the page.` }} />`
+      ? html`<${Failed} problem=${{ message: `This part can't be shown (${broken.message}). EMERGENCY STOP above works; reload the page.` }} />`
       : children}</div>
   </section>`;
 }
@@ -357,7 +357,7 @@ export function Ask({ title, text, yes = "Yes", no = "Cancel", danger, why, work
   </form></${Dialog}>`;
 }
 
-// A dialog below the header, so that STOP is always in reach. Escape closes it; what had the focus
+// A dialog below the header, so that EMERGENCY STOP is always in reach. Escape closes it; what had the focus
 // gets it back.
 export function Dialog({ title, onClose, children }) {
   const box = useRef(null);
@@ -487,6 +487,8 @@ export function number(value, digits = 4) {
 }
 
 // A job's name for people; the run that it is of, "" for a file that was brought.
+const STATE_WORDS = { stopping: "cancelling", stopped: "cancelled", killed: "halted" };
+export const stateOf = (state) => (STATE_WORDS[state] ?? state).replaceAll("_", " ");
 export const nameOf = (job) => job.replace(/^(run|file)~/, "").replace(/\.gcode$/, "");
 export const runOf = (job) => (job.startsWith("run~") ? job.slice(4) : "");
 

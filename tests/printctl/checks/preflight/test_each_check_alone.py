@@ -153,7 +153,7 @@ AIR_GOOD = SetUp(
     GOOD.bath,
     GOOD.standing,
 )
-WATCH = "kill and dead host"
+WATCH = "emergency stop and dead host"
 """What everybody with such a head is told."""
 BEGIN = ["M85 S600", "M106 P0 S0", "G21", "G90", "G92 X100 Y100 Z20", "G0 Z5 F240"]
 WRITE = ["M400", "M106 P0 S255", "G4 P30", "G1 X105 F600", "M400", "M106 P0 S0", "G4 P30"]

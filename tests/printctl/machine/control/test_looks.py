@@ -114,7 +114,7 @@ def test_stop_in_a_look_leaves_the_needle_up(by):
         observe(bench, decide=lambda number: LookDecision.STOP)
     status = bench.run()
     assert (status.state, status.position_known) == (LinkState.STOPPED, True)
-    assert status.message.startswith(f"stopped by the {by} while paused")
+    assert status.message.startswith(f"cancelled by the {by} while paused")
     assert bench.printer.place["Z"] >= 14.0
     assert_true(bench, status)
     assert_stood(bench)
@@ -174,7 +174,7 @@ def test_only_the_look_that_goes_on_takes_one_insert():
     assert_exact(bench)
     assert [
         "G28" in bench.refusals[0],
-        "has an insert of 11 lines already" in bench.refusals[1],
+        "has injected G-code of 11 lines already" in bench.refusals[1],
     ] == [True, True]
     first, again = (one for one in bench.answers if one["event"] == "inserted")
     assert first == again
@@ -334,7 +334,7 @@ def test_what_was_inserted_in_a_pause_is_told_where_it_is_looked_again():
     bench = Bench(JOB, first.printer, LOOKS, first.journal, resume=True)
 
     def tries(streamer: Streamer) -> None:
-        with pytest.raises(Refused, match="has an insert of"):
+        with pytest.raises(Refused, match="has injected G-code of"):
             insert(bench, 2, [*lines, "G4 P0"])
         insert(bench, 2, lines)
         bench.streamer.look(LookRequest(2, print, print, "seen", GO_ON))

@@ -354,7 +354,7 @@ def test_what_moves_or_sets_is_refused_in_a_print_which_goes_on(line):
     assert_exact(bench)
     [refusal] = bench.refusals
     assert "printctl station" not in refusal  # it has no print to act on
-    assert ("`printctl kill`" in refusal) == (line == "M112")
+    assert ("`printctl emergency-stop`" in refusal) == (line == "M112")
 
 
 def test_questions_fans_and_warmth_within_limits_go_out_in_a_print():

@@ -249,7 +249,7 @@ def test_motors_some_steps_off_behind_the_last_move_are_not_done(axis, steps):
     [
         (b"some text\nError:Thermal Runaway\n", LinkState.FAILED, "Thermal Runaway"),
         (b"Wobble exceeded\n", LinkState.DONE, "Wobble exceeded"),
-        (b"//action:cancel\n", LinkState.STOPPED, "stopped by the printer (//action:cancel)"),
+        (b"//action:cancel\n", LinkState.STOPPED, "cancelled by the printer (//action:cancel)"),
         (b"echo: cold extrusion prevented\n", LinkState.FAILED, "cold extrusion prevented"),
     ],
 )

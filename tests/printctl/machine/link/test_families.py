@@ -517,7 +517,7 @@ def test_a_kill_before_the_question_has_left_leaves_the_reason_to_be_told(tmp_pa
     status = streamer.run()
     assert b"STATUS\n" in wire.written
     assert status.state is LinkState.KILLED
-    assert "killed by the user; the firmware had halted itself before" in status.message
+    assert "emergency stop by the user; the firmware had halted itself before" in status.message
     assert "MCU 'mcu' shutdown: Timer too close" in status.message
 
 
@@ -534,7 +534,7 @@ def test_a_kill_leaves_while_the_reason_is_waited_for_and_ends_the_print(tmp_pat
     wire.at_status = streamer.kill
     status = streamer.run()
     assert status.state is LinkState.KILLED
-    assert "killed by the user" in status.message
+    assert "emergency stop by the user" in status.message
     assert "NOT confirmed" not in status.message
     assert wire.written[-1] == streamer.wiring.protocol.kill_bytes
 
@@ -556,4 +556,4 @@ def test_a_kill_is_confirmed_by_the_word_shutdown_alone(tmp_path) -> None:
     status = streamer.run()
     another.join()
     assert status.state is LinkState.KILLED
-    assert "killed by the user; M112 left the host" in status.message
+    assert "emergency stop by the user; M112 left the host" in status.message

@@ -171,7 +171,7 @@ def killed(folder, profile: str, state: LinkState, done: int = 60, port: str = "
         journal.add("state", state=LinkState.PRINTING, message="")
         journal.add("ack", done=done)
         if state is not LinkState.PRINTING:
-            message = "stopped by the user" if state is LinkState.STOPPING else ""
+            message = "cancelled by the user" if state is LinkState.STOPPING else ""
             journal.add("state", state=state, message=message)
     return read_outcome(folder)
 
@@ -200,7 +200,7 @@ def test_motors_may_run_out_what_the_printer_has_taken(tmp_path, profile, held):
 )
 def test_what_is_known_of_a_print_whose_process_died_in_a_stop(tmp_path, profile, motors):
     message = killed(tmp_path, profile, LinkState.STOPPING).message
-    assert f"it was being ended (stopped by the user): {motors}" in message
+    assert f"it was being ended (cancelled by the user): {motors}" in message
     assert "needle may be up or still down, and heaters may be on" in message
     assert "nothing has stopped its motors" not in message
 
@@ -257,7 +257,7 @@ def interrupted(folder, *records: dict) -> None:
 def test_print_that_was_being_ended_is_not_gone_on_with(tmp_path):
     interrupted(tmp_path)
     assert resumable(tmp_path, "0").done == 20
-    stopping = {"sort": "state", "state": LinkState.STOPPING, "message": "stopped by the user"}
+    stopping = {"sort": "state", "state": LinkState.STOPPING, "message": "cancelled by the user"}
     interrupted(tmp_path, stopping)
     with pytest.raises(Refused, match=r"was being ended .*heaters may be off"):
         resumable(tmp_path, "0")
@@ -272,7 +272,7 @@ def test_print_whose_journal_misses_records_is_not_gone_on_with(tmp_path):
         resumable(tmp_path, "0")
 
 
-# --- `printctl kill` where the print's link process is gone and the motors may run on
+# --- `printctl emergency-stop` where the print's link process is gone and the motors may run on
 
 
 def test_kill_opens_the_port_and_halts(tmp_path, monkeypatch, capsys):
@@ -281,10 +281,10 @@ def test_kill_opens_the_port_and_halts(tmp_path, monkeypatch, capsys):
         killed(tmp_path, "generic_marlin", LinkState.PRINTING, port=served.name)
         code, _, err = shell("stop", str(tmp_path))
         assert (code, served.printer.halted) == (1, False)
-        assert "printctl kill" in err
-        code, out, _ = shell("kill", str(tmp_path))
+        assert "printctl emergency-stop" in err
+        code, out, _ = shell("emergency-stop", str(tmp_path))
         assert (code, served.printer.halted) == (0, True)
-    assert out.startswith("killed: ")
+    assert out.startswith("halted: ")
     assert read_outcome(tmp_path).state is LinkState.KILLED
     assert read_journal(tmp_path / JOURNAL).state is LinkState.KILLED
 
@@ -295,7 +295,7 @@ REQUESTS = ["pause", "resume", "reload", "alive"]
 @pytest.mark.parametrize("do", ["stop", *REQUESTS])
 def test_client_of_an_interrupted_print_is_told_that_nobody_speaks_to_its_printer(tmp_path, do):
     killed(tmp_path, "generic_marlin", LinkState.PRINTING)
-    with pytest.raises(NoLink, match=r"nobody speaks .*`printctl kill` halts it"):
+    with pytest.raises(NoLink, match=r"nobody speaks .*`printctl emergency-stop` halts it"):
         getattr(attach(tmp_path), do)()
 
 
@@ -335,11 +335,11 @@ def test_client_that_cant_kill_an_interrupted_print_says_so(tmp_path):
 
 def test_client_of_a_print_that_has_ended_is_told_how(tmp_path):
     killed(tmp_path, "generic_marlin", LinkState.PRINTING)
-    ended = Status(LinkState.STOPPED, message="stopped by the user")
+    ended = Status(LinkState.STOPPED, message="cancelled by the user")
     replace(load_record(tmp_path), status=ended.to_dict()).save(tmp_path)
     client = attach(tmp_path)
     for do in REQUESTS:
-        with pytest.raises(Refused, match=r"has ended \(stopped: stopped by the user\)"):
+        with pytest.raises(Refused, match=r"has ended \(cancelled: cancelled by the user\)"):
             getattr(client, do)()
     client.stop()
     client.kill()
@@ -353,7 +353,7 @@ def test_kill_that_halts_nothing_says_so(tmp_path, monkeypatch, capsys, mute):
     with pty_printer(printer) as served:
         port = served.name if mute else "/dev/nowhere"
         killed(tmp_path, "generic_marlin", LinkState.PRINTING, port=port)
-        code, _, err = Shell(monkeypatch, capsys)("kill", str(tmp_path))
+        code, _, err = Shell(monkeypatch, capsys)("emergency-stop", str(tmp_path))
     assert code != 0
     assert "cut" in err
     assert "power" in err

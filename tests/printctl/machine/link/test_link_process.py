@@ -229,7 +229,7 @@ def test_shutdown_of_the_system_is_a_controlled_stop_and_hang_ups_are_nothing(
         served.gate.set()
         outcome = client.wait(300)
         assert outcome.state is state
-        assert state is LinkState.DONE or "stopped by the system" in outcome.message
+        assert state is LinkState.DONE or "cancelled by the system" in outcome.message
         assert state is LinkState.DONE or served.printer.numbered[-1] == "M400"
 
 
@@ -350,7 +350,7 @@ def test_insert_outlives_the_process_that_took_it(tmp_path, profile):
     with pty_printer(FakeMarlin()) as served:
         client = start_print(Order(job, profile, served.name, run, care=care))
         look(client, 1)
-        with pytest.raises(Refused, match="G28 may not be inserted"):
+        with pytest.raises(Refused, match="G28 can't be injected"):
             client.insert(1, ["G28"])
         answer = client.insert(1, lines, "a gap")
         os.kill(client.record.pid, signal.SIGKILL)
@@ -359,7 +359,7 @@ def test_insert_outlives_the_process_that_took_it(tmp_path, profile):
         held = look(client, 1)
         assert (held["inserted"], held["insert_sha256"]) == (11, answer["sha256"])
         assert client.insert(1, lines, "a gap") == answer
-        with pytest.raises(Refused, match="has an insert of 11 lines already"):
+        with pytest.raises(Refused, match="has injected G-code of 11 lines already"):
             client.insert(1, lines[:3])
         client.decide(1, LookDecision.GO_ON)
         look(client, 2)

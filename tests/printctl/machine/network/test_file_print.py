@@ -387,7 +387,7 @@ def test_stop_ends_it_in_the_hosts_way(server: BoardServer, tmp_path: Path):
     one.film.stop()
     status = one.end()
     assert status.state is LinkState.STOPPED
-    assert "stopped by the user" in status.message
+    assert "cancelled by the user" in status.message
     assert server.board.status == "idle"
     assert len(server.strokes()) < len(STROKES)
 
@@ -480,7 +480,7 @@ def test_stop_whose_answer_is_lost_is_sent_again_only_where_the_file_is_read_on(
     wait(lambda: server.board.status == "paused")
     time.sleep(0.5)
     assert len(cancels) == 2
-    assert "stop it again" in one.film.status.message
+    assert "cancel it again" in one.film.status.message
     host.cancel = own  # type: ignore[method-assign]
     one.film.stop()
     assert one.end().state is LinkState.STOPPED
@@ -618,7 +618,7 @@ def test_a_stop_that_never_left_has_no_lost_answer(server: BoardServer, tmp_path
     one.film._refuse_other_file = silent  # type: ignore[method-assign]
     one.film.stop()
     wait(lambda: not one.film._cancelling)
-    assert "a stop is requested" in one.film.status.message
+    assert "cancelling is requested" in one.film.status.message
     assert "lost" not in one.film.status.message
     one.end()
 

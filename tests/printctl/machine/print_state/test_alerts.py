@@ -64,7 +64,7 @@ def test_after_done_no_alarm_says_that_the_print_goes_on(text: str) -> None:
 @pytest.mark.parametrize("state", [one for one in LinkState if Status(one).ended])
 @pytest.mark.parametrize("known", [True, False])
 def test_every_end_but_done_is_explained(state: LinkState, known: bool) -> None:
-    message = "killed by the user; M410 left the host after 0.1 ms; motors at X107.46"
+    message = "emergency stop by the user; M410 left the host after 0.1 ms; motors at X107.46"
     alert = alert_of(Status(state, message=message, position_known=known), "", False)
     assert (alert is None) == (state is LinkState.DONE and known)
     if alert is not None:
@@ -86,7 +86,7 @@ def test_a_needle_is_said_to_be_up_only_where_a_print_had_begun_and_its_place_is
 
 
 def test_a_stop_that_the_printer_hasn_t_confirmed_asks_to_cut_its_power() -> None:
-    message = "killed by the user; the printer has NOT confirmed: cut its power"
+    message = "emergency stop by the user; the printer has NOT confirmed: cut its power"
     alert = alert_of(Status(LinkState.KILLED, message=message, position_known=False), "", False)
     assert alert is not None
     assert "hasn't confirmed" in alert.what
@@ -97,7 +97,7 @@ def test_a_stop_that_the_printer_hasn_t_confirmed_asks_to_cut_its_power() -> Non
 @pytest.mark.parametrize(
     ("status", "says", "not_said"),
     [
-        (Status(LinkState.STOPPED, message="stopped by the user before the first line"),
+        (Status(LinkState.STOPPED, message="cancelled by the user before the first line"),
          "no line of the job", "lifted"),
         (Status(LinkState.FAILED, message="no firmware answers", error="HandshakeError"),
          "no line of the job", "lifted"),

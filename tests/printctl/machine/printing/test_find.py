@@ -417,7 +417,7 @@ def test_resume_of_a_print_that_has_ended_says_how_it_ended_and_what_is_left(tmp
     folder.mkdir()
     (tmp_path / "job.gcode").write_text("G1 X1\n")
     job = str(tmp_path / "job.gcode")
-    ended = Status(LinkState.STOPPED, message="stopped by the user", position_known=True)
+    ended = Status(LinkState.STOPPED, message="cancelled by the user", position_known=True)
     ContactRecord(0, "", "", job, "generic_marlin", "simulated", 0.0, status=ended.to_dict()).save(
         folder
     )
@@ -426,6 +426,6 @@ def test_resume_of_a_print_that_has_ended_says_how_it_ended_and_what_is_left(tmp
     journal.add("state", state="printing", message="")
     journal.add("end", state="stopped", message=ended.message, done=1, position_known=True)
     journal.close()
-    words = r"has ended \(stopped: stopped by the user\).*`printctl recover` writes its rest"
+    words = r"has ended \(cancelled: cancelled by the user\).*`printctl recover` writes its rest"
     with pytest.raises(Refused, match=words):
         continue_print(folder, plunger_mm=0.0 if changed else None)

@@ -107,7 +107,7 @@ def test_killed_while_it_stands_by(fake):
     message = until(station, StationState.HALTED)
     assert "M112 left the host after" in message
     assert served.printer.halted
-    with pytest.raises(Refused, match="halted: killed by the user"):
+    with pytest.raises(Refused, match="halted: emergency stop by the user"):
         station.jog("x", 1)
     before = all_heard(served)
     station.kill()  # once more does no harm
@@ -170,7 +170,7 @@ def test_killed_while_it_moves(fake):
     let_go(served)
     message = until(station, StationState.HALTED)
     thread.join(10)
-    assert ended[0].startswith("killed by the user; M410 left the host after")
+    assert ended[0].startswith("emergency stop by the user; M410 left the host after")
     assert message.startswith(ended[0])
     assert "itself" not in message
     assert served.printer.halted
@@ -182,7 +182,7 @@ def test_killed_while_it_prints(fake, tmp_path, profile):
     station.kill()
     let_go(served)
     assert client.wait(10).state is LinkState.KILLED
-    assert "print killed" in until(station, StationState.HALTED)
+    assert "print halted" in until(station, StationState.HALTED)
     assert served.printer.halted
 
 
@@ -300,7 +300,7 @@ def test_move_whose_station_dies_may_go_on_and_says_so(fake, folder):
     os.kill(load_station(folder).pid, signal.SIGKILL)
     thread.join(20)
     let_go(served)
-    assert "`printctl station kill` halts the printer" in station.status.message
+    assert "`printctl station emergency-stop` halts the printer" in station.status.message
     assert message_and_code(said[0]) == (str(said[0]), 4)
     assert "may move on" in str(said[0])
     with pytest.raises(NoLink, match="no printer is connected"):
@@ -322,7 +322,7 @@ def test_kill_opens_the_port_of_a_station_whose_process_has_died(folder, profile
         assert (b"M410" in served.printer.heard) == (kind is Listening)
     status = attach_station(folder).status
     assert (status.state, status.position_trusted) == (StationState.LOST, False)
-    assert status.message.startswith("killed by the user; M")
+    assert status.message.startswith("emergency stop by the user; M")
     assert status.message.endswith("then connect again")
 
 
@@ -367,7 +367,7 @@ def test_stopped_move_ends_early_and_is_known(fake):
     thread = threading.Thread(target=move)
     thread.start()
     until(station, StationState.BUSY)
-    with pytest.raises(Refused, match="something moves already"):
+    with pytest.raises(Refused, match="a move is in progress"):
         station.jog("y", 1)
     station.stop_motion()
     thread.join(20)

@@ -97,7 +97,7 @@ def test_end_without_a_word_is_told_with_the_last_state(
     [
         (StationState.PRINTING, "`printctl resume /runs/a` goes on with it"),
         (StationState.HALTING, "the halt may not have left"),
-        (StationState.BUSY, "`printctl station kill` halts the printer"),
+        (StationState.BUSY, "`printctl station emergency-stop` halts the printer"),
         (StationState.READY, "ready; connect again"),
     ],
 )
@@ -249,9 +249,9 @@ def test_printer_that_cant_be_stood_by_behind_a_print_is_lost_with_both_reasons(
     monkeypatch.setattr(process, "stand_by", fail)
     machine = unplugged(tmp_path)
     machine.enter(StationState.PRINTING, "printing")
-    process._after_print(machine, Status(LinkState.STOPPED, message="stopped by the user"))
+    process._after_print(machine, Status(LinkState.STOPPED, message="cancelled by the user"))
     assert (machine.state, machine.status.error) == (StationState.LOST, "HandshakeError")
-    assert "print stopped: stopped by the user; no firmware answers" in machine.message
+    assert "print cancelled: cancelled by the user; no firmware answers" in machine.message
 
 
 @pytest.mark.parametrize(

@@ -261,7 +261,7 @@ def test_a_failed_stage_says_why(runs: Runs) -> None:
 
 
 def test_what_prints_isnt_started_here(runs: Runs) -> None:
-    with pytest.raises(BadRequestError, match="Job room"):
+    with pytest.raises(BadRequestError, match="Job page"):
         runs.start("one", "print")
     with pytest.raises(UsageError, match="no stage"):
         runs.start("one", "--yes")

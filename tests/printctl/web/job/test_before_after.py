@@ -59,7 +59,7 @@ def fits(page: Any) -> None:
     """Compare the page's height with the most it may have, at both sizes."""
     for size in (PHONE, WIDE):
         page.set_viewport_size(size)
-        expect(page.get_by_role("button", name="STOP")).to_be_in_viewport()
+        expect(page.get_by_role("button", name="EMERGENCY STOP")).to_be_in_viewport()
         assert page.evaluate("document.documentElement.scrollHeight") <= MOST_PX[size["width"]]
         assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
 

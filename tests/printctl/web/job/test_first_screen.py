@@ -73,7 +73,7 @@ def boxes(page: Any) -> dict[str, dict[str, float]]:
     """Bounding boxes of the twelve things that must be seen, by name."""
     tiles = page.get_by_role("region", name="Print").locator("dl > div")
     found = {name: tiles.filter(has=page.get_by_text(name, exact=True)).first for name in TILES} | {
-        "STOP": page.locator("#pc-stop"),
+        "EMERGENCY STOP": page.locator("#pc-stop"),
         "pause": page.get_by_role("button", name="Pause now"),
         "cancel": page.get_by_role("button", name="Cancel print"),
         "state": page.get_by_role("heading", name="Printing ·"),
@@ -183,9 +183,9 @@ def stopped(page: Any, under_way: UnderWay) -> None:
     page.locator("#pc-stop").click()
     heading(page, "Killed")
     banner = page.locator("#pc-stopped")
-    wait_for(lambda: "It has halted" in banner.inner_text())
+    wait_for(lambda: "The printer has halted:" in banner.inner_text())
     text = page.locator("body").inner_text()
-    assert len(re.findall("STOP has halted the printer", text)) == 1
+    assert len(re.findall("The printer has halted after an emergency stop", text)) == 1
     assert not re.search(r"M112|M410|left the host", text)
     assert "X" not in page.get_by_role("region", name="How it ended").inner_text()
     page.get_by_text("Details").click()

@@ -232,7 +232,7 @@ def test_the_tip_is_not_moved_to_a_start_above_a_floor_that_nobody_touched(
             answer = page.post(f"/api/v1/jobs/{job['id']}/to-start", json=start)
         assert answer.status_code == 409
         assert "floor of petri_60mm isn't touched off" in answer.json()["message"]
-        assert "Touch off the floor (page Printer" in answer.json()["message"]
+        assert "Touch off the floor (Printer page" in answer.json()["message"]
         assert station.status.position_mm == place.position_mm
     finally:
         station.close()

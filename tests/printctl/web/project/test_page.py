@@ -75,7 +75,7 @@ def test_a_dialog_leaves_stop_in_reach_and_gives_the_focus_back(
       const { x, y } = e.getBoundingClientRect();
       return e === document.elementFromPoint(x + 9, y + 9);
     }"""
-    assert page.locator("#pc-stop").evaluate(on_top), "STOP lies above the dialog"
+    assert page.locator("#pc-stop").evaluate(on_top), "EMERGENCY STOP lies above the dialog"
     page.evaluate("document.getElementById('pc-stopped').hidden = false")  # as a stop shows it
     banner, box = page.locator("#pc-stopped").bounding_box(), dialog.bounding_box()
     assert banner is not None

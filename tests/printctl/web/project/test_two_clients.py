@@ -113,7 +113,7 @@ def test_a_run_reads_the_recipe_as_it_was_started(
 ) -> None:
     version = new(client, "p")
     assert client.post(f"{API}/runs/p/start", json={"version": version}).status_code == 200
-    changed = {"path": ["seed"], "value": 9, "version": version}  # on the page Design
+    changed = {"path": ["seed"], "value": 9, "version": version}  # on the Design page
     assert client.patch(f"{API}/recipes/p", json=changed).status_code == 200
     reads, folder = runs.reads[workspace.run("p")], workspace.run("p")
     assert value_of(reads.read_text(), "seed") == 1

@@ -69,8 +69,8 @@ def test_the_button_stops_while_the_server_hangs(served: Any, browser: Any) -> N
         try:
             page.click("#pc-stop")
             assert ended_by_kill(print_)
-            page.locator("#pc-stopped").get_by_text("It has halted").wait_for()
-            assert "Halt went to 1 printer after" in banner(page)
+            page.locator("#pc-stopped").get_by_text("The printer has halted:").wait_for()
+            assert "Sent to 1 printer after" in banner(page)
             until(page, "document.querySelector('#pc-lost').textContent.includes('print goes on')")
         finally:
             server.go_on()

@@ -91,7 +91,7 @@ def test_touches_that_dont_fit_or_scatter_are_refused_or_believed_less() -> None
         scene.fitted([Touch("left", 80, 90)])
     with pytest.raises(PictureError, match="no cross 'west'; it has left, right, front, back"):
         scene.fitted([Touch("west", 80, 90), Touch("left", 80, 90)])
-    with pytest.raises(PictureError, match="the touched crosses don't fit the insert"):
+    with pytest.raises(PictureError, match="the touched crosses don't fit the fiducial plate"):
         scene.fitted([Touch("left", 70, 90), Touch("right", 110, 90)])
     signs = np.array([[1, 1, 1], [-1, 1, 1], [1, -1, -1], [1, 1, -1.0]])
     large, small = (scene.fitted(scene.touched(off * signs)).u_mm for off in (0.018, 0.002))
@@ -150,7 +150,7 @@ def test_an_unmoved_camera_passes_and_a_bump_of_100_um_is_noticed_with_marks_hid
     answer = check_frame(scene.shifted(0.07, -0.07, HIDDEN), scene.frame())
     assert not answer.holds
     assert abs(answer.moved_um - 100) < 10
-    assert "camera or insert moved" in answer.why[0]
+    assert "camera or fiducial plate moved" in answer.why[0]
 
 
 def test_marks_on_one_side_alone_dont_pass_for_a_whole_dish() -> None:

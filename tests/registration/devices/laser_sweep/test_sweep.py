@@ -52,7 +52,7 @@ def test_a_laser_led_by_hand_is_refused(tmp_path: Path) -> None:
 
 def test_a_sweep_that_tells_nothing_is_refused(tmp_path: Path) -> None:
     traced = trace(sweeps.written(sweeps.flat(), tmp_path / "flat"), scene.frame())
-    with pytest.raises(PictureError, match=r"0\.20 mm from the insert's face"):
+    with pytest.raises(PictureError, match=r"0\.20 mm from the plate's face"):
         fit_laser(traced, scene.frame(), scene.frame().middle_mm[2] - 0.2, NOW)
     with pytest.raises(PictureError, match="height is nan mm; touch the face"):
         fit_laser(traced, scene.frame(), float("nan"), NOW)

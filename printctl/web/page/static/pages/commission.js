@@ -10,7 +10,7 @@ const NAME = /^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$/;
 
 export default function Commission({ printer = "" }) {
   useStyle("pages/commission.css");
-  return html`<${Page} title="Set up a printer" tools=${html`<${Button} href="/printer">To the page Printer</${Button}>`}>
+  return html`<${Page} title="Set up a printer" tools=${html`<${Button} href="/printer">To the Printer page</${Button}>`}>
     ${printer ? html`<${Way} key=${printer} name=${printer} />` : html`<${Choose} />`}
   </${Page}>`;
 }
@@ -67,7 +67,7 @@ function Now({ state, path, reload }) {
   return html`<${Card} title=${step.title} aria-label="What to do next">
     <p>To do: ${step.how}. Needs ${step.needs}. Check: ${step.check}.</p>
     ${state.problem && html`<${Note} tone="bad">${state.problem}</${Note}>`}
-    ${state.working ? html`<${Loading} what="At work; STOP above ends a print" />`
+    ${state.working ? html`<${Loading} what="At work; EMERGENCY STOP above halts the printer" />`
       : question ? html`<${Answer} key=${question.key + question.text} question=${question} run=${run} busy=${busy} />`
         : html`<div><${Button} kind="main" busy=${busy} onClick=${() => run({})}>
           ${step.state === "failed" || state.problem ? "Try again" : "Go on"}</${Button}></div>`}

@@ -2,9 +2,9 @@
 import { url } from "../api.js";
 import {
   Button, Card, Drop, Empty, Failed, Field, Fields, Fold, Loaded, Note, Page, Segments, Table,
-  html, span, useAddress, useEffect, useGet, useState, useStyle, useTyped, when,
+  html, span, stateOf, useAddress, useEffect, useGet, useState, useStyle, useTyped, when,
 } from "../ui.js";
-import OnePrint, { End, stateOf, titleOf } from "./history_print.js";
+import OnePrint, { End, titleOf } from "./history_print.js";
 
 const PER_PAGE = 10; // a screen of them
 const TYPING_MS = 300;

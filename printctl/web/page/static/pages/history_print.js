@@ -2,14 +2,13 @@
 import { get, part, send, url } from "../api.js";
 import {
   Act, Badge, Bullets, Button, Card, Empty, Facts, Fold, Loaded, Note, Page, Photos, Table, Verdict,
-  html, nameOf, runOf, span, useGet, useState, when,
+  html, nameOf, runOf, span, stateOf, useGet, useState, when,
 } from "../ui.js";
 import { RECORD } from "../record.js";
 import { madeRows } from "../runs.js";
 
 // A print is known by its design; G-code that was brought by its file.
 export const titleOf = (print) => nameOf(print.job) || print.file || "(no name)";
-export const stateOf = (state) => state.replaceAll("_", " ");
 
 const ENDS = { done: "good", running: "info", stopped: "warn" };
 export const End = ({ state }) => html`<${Badge} tone=${ENDS[state] ?? "bad"}>${stateOf(state)}</${Badge}>`;

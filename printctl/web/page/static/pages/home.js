@@ -50,7 +50,7 @@ function Gallery({ taken, first }) {
       a few minutes, and nothing needs to be connected.</p>`}
     <${Loaded} of=${entries}>${(list) => list.length ? html`
       <ul class="gallery">${list.map((one) => html`<${Entry} key=${one.example} one=${one} taken=${taken} />`)}</ul>`
-      : html`<${Empty}>The examples aren't installed here. <a href="/design">Write a recipe on the page Design.</a></${Empty}>`}</${Loaded}>
+      : html`<${Empty}>The examples aren't installed here. <a href="/design">Write a recipe on the Design page.</a></${Empty}>`}</${Loaded}>
   </section>`;
 }
 

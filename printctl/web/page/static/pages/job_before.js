@@ -198,7 +198,7 @@ function Watched(all) {
       { name: "deadman_min", kind: "number", label: "Pause unless confirmed within", unit: "min", min: "0" },
       { name: "prime_ul", kind: "number", label: "Extra ink after a pause", unit: "µL", min: "0" },
       { name: "reload", kind: "flag", label: "Pause for a new syringe where one doesn't last" },
-      { name: "deadman_stops", kind: "flag", label: "Stop instead of pausing when nobody confirms",
+      { name: "deadman_stops", kind: "flag", label: "Cancel instead of pausing when nobody confirms",
         disabled: !care.deadman_min },
     ]} />
     <${Kept} kind="flag" label="Print although the needle's shaft passes through written vessels (the journal keeps it)"
@@ -242,7 +242,7 @@ const refusing = (count) => `${count} ${count === 1 ? "thing refuses" : "things 
 
 const FILL = {
   title: "Was a full syringe put in?", yes: "Yes, it is full", no: "Not yet",
-  text: "The printer then counts its ink from full. Say how full another one is on the page Printer.",
+  text: "The printer then counts its ink from full. Say how full another one is on the Printer page.",
 };
 const CROSS = {
   title: "Print through written vessels?", yes: "Accept the crossings", danger: true,
@@ -333,7 +333,7 @@ function Start(all) {
     : "The job is still being checked.";
   const seconds = ready?.preflight?.duration_s;
   const lasts = seconds ? `, for about ${span(seconds)}` : "";
-  const watch = ready?.machine?.simulated ? "" : " Stay within reach of STOP.";
+  const watch = ready?.machine?.simulated ? "" : " Stay within reach of EMERGENCY STOP.";
   return html`<${Step} at="4" title="Start">
     <${Act} kind="main" post=${`/prints/${part(job)}/start`} body=${{ confirmed: words }} work=${reload} why=${why}
       ask=${{ title: "Start the print?", yes: "Yes, start it",

@@ -139,7 +139,7 @@ const Down = ({ status }) => html`
     <div class="row">
       <${Act} kind="main" post="/printer/reconnect">Reconnect</${Act}>
       <${Act} post="/printer/disconnect">Disconnect</${Act}>
-      ${status.print_folder && html`<a href="/job">Its print, on the page Job</a>`}
+      ${status.print_folder && html`<a href="/job">Its print, on the Job page</a>`}
     </div>
   </${Card}>
   ${status.state === "lost" && html`<${Fold} title="Another printer, or another port">
@@ -153,8 +153,8 @@ function WhilePrinting({ status }) {
     <${Note}>
       <p><strong>A print goes on:</strong> ${status.message.replace(/^printing: /, "")}${resent}</p>
       <p>Until it ends, the tip, the heaters and what is mounted belong to it: pause it, cancel it or change the syringe
-        on the page Job.</p>
-      <${Button} kind="main" href="/job">To the page Job</${Button}>
+        on the Job page.</p>
+      <${Button} kind="main" href="/job">To the Job page</${Button}>
     </${Note}>
     <${Daily} status=${status} locked />
     <${Console} fold />`;

@@ -69,7 +69,7 @@ function Wizard({ wizard, status, onBack }) {
       ${made && html`<${Note} tone="good">
         <p>${made.job}: ${made.lines} lines, ${span(made.duration_s)}, from X, Y, Z
           ${" "}${made.start_mm.map(mm).join(", ")} mm.${" "}
-          <a href=${`/job?job=${part(made.job)}`}>Print it by the page Job</a>, then fill in the last column.</p>
+          <a href=${`/job?job=${part(made.job)}`}>Print it on the Job page</a>, then fill in the last column.</p>
         <${Bullets} rows=${made.notes} />
       </${Note}>`}`}
     <div class="columns">

@@ -46,7 +46,7 @@ function Way({ project, chosen, reload }) {
     </ol></nav>
     ${project.problems.length > 0 && html`<${Note} tone="bad"><p>The recipe can't be used as it stands:</p>
       <${Bullets} rows=${project.problems} />
-      <${Button} href=${settings(project.name)}>Mend it on the page Design</${Button}></${Note}>`}
+      <${Button} href=${settings(project.name)}>Mend it on the Design page</${Button}></${Note}>`}
     <${Step} project=${project} reload=${reload} />`;
 }
 
@@ -215,7 +215,7 @@ function Print({ project, reload }) {
         ${again ? "Rehearse again" : "Rehearse"}</${Act}>
     </${Card}>
     <${Card} title="Print it">
-      <p>On a printer of yours: ${span(project.print_time_s)} of print. The page Job lists all that must be ready before the
+      <p>On a printer of yours: ${span(project.print_time_s)} of print. The Job page lists all that must be ready before the
         start, then follows the print.</p>
       <${Button} href=${`/job?job=${part(`run~${project.name}`)}`}>Prepare the print</${Button}>
       ${project.print_state === "done" && html`<${Button} onClick=${() => to(project, "judge")}>Next: judge the print</${Button}>`}
@@ -230,7 +230,7 @@ function Rehearsing({ project, reload }) {
   const live = print?.job === job && !print.ended;
   return html`<${Making} project=${project} reload=${reload} title=${printing ? "Rehearsing" : "Making it"} />
     ${printing?.state === "running" && html`<${Note}><p>It prints now${live && Number.isFinite(print.share) ? `: ${(100 * print.share).toFixed(0)} %` : ""}.
-      ${" "}The page Job shows it as it would show a real one.</p>
+      ${" "}The Job page shows it as it would show a real one.</p>
       <${Button} kind="main" href=${`/job?job=${part(job)}`}>Watch it print</${Button}></${Note}>`}`;
 }
 
@@ -239,7 +239,7 @@ function Judge({ project, reload }) {
   if (project.has_report) return html`<${Report} project=${project} />`;
   const printed = project.print_state === "done";
   return html`<${Card} title=${printed ? "Printed; now scan it" : "Nothing to judge yet"}>
-    ${printed ? html`<p>Scan the part and drop the scan on the page Scan, or have the scan made that the recipe names.</p>
+    ${printed ? html`<p>Scan the part and drop the scan on the Scan page, or have the scan made that the recipe names.</p>
       <div class="row"><${Button} kind="main" href=${`/scan?run=${part(project.name)}`}>Take in a scan</${Button}>
         <${Act} post=${`${wayOf(project)}/continue`} work=${reload}>Take the recipe's own scan</${Act}></div>`
       : html`<p>First it is printed or rehearsed.</p><div class="row"><${Button} kind="main" onClick=${() => to(project, "print")}>Back to Print</${Button}></div>`}

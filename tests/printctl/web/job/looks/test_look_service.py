@@ -57,7 +57,7 @@ def test_an_answer_that_nobody_hears_is_refused(core, service):
             service.looks.answer(OPERATOR, JOB, 1, AnswerRequest(answer="go_on"))
         service.hands.cancel(JOB)
         until(lambda: service.prints.heard(JOB).status.ended)
-        with pytest.raises(ConflictError, match="doesn't wait for a word on look 1"):
+        with pytest.raises(ConflictError, match="isn't waiting for an answer to look 1"):
             service.looks.answer(OPERATOR, JOB, 1, AnswerRequest(answer="go_on"))
         assert read_answer(folder, 1) is None
 
