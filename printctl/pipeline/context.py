@@ -45,7 +45,7 @@ from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.recipe.sections.making import Embedded, Fresh
-from printctl.recipe.sections.scans import FileScan, SimulatedScan
+from printctl.recipe.sections.measuring import FileScan, SimulatedScan
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest, digest_file
 

@@ -23,9 +23,9 @@ from printctl.recipe.sections.growth import (
     NamedNetwork,
 )
 from printctl.recipe.sections.making import Fresh, PrinterPart, ToolpathPart
+from printctl.recipe.sections.measuring import RegistrationPart, ScanPart
 from printctl.recipe.sections.observe import ObservePart
 from printctl.recipe.sections.plate import PlatePart, check_plate
-from printctl.recipe.sections.scans import RegistrationPart, ScanPart
 from printctl.recipe.sections.solid import SolidPart
 from printctl.recipe.sections.tissue import Block, TissuePart
 

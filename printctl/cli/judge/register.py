@@ -18,8 +18,8 @@ from printctl.pipeline.running.lock import run_lock
 from printctl.processes.garbage_collection import collected_rarely
 from printctl.processes.second import SecondProcess
 from printctl.progress_file import ProgressFile
+from printctl.recipe.sections.measuring import RegistrationPart
 from printctl.recipe.sections.record import RecordPart
-from printctl.recipe.sections.scans import RegistrationPart
 from printctl.run_folder.artefacts import HTML, PDF
 from printctl.settings import of, opt
 from registration.measuring.judging.tolerance import DecisionRule

@@ -25,8 +25,8 @@ from printctl.pipeline.plate_plan import (
     varied_recipe,
 )
 from printctl.recipe.sections.making import Fresh
+from printctl.recipe.sections.measuring import FileScan
 from printctl.recipe.sections.plate import PlatePart
-from printctl.recipe.sections.scans import FileScan
 from printctl.run_folder.manifest import Manifest
 
 WELLS: Final = "wells"
