@@ -2,9 +2,9 @@
 
 Flags, and why:
 
-- a `KernelCache`: compiled once and then loaded from disk. The folder (`kernels.folder`) is named by
-  a digest of all source files that a kernel can see: numba's own key misses a function called from
-  another file, and constants that stand there.
+- a `KernelCache`: compiled once and then loaded from disk. The folder (`kernels.folder`) is named
+  by a digest of all source files that a kernel can see: numba's own key misses a function called
+  from another file, and constants that stand there.
 - no ``fastmath``: NaN and inf must keep their meaning; a NaN in a network is refused, not
   optimised away.
 - ``nogil=True``: a kernel touches no Python object, so threads (progress bars, the link's stop

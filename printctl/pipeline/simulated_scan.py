@@ -24,7 +24,7 @@ from gcode.deposit.lay import (
 from gcode.motion.executed import ExecutedMotion
 from kernels.arrays import FloatArray
 from printctl.errors import UsageError
-from printctl.recipe.sections.making import SimulatedScan
+from printctl.recipe.sections.measuring import SimulatedScan
 from registration import Scan
 from sim.devices.scanner.microct import MicroCtOptions, simulate_microct
 from sim.devices.scanner.oct import OctOptions, simulate_oct

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from printctl.errors import UsageError
 from printctl.recipe.load import read_mapping, refusal
-from printctl.recipe.sections.making import RegistrationPart
+from printctl.recipe.sections.measuring import RegistrationPart
 from printctl.recipe.sections.record import RecordPart
 from printctl.recipe.sections.tolerances import TolerancesPart
 from registration.measuring.judging.tolerance import DecisionRule, Tolerances

@@ -9,7 +9,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from manifold3d import CrossSection
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from design.solids.solid import Solid
 from design.toolpath.fresh.contours import Contours, contours_of, measure_room, sample
@@ -183,6 +182,8 @@ class LevelPlaces:
         rows = rows[(height <= 1.001 * most * self._heights(rows)) & (height > least_mm)]
         if not len(rows):
             return rows
+        from scipy.spatial import cKDTree  # takes 0.2 CPU s to load, and most parts need none
+
         layer, height = self._heights(rows), np.diff(rows[:, 2:])[:, 0]
         places = np.column_stack(
             [rows[:, :2], rows[:, 2:].mean(axis=1) / layer, height / (NARROW.slope * layer)]

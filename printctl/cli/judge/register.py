@@ -18,7 +18,7 @@ from printctl.pipeline.running.lock import run_lock
 from printctl.processes.garbage_collection import collected_rarely
 from printctl.processes.second import SecondProcess
 from printctl.progress_file import ProgressFile
-from printctl.recipe.sections.making import RegistrationPart
+from printctl.recipe.sections.measuring import RegistrationPart
 from printctl.recipe.sections.record import RecordPart
 from printctl.run_folder.artefacts import HTML, PDF
 from printctl.settings import of, opt

@@ -13,7 +13,7 @@ from printctl.history.index import PrintHistory
 from printctl.machine.prints.state import print_folder
 from printctl.machine.records.record import JOURNAL
 from printctl.pipeline.past.past_print import PrintEntry, entry_of
-from printctl.recipe.sections.making import FileScan, SimulatedScan
+from printctl.recipe.sections.measuring import FileScan, SimulatedScan
 from printctl.settings import arg, of, opt, settings, three_numbers, two_numbers
 from registration.files import readers
 

@@ -12,7 +12,7 @@ from gcode.dry_run.run import dry_run
 from printctl.checks.made_for import is_recorded, read_made_for, record_of
 from printctl.checks.preflight import file_checks, refuse_failed, warnings
 from printctl.checks.preflight.shaft import file_shaft
-from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
+from printctl.checks.set_up import ASSUMED, ProfileNames, loads_of, of_each, or_assumed, set_up
 from printctl.cli import options as cli
 from printctl.cli.confirmation import ForMountedFlag, confirm_set_up
 from printctl.cli.declare import json_command
@@ -24,9 +24,7 @@ from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
 from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
 from printctl.machine.prints.mounted import (
-    ASSUMED,
     left_check,
-    or_assumed,
     refuse_unknown,
     with_mounted,
 )

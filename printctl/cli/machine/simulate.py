@@ -16,7 +16,14 @@ from printctl.checks.preflight import (
     warnings,
 )
 from printctl.checks.preflight.shaft import file_shaft
-from printctl.checks.set_up import ProfileNames, refusal_of, set_up, shortest_budget
+from printctl.checks.set_up import (
+    ASSUMED,
+    ProfileNames,
+    or_assumed,
+    refusal_of,
+    set_up,
+    shortest_budget,
+)
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command, wants_json
 from printctl.cli.kernels_ready import have_kernels
@@ -26,7 +33,6 @@ from printctl.machine.control.board.connecting import ASIDE_MM
 from printctl.machine.errors import LinkError
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import parse_job
-from printctl.machine.prints.mounted import ASSUMED, or_assumed
 from printctl.pipeline.job.bead_choices import BeadChoices, BeadOptions
 from printctl.settings import opt, three_numbers
 

@@ -38,7 +38,7 @@ from printctl.pipeline.simulated_scan import (
 )
 from printctl.pipeline.stages.scan import describe, write_truth
 from printctl.recipe import Recipe
-from printctl.recipe.sections.making import SimulatedScan
+from printctl.recipe.sections.measuring import SimulatedScan
 from printctl.run_folder.artefacts import NETWORK
 from registration.files.readers import metadata
 from registration.files.writers import write_scan

@@ -21,7 +21,7 @@ from printctl.pipeline.run_options import (
     names_until,
 )
 from printctl.recipe import Recipe
-from printctl.recipe.sections.making import FileScan
+from printctl.recipe.sections.measuring import FileScan
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 
 __all__ = ["RunOptions", "design_recipe", "run_recipe", "toolpath_recipe"]

@@ -42,7 +42,8 @@ from printctl.pipeline.observing import (
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe import Recipe
-from printctl.recipe.sections.making import Embedded, SimulatedScan
+from printctl.recipe.sections.measuring import SimulatedScan
+from printctl.recipe.sections.toolpath import Embedded
 from printctl.run_folder.artefacts import GCODE, JOURNAL_FOLDER
 from printctl.run_folder.manifest import digest_file
 

@@ -42,7 +42,7 @@ from printctl.recipe.sections.defects import (
     OcclusionPart,
     StenosisPart,
 )
-from printctl.recipe.sections.making import FileScan, SimulatedScan
+from printctl.recipe.sections.measuring import FileScan, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.run_folder.manifest import digest_file, of_simulator
 from registration import Scan, ScanOverrides, read_scan

@@ -29,7 +29,7 @@ from printctl.pipeline.running.print_scan import StatedPrint, scan_print
 from printctl.pipeline.simulated_scan import scan_size_words
 from printctl.pipeline.stages.scan import digest_scan, load_scan, scan_defects
 from printctl.recipe.section_files import read_record
-from printctl.recipe.sections.making import FileScan, SimulatedScan
+from printctl.recipe.sections.measuring import FileScan, SimulatedScan
 from printctl.recipe.sections.record import RecordPart
 from registration import read_scan
 from registration.files.writers import write_scan_zarr

@@ -19,7 +19,7 @@ from printctl.recipe import Recipe, load, load_recipe, parse_recipe
 from printctl.recipe.load import Change, Step, migrated_text
 from printctl.recipe.section_files import tolerances_of
 from printctl.recipe.sections.growth import GrownNetwork, LatticeNetwork
-from printctl.recipe.sections.making import RegistrationPart
+from printctl.recipe.sections.measuring import RegistrationPart
 from printctl.recipe.sections.tissue import CylinderPart, DepthDemandPart, MeshPart
 
 ROOT = Path(__file__).parents[3]

@@ -40,7 +40,7 @@ from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.paths import dry_run as alone
 from printctl.pipeline.syringe_plan import plan_syringes
 from printctl.progress import Report
-from printctl.recipe.sections.making import Fresh
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
 
 

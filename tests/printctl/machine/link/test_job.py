@@ -38,7 +38,7 @@ from printctl.machine.job.retreat import Retreat, heaters_off
 from printctl.machine.process.clients.starting import find_or_start
 from printctl.machine.process.orders import Order
 from printctl.pipeline.stages import printing
-from printctl.recipe.sections.making import FileScan, SimulatedScan
+from printctl.recipe.sections.measuring import FileScan, SimulatedScan
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.machine.link.jobs import load_job, parse_job
