@@ -74,7 +74,7 @@ def narrow_samples(section: CrossSection, least_mm: float, *, gaps: bool) -> Flo
     contours = contours_of(section)
     if gaps:
         last = contours.offset[-1]
-        contours = Contours(contours.points[::-1], last - contours.offset[::-1])
+        contours = Contours(contours.points[::-1].copy(), last - contours.offset[::-1])
     if not len(contours):
         return np.empty((0, 3))
     fine = sample(contours, 0.5 * least_mm)
