@@ -56,6 +56,8 @@ class NeededKernel:
 def needed_kernels(*works: str) -> list[NeededKernel]:
     """Return what ``works`` need; with none given all that is listed. Empty without the list."""
     lines = LIST.read_text(encoding="utf-8").splitlines() if LIST.is_file() else []
+    if works:
+        lines = [line for line in lines if any(f'"{work}"' in line for work in works)]
     rows = [
         NeededKernel(one["kernel"], json.dumps(one["takes"]), frozenset(one["by"]))
         for one in map(json.loads, lines)

@@ -2,9 +2,9 @@
 
 Flags, and why:
 
-- ``cache=True``: compiled once and then loaded from disk. The folder (`kernels.folder`) is named by
-  a digest of all source files that a kernel can see: numba's own key misses a function called from
-  another file, and constants that stand there.
+- a `KernelCache`: compiled once and then loaded from disk. The folder (`kernels.folder`) is named
+  by a digest of all source files that a kernel can see: numba's own key misses a function called
+  from another file, and constants that stand there.
 - no ``fastmath``: NaN and inf must keep their meaning; a NaN in a network is refused, not
   optimised away.
 - ``nogil=True``: a kernel touches no Python object, so threads (progress bars, the link's stop
@@ -16,13 +16,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 # Threads that wait for a kernel's next loop would spin and keep their core from what goes on
 # beside; OpenMP reads this once, when numba loads it.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import numba
+
+from kernels.stored import KernelCache
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -59,5 +61,6 @@ def pjit(function: F) -> F:
 def _compile(function: F, **flags: bool) -> F:
     # Said for every kernel: numba hands a caller's flag down to callees that say nothing.
     flags = {"_nrt": True, **flags}
-    compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy", **flags)(function)
-    return compiled
+    compiled: Any = numba.njit(nogil=True, error_model="numpy", **flags)(function)
+    compiled._cache = KernelCache(function)
+    return cast(F, compiled)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import SolidError
-from design.geometry.surface import START_BYTES, TRIANGLE
-from design.geometry.threemf_read import MeshFile, read_3mf
+from design.geometry.surface import START_BYTES, TRIANGLE, MeshFile
 
 
 def read_mesh(path: Path, suffixes: tuple[str, ...]) -> MeshFile:
@@ -34,6 +33,8 @@ def read_mesh(path: Path, suffixes: tuple[str, ...]) -> MeshFile:
     if kind not in suffixes:
         raise SolidError(f"{path}: {kind or 'no suffix'} isn't one of {', '.join(suffixes)}")
     if kind == ".3mf":
+        from design.geometry.threemf_read import read_3mf  # loads lxml, for this format alone
+
         return read_3mf(path)
     if kind == ".stl":
         if missing := _cut_short(path):

@@ -1,4 +1,4 @@
-"""Data class of a triangle surface: vertices and faces, enclosed volume and bounds."""
+"""Data classes of a triangle surface and of what a mesh file holds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,26 @@ class Surface:
     def bounds(self) -> FloatArray:
         """Lowest and highest corner, (2, 3), mm."""
         return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """Triangles of a mesh file; of a 3MF, those that are printed.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64, in `unit`
+    faces : (m, 3) int64
+    unit : str
+        As the file spells it; empty where it has none.
+    notes : tuple of str
+        What was left out or cut out.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    unit: str = ""
+    notes: tuple[str, ...] = ()
 
 
 START_BYTES: Final = 84

@@ -25,6 +25,7 @@ from lxml import etree  # type: ignore[import-untyped]
 from manifold3d import Error, Manifold, Mesh64, OpType
 
 from design.errors import SolidError
+from design.geometry.surface import MeshFile
 from kernels.arrays import FloatArray, IntArray
 
 _CONFIG: Final = re.compile(r"Metadata/.*model(_settings)?\.config", re.IGNORECASE)
@@ -53,26 +54,6 @@ _UNREADABLE: Final = (
     zipfile.BadZipFile, zlib.error, etree.XMLSyntaxError, EOFError, NotImplementedError,
     RuntimeError, LookupError, TypeError, ValueError, OverflowError,
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class MeshFile:
-    """Triangles of a mesh file; of a 3MF, those that are printed.
-
-    Attributes
-    ----------
-    vertices : (n, 3) float64, in `unit`
-    faces : (m, 3) int64
-    unit : str
-        As the file spells it; empty where it has none.
-    notes : tuple of str
-        What was left out or cut out.
-    """
-
-    vertices: FloatArray
-    faces: IntArray
-    unit: str = ""
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

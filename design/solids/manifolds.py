@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 from manifold3d import Error, Manifold, Mesh64, OpType
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
 
 from design.errors import SolidError
 from design.geometry.mesh import merge_vertices
@@ -57,30 +55,6 @@ def _fault(faces: NDArray[np.integer], manifold: Manifold) -> str:
     if faults.wrong:
         return f"{faults.wrong} edges with several or opposed faces; mend or re-export the mesh"
     return f"{manifold.status().name}; mend the mesh"
-
-
-SMOOTHING_STEPS: Final = (0.5, -0.53)
-"""Taubin 1995 ("A signal processing approach to fair surface design"): a step inwards and a longer
-one out let waves pass that are longer than some ten edges (1/0.5 - 1/0.53 = 0.11)."""
-
-
-def denoised(points: FloatArray, faces: NDArray[np.integer], passes: int) -> FloatArray:
-    """Points (n, 3) moved by ``passes`` pairs of Taubin's steps, mm.
-
-    Meant for even triangles such as marching cubes make; long ones are no noise.
-    """
-    if passes == 0:
-        return points
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    ends = np.concatenate([ends, ends[:, ::-1]])
-    count = len(points)
-    joined = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    joined.data[:] = 1.0  # An edge is found from both of its triangles.
-    mean = diags_array(1.0 / np.maximum(joined.sum(axis=1), 1.0)) @ joined
-    for _ in range(passes):
-        for step in SMOOTHING_STEPS:
-            points = points + step * (mean @ points - points)
-    return np.asarray(points)
 
 
 # Make a solid of a closed surface from a file, unrepaired, only to be cut into sections.

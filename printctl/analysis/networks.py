@@ -25,12 +25,13 @@ from design.network_files.by_suffix import READ, UNIT_FIXED, UNIT_NEEDED, WRITER
 from design.network_files.csv_format import read_network_csv
 from design.network_files.merge import NetworkWithNotes
 from design.network_files.vtp import write_simvascular_paths
-from design.solids import Solid, read_solid
+from design.solids import read_solid
 from design.solids.files.read import MESHES_WITHOUT_UNIT
-from design.units import BLOOD_MPA_S, MM_PER, PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
+from design.units import BLOOD_MPA_S, PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
 from kernels.arrays import FloatArray
 from printctl.analysis.flow import TABLE, steady_conditions
 from printctl.analysis.flow.conditions import driven_by_run, recipe_of
+from printctl.analysis.meshes import unit_missing
 from printctl.errors import UsageError
 from printctl.recipe.parts import FlowPart
 from printctl.run_folder.artefacts import NETWORK, NUMBERS, SURFACE
@@ -85,37 +86,10 @@ def read_noted(path: Path, unit: LengthUnit | None, ends: Path | None = None) ->
     return read_with_notes(path, unit, ends)
 
 
-def unit_missing(path: Path, option: str) -> UsageError:
-    """Return the refusal of a file whose unit isn't given; ``option`` takes it."""
-    return UsageError(
-        f"{path} doesn't say the unit of its coordinates; give {option}, one of {', '.join(MM_PER)}"
-    )
-
-
 def require_unit(path: Path, unit: LengthUnit | None, option: str = "--unit") -> None:
     """Raise `UsageError` naming ``option`` if no unit is given of a file that holds none."""
     if unit is None and path.suffix.lower() in (*UNIT_NEEDED, *MESHES_WITHOUT_UNIT):
         raise unit_missing(path, option)
-
-
-def read_model(
-    path: Path,
-    unit: LengthUnit | None,
-    *,
-    option: str = "--unit",
-    for_sections: bool = False,
-) -> Solid:
-    """Read a mesh that the command line names, in mm.
-
-    Raises
-    ------
-    UsageError
-        As `require_unit`.
-    SolidError, OSError
-        As `read_solid`.
-    """
-    require_unit(path, unit, option)
-    return read_solid(path, unit, for_sections=for_sections)
 
 
 def check_target(path: Path) -> None:

@@ -475,3 +475,17 @@ def read_dish_centre(text: str) -> tuple[float, float]:
     if not (math.isfinite(x) and math.isfinite(y)):
         raise UsageError(f"--dish-centre {text!r} has a number that isn't finite")
     return x, y
+
+
+ASSUMED: Final = {"syringe": "hamilton_1ml", "ink": "collagen_fresh"}
+"""Parts of a dry run, a simulated print or a sliced file that names none."""
+
+
+def or_assumed(
+    parts: Mapping[str, str | None], usual: Mapping[str, str] = ASSUMED
+) -> tuple[dict[str, str], list[str]]:
+    """Fill in the usual parts where none is known; return a note that says which, or none."""
+    taken = {part: name for part, name in usual.items() if not parts[part]}
+    said = ", ".join(f"{part} {name}" for part, name in taken.items())
+    notes = [f"assumed {said}, as no other was named"] if taken else []
+    return {part: name or "" for part, name in parts.items()} | taken, notes

@@ -59,6 +59,8 @@ def main() -> None:
     """
     _open_closed_streams()
     gc.set_threshold(_YOUNG)
+    # Pydantic looks for plugins in what every installed package says of itself; none is wanted.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
     JSON_PRINTED.set(False)
     try:
         app(standalone_mode=True)

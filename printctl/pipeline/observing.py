@@ -21,8 +21,8 @@ from printctl.observe.devices import PICTURE_TIME_SHARE, DeviceSettings
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER_FILE
 from printctl.pipeline.context import RunContext
-from printctl.recipe.sections.making import Embedded
 from printctl.recipe.sections.observe import ObservePart, look_interval
+from printctl.recipe.sections.toolpath import Embedded
 from printctl.run_folder.artefacts import GCODE
 from registration.devices.camera_frame.frame import read_frame
 

@@ -8,7 +8,7 @@ from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.fresh import FreshOptions
 from firmware_profiles import Needle
 from printctl.pipeline.job.heads import needle_options
-from printctl.recipe.sections.making import Embedded, Fresh
+from printctl.recipe.sections.toolpath import Embedded, Fresh
 
 
 @dataclass(frozen=True)

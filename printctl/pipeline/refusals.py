@@ -15,7 +15,7 @@ from design.toolpath.fresh import FreshOptions, check_lumens
 from firmware_profiles import Bath, Dish, Printer, load
 from kernels.arrays import FloatArray
 from printctl.checks.kinds import Kind
-from printctl.checks.preflight.bore import bore_check, shipped_bores
+from printctl.checks.line_width import bore_check, shipped_bores
 from printctl.checks.preflight.dish import hub_check, wall_check
 from printctl.checks.preflight.mounted import (
     bath_checks,
@@ -38,8 +38,8 @@ from printctl.pipeline.job.heads import (
 )
 from printctl.recipe import Recipe
 from printctl.recipe.sections.growth import GivenNetwork
-from printctl.recipe.sections.making import Embedded, Fresh
 from printctl.recipe.sections.tissue import Annulus, Block, Cylinder
+from printctl.recipe.sections.toolpath import Embedded, Fresh
 
 # Refuse a recipe with `observe` for a plate, several heads, a valve or no named device.
 

@@ -22,12 +22,13 @@ from printctl.recipe.sections.growth import (
     LatticeNetwork,
     NamedNetwork,
 )
-from printctl.recipe.sections.making import Fresh, PrinterPart, ToolpathPart
+from printctl.recipe.sections.making import PrinterPart
 from printctl.recipe.sections.measuring import RegistrationPart, ScanPart
 from printctl.recipe.sections.observe import ObservePart
 from printctl.recipe.sections.plate import PlatePart, check_plate
 from printctl.recipe.sections.solid import SolidPart
 from printctl.recipe.sections.tissue import Block, TissuePart
+from printctl.recipe.sections.toolpath import Fresh, ToolpathPart
 
 
 def _network_kind(value: Any) -> str:

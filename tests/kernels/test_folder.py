@@ -53,11 +53,15 @@ def _tree(root: Path, factor: float) -> Path:
     return root
 
 
-def _run(tree: Path, store: Path) -> list[float]:
+def _run(tree: Path, store: Path, code: str = "import design.caller") -> list[float]:
     environment = os.environ | {"PYTHONPATH": str(tree), "PRINTCTL_CACHE": str(store)}
-    command = [sys.executable, "-c", "import design.caller"]
     done = subprocess.run(
-        command, cwd=tree, env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code],
+        cwd=tree,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return [float(word) for word in done.stdout.split()]
 
@@ -66,6 +70,36 @@ def test_a_second_process_and_a_copy_of_the_sources_load_what_the_first_compiled
     assert _run(tree, tmp_path / "store") == [6.0, 0.0]
     assert _run(tree, tmp_path / "store") == [6.0, 1.0]
     assert _run(_tree(tmp_path / "two", 3.0), tmp_path / "store") == [6.0, 1.0]
+
+
+ARRAYS = """
+import numpy as np
+import sys
+from kernels import jit
+
+@jit
+def sorted_copy(x):
+    if x[0] < 0:
+        raise ValueError("negative")
+    return np.sort(x), np.zeros(2)
+
+if __name__ == "design.arrays":
+    print(*sorted_copy(np.array([3.0, 1.0]))[0], int("numba.np.arraymath" in sys.modules))
+    print(sum(sorted_copy.stats.cache_hits.values()))
+    try:
+        sorted_copy(np.array([-1.0]))
+    except ValueError as exc:
+        print(len(str(exc)))
+    print(*sorted_copy(np.array([3, 1]))[0])
+"""
+
+
+def test_stored_code_is_loaded_without_what_compiles(tree, tmp_path):
+    (tree / "design" / "arrays.py").write_text(ARRAYS)
+    first = _run(tree, tmp_path / "store", "import design.arrays")
+    assert first == [1.0, 3.0, 1.0, 0.0, 8.0, 1.0, 3.0]
+    second = _run(tree, tmp_path / "store", "import design.arrays")
+    assert second == [1.0, 3.0, 0.0, 1.0, 8.0, 1.0, 3.0]
 
 
 def test_a_constant_changed_in_another_file_compiles_anew(tree, tmp_path) -> None:

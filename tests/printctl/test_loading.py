@@ -12,8 +12,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
 
+import numpy as np
 import pytest
 
+from benchmarks.checkers import box_triangles, write_stl
 from design.on_demand import exported_names
 from printctl.pipeline.run_options import WHOLE_NAMES
 from printctl.pipeline.running.sequences import WHOLE
@@ -127,6 +129,43 @@ def test_registering_loads_no_plotting_library(loaded_for_work):
 
 def test_the_engine_of_3d_flow_is_loaded_only_when_it_is_needed(loaded_for_work):
     assert "ngsolve" not in loaded_for_work[3]
+
+
+LOADED_BY_NONE = ("matplotlib", "networkx", "skimage", "trimesh")
+WITHOUT = {
+    ("slice", "MODEL", "--unit", "mm", "--out", "OUT"): (
+        *("design.hemodynamics", "lxml", "numba.np.linalg", "printctl.machine.process"),
+        *("printctl.recipe.model", "pycparser", "registration", "report", "scipy.linalg"),
+        *("scipy.sparse", "scipy.spatial"),
+    ),
+    ("--help",): ("firmware_profiles", "numba", "numpy", "pydantic_core", "scipy"),
+    ("status", "--help"): ("numba", "numpy", "scipy"),
+    ("doctor", "--help"): ("numba", "numpy", "scipy"),
+}
+"""By command what it isn't to load: start-up took half of a short command's time."""
+WORDS = """
+import sys
+from printctl.cli.main import main
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+print(*sys.modules)
+"""
+
+
+@pytest.mark.parametrize("words", WITHOUT, ids=" ".join)
+def test_a_command_loads_only_what_it_uses(words, tmp_path):
+    write_stl(tmp_path / "cube.stl", box_triangles(np.zeros(3), np.array([2.0, 2.0, 0.3])))
+    paths = {"MODEL": str(tmp_path / "cube.stl"), "OUT": str(tmp_path / "cube.gcode")}
+    given = [paths.get(word, word) for word in words]
+    for _ in range(2):  # kernels may have to be compiled first
+        done = subprocess.run(
+            [sys.executable, "-c", WORDS, *given], capture_output=True, text=True, check=True
+        )
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "printctl.cli.main" in loaded
+    assert not loaded & {*WITHOUT[words], *LOADED_BY_NONE}
 
 
 def test_a_name_on_demand_brings_what_it_needs(loaded_for_work):

@@ -83,27 +83,53 @@ def contours_of(section: CrossSection) -> Contours:
 
 def sample(contours: Contours, spacing_mm: float) -> Samples:
     """Put points along every edge that is longer than ``spacing_mm``."""
-    way = contours.points[contours.next] - contours.points
-    length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-12)
-    along = way / length[:, None]
-    count = np.maximum(np.ceil(length / spacing_mm), 1).astype(np.int64)
-    first = np.cumsum(count) - count
-    edge = np.repeat(np.arange(len(count)), count)
-    step = np.arange(len(edge)) - first[edge]
-    points = contours.points[edge] + (step / count[edge])[:, None] * way[edge]
-    before = np.empty_like(along)
-    before[contours.next] = along
-    both = np.where((step == 0)[:, None], along[edge] + before[edge], along[edge])
-    size = np.hypot(both[:, 0], both[:, 1])
-    turned = size > 1e-9
-    both = np.where(turned[:, None], both / np.where(turned, size, 1.0)[:, None], along[edge])
-    cosine = np.abs((both * along[edge]).sum(axis=1))
-    offset = np.append(first, len(edge))[contours.offset]
-    normal = np.column_stack([-both[:, 1], both[:, 0]])
-    back = before[edge]
-    turn = back[:, 0] * along[edge, 1] - back[:, 1] * along[edge, 0]
-    convex = (step == 0) & (turn > 0)
-    return Samples(Contours(points, offset), normal, 1 / np.maximum(cosine, 0.25), convex)
+    points, normal, miter, convex, offset = _sampled(contours.points, contours.offset, spacing_mm)
+    return Samples(Contours(points, offset), normal, miter, convex)
+
+
+@jit
+def _sampled(
+    corners: FloatArray, offset: IntArray, spacing: float
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], IntArray]:
+    """Points, normals, miters, convex corners (as in `Samples`), and each ring's first point."""
+    along = np.empty_like(corners)
+    way = np.empty_like(corners)
+    pieces = np.empty(len(corners), np.int64)
+    first = np.zeros(len(offset), np.int64)
+    count = 0
+    for ring in range(len(offset) - 1):
+        for k in range(offset[ring], offset[ring + 1]):
+            after = k + 1 if k + 1 < offset[ring + 1] else offset[ring]
+            way[k] = corners[after] - corners[k]
+            length = max(math.hypot(way[k, 0], way[k, 1]), 1e-12)
+            along[k] = way[k] / length
+            pieces[k] = max(math.ceil(length / spacing), 1)
+            count += pieces[k]
+        first[ring + 1] = count
+    points, normal = np.empty((count, 2)), np.empty((count, 2))
+    miter, convex = np.empty(count), np.zeros(count, np.bool_)
+    at = 0
+    for ring in range(len(offset) - 1):
+        for k in range(offset[ring], offset[ring + 1]):
+            before = k - 1 if k > offset[ring] else offset[ring + 1] - 1
+            ax, ay, bx, by = along[k, 0], along[k, 1], along[before, 0], along[before, 1]
+            for step in range(pieces[k]):
+                share = step / pieces[k]
+                points[at, 0] = corners[k, 0] + share * way[k, 0]
+                points[at, 1] = corners[k, 1] + share * way[k, 1]
+                x, y = ax, ay
+                if step == 0:
+                    size = math.hypot(ax + bx, ay + by)
+                    if size > 1e-9:
+                        x, y = (ax + bx) / size, (ay + by) / size
+                    convex[at] = bx * ay - by * ax > 0
+                else:
+                    size = math.hypot(ax, ay)
+                    x, y = ax / size, ay / size
+                normal[at, 0], normal[at, 1] = -y, x
+                miter[at] = 1 / max(abs(x * ax + y * ay), 0.25)
+                at += 1
+    return points, normal, miter, convex, first
 
 
 # Sort a contour's edges into grid cells, to test if a straight move crosses the contour.
@@ -126,17 +152,21 @@ def put_in_cells(contours: Contours, side_mm: float) -> Cells:
     """Sort a contour's edges into cells; edges should be short against a cell."""
     start, end = contours.points, contours.points[contours.next]
     low = start.min(axis=0)
-    columns, rows = (np.floor((start.max(axis=0) - low) / side_mm) + 1).astype(np.int64)
-    first = np.floor((np.minimum(start, end) - low) / side_mm).astype(np.int64)
-    last = np.floor((np.maximum(start, end) - low) / side_mm).astype(np.int64)
-    offset, edge = _fill_cells(first, last, int(columns), int(rows))
-    return Cells(start, end, low, side_mm, int(columns), int(rows), offset, edge)
+    columns, rows = (np.floor((start.max(axis=0) - low) / side_mm) + 1).astype(np.int64).tolist()
+    offset, edge = _fill_cells(start, end, low, side_mm, columns, rows)
+    return Cells(start, end, low, side_mm, columns, rows, offset, edge)
 
 
 @jit
 def _fill_cells(
-    first: IntArray, last: IntArray, columns: int, rows: int
+    start: FloatArray, end: FloatArray, low: FloatArray, side: float, columns: int, rows: int
 ) -> tuple[IntArray, IntArray]:
+    first, last = np.empty((len(start), 2), np.int64), np.empty((len(start), 2), np.int64)
+    for k in range(len(start)):
+        for axis in range(2):
+            one, other = start[k, axis], end[k, axis]
+            first[k, axis] = math.floor((min(one, other) - low[axis]) / side)
+            last[k, axis] = math.floor((max(one, other) - low[axis]) / side)
     offset = np.zeros(columns * rows + 1, np.int64)
     for k in range(len(first)):
         for y in range(first[k, 1], last[k, 1] + 1):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from design.solids.solid import Solid
 from design.toolpath.fresh.contours import Contours, contours_of, measure_room, sample
@@ -30,6 +30,7 @@ class _NarrowLimits(NamedTuple):
     length: float = 4.0  # of a place, in least widths, or else it is a tip of something broader,
     whole: float = 0.7  # or so much of a whole ring: a hole, a pin
     columns: int = 400  # along each side of a part, at most: its z profile is sampled no finer
+    beside: float = 1.001  # neighbouring columns, and heights, differ by at most so much
     slope: float = 0.25  # of a layer, between neighbouring columns of a level place: 5°
     rounding_mm: float = 1e-3  # lower places are the mesh's rounding
 
@@ -73,7 +74,7 @@ def narrow_samples(section: CrossSection, least_mm: float, *, gaps: bool) -> Flo
     contours = contours_of(section)
     if gaps:
         last = contours.offset[-1]
-        contours = Contours(contours.points[::-1], last - contours.offset[::-1])
+        contours = Contours(contours.points[::-1].copy(), last - contours.offset[::-1])
     if not len(contours):
         return np.empty((0, 3))
     fine = sample(contours, 0.5 * least_mm)
@@ -187,11 +188,8 @@ class LevelPlaces:
         places = np.column_stack(
             [rows[:, :2], rows[:, 2:].mean(axis=1) / layer, height / (NARROW.slope * layer)]
         )
-        tree = cKDTree(places)
-        whole = tree.query_ball_point(places, 1.001, p=np.inf, return_length=True) >= 9
-        if not whole.any():
-            return rows[:0]
-        return rows[cKDTree(places[whole]).query(places, p=np.inf)[0] < 1.001]
+        whole = _neighbours(places, places) >= 9
+        return rows[_neighbours(places, places[whole]) > 0]
 
     def _inside(self, section: CrossSection, rows: FloatArray) -> BoolArray:
         """Whether a section holds the columns of rows."""
@@ -218,6 +216,26 @@ class LevelPlaces:
             len(layers) / (len(self._levels) - 1),
             float(len(rows) * self._step.prod()),
         )
+
+
+def _neighbours(places: FloatArray, others: FloatArray) -> IntArray:
+    """How many of ``others`` (m, 4) each place (n, 4) has about 1 away, in any coordinate, or less.
+
+    The first two coordinates are a grid's. SciPy's tree would take 0.2 CPU s to load.
+    """
+    rows = int(places[:, 1].max(initial=0.0)) + 3
+    column = others[:, 0] * rows + others[:, 1]
+    order = np.argsort(column, kind="stable")
+    column, others = column[order], others[order]
+    count = np.zeros(len(places), np.int64)
+    for x, y in product((-1, 0, 1), repeat=2):
+        beside = (places[:, 0] + x) * rows + places[:, 1] + y
+        at, after = np.searchsorted(column, beside), np.searchsorted(column, beside, "right")
+        while len(left := np.flatnonzero(at < after)):
+            apart = np.abs(others[at[left], 2:] - places[left, 2:])
+            count[left] += (apart <= NARROW.beside).all(axis=1)
+            at = at + 1
+    return count
 
 
 def _columns(

@@ -1,9 +1,4 @@
-"""Check the width of written lines against the needle's bore: a line much narrower isn't laid.
-
-A tip that moves faster than the ink leaves the bore draws the line thinner than the bore; beyond a
-stretch that each ink has of its own the line breaks (Yuk & Zhao, Adv. Mater. 30, 1704028, 2018,
-doi:10.1002/adma.201704028). How far nobody has measured for these inks: `THINNEST_BORE`.
-"""
+"""Check the lines and drops of a G-code file against the needle's bore."""
 
 from __future__ import annotations
 
@@ -11,13 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from firmware_profiles import Needle, Printer, load, shipped
+from firmware_profiles import Needle, Printer
 from firmware_profiles.tools import THINNEST_BORE
 from gcode.deposit.lay import Style
 from gcode.deposit.written import Layering, written_levels
 from gcode.dry_run.run import DryRun
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.kinds import Kind
+from printctl.checks.line_width import bore_check
 from printctl.checks.preflight.ink import volumes
 from printctl.checks.set_up import Check, HeadLoading
 
@@ -35,50 +31,6 @@ extrudes; a trunk of 4 mm by a 30G needle, where shipped designs have 11 bores a
 
 _LARGEST_DROP: Final = 15.0
 """Diameter, in bores, of what may come out at one place; shipped filaments have 11."""
-
-
-def shipped_bores() -> dict[str, float]:
-    """Return the bore of each shipped needle, mm, by name."""
-    return {name: load(Needle, name).inner_mm for name in shipped(Needle)}
-
-
-def bore_check(
-    width_mm: float, needle: Needle, thinnest: float = THINNEST_BORE, place: str = "line_um"
-) -> Check:
-    """Check the width of a line against the needle's bore.
-
-    Parameters
-    ----------
-    width_mm : float, mm
-        Of a line as it lies there.
-    needle : Needle
-    thinnest : float
-        Narrowest line, as a part of the bore.
-    place : str
-        Where the width comes from.
-    """
-    limit, remedy = thinnest * needle.inner_mm, ""
-    passed = width_mm >= limit * (1 - 1e-9)
-    if not passed:
-        fine = {name: bore for name, bore in shipped_bores().items() if thinnest * bore <= width_mm}
-        name = max(fine, key=lambda one: fine[one], default="")
-        remedy = (
-            f"the bore of {needle.name} is {needle.inner_mm:g} mm, and its tip would draw the ink "
-            f"thinner than {thinnest:g} of that, where lines break; take a needle of at most "
-            f"{width_mm / thinnest:.3g} mm bore{f' ({name}: {fine[name]:g} mm)' if name else ''}, "
-            f"write lines of {limit:.3g} mm or wider, or, where the ink was tried, allow thinner "
-            "ones (thinnest_bore, --thinnest-bore)"
-        )
-    return Check(
-        Kind.BEAD_WIDTH,
-        "width of a line against the needle's bore",
-        width_mm,
-        limit,
-        "mm",
-        passed,
-        f"{place}, needle: inner_mm",
-        remedy,
-    )
 
 
 def line_checks(

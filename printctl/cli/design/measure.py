@@ -13,7 +13,8 @@ from design.network_files.by_suffix import READ
 from design.tissue import SizeLimits, Tissue, load_tissue
 from design.units import LengthUnit
 from printctl.analysis.measure_words import measure_lines
-from printctl.analysis.networks import Drive, load_source, unit_missing
+from printctl.analysis.meshes import unit_missing
+from printctl.analysis.networks import Drive, load_source
 from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, known_flow, solve_and_write
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command

@@ -8,15 +8,21 @@ from design.toolpath.fresh import Adaptive, Filling, FreshOptions, Infill
 from design.units import LengthUnit
 from firmware_profiles import Bath, Dish, Printer, load
 from kernels import freed_memory_returned
-from printctl.checks.preflight.bore import bore_check
-from printctl.checks.set_up import ProfileNames, loads_of, of_each, refuse_failed
+from printctl.checks.line_width import bore_check
+from printctl.checks.set_up import (
+    ASSUMED,
+    ProfileNames,
+    loads_of,
+    of_each,
+    or_assumed,
+    refuse_failed,
+)
 from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import PrinterOption, gcode_to_write, print_notes, print_result
 from printctl.errors import UsageError
-from printctl.machine.prints.mounted import ASSUMED, or_assumed
 from printctl.pipeline.job import slicing
-from printctl.recipe.sections.making import Fresh
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.settings import arg, of, opt, three_numbers
 
 _LINES_UM = (10.0, 5000.0)

@@ -10,7 +10,7 @@ from typing import Any
 
 from firmware_profiles import Printer, load
 from printctl.checks.made_for import is_recorded, read_made_for, record_of
-from printctl.checks.set_up import ProfileNames, set_up, warnings
+from printctl.checks.set_up import ASSUMED, ProfileNames, or_assumed, set_up, warnings
 from printctl.cli import options as cli
 from printctl.cli.confirmation import ForMountedFlag, confirm_set_up
 from printctl.cli.declare import json_command
@@ -18,7 +18,7 @@ from printctl.cli.machine.simulate import CheckOptions, read_start_position
 from printctl.machine.families import refuse_unsent
 from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
 from printctl.machine.prints.follow import confirm, follow, interrupted
-from printctl.machine.prints.mounted import ASSUMED, There, or_assumed, with_mounted
+from printctl.machine.prints.mounted import There, with_mounted
 from printctl.machine.process.clients.starting import find_or_start, running
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer

@@ -6,12 +6,18 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, load
-from printctl.checks.set_up import ProfileNames, placed_failures, set_up, warnings
+from printctl.checks.set_up import (
+    ASSUMED,
+    ProfileNames,
+    or_assumed,
+    placed_failures,
+    set_up,
+    warnings,
+)
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command, wants_json
 from printctl.cli.kernels_ready import have_kernels
 from printctl.failures import error_facts
-from printctl.machine.prints.mounted import ASSUMED, or_assumed
 from printctl.pipeline.checked_order import OrderCare, care_part, checked_order, told_start
 from printctl.pipeline.job.bead_choices import BeadChoices, BeadOptions
 from printctl.recipe.sections.making import CarePart

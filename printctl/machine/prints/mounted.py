@@ -40,8 +40,6 @@ from printctl.machine.records.mounting import (
 )
 from printctl.machine.records.record import load_record, reported_port
 
-ASSUMED: Final = {"syringe": "hamilton_1ml", "ink": "collagen_fresh"}
-"""Parts of a dry run, a simulated print or a sliced file that names none."""
 _CONFIRMED: Final = "confirmed.txt"
 _OPENING_BYTES: Final = 1 << 16
 
@@ -165,16 +163,6 @@ def refuse_unknown(printer: str, parts: Mapping[str, str | None], needed: Iterab
     if missing:
         text = _unknown(missing, There(printer, {}), "--{}")
         raise UsageError(f"{' and '.join(missing)} unknown: {text}")
-
-
-def or_assumed(
-    parts: Mapping[str, str | None], usual: Mapping[str, str] = ASSUMED
-) -> tuple[dict[str, str], list[str]]:
-    """Fill in the usual parts where none is known; return a note that says which, or none."""
-    taken = {part: name for part, name in usual.items() if not parts[part]}
-    said = ", ".join(f"{part} {name}" for part, name in taken.items())
-    notes = [f"assumed {said}, as no other was named"] if taken else []
-    return {part: name or "" for part, name in parts.items()} | taken, notes
 
 
 def first_syringe_ul(job: Job, reload_at: Sequence[int], area_mm2: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,10 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from kernels.arrays import IntArray
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
-from printctl.recipe.sections.making import Fresh, HeadPart, PrinterPart
+
+if TYPE_CHECKING:  # `printctl slice` has no recipe
+    from printctl.recipe.sections.making import HeadPart, PrinterPart
+    from printctl.recipe.sections.toolpath import Fresh
 
 # Load the syringe, ink and needle of each head that a recipe names.
 

@@ -13,7 +13,8 @@ from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.materials.bead import BeadSection
 from gcode.deposit.written import Strands
-from printctl.analysis.networks import read_model, read_noted
+from printctl.analysis.meshes import read_model
+from printctl.analysis.networks import read_noted
 from printctl.checks.gcode_view import read_line_map
 from printctl.checks.gcode_view.levels import is_flat
 from printctl.checks.lumens import (

@@ -27,7 +27,7 @@ from design.toolpath.gcode import (
 from design.units import LengthUnit
 from firmware_profiles import Bath, Dish, Printer, steady_flow
 from kernels.arrays import FloatArray
-from printctl.analysis.networks import read_model
+from printctl.analysis.meshes import read_model
 from printctl.checks.made_for import header_lines, made_for
 from printctl.checks.set_up import ABOVE_WALL_MM, HeadLoading
 from printctl.errors import UsageError

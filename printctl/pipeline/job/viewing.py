@@ -13,7 +13,8 @@ from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from design.units import LengthUnit
 from firmware_profiles import Printer, Syringe, load
-from printctl.analysis.networks import Drive, Source, load_source, read_model
+from printctl.analysis.meshes import read_model
+from printctl.analysis.networks import Drive, Source, load_source
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.checks.gcode_view.outline import PartOutlines
 from printctl.errors import UsageError

@@ -14,7 +14,7 @@ from printctl.checks.set_up import ABOVE_WALL_MM
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.job.heads import Filled, layer_lines_um
-from printctl.recipe.sections.making import Fresh, PrimePart
+from printctl.recipe.sections.toolpath import Fresh, PrimePart
 
 ABOVE_PART_MM: Final = 1.0
 

@@ -21,7 +21,7 @@ from printctl.pipeline.context import RunContext, default_place
 from printctl.pipeline.prepared.apply_compensation import written_solid
 from printctl.progress import StageBars
 from printctl.recipe import parse_recipe
-from printctl.recipe.sections.making import Fresh
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.artefacts import GCODE, LUMEN, PRINTED_WITH, SOLID, SURFACE
 from printctl.run_folder.manifest import MANIFEST, Manifest
 from registration.overlay import LayerLines, layers_of

@@ -11,7 +11,7 @@ from printctl.pipeline.stages import printing, registration, scan
 from printctl.pipeline.stages.design import tissue, vasculature
 from printctl.pipeline.stages.paths import dry_run, lumens, toolpath
 from printctl.recipe import Recipe
-from printctl.recipe.sections.making import Embedded
+from printctl.recipe.sections.toolpath import Embedded
 
 JOB: Sequence[Stage] = (toolpath.STAGE, dry_run.STAGE, lumens.STAGE)
 TOOLPATH: Sequence[Stage] = (*DESIGN, *JOB)

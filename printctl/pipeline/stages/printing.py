@@ -39,8 +39,8 @@ from printctl.pipeline.observing import (
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.paths.dry_run import set_up_of
 from printctl.progress import Report
-from printctl.recipe.sections.making import Embedded
 from printctl.recipe.sections.measuring import SimulatedScan
+from printctl.recipe.sections.toolpath import Embedded
 from printctl.run_folder.artefacts import GCODE, JOURNAL_FOLDER
 from printctl.run_folder.manifest import digest_file
 

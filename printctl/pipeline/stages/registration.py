@@ -21,9 +21,9 @@ from printctl.pipeline.judging.written_in_scan import WRITTEN, save_written, wri
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
 from printctl.progress import Report
-from printctl.recipe.sections.making import Fresh
 from printctl.recipe.sections.measuring import FileScan, SimulatedScan
 from printctl.recipe.sections.record import RecordPart
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, NUMBERS, SOLID
 from printctl.run_folder.registration_files import VIEWS
 from registration import RegistrationOptions, RegistrationReport

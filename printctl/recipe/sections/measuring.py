@@ -1,4 +1,4 @@
-"""Recipe sections on scans, simulated or from a file, and on their registration."""
+"""Recipe sections on the scan and on what its registration is held against."""
 
 from __future__ import annotations
 

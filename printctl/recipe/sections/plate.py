@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from printctl.recipe.parts import Part, PlateName
-from printctl.recipe.sections.making import Embedded, PrinterPart, ToolpathPart
+from printctl.recipe.sections.making import PrinterPart
+from printctl.recipe.sections.toolpath import Embedded, ToolpathPart
 
 Millimetres = Annotated[float, Field(allow_inf_nan=False)]
 WellName = Annotated[str, Field(min_length=2, max_length=8)]

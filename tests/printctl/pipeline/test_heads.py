@@ -33,7 +33,8 @@ from printctl.pipeline.refusals import refuse_unobservable
 from printctl.pipeline.running.run import design_recipe, toolpath_recipe
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe import Recipe, parse_recipe
-from printctl.recipe.sections.making import Fresh, HeadPart
+from printctl.recipe.sections.making import HeadPart
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.artefacts import GCODE
 from tests.printctl.networks import network_recipe, vessels
 

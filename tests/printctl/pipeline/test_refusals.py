@@ -33,7 +33,7 @@ from printctl.pipeline.running.run import RunOptions, design_recipe, run_recipe,
 from printctl.pipeline.stages import printing
 from printctl.pipeline.stages.paths import lumens
 from printctl.recipe import Recipe, parse_recipe
-from printctl.recipe.sections.making import Embedded, Fresh
+from printctl.recipe.sections.toolpath import Embedded, Fresh
 from registration.errors import ScanFileError
 from sim.errors import ServeError
 from tests.printctl.checks.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube

@@ -24,7 +24,8 @@ from design.hemodynamics.three_d.meshing.surface import (
 )
 from design.hemodynamics.three_d.meshing.wall import free_ends, lumen_wall
 from design.network import VesselNetwork
-from design.solids.manifolds import denoised, subtract, to_manifold
+from design.solids.denoise import denoised
+from design.solids.manifolds import subtract, to_manifold
 from design.solids.repair.remesh import LabelledSurface, remesh
 from kernels.arrays import FloatArray, IntArray
 

@@ -20,8 +20,9 @@ from design.hemodynamics.three_d.meshing.mesh import manifold_arrays
 from design.hemodynamics.three_d.meshing.surface import axis_places, corner_normals
 from design.hemodynamics.three_d.meshing.wall import free_ends
 from design.network import VesselNetwork
+from design.solids.denoise import denoised
 from design.solids.lumen import lumen_solid
-from design.solids.manifolds import denoised, solid_manifold, to_manifold
+from design.solids.manifolds import solid_manifold, to_manifold
 from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NUMBERS

@@ -34,7 +34,7 @@ from printctl.pipeline.running.plate.wells import PlateRun, relative
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.paths import dry_run as alone
 from printctl.progress import Report
-from printctl.recipe.sections.making import Fresh
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
 
 

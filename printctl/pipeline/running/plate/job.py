@@ -24,7 +24,7 @@ from printctl.pipeline.running.plate.wells import PlateRun, relative
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.paths.toolpath import PATH, machine, written_beside, written_bundles
 from printctl.progress import Report
-from printctl.recipe.sections.making import Fresh
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
 
 # Arrays of a plate job's map: each line's well; all wells' vessels for the needle shaft check.

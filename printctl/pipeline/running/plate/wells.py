@@ -24,9 +24,9 @@ from printctl.pipeline.plate_plan import (
     standing_plate,
     varied_recipe,
 )
-from printctl.recipe.sections.making import Fresh
 from printctl.recipe.sections.measuring import FileScan
 from printctl.recipe.sections.plate import PlatePart
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.manifest import Manifest
 
 WELLS: Final = "wells"

@@ -31,7 +31,7 @@ from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.paths.predicting import predicting
 from printctl.pipeline.stages.paths.toolpath import of_heads
 from printctl.progress import Report
-from printctl.recipe.sections.making import Fresh
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 
 CHECKS = "dry_run.json"

@@ -34,7 +34,7 @@ from printctl.pipeline.stages.paths.predicting import compensates, predicted_of_
 from printctl.pipeline.stages.paths.replanning import explained, quiet
 from printctl.pipeline.stages.paths.toolpath import of_heads, plain_job
 from printctl.progress import Report
-from printctl.recipe.sections.making import Fresh
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 
 LUMENS: Final = "lumens.json"

@@ -26,7 +26,7 @@ from printctl.checks.bead import (
 from printctl.checks.gcode_view.line_map import LineMap, read_line_map
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stages.paths.toolpath import plain_job, written_bundles
-from printctl.recipe.sections.making import Embedded
+from printctl.recipe.sections.toolpath import Embedded
 from printctl.run_folder.artefacts import GCODE
 
 

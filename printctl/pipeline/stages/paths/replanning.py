@@ -24,7 +24,7 @@ from printctl.pipeline.stages.paths import toolpath
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.recipe.sections.growth import Growth
-from printctl.recipe.sections.making import Fresh
+from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.manifest import Manifest
 
 TRIAL_S: Final = 60.0

@@ -71,9 +71,9 @@ from printctl.pipeline.refusals import refuse_early
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.tissue_source import make_zones
 from printctl.progress import Report
-from printctl.recipe.sections.making import Embedded, Fresh
 from printctl.recipe.sections.observe import look_interval
 from printctl.recipe.sections.regions import FillingPart, RegionPart
+from printctl.recipe.sections.toolpath import Embedded, Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, SOLID, SURFACE
 
 # Build a FRESH part's infill, and its regions with their own infill or head, from a recipe.
