@@ -93,6 +93,13 @@ def finding(kind: Kind, check: str, place: str, remedy: str, weight: Weight = "r
     return Check(kind, check, 0, 0, "", False, place, remedy, weight)
 
 
+def none_of(
+    kind: Kind, check: str, count: int, place: str, remedy: str, weight: Weight = "refuses"
+) -> Check:
+    """Return a check that passes where nothing was counted."""
+    return Check(kind, check, count, 0, "", not count, place, remedy, weight)
+
+
 def warnings(checks: Iterable[Check]) -> list[str]:
     """What a person must know before the print begins."""
     return [check.sentence() for check in checks if not check.passed and not check.refuses]

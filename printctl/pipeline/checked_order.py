@@ -195,10 +195,10 @@ def checked_order(job: Path, set_up: SetUp, care: OrderCare) -> CheckedOrder:
     data = read_gcode_path(job)
     run = dry_run(data, set_up.printer, set_up.start_mm or (0.0, 0.0, 0.0))
     line_map = job.with_suffix(".map.npz")
-    checks = file_checks(run, set_up, line_map, real=care.real, designed=care.designed)
     shaft = file_shaft(
         job, run, set_up, allowed=care.allowed_crossings, accepted=care.accept_crossings
     )
+    checks = file_checks(run, set_up, line_map, real=care.real, designed=care.designed)
     parsed: Job | None = None
     try:
         parsed = parse_job(data, job.name, set_up.printer)

@@ -11,8 +11,6 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from printctl.checks.preflight.dish import (
         dish_checks,
-        floor_check,
-        unknown_dish,
     )
     from printctl.checks.preflight.force import force_checks, hardest_push
     from printctl.checks.preflight.gcode import gcode_checks
@@ -24,21 +22,15 @@ if TYPE_CHECKING:
         viability_checks,
         viability_facts,
         volumes,
-        written_ul,
     )
     from printctl.checks.preflight.mounted import (
-        bath_checks,
         chemistry_check,
         held_check,
-        needle_check,
-        role_checks,
         syringe_checks,
     )
     from printctl.checks.preflight.set_up import Designed, file_checks
     from printctl.checks.preflight.shaft import (
         accepted_text,
-        read_written,
-        shaft_checks,
         shaft_clearance,
         shaft_lines,
         written_arrays,
@@ -47,7 +39,6 @@ if TYPE_CHECKING:
     from printctl.checks.preflight.wells import (
         Wells,
         compare_well_moves,
-        read_wells,
         well_arrays,
         well_checks,
     )
@@ -73,33 +64,25 @@ __all__ = [
     "SetUp",
     "Wells",
     "accepted_text",
-    "bath_checks",
     "budget_of",
     "check_each_head",
     "chemistry_check",
     "compare_well_moves",
     "dish_checks",
     "file_checks",
-    "floor_check",
     "force_checks",
     "gcode_checks",
     "hardest_push",
     "head_checks",
     "held_check",
     "ink_use",
-    "needle_check",
     "placed_failures",
-    "read_wells",
-    "read_written",
     "refuse_failed",
-    "role_checks",
-    "shaft_checks",
     "shaft_clearance",
     "shaft_lines",
     "step_checks",
     "syringe_checks",
     "temperature_checks",
-    "unknown_dish",
     "viability_checks",
     "viability_facts",
     "volumes",
@@ -107,7 +90,6 @@ __all__ = [
     "well_arrays",
     "well_checks",
     "written_arrays",
-    "written_ul",
 ]
 
 __getattr__, __dir__ = on_demand(__name__)

@@ -22,7 +22,7 @@ from printctl.checks.preflight.firmware import firmware_checks
 from printctl.checks.preflight.heads import ABOUT_HEADS, check_each_head
 from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.preflight.pneumatic_checks import pressure_checks, valve_checks
-from printctl.checks.set_up import RECIPE_KEYS, Check
+from printctl.checks.set_up import RECIPE_KEYS, Check, none_of
 
 # Check that a job doesn't redefine its X, Y or Z coordinates (G92) after its first move.
 #
@@ -107,13 +107,10 @@ def motor_checks(run: DryRun, printer: Printer) -> list[Check]:
     if not first or not lines.size or first > lines.max():
         return []
     return [
-        Check(
+        none_of(
             Kind.MOTORS_OFF,
             "motors without power before the last move",
             1,
-            0,
-            "",
-            False,
             f"line {first}",
             "move M84 or M18 to the end of the file: an axis without power loses its place",
         )
@@ -136,13 +133,10 @@ def _output_checks(run: DryRun, printer: Printer) -> list[Check]:
         return [Check(Kind.OUTPUTS, _OUTPUTS, 0, 0, "", True)]
     dispenser = ", ".join(f"{head.opens}, {head.closes}" for head in printer.airs) or "none"
     return [
-        Check(
+        none_of(
             Kind.OUTPUTS,
             _OUTPUTS,
             len(others),
-            0,
-            "",
-            False,
             f"line {others[0][0]}",
             f"{_setting(others[0][1].parameters)}, and the profile's valve alone may be switched "
             f"(dispenser: {dispenser}); take it out, or name the valve in a copy of the profile",
@@ -172,13 +166,10 @@ def gate_checks(run: DryRun, printer: Printer) -> list[Check]:
     if not by_code:
         return [Check(Kind.FORBIDDEN_COMMAND, "commands that may not be sent", 0, 0, "", True)]
     return [
-        Check(
+        none_of(
             Kind.FORBIDDEN_COMMAND,
             f"{code}: may not be sent by a job",
             len(those),
-            0,
-            "",
-            False,
             f"line {those[0][0]}",
             those[0][1],
         )
@@ -493,13 +484,10 @@ def _starved(run: DryRun, printer: Printer) -> Check:
     starved = run.starved
     may_pair = family_of(printer).pairs and printer.lines_in_flight == 1
     more = ", lines_in_flight: 2" if may_pair else ""
-    return Check(
+    return none_of(
         Kind.STARVED,
         "segments starved by the wire",
         starved.segments,
-        0,
-        "",
-        starved.segments == 0,
         f"line {starved.line}" if starved.line else "",
         f"their lines take longer to come than they are to make, so the head slows down and "
         f"stutters there, {starved.seconds:.1f} s in all: write longer segments, or use a higher "
@@ -514,13 +502,10 @@ def _probing(run: DryRun) -> Check:
     rows = np.flatnonzero(np.isin(run.program.code, [code(name) for name in _PROBES]))
     named = [number for number, line in run.named if line.code in _NAMED_PROBES]
     lines = sorted([*(int(run.program.line[row]) for row in rows), *named])
-    return Check(
+    return none_of(
         Kind.PROBING,
         "probing with the needle mounted",
         len(lines),
-        0,
-        "",
-        not lines,
         f"line {lines[0]}" if lines else "",
         "take it out: it would drive the needle into the dish; probe before the needle and the "
         "dish are mounted, and touch the needle off",

@@ -26,7 +26,7 @@ from gcode.deposit.lay import Style
 from gcode.dry_run.run import DryRun
 from printctl.checks.kinds import Kind
 from printctl.checks.preflight.firmware import widest_push_check
-from printctl.checks.set_up import Check, Weight, finding
+from printctl.checks.set_up import Check, Weight, finding, none_of
 from printctl.run_folder.manifest import Manifest
 
 
@@ -82,13 +82,10 @@ def chemistry_check(ink: Ink, bath: Bath) -> Check:
     """Whether the bath has what sets the ink; without it the print runs away."""
     missing = [trigger for trigger in ink.gelled_by if trigger not in bath.provides]
     needs = " and ".join(_WORDS[trigger] for trigger in missing)
-    return Check(
+    return none_of(
         Kind.CHEMISTRY,
         "what sets the ink and the bath lacks",
         len(missing),
-        0,
-        "",
-        not missing,
         "bath: provides",
         f"{ink.name} sets by {needs}, which {bath.name} doesn't have (gelled_by, provides); take "
         "another bath, or say in its profile that it is in it",

@@ -22,7 +22,7 @@ from gcode.dry_run.run import DryRun
 from kernels.arrays import FloatArray
 from printctl.checks.kinds import Kind
 from printctl.checks.preflight.ink import volumes
-from printctl.checks.set_up import Check, HeadLoading, SetUp, finding
+from printctl.checks.set_up import Check, HeadLoading, SetUp, finding, none_of
 from printctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -60,13 +60,10 @@ def shaft_checks(clearance: Clearance, allowed: int, *, accepted: bool = False) 
         _worst(clearance.crossings, "cross") + (_ACCEPTED if taken else _REMEDY),
         "warns" if taken else "refuses",
     )
-    graze = Check(
+    graze = none_of(
         Kind.SHAFT_NEAR,
         f"vessels that the shaft passes by nearer than {clearance.clearance_mm:g} mm",
         clearance.grazed_pairs,
-        0,
-        "",
-        not clearance.grazes,
         f"line {clearance.grazes[0].line}" if clearance.grazes else "",
         _worst(clearance.grazes, "come so near")
         + "the needle must be straight and well calibrated",

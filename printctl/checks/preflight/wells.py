@@ -19,7 +19,7 @@ from kernels.arrays import FloatArray, IntArray
 from printctl.checks.kinds import Kind
 from printctl.checks.preflight.dish import hub_gap, hub_remedy, tips_of, wall_gap
 from printctl.checks.preflight.mounted import longer_needle
-from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
+from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish, none_of
 
 # Read, or make, a plate job's map of wells: their positions, and the G-code lines of each.
 
@@ -255,13 +255,10 @@ def _of_well(
     if name not in wells.ink_ul:
         line = int(run.program.line[np.flatnonzero(rows)[0]])
         return [
-            Check(
+            none_of(
                 Kind.WELL_ENTERED,
                 "wells entered in which nothing is printed",
                 1,
-                0,
-                "",
-                False,
                 f"well {name}, line {line}",
                 "the needle goes down where no part is; see the plate's place (a1_mm, turned_deg)",
             )

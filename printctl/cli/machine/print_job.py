@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -109,16 +109,11 @@ def print_job(
     order = Order(file, printer, port, place, resume=resume, baud=read_baud(baud))
     part = care_part(prime_ul=prime_ul, **how.values(), **checks.values())
     if running(order) is None:  # Check the file before the first byte.
-        names, assumed = _parts(printer, real, syringe, ink, mounted)
-        set_for = set_up(profile, names.syringe, names.ink, tip, names.others)
+        syringe, ink, names, assumed = _parts(printer, real, syringe, ink, mounted)
+        set_for = set_up(profile, syringe, ink, tip, names)
         there = There.kept(printer) if real else None
-        care = OrderCare(
-            part,
-            real,
-            accept_crossings=checks.accept_crossings,
-            there=there,
-            assumed=assumed if real else (),
-        )
+        accepts = checks.accept_crossings
+        care = OrderCare(part, real, accept_crossings=accepts, there=there, assumed=assumed)
         checked = checked_order(file, set_for, care)
         order = checked.complete(order)
         if real and not is_recorded(read_made_for(checked.run.opening), profile):
@@ -138,19 +133,13 @@ def print_job(
     cli.print_result(facts, [f"{state_words(done.state)}: {done.message}", str(place)], done.proved)
 
 
-@dataclass(frozen=True)
-class _Names:
-    """Parts that a print is checked for: syringe and ink, and the others."""
-
-    syringe: str
-    ink: str
-    others: ProfileNames
-
-
 def _parts(
     printer: str, real: bool, syringe: str | None, ink: str | None, mounted: ProfileNames
-) -> tuple[_Names, Collection[str]]:
-    """Return the parts that are named, mounted, or assumed; and which ones are assumed."""
+) -> tuple[str, str, ProfileNames, Collection[str]]:
+    """Return syringe, ink and the others, named or mounted; and which of them are assumed.
+
+    What is assumed refuses a real print, and is told before a simulated one.
+    """
     named = {
         **{"syringe": syringe, "ink": ink, "needle": mounted.needle},
         **{"bath": mounted.bath, "dish": mounted.dish},
@@ -173,8 +162,8 @@ def _parts(
         bath_depth=depth,
         dish_centre=centre,
     )
-    assumed = [part for part in ASSUMED if not known[part]]
-    return _Names(parts["syringe"], parts["ink"], others), assumed
+    assumed = [part for part in ASSUMED if real and not known[part]]
+    return parts["syringe"], parts["ink"], others, assumed
 
 
 def _print(order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool) -> Status:

@@ -236,14 +236,5 @@ def check_refusal(check: Check, offers_reload: bool = False) -> Refusal:
         action = "reload"
     elif about := next((one for one in PARTS if f"{one}:" in check.place), ""):
         action = "mount"
-    return Refusal(
-        check.kind,
-        check.check,
-        remedy,
-        action,
-        about,
-        shown.value,
-        shown.limit,
-        check.unit,
-        check.place,
-    )
+    numbers = shown.value, shown.limit, check.unit, check.place
+    return Refusal(check.kind, check.check, remedy, action, about, *numbers)

@@ -172,12 +172,11 @@ def test_a_cut_record_is_none(job: bytes, kept: bytes) -> None:
     assert not is_recorded(read_made_for(b"\n".join(cut)), PRINTER)
 
 
-def test_a_tip_left_in_the_print_is_a_warning() -> None:
+def test_a_tip_left_in_the_print_is_refused() -> None:
     run = dry_run(HEAD + b"G1 X110 E0.05 F600\n", PRINTER, (100.0, 100.0, 10.0))
     [check] = [one for one in file_checks(run, SetUp(PRINTER, SYRINGE, INK, NEEDLE))
                if "tip in the print" in one.check]  # fmt: skip
-    assert not check.passed
-    assert not check.refuses
+    assert check.refuses
     assert "add a lift at the end" in check.remedy
 
 

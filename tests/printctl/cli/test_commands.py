@@ -153,8 +153,8 @@ def test_bash_itself_completes(tmp_path: Path):
         (["station", "status", "--folder", "nix", "--json"], 1, "no printer was ever connected"),
         (
             ["print", "a.gcode", "--printer", "generic_marlin", "--port", "/dev/null", "--json"],
-            2,
-            "syringe and ink unknown: neither named nor mounted on generic_marlin",
+            3,
+            "syringe: neither named nor mounted on generic_marlin",
         ),
     ],
 )
@@ -264,7 +264,7 @@ def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(shell: Shell) -> 
         ("simulate nul.gcode --printer generic_marlin", 2, "nul.gcode: line 2 of the G-code has"),
         ("print nul.gcode --printer generic_marlin --port simulated", 2, "nul.gcode: line 2 of"),
         ("view nul.gcode --printer generic_marlin", 2, "nul.gcode: line 2 of the G-code has a NUL"),
-        ("print text.gcode --printer generic_marlin --port simulated", 3, "text.gcode, line 1: 'D"),
+        ("print text.gcode --printer generic_marlin --port simulated", 3, "line 1: 'D"),
         ("run r.yaml --out cube.stl", 2, "--out cube.stl: cube.stl is a file; give a folder's"),
         ("simulate a.gcode --out cube.stl/x", 2, "--out cube.stl/x: cube.stl is a file"),
         ("slice cube.stl --unit mm --out cube.stl/a.gcode", 2, "is a file, or lies in one"),

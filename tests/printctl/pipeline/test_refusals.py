@@ -25,6 +25,7 @@ from printctl.checks.preflight.mounted import role_checks
 from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.machine.job.care import Care
 from printctl.machine.process.orders import Order
+from printctl.pipeline.checked_order import Plan
 from printctl.pipeline.job.heads import Filled
 from printctl.pipeline.printability import embedded_limits
 from printctl.pipeline.refusals import refuse_before
@@ -450,6 +451,7 @@ def ordered(
     care: dict[str, Any] | None, folder: Path, monkeypatch: pytest.MonkeyPatch, reloads: list[int]
 ) -> Order:
     """The order that the print stage gives for a recipe, without printing it."""
+    plan = Plan(25.0, reload_at=tuple(reloads))
     orders: list[Order] = []
     done = SimpleNamespace(state=SimpleNamespace(value="done"), lines_done=1, proved=True)
     client = SimpleNamespace(status=SimpleNamespace(ended=True))
@@ -460,15 +462,15 @@ def ordered(
         rehearsal_speed=None,
         folder=folder,
         printer=PRINTER,
-        syringe=SYRINGE,
+        bath=load(Bath, "gelatin_support"),
+        dish=None,
+        stand=None,
+        bath_depth_mm=None,
         loads=(Filled(SYRINGE, load(Ink, "collagen_fresh"), load(Needle, "fresh_150um")),),
-        lift_mm=8.0,
         start_mm=np.array([100.0, 100, 20]),
         bars=None,
         printed=False,
-        manifest=SimpleNamespace(
-            stages={"dry run": SimpleNamespace(summary={"reload_at": reloads})}
-        ),
+        manifest=SimpleNamespace(stages={"dry run": SimpleNamespace(summary=plan.to_dict())}),
     )
     monkeypatch.setattr(printing, "executed_facts", lambda context: {})
     printing.work(context, lambda share, text="": None)
@@ -499,6 +501,7 @@ def test_ink_pushed_after_a_pause_and_planned_changes_are_given_on(
     order = ordered({"prime_ul": 2.0, "reload": True}, tmp_path, monkeypatch, [120, 240])
     assert order.retreat.prime_mm * np.pi * SYRINGE.inner_mm**2 / 4 == pytest.approx(2.0)
     assert order.care.reload_at == (120, 240)
+    assert order.retreat.lift_mm == 25.0
 
 
 def test_dead_man_may_stop_the_print(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
