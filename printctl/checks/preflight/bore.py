@@ -62,14 +62,14 @@ def bore_check(
         fine = {name: bore for name, bore in shipped_bores().items() if thinnest * bore <= width_mm}
         name = max(fine, key=lambda one: fine[one], default="")
         remedy = (
-            f"the bore of {needle.name} is {needle.inner_mm:g} mm, and its tip would draw the ink "
-            f"thinner than {thinnest:g} of that, where lines break; take a needle of at most "
-            f"{width_mm / thinnest:.3g} mm bore{f' ({name}: {fine[name]:g} mm)' if name else ''}, "
-            f"write lines of {limit:.3g} mm or wider, or, where the ink was tried, allow thinner "
-            "ones (thinnest_bore, --thinnest-bore)"
+            f"{needle.name} has a bore of {needle.inner_mm:g} mm; beads thinner than {thinnest:g} "
+            f"of it break; use a needle with a bore up to {width_mm / thinnest:.3g} "
+            f"mm{f' ({name}: {fine[name]:g} mm)' if name else ''}, print beads of at least "
+            f"{limit:.3g} mm, or, if tested with this ink, allow thinner ones (thinnest_bore, "
+            "--thinnest-bore)"
         )
     return Check(
-        "width of a line against the needle's bore",
+        "bead width vs. needle bore",
         width_mm,
         limit,
         "mm",
@@ -143,16 +143,15 @@ def _widest_check(
     limit = bores * needle.inner_mm
     return [
         Check(
-            "widest line against the needle's bore",
+            "widest bead vs. needle bore",
             float(width[widest]),
             limit,
             "mm",
             bool(width[widest] <= limit),
             f"line {int(line[widest])}, needle: inner_mm",
-            f"{what} are at most {bores:g} bores wide "
-            f"({needle.name}: {needle.inner_mm:g} mm); the file was probably made for another "
-            "syringe, or for a printer whose E isn't the plunger's travel in mm: name the syringe "
-            "that it was made for, or export it for this one",
+            f"the maximum for {what} is {bores:g} bores ({needle.name}: {needle.inner_mm:g} mm); "
+            "the file was probably made for another syringe, or for a printer whose E isn't "
+            "plunger travel in mm: specify the syringe it was made for, or export it for this one",
         )
     ]
 
@@ -179,15 +178,15 @@ def drop_checks(run: DryRun, printer: Printer, load_of_head: HeadLoading) -> lis
         return []
     return [
         Check(
-            "largest drop against the needle's bore",
+            "largest drop vs. needle bore",
             diameter,
             limit,
             "mm",
             False,
             f"line {int(program.line[rests[place == largest][0]])}, needle: inner_mm",
-            f"{drops[largest]:.3g} µL come out at one place among the lines; the file was probably "
-            "made for a printer whose E isn't the plunger's travel in mm: export it for this one, "
-            "or purge above the bath",
+            f"{drops[largest]:.3g} µL are dispensed at one point between beads; the file was "
+            "probably made for a printer whose E isn't plunger travel in mm: export it for this "
+            "one, or purge above the bath",
         )
     ]
 

@@ -85,7 +85,7 @@ def force_checks(
     if printer.pneumatic:
         return [*air_checks(run, ink, needle, syringe, printer), *speeds]
     push = hardest_push(run, ink, needle, syringe)
-    friction = "" if syringe.friction_n is not None else ", the syringe's friction not known"
+    friction = "" if syringe.friction_n is not None else ", syringe friction unknown"
     rows = (
         (
             "pressure in the syringe",
@@ -95,14 +95,14 @@ def force_checks(
             f"{syringe.name}: max_pressure_kpa",
         ),
         (
-            f"force on the plunger{friction}",
+            f"plunger force{friction}",
             push.force_n,
             printer.max_plunger_force_n,
             "N",
             f"{printer.name}: max_plunger_force_n",
         ),
         (
-            "shear stress at the needle's wall",
+            "shear stress at the needle wall",
             push.shear_pa,
             ink.max_shear_stress_pa,
             "Pa",
@@ -117,7 +117,7 @@ def force_checks(
             unit,
             value <= limit,
             f"line {push.line}",
-            f"above what is allowed ({whose}); write slower, or take a wider or shorter needle",
+            f"exceeds the maximum ({whose}); print more slowly, or use a wider or shorter needle",
             "refuses" if ink.calibrated else "warns",
         )
         for name, value, limit, unit, whose in rows
@@ -133,14 +133,13 @@ def _held(ink: Ink, needle: Needle) -> list[Check]:
         return []
     return [
         Check(
-            "pressure that the ink holds in the needle after a stop",
+            "residual pressure in the needle after extrusion",
             held * 1e-3,
             0,
             "kPa",
             False,
             f"{ink.name}: yield_stress_pa, retract_ul",
-            "nothing relieves it (retract_ul 0), so the needle weeps while it travels; give "
-            "retract_ul",
+            "it isn't relieved (retract_ul 0), so the needle oozes during travel; set retract_ul",
             "warns",
         )
     ]

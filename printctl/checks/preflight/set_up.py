@@ -92,7 +92,8 @@ def _wells(run: DryRun, setup: SetUp, loads: Sequence[HeadLoading], map_path: Pa
         return None
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as exc:
         raise UsageError(
-            f"{map_path} can't be read ({exc}); write the G-code and its map anew, or move it away"
+            f"{map_path} can't be read ({exc}); generate the G-code and its map again, or move the "
+            "map away"
         ) from exc
 
 
@@ -126,8 +127,8 @@ def _of_head(
 
 def _unnamed(missing: list[str], real: bool) -> Check:
     what = {
-        "needle": "plunger force and the dish's walls",
-        "bath": "gelation, temperatures and the distance from the floor",
+        "needle": "plunger force and dish walls",
+        "bath": "gelation, temperatures and floor clearance",
     }
     return Check(
         "set-up",
@@ -137,6 +138,6 @@ def _unnamed(missing: list[str], real: bool) -> Check:
         False,
         ", ".join(f"--{name}" for name in missing),
         f"{' and '.join(missing)} not set, so {' and '.join(what[name] for name in missing)} "
-        "weren't checked; name what is mounted (none for nothing)",
+        "weren't checked; specify what is mounted (none for nothing)",
         "refuses" if real else "warns",
     )

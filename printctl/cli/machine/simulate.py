@@ -71,12 +71,12 @@ def simulate(
     names: ProfileNames,
     start: cli.StartOption = None,
     out: Path | None = opt(
-        "Folder for what will lie in the bath: tables, a time line, voxels.",
+        "Folder for the predicted deposit: tables, timeline, voxels.",
         callback=cli.folder_to_write,
     ),
     bead: BeadOptions,
     place: str | None = opt(
-        "The part's origin in the printer's frame, mm; found from what is written if not.",
+        "Part origin in printer coordinates, mm; default: found from the printed paths.",
         metavar="X,Y,Z",
     ),
 ) -> None:

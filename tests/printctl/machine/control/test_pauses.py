@@ -181,7 +181,7 @@ def test_a_plunger_moved_by_hand_in_a_pause_is_never_drawn_back_in_the_gel(firmw
     lowered = [k for k, one in enumerate(commands) if re.match(r"G1 Z[\d.]+ F", one) and k > begin]
     assert lowered  # the plunger is counted above the gel, before the needle comes down
     [alarm] = [one for one in bench.alarms if "the plunger is at E" in one]
-    assert f"moved by {moved_mm:+.2f} mm while the print was held" in alarm
+    assert f"moved by {moved_mm:+.2f} mm during the pause" in alarm
 
 
 @pytest.mark.parametrize(("every", "expected"), [(0.0, 6), (1.5, 3), (None, 0)])

@@ -91,7 +91,7 @@ class Refusing(ScriptedPrinter):
 @pytest.mark.parametrize(
     ("printer", "words"),
     [
-        (silent, ["no firmware answers at bench", "baud rate (profile: 115200)"]),
+        (silent, ["no firmware replies at bench", "baud rate (profile: 115200)"]),
         (other_steps, ["E makes 500 steps/mm in the firmware, 6400 in the profile"]),
         (resetting, ["reset during the handshake"]),
         (lambda: Refusing(2, 1e9, "refuses"), ["(a command, sent as N2)"]),
@@ -117,7 +117,7 @@ def test_a_line_that_is_never_taken_ends_the_print(how):
     bench.when(LinkState.PAUSED, *[resume] * 200)
     status = bench.run()
     assert (status.state, status.position_known) == (LinkState.FAILED, False)
-    words = ["sent as N60)", f"{MAX_REFUSALS} tries", "check cable, earthing and firmware"]
+    words = ["sent as N60)", f"{MAX_REFUSALS} attempts", "check cable, grounding and firmware"]
     assert all(one in status.message for one in [*words, "needle wasn't lifted"])
     assert ("checksum mismatch" in status.message) == (how == "refuses")
     again = Bench(LONG, bench.printer, journal=bench.journal, resume=True)
@@ -228,7 +228,7 @@ def test_a_printer_that_acknowledges_and_does_not_move_is_not_done(renames):
 def test_an_end_that_cannot_be_compared_is_done_and_says_so():
     status = Bench(JOB, Answering(M114="ok\n")).run()
     assert status.state is LinkState.DONE
-    assert "isn't compared" in status.message
+    assert "not verified" in status.message
 
 
 @pytest.mark.parametrize(("axis", "steps"), [("X", 4), ("Z", 6), ("X", -4), ("Z", -6)])
@@ -241,7 +241,7 @@ def test_motors_some_steps_off_behind_the_last_move_are_not_done(axis, steps):
 
     bench.on_line(len(JOB) - 1, slip)
     assert bench.run().state is LinkState.POSITION_UNKNOWN
-    assert "plunger isn't compared" in bench.recorded("checkpoint")[-1]["compared"]
+    assert "plunger position not verified" in bench.recorded("checkpoint")[-1]["compared"]
 
 
 @pytest.mark.parametrize(
@@ -465,7 +465,7 @@ def test_a_fault_of_the_printer_s_own_is_no_refusal_of_the_line_in_flight():
     bench.on_line(46, lambda _: bench.printer.say(said.encode()))
     status = bench.run()
     assert status.state is LinkState.FAILED
-    assert "the printer says 'Error:MINTEMP triggered, system stopped! Heater_ID: bed'" in (
+    assert "the printer reports 'Error:MINTEMP triggered, system stopped! Heater_ID: bed'" in (
         status.message
     )
     assert "refused" not in status.message
@@ -491,7 +491,7 @@ def test_a_print_paused_by_noise_goes_on_by_itself_once_errors_are_few():
     wire.bench = bench
     assert_exact_long(bench)
     assert len(bench.pauses) == 1
-    assert "the print goes on by itself once errors are few" in bench.pauses[0].message
+    assert "the print resumes by itself once errors are rare" in bench.pauses[0].message
     assert bench.exchange.now_s > 200.0
 
 

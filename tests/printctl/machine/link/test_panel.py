@@ -121,7 +121,7 @@ def test_a_board_that_stood_still_is_told_once_and_its_print_goes_on(tmp_path):
     panel = Panel(tmp_path, "marlin", 10**6, stall)
     status = panel.run()
     [alarm] = read_journal(tmp_path / "journal.log").alarms
-    assert "the ink stood still for" in alarm
+    assert "the needle stopped while extruding, for" in alarm
     assert (panel.pauses, status.proved) == ([], True)
 
 

@@ -27,15 +27,18 @@ PROGRESS = Progress(
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("nobody confirmed for 5 min (dead-man)", "Nobody has confirmed"),
+        ("nobody confirmed for 5 min (dead-man)", "No operator has confirmed"),
         ("another program (cura 12) has this port open (/dev/ttyACM0): close it", "Another"),
         (
             "the bed is set to 20 °C, and this print had set 37 °C: another program did it; taken "
             "back (M140 S37)",
             "A heater",
         ),
-        ("the ink stood still for 2.4 s between the end of line 1489 (X53.50)", "The needle stood"),
-        ("7 line errors in 20 lines; pausing: check cable and earthing", "The connection"),
+        (
+            "the ink stood still for 2.4 s between the end of line 1489 (X53.50)",
+            "The needle stopped",
+        ),
+        ("7 line errors in 20 lines; pausing: check cable and grounding", "The connection"),
         ("pressure 120 kPa above 100 kPa (printer: watch)", "A watched reading"),
         ("X is 3.00 mm where the job says 3.50 mm", "The needle wasn't"),
         ("something new", "The printer reports something unusual"),

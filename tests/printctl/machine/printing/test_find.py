@@ -231,7 +231,7 @@ def job() -> Job:
 def test_job_that_needs_more_is_refused_with_the_lines_of_a_change():
     told, reload_at, _ = with_reloads(checks(), job(), (0.5,), wanted=False)
     assert reload_at == ()
-    with pytest.raises(SafetyError, match=r"give --reload: the syringe is then changed before l"):
+    with pytest.raises(SafetyError, match=r"specify --reload: the syringe is then changed"):
         refuse_failed(told)
 
 
@@ -382,7 +382,7 @@ def test_moves_that_a_stop_dropped_count_as_not_made(tmp_path, stood, made):
 
 
 def test_a_print_of_which_no_line_was_sent_has_nothing_to_recover(tmp_path):
-    asking = "asking the firmware what it is"
+    asking = "identifying the firmware"
     journalled(tmp_path, {"sort": "state", "state": LinkState.CHECKING, "message": asking})
     assert "print it anew" in read_print(tmp_path).status.message
     assert "Recover" not in read_print(tmp_path).status.message

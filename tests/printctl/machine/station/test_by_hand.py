@@ -70,9 +70,9 @@ def test_jogs_and_goes_to_places(at_rest):
         (lambda s: s.command("M140 S90"), "outside 0 to 45 °C"),
         (lambda s: s.mount(needle="no_such"), "no_such"),
         (lambda s: s.mount(hat="bowler"), "'hat' can't be mounted"),
-        (lambda s: s.set_position(x=-5), "no tip stands there"),
-        (lambda s: s.set_position(), "no axis is given"),
-        (lambda s: s.touch_off(), "say which first"),
+        (lambda s: s.set_position(x=-5), "the tip can't be there"),
+        (lambda s: s.set_position(), "no axis is specified"),
+        (lambda s: s.touch_off(), "specify them first"),
         (lambda s: s.reconnect(), "is connected"),
     ],
 )
@@ -134,7 +134,7 @@ def test_plunger_goes_by_microlitres_within_its_syringe(at_rest):
     assert full - status.ul_left == pytest.approx(2, abs=0.01)
     with pytest.raises(Refused, match="that are left in bd_1ml"):
         at_rest.plunger(full + 1)
-    with pytest.raises(Refused, match="counts as full there"):
+    with pytest.raises(Refused, match="would be full there"):
         at_rest.plunger(-1000)
     with pytest.raises(Refused, match="plunger_ul_s of"):
         at_rest.plunger(1, ul_s=50)
