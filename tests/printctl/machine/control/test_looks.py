@@ -247,7 +247,7 @@ def test_insert_that_the_disk_has_no_room_for_isnt_taken():
     assert status.state is LinkState.STOPPED
     assert bench.journal.history().inserts == []
     assert MEND[1]["lines"][0] not in bench.printer.taken
-    assert "isn't taken" in bench.refusals[0]
+    assert "isn't accepted" in bench.refusals[0]
     assert_true(bench, status)
 
 

@@ -187,7 +187,7 @@ def test_pause_whose_needle_was_moved_from_elsewhere_says_that_the_place_isnt_th
     bench.when(LinkState.PAUSING, lambda _: bench.after(0.6, move))
 
     def try_to_resume(streamer: Streamer) -> None:
-        assert "isn't the job's any more" in streamer.status.message
+        assert "doesn't match the job any more" in streamer.status.message
         streamer.resume(answer=answers.append)
         bench.after(60.0, stop)
 
@@ -340,7 +340,7 @@ def test_printer_that_stays_silent_ends_the_print_at_its_limit_and_alarms_long_b
     status = bench.run()
     assert (status.state, status.position_known) == (LinkState.FAILED, False)
     assert "no valid reply" in status.message
-    assert "may or may not have been taken" in status.message
+    assert "may or may not have been accepted" in status.message
     assert 60 < bench.exchange.now_s - since[0] < 75
     assert any("no valid reply for" in text and "--silent-limit" in text for text in bench.alarms)
     assert_true(bench, status)
@@ -416,7 +416,7 @@ def test_line_that_the_printer_refuses_ends_the_print_before_it():
     bench.printer._carry_out = refuse  # type: ignore[method-assign]
     status = bench.run()
     assert status.state is LinkState.FAILED, status.message
-    assert "refused line" in status.message
+    assert "rejected line" in status.message
     assert status.lines_done <= 7
     assert wrong not in [one.line for one in bench.printer.made]
 

@@ -86,7 +86,7 @@ def test_a_move_by_hand_ends_at_once_where_the_printer_has_halted(standing, begu
         port.write_halt(b"M112\n")
 
     port.plan.append((at := port.clock.now() + 2.0, kill))
-    with pytest.raises(PrintEnded, match="that it has halted") as ended:
+    with pytest.raises(PrintEnded, match="confirmed the halt") as ended:
         standby.drive(begun(standby))
     assert "halted itself before" not in ended.value.message
     assert port.clock.now() - at < 1.0
@@ -141,7 +141,7 @@ def test_a_move_that_ends_elsewhere_costs_the_trust_in_the_place(standing):
     standby, port = standing
     idle = IdleCommands(standby, Knowledge(PRINTER, homed=(True, True, True)))
     port.plan.append((port.clock.now() + 1.0, lambda: port.printer.at.update(Y=52.0)))
-    with pytest.raises(LinkError, match=r"stands at X60\.00 Y52\.00"):
+    with pytest.raises(LinkError, match=r"is at X60\.00 Y52\.00"):
         idle.grant("jog", {"by": {"x": 10.0}, "speed_mm_s": 5.0})
     assert not idle.known.trusted
 

@@ -372,8 +372,8 @@ OTHERS = "another program or noise wrote to this printer: 1 answer more than lin
     ("writes", "words"),
     [
         (b"G1 Z60 F600\n", "Z is 60"),
-        (b"G92 X0\n", "X is called"),
-        (b"G92 Y-3 X20\n", "Y is called"),
+        (b"G92 X0\n", "X is offset by"),
+        (b"G92 Y-3 X20\n", "Y is offset by"),
     ],
 )
 def test_what_another_program_moves_or_renames_ends_the_print(writes, words):
@@ -396,7 +396,7 @@ def test_place_renamed_without_an_answer_that_is_noticed_ends_the_print():
     bench.on_line(9, rename)
     status = bench.run()
     assert status.state is LinkState.POSITION_UNKNOWN
-    assert "X is called" in status.message
+    assert "X is offset by" in status.message
 
 
 @pytest.mark.parametrize("complete", [True, False])
@@ -434,7 +434,7 @@ def test_printer_that_isnt_as_it_was_when_the_host_died_is_not_gone_on_with(othe
     counts = dict(printer.renamed_mm)
     status = Bench(JOB, printer, journal=first.journal, resume=True).run()
     assert status.state is LinkState.POSITION_UNKNOWN
-    assert other == "reset" or f"{other.split()[1][0]} is called" in status.message
+    assert other == "reset" or f"{other.split()[1][0]} is offset by" in status.message
     assert (printer.place, printer.renamed_mm) == (before, counts)
 
 
@@ -456,7 +456,7 @@ class GarbledPlaces(Wire):
 def test_garbled_answers_at_the_start_are_asked_again():
     bench = Bench(JOB, wire=GarbledPlaces())
     assert_exact(bench)
-    assert not any("still move" in one.message for one in bench.statuses)
+    assert not any("still moving" in one.message for one in bench.statuses)
 
 
 def test_a_fault_of_the_printer_s_own_is_no_refusal_of_the_line_in_flight():

@@ -107,7 +107,7 @@ def test_position_isnt_known_after_a_way_out_that_the_printer_refused(tmp_path):
     assert (status.state, status.position_known) == (LinkState.FAILED, False)
     assert "the retreat didn't run as planned" in status.message
     assert "Must home axis first" in status.message
-    assert "where the needle is isn't known" in status.message
+    assert "the needle position is unknown" in status.message
     assert read_journal(tmp_path / "journal.log").end["position_known"] is False
 
 
@@ -133,7 +133,7 @@ def test_family_that_forgets_lines_isnt_gone_on_with(firmware, tmp_path):
     history = read_journal(tmp_path / "journal.log")
     status = streamer_of(firmware, fake, tmp_path).run(history)
     assert status.state is LinkState.POSITION_UNKNOWN
-    assert "can't tell which line" in status.message
+    assert "can't report its last accepted line" in status.message
     assert fake.executed == before
 
 
@@ -311,7 +311,7 @@ RANGED = {"klipper": FakeKlipper, "reprapfirmware": RangedDuet}
 def test_a_refused_line_is_told_as_refused_and_not_counted(firmware, tmp_path):
     status = streamer_of(firmware, RANGED[firmware](), tmp_path, BAD).run()
     assert status.state is LinkState.FAILED
-    assert f"refused line {REFUSED + 1} of test.gcode" in status.message
+    assert f"rejected line {REFUSED + 1} of test.gcode" in status.message
     assert (status.lines_done, status.lines_executed, status.file_line) == (REFUSED,) * 3
     history = read_journal(tmp_path / "journal.log")
     assert history.done == REFUSED
@@ -399,7 +399,7 @@ def test_a_refused_wait_behind_the_last_line_ends_as_failed_with_the_retreat(z, 
     status = streamer_of("klipper", fake, tmp_path).run()
     assert (status.state, status.lines_done) == (LinkState.FAILED, len(JOB))
     assert "Driver wobble" in status.message
-    assert "refused line" not in status.message
+    assert "rejected line" not in status.message
     assert fake.at["Z"] > z + 1
 
 

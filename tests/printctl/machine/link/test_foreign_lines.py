@@ -150,7 +150,7 @@ def test_moves_that_lead_astray_are_dropped(tmp_path):
 def test_steps_that_another_program_changes_end_the_print(tmp_path):
     status, _ = shared(tmp_path, b"M92 E250\n")
     assert status.state is LinkState.POSITION_UNKNOWN
-    assert "E makes 250 steps/mm" in status.message
+    assert "E has 250 steps/mm" in status.message
     assert "M410" in status.message
 
 

@@ -157,7 +157,7 @@ PLACE = InsertPlace(AT, REACH, PRINTER)
             "below Z 8 mm and the needle|more than 1 mm beside all of the job's own moves",
         ),
         (["G1 Z8 F300", "G1 X900", "G1 X10", "G1 Z2"], "X 900.000 mm is outside"),
-        (["G1 Z9 F300", "G1 X30 Y30", "G1 Z7"], "more than 1 mm beside|goes on from"),
+        (["G1 Z9 F300", "G1 X30 Y30", "G1 Z7"], "more than 1 mm beside|continues from"),
         (["G4 S100"], "a dwell of 100 s"),
         (["G2 X12 I1"], "G2"),
         (["G4 S60"] * 31, "more than 30 min"),

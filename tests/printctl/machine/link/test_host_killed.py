@@ -218,7 +218,7 @@ def test_unreadable_journal_says_nothing_of_the_motors(tmp_path, journal):
         path.mkdir()
     outcome = read_outcome(tmp_path)
     assert outcome.state is LinkState.INTERRUPTED
-    assert "how far it came isn't known" in outcome.message
+    assert "its progress is unknown" in outcome.message
     assert "its motors may move" in outcome.message
     assert "had not begun" not in outcome.message
 

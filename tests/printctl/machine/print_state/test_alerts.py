@@ -59,8 +59,8 @@ def test_after_done_no_alarm_says_that_the_print_goes_on(text: str) -> None:
     done = alert_of(Status(LinkState.DONE, alarms=1), text, False)
     assert going_on is not None
     assert done is not None
-    assert "print goes on" in going_on.means
-    assert "goes on" not in done.means
+    assert "print continues" in going_on.means
+    assert "continues" not in done.means
     assert (done.what, done.remedy) == (going_on.what, going_on.remedy)
 
 

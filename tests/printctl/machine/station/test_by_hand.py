@@ -100,7 +100,7 @@ def test_console_homes_only_once_it_is_known_whether_a_needle_is_on():
     known = Knowledge(PRINTER_LEVELLING)
     standing = Standing(MarlinPrinter(PRINTER_LEVELLING, START, Board()))
     hands = IdleCommands(standing, known)  # type: ignore[arg-type]
-    with pytest.raises(Refused, match=r"isn't known whether a needle is mounted.*Home"):
+    with pytest.raises(Refused, match=r"is unknown whether a needle is mounted.*Home"):
         hands.grant("command", {"text": "G28 X"})
     assert standing.sent == []
     known.mount({"needle": ""})

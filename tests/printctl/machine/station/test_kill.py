@@ -146,7 +146,7 @@ def test_simulated_klipper_confirms_while_it_stands_by(folder):
     station = connect("klipper_bioprinter", "simulated", folder, sim_speed=1.0)
     station.kill()
     message = until(station, StationState.HALTED)
-    assert "that it has halted" in message
+    assert "confirmed the halt" in message
     station.close()
 
 
