@@ -492,7 +492,7 @@ def test_lost_port_says_how_long_motors_run_on_and_where_needle_and_heat_are():
     bench.on_line(12, lambda _: setattr(bench, "lost_at", bench.effects))
     status = bench.run()
     assert status.state is LinkState.FAILED
-    match = re.search(r"still holds, for up to (\d+\.\d) s, then stand", status.message)
+    match = re.search(r"queued moves for up to (\d+\.\d) s, then stop", status.message)
     bench.printer.run_to(1e9)
     last_s = bench.printer.last_made_s - bench.exchange.now_s
     assert match, status.message

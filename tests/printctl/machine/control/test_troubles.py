@@ -92,7 +92,7 @@ class Refusing(ScriptedPrinter):
     ("printer", "words"),
     [
         (silent, ["no firmware replies at bench", "baud rate (profile: 115200)"]),
-        (other_steps, ["E makes 500 steps/mm in the firmware, 6400 in the profile"]),
+        (other_steps, ["E has 500 steps/mm in the firmware, 6400 in the profile"]),
         (resetting, ["reset during the handshake"]),
         (lambda: Refusing(2, 1e9, "refuses"), ["(a command, sent as N2)"]),
         (lambda: Answering(M92=lambda said: f"Error:Heating failed\n{said}"), ["Heating failed"]),
@@ -412,7 +412,7 @@ def test_missing_answers_on_a_clean_wire_are_told_as_perhaps_read(complete):
     bench.wiring.transport.programs = lambda: PortPrograms(complete=complete)
     status = bench.run()
     assert status.state is LinkState.DONE
-    told = any("another program may read this port" in text for text in bench.alarms)
+    told = any("another program may be reading this port" in text for text in bench.alarms)
     assert told is not complete
 
 

@@ -71,7 +71,7 @@ def test_readings_below_the_limit_are_journalled_and_shown_and_change_nothing(tm
     assert {(one["query"], one["unit"]) for one in read} == {("M871", "N")}
     took = transport.clock.now()
     assert 0.6 * took / 0.5 < len(read) - 1 <= took / 0.5  # every 0.5 s, between two lines
-    assert status.readings == (f"M871: {values[-1]:g} N, at most 12.5 N",)
+    assert status.readings == (f"M871: {values[-1]:g} N, maximum 12.5 N",)
     assert f"reads {status.readings[0]}" in waiting_lines(status)
     assert Status.from_dict(status.to_dict()) == status
     assert read_journal(tmp_path / "journal.log").done == len(JOB_MEASURING)

@@ -105,11 +105,11 @@ def test_a_stop_that_the_printer_hasn_t_confirmed_asks_to_cut_its_power() -> Non
         (Status(LinkState.FAILED, message="no firmware answers", error="HandshakeError"),
          "no line of the job", "lifted"),
         (Status(LinkState.STOPPED, message="stopped", position_known=False),
-         "isn't sure", "are off"),
+         "uncertain", "are off"),
         (Status(LinkState.INTERRUPTED, message="it was paused", position_known=False),
          "heaters stay as set", "in the part"),
         (Status(LinkState.FAILED, error="PortLost", position_known=False),
-         "With power", "in the part"),
+         "If powered", "in the part"),
     ],
 )  # fmt: skip
 def test_an_end_claims_nothing_that_was_not_done(status: Status, says: str, not_said: str) -> None:

@@ -64,7 +64,7 @@ def test_jogs_and_goes_to_places(at_rest):
         (lambda s: s.jog("x", float("nan")), "isn't a finite number|can't be read"),
         (lambda s: s.heat("bed", 60), "outside 0 to 45 °C"),
         (lambda s: s.heat("chamber", 30), "tells of no 'chamber'"),
-        (lambda s: s.plunger(1), "which syringe"),
+        (lambda s: s.plunger(1), "no syringe is specified"),
         (lambda s: s.command("G92 X0"), "isn't for manual use"),
         (lambda s: s.command("G1 Z-5"), "outside 0 to 200 mm"),
         (lambda s: s.command("M140 S90"), "outside 0 to 45 °C"),
@@ -132,7 +132,7 @@ def test_plunger_goes_by_microlitres_within_its_syringe(at_rest):
     full = at_rest.mount(plunger_mm=50).ul_left
     assert full is not None
     assert full - status.ul_left == pytest.approx(2, abs=0.01)
-    with pytest.raises(Refused, match="that are left in bd_1ml"):
+    with pytest.raises(Refused, match="left in bd_1ml"):
         at_rest.plunger(full + 1)
     with pytest.raises(Refused, match="would be full there"):
         at_rest.plunger(-1000)
@@ -158,7 +158,7 @@ def test_line_that_is_never_taken_ends_the_standby():
     channel.wiring.transport.programs.return_value = PortPrograms()
     events = StandbyEvents(channel, threading.Event())
     events.found = True
-    with pytest.raises(PrintEnded, match=r"didn't take 'M114' in 100 tries.*restart it") as ended:
+    with pytest.raises(PrintEnded, match=r"didn't accept 'M114' in 100 attempts.*restart it") as ended:
         events.handle(LineRefused(7, 100, "M114", 0, "Error:checksum mismatch"))
     assert (ended.value.state, ended.value.known) == (LinkState.FAILED, False)
 
