@@ -365,7 +365,7 @@ def test_answers_that_are_all_doubled_make_one_alarm_with_a_count():
 
 # --- other programs ---------------------------------------------------------------------------
 
-OTHERS = "another program or noise wrote to this printer: 1 answer more than lines"
+OTHERS = "another program or noise wrote to this printer: 1 reply more than lines sent"
 
 
 @pytest.mark.parametrize(

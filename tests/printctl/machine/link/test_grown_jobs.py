@@ -136,8 +136,8 @@ PLACE = InsertPlace(AT, REACH, PRINTER)
     ("lines", "why"),
     [
         ([], "has 0 lines"),
-        (["G28"], "G28 may not be inserted"),
-        (["M104 S0"], "M104 may not be inserted: .* heaters"),
+        (["G28"], "G28 can't be injected"),
+        (["M104 S0"], "M104 can't be injected: .* heaters"),
         (["M84"], "M84"),
         (["M83"], "relative extrusion"),
         (["M221 S110"], "M221"),

@@ -219,7 +219,7 @@ def test_unreadable_journal_says_nothing_of_the_motors(tmp_path, journal):
     outcome = read_outcome(tmp_path)
     assert outcome.state is LinkState.INTERRUPTED
     assert "its progress is unknown" in outcome.message
-    assert "its motors may move" in outcome.message
+    assert "motors may be moving" in outcome.message
     assert "had not begun" not in outcome.message
 
 
