@@ -158,7 +158,9 @@ def test_line_that_is_never_taken_ends_the_standby():
     channel.wiring.transport.programs.return_value = PortPrograms()
     events = StandbyEvents(channel, threading.Event())
     events.found = True
-    with pytest.raises(PrintEnded, match=r"didn't accept 'M114' in 100 attempts.*restart it") as ended:
+    with pytest.raises(
+        PrintEnded, match=r"didn't accept 'M114' in 100 attempts.*restart it"
+    ) as ended:
         events.handle(LineRefused(7, 100, "M114", 0, "Error:checksum mismatch"))
     assert (ended.value.state, ended.value.known) == (LinkState.FAILED, False)
 
