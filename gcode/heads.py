@@ -102,8 +102,8 @@ def _no_such_head(program: Program, printer: Printer) -> list[Finding]:
         program,
         where,
         "no_such_head",
-        f" chooses a head that {printer.name} hasn't (0 to {printer.tool_count - 1}): the "
-        "firmware would go on with the one before, and its syringe be pushed for the other",
+        f" selects a head that {printer.name} doesn't have (0 to {printer.tool_count - 1}): the "
+        "firmware would keep the previous head and move its plunger instead",
     )
 
 
@@ -114,8 +114,8 @@ def _unchosen(program: Program) -> list[Finding]:
         program,
         (program.pushed != 0) & ~chosen,
         "head_not_chosen",
-        " moves a plunger before the file has chosen a head; an earlier job may have left another "
-        "in use: begin the file with T0",
+        " moves a plunger before a head is selected; an earlier job may have left another one "
+        "active: start the file with T0",
     )
 
 
@@ -131,8 +131,8 @@ def _uncounted(program: Program, others: Lines) -> list[Finding]:
         program,
         (program.pushed != 0) & (last_change > last_count),
         "plunger_not_counted",
-        " moves a plunger after a change of head without G92 E between: firmwares go on counting "
-        "from the other plunger, or from 0; say G92 E behind each T",
+        " moves a plunger after a head change without G92 E: firmwares keep counting from the "
+        "other plunger, or from 0; add G92 E after each T",
     )
 
 
@@ -164,15 +164,15 @@ def _offsets(program: Program, others: Lines, printer: Printer) -> list[Finding]
             program,
             twice,
             "offset_twice",
-            " gives the firmware an offset of a head, which the places in the file have taken off "
-            f"already (profile: heads, offset_mm): the needle would go wrong by it; say {remedy}",
+            " sets a head offset in the firmware, but the coordinates in the file already include "
+            f"it (profile: heads, offset_mm): the needle would be off by that much; use {remedy}",
         ),
         *first_finding(
             program,
             unsaid,
             "offset_unknown",
-            " chooses a head whose offset the firmware may keep from its settings; say it is none "
-            f"before ({remedy}): the places in the file have it taken off already",
+            " selects a head whose offset may be stored in the firmware; clear it first "
+            f"({remedy}): the coordinates in the file already include it",
         ),
     ]
 
@@ -226,8 +226,8 @@ def refuse_unread(refused: Sequence[tuple[int, LineError]]) -> None:
     if refused:
         line, error = refused[0]
         raise GcodeError(
-            f"line {line}: {error} ({len(refused)} lines can't be read; `printctl simulate` tells "
-            "them by kind)"
+            f"line {line}: {error} ({len(refused)} lines can't be read; `printctl simulate` lists "
+            "them by type)"
         )
 
 

@@ -80,7 +80,7 @@ def check(
 def _empty(program: Program, refused: tuple[tuple[int, LineError], ...]) -> list[Finding]:
     if len(program) or refused:
         return []
-    text = "the file has no command in it, only comments or nothing: export it again"
+    text = "the file contains no commands: export it again"
     return [Finding(0, "empty_file", text)]
 
 
@@ -170,7 +170,7 @@ def _too_fast(
             program,
             where,
             f"speed_{name}",
-            f": {name} is asked for {worst:.3f} mm/s, above {limit[axis]:g} mm/s ({printer}: "
+            f": {name} needs {worst:.3f} mm/s, above {limit[axis]:g} mm/s ({printer}: "
             f"max_speed_mm_s.{name}), in {where.sum()} moves; the firmware would slow the whole "
             "move down: lower the feed",
             worst,
@@ -188,22 +188,22 @@ def _too_slow(program: Program, printer: Printer) -> list[Finding]:
         rate, unit = np.where(moving, program.feed, np.inf), "mm/s"
         least = printer.min_speed_mm_s
         whose, remedy = (
-            "slowest move of its firmware",
+            "minimum of its firmware",
             "set M203 I in its config.g, and min_speed_mm_s",
         )
     else:
         rate, unit = np.full(len(program), np.inf), "steps/s"
         np.divide(events * program.feed, length, out=rate, where=moving)
         least = family.least_steps_s if printer.max_step_rate_hz is None else 0.0
-        whose, remedy = "slowest that the timer of an 8-bit board can do", "take more steps per mm"
+        whose, remedy = "minimum of an 8-bit board's timer", "use more steps per mm"
     where, worst = rate < least * (1 - 1e-6), float(rate.min(initial=np.inf))
     faster = "more pressure or a wider needle" if printer.pneumatic else "raise the feed"
     return first_finding(
         program,
         where,
         "too_slow",
-        f": {worst:.3g} {unit} asked for, below {least:g}, the {whose}, in {where.sum()} moves; "
-        f"they run up to {least / max(worst, 1e-9):.1f} times faster than written: {faster}, or "
+        f": {worst:.3g} {unit} requested, below {least:g}, the {whose}, in {where.sum()} moves; "
+        f"they run up to {least / max(worst, 1e-9):.1f} times faster than specified: {faster}, or "
         f"{remedy}",
         worst,
         least,
@@ -237,7 +237,7 @@ def _cold(program: Program, moves: NDArray[np.bool_], remedy: str) -> list[Findi
         where,
         "cold_extrusion",
         f": the plunger would move while cold extrusion isn't allowed, in {where.sum()} moves; the "
-        f"firmware drops or refuses such motion: {remedy}",
+        f"firmware ignores or rejects such moves: {remedy}",
     )
 
 
@@ -261,7 +261,7 @@ def _strange(
     for line, name in unknown:
         lines_of.setdefault(name, []).append(line)
     for name, lines in sorted(lines_of.items())[:_MOST_NAMES]:
-        sort, what, remedy = "no_command", "isn't a command", "take it out"
+        sort, what, remedy = "no_command", "isn't a command", "remove it"
         if name != code_name(NO_COMMAND):
             sort, what = "unknown_command", f"{name} is unknown to {printer.firmware}"
             remedy = UNKNOWN_REMEDY
@@ -279,16 +279,15 @@ def _strange(
             program,
             program.kind == BAD,
             "bad_arc",
-            ": the arc has no centre (I, J or R), its end lies off its circle by more than 0.1 mm "
-            "or abreast of its begin, or it is longer than 10 m; firmwares differ then: write "
-            "straight moves",
+            ": the arc has no centre (I, J or R), ends more than 0.1 mm off its circle or at its "
+            "start, or is longer than 10 m; firmwares handle that differently: use straight moves",
         ),
         *first_finding(
             program,
             program.kind == HOME,
             "homing",
-            ": homing with needle and dish mounted drives the needle through them; take G28 out "
-            "and touch off instead",
+            ": homing with needle and dish mounted drives the needle through them; remove G28 and "
+            "touch off instead",
         ),
     ]
 
@@ -301,8 +300,8 @@ def _offset(named: Lines) -> list[Finding]:
     if not lines:
         return []
     text = (
-        f"line {lines[0]}: {offsets[0][1].code} shifts every place after it, and no check here "
-        "follows it; write the places themselves"
+        f"line {lines[0]}: {offsets[0][1].code} shifts all following coordinates, which the checks "
+        "don't follow; use absolute coordinates"
     )
     return [Finding(lines[0], "offset", text, count=len(lines))]
 
@@ -315,7 +314,7 @@ def _too_long(program: Program, size: NDArray[np.int64], printer: Printer) -> li
         size - 1 > limit,
         "long_line",
         f": {worst} bytes with line number and checksum, above {limit} ({printer.name}: "
-        "max_line_bytes); the firmware cuts it off: split the line",
+        "max_line_bytes); the firmware truncates it: split the line",
         worst,
         limit,
     )

@@ -64,7 +64,7 @@ def _tip_left_down(program: Program, doses: NDArray[np.bool_]) -> list[Finding]:
         Finding(
             line,
             "left_down",
-            f"line {line}: the file ends with the tip at z {end:g} mm, and it extruded up to z "
+            f"line {line}: the file ends with the tip at Z {end:g} mm, but extrudes up to Z "
             f"{top:g} mm: the needle would stay in the print; add a lift at the end (such as G0 "
             f"Z{top + 5:g}), or export the file again if its end is missing",
             end,
@@ -114,9 +114,9 @@ def _idle_e_words(program: Program, gcode: bytes) -> list[Finding]:
         Finding(
             line,
             "idle_e",
-            f"line {line}: {len(wrong)} moves ({length[wrong].sum():.4g} mm) have an E word and "
-            "extrude nothing, as E is absolute (M82) and already has that value; either E is "
-            "meant to be relative (add M83), or E1 means \N{LEFT DOUBLE QUOTATION MARK}valve open"
+            f"line {line}: {len(wrong)} moves ({length[wrong].sum():.4g} mm) have an E word but "
+            "extrude nothing, as E is absolute (M82) and already at that value; either E should "
+            "be relative (add M83), or E1 means \N{LEFT DOUBLE QUOTATION MARK}valve open"
             "\N{RIGHT DOUBLE QUOTATION MARK} on the printer that the file was made for: export it "
             "for this printer",
             count=len(wrong),
@@ -140,14 +140,14 @@ def _nothing_extruded(
     if open_travel.any() and {float(word) for word in words.values()} == {0.0, 1.0}:
         line = next(number for number, word in words.items() if float(word))
         why = (
-            "E takes the values 0 and 1 alone, as on a printer whose E1 opens a valve; here it is "
-            "the plunger's travel in mm"
+            "E only takes the values 0 and 1, as on a printer whose E1 opens a valve; here E is "
+            "plunger travel in mm"
         )
     elif along:
         line = along[0]
         why = (
-            f"{len(along)} moves have an E word, and it never rises along one of them (E is "
-            "absolute, M82); it may be meant to be relative, or to count the other way"
+            f"{len(along)} moves have an E word, but it never increases (E is absolute, M82); it "
+            "may be meant as relative, or with the opposite sign"
         )
     else:
         return []

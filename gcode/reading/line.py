@@ -91,21 +91,21 @@ LIMITS: Final = LineLimits()
 
 SORTS: Final[dict[str, str]] = {
     "not_text": "characters that can't be sent",
-    "no_command": "lines that aren't a command",
-    "bad_comment": "parentheses or quotes that don't close",
-    "bad_checksum": "line numbers or checksums that are wrong",
-    "bad_code": "codes that firmwares read differently",
-    "bad_number": "words without a number that can be read",
-    "huge_number": "numbers beyond what a firmware can hold",
-    "unknown_word": "words that the firmware doesn't know for this code",
-    "unknown_axis": "axes that the machine hasn't",
-    "repeated_word": "words that stand twice in a line",
-    "too_long": "lines longer than any firmware takes",
-    "ambiguous": "words that firmwares read differently",
-    "undeclared": "lines whose effect hangs on what the controller was left at",
-    "too_many": "places where reading was given up",
+    "no_command": "lines that aren't commands",
+    "bad_comment": "unclosed parentheses or quotes",
+    "bad_checksum": "wrong line numbers or checksums",
+    "bad_code": "codes that firmwares interpret differently",
+    "bad_number": "words without a valid number",
+    "huge_number": "numbers out of the firmware's range",
+    "unknown_word": "words unknown to the firmware for this code",
+    "unknown_axis": "axes that the printer doesn't have",
+    "repeated_word": "words repeated in a line",
+    "too_long": "lines longer than any firmware accepts",
+    "ambiguous": "words that firmwares interpret differently",
+    "undeclared": "lines whose effect depends on the controller's previous state",
+    "too_many": "positions where parsing stopped",
     "idle_e": "moves with an E word that extrude nothing",
-    "cut_off": "last lines that are cut off",
+    "cut_off": "truncated last lines",
     "left_down": "files that end with the tip in the print",
 }
 """Sort to what it is, in the plural."""
@@ -218,7 +218,7 @@ def plain_command(name: str, parameters: Mapping[str, str]) -> bytes:
 
 
 UNKNOWN_REMEDY: Final = (
-    "take it out, or name it in the printer's profile (extra_commands) if this machine knows it"
+    "remove it, or list it in the printer profile (extra_commands) if the printer supports it"
 )
 
 
@@ -307,8 +307,9 @@ def words_of(rest: bytes, text: bytes, family: str) -> Iterator[Word]:
         letter = match[1].upper()
         if match[4] is not None:
             if not find_family(family).grammar.quoted_words:
-                raise refusal("bad_number", text, f"{letter.decode()} has a text in quotes, which "
-                              f"{family} doesn't know here; give a number")  # fmt: skip
+                raise refusal("bad_number", text,
+                    f"{letter.decode()} has quoted text, which {family} doesn't accept here; use a "
+                    "number")  # fmt: skip
             yield letter.decode(), None, letter + match[4]
         elif match[3] is None:
             yield letter.decode(), None, letter
@@ -321,9 +322,10 @@ def _number(letter: bytes, sign: bytes, digits: bytes, text: bytes) -> tuple[flo
     value = float(sign + digits)
     if len(digits) - digits.count(b".") > LIMITS.max_digits or abs(value) > LIMITS.largest:
         raise refusal(
-            "huge_number", text, f"{(letter + sign + digits[:24]).decode()} has more than "
-            f"{LIMITS.max_digits} digits or is beyond ±{LIMITS.largest:.0f}, and firmwares would "
-            "read another number; round it"
+            "huge_number", text,
+                f"{(letter + sign + digits[:24]).decode()} has more than {LIMITS.max_digits} "
+                f"digits or is beyond ±{LIMITS.largest:.0f}, so firmwares would read a different "
+                "number; round it"
         )  # fmt: skip
     shown = b"0" + digits if digits.startswith(b".") else digits.removesuffix(b".")
     return value, letter + (b"-" if sign == b"-" else b"") + shown
@@ -336,16 +338,18 @@ def _no_exponents(rest: bytes, text: bytes, family: str) -> None:
         return
     if find_family(family).grammar.powers_of_ten or b"e" in match[0]:
         raise refusal(
-            "bad_number", text, f"{match[0].decode()!r} is a power of ten to some firmwares and an "
-            "E word to others; write the number out, and a blank before a word of E"
+            "bad_number", text,
+                f"{match[0].decode()!r} is an exponent to some firmwares and an E word to others; "
+                "write the number out, and a space before an E word"
         )  # fmt: skip
 
 
 def _not_a_word(rest: bytes, text: bytes) -> Exception:
     shown = rest.split()[0].decode("ascii", "backslashreplace")
     if rest[:1] in b"{":
-        return refusal("bad_number", text, "expressions in braces are worked out by the board "
-                       "alone, and nothing here could check them; write the number")  # fmt: skip
+        return refusal("bad_number", text,
+            "only the board can evaluate expressions in braces, so they can't be checked; use a "
+            "number")  # fmt: skip
     return refusal(
         "bad_number", text, f"{shown!r} isn't a letter with a decimal number (X-1.25); correct it"
     )
@@ -376,27 +380,30 @@ def _of_motion(words: WordValues) -> str:
     feed = words.get("F")
     if feed is not None and feed <= 0:
         return (
-            f"F{feed:g} is left out by Marlin, an error to Klipper and the slowest feed to "
-            "RepRapFirmware; write a feed above 0"
+            f"F{feed:g} is ignored by Marlin, an error in Klipper and the slowest feed in "
+            "RepRapFirmware; use a positive feed"
         )
     if "R" in words and ("I" in words or "J" in words):
-        return "an arc has a centre (I J) or a radius (R), not both; firmwares choose differently"
+        return (
+            "an arc takes a centre (I J) or a radius (R), not both; firmwares differ in which they "
+            "use"
+        )
     return ""
 
 
 def _of_dwell(words: WordValues) -> str:
     if len(words) > 1:
-        return "G4 has both P and S, of which firmwares take one or add them; keep one"
+        return "G4 has both P and S, of which firmwares use one or add both; keep one"
     if any(value is not None and value < 0 for value in words.values()):
-        return "a dwell below 0 lasts 49 days on a Marlin; write a time of 0 or more"
+        return "a negative dwell lasts 49 days on Marlin; use a time of at least 0"
     return ""
 
 
 def _of_count(words: WordValues) -> str:
     if not words:
         return (
-            "G92 alone sets every axis to 0 on some firmwares (the plunger too), and nothing on "
-            "others; name them: G92 X0 Y0 Z0 E0"
+            "G92 alone sets every axis to 0 on some firmwares (including the plunger), and none on "
+            "others; specify them: G92 X0 Y0 Z0 E0"
         )
     return ""
 
@@ -407,11 +414,11 @@ _OTHERS: Final = {"G4": _of_dwell, "G92": _of_count}
 def _of_numbers(code: str, words: WordValues, family: str) -> str:
     head = words.get("T") if code in _HEAD_CODES else None
     if head is not None and (head < 0 or head != int(head)):
-        return f"T{head:g} isn't the number of a head; write 0, 1, ..."
+        return f"T{head:g} isn't a valid head number; use 0, 1, ..."
     if code in find_family(family).grammar.whole:
         for letter, value in words.items():
             if value is not None and value != int(value):
-                return f"{family} cuts {letter}{value:g} to a whole number; write one"
+                return f"{family} truncates {letter}{value:g} to an integer; use an integer"
     return ""
 
 
@@ -448,11 +455,12 @@ def named_line(command: bytes, text: bytes) -> GcodeLine | None:
             )
         key = word[1].decode().upper()
         if key in parameters:
-            raise refusal("repeated_word", text, f"{key} stands twice; keep one")
+            raise refusal("repeated_word", text, f"{key} is repeated; keep one")
         if placing and key in _PLACES and not _PLACE_NUMBER.fullmatch(word[2]):
             raise refusal(
-                "bad_number", text, f"{key}={word[2].decode()!r} isn't a decimal number of at most "
-                "6 and 9 digits; write one"
+                "bad_number", text,
+                    f"{key}={word[2].decode()!r} isn't a decimal number with up to 6 and 9 digits; "
+                    "use one"
             )  # fmt: skip
         value = _unquoted(word[2])
         parameters[key] = value.strip(b'"').decode()

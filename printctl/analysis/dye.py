@@ -187,13 +187,15 @@ def volume_share(network: VesselNetwork, places: Sequence[VesselPlace]) -> Float
 class FrontOptions:
     """What is asked of a dye front that is predicted."""
 
-    frames_per_s: float = opt("Of the film to come (--predict).", 25.0, min=1e-3)
+    frames_per_s: float = opt("Frame rate of the predicted video (--predict).", 25.0, min=1e-3)
     as_printed: bool = opt("Lumens as registration found them (--predict).", False)
     at: list[str] | None = opt("Places of curves (--predict).", metavar="VESSEL:SHARE")
     unit: LengthUnit | None = opt(
-        "Of the file, where it doesn't say (.csv, .vtp, .stl, .swc, .txt)."
+        "Length unit of the file, if it isn't specified there (.csv, .vtp, .stl, .swc, .txt)."
     )
-    diffusivity_mm2_s: float = opt("Of the dye (--predict).", DYE_DIFFUSIVITY, min=0.0)
+    diffusivity_mm2_s: float = opt(
+        "Diffusion coefficient of the dye (--predict).", DYE_DIFFUSIVITY, min=0.0
+    )
 
 
 def predict_front(

@@ -46,20 +46,22 @@ _CLEAR_MM: Final = 1.5
 class PatternOptions:
     """What single patterns take; lists are numbers with commas between."""
 
-    speeds: str = opt("Of lines, mm/s.", "2,5,8")
-    flow_factors: str = opt("Of lines: multiples of the cross-section.", "0.8,1,1.2")
-    length: float = opt("Of a line, mm.", 24.0, min=1)
-    repeats: int = opt("Of each line.", 1, min=1)
+    speeds: str = opt("Speeds of the pattern `lines`, mm/s.", "2,5,8")
+    flow_factors: str = opt("Extrusion multipliers of the pattern `lines`.", "0.8,1,1.2")
+    length: float = opt("Length of a line, mm.", 24.0, min=1)
+    repeats: int = opt("Number of repeats of each line.", 1, min=1)
     steps: int = opt("Lines written slow, fast, slow, for the lag.", 2, min=0)
-    speed: float = opt("Of all but lines, mm/s.", 5.0, min=0.01)
-    turns: float = opt("Of the spiral.", 5.0, min=1, max=50)
-    pitch: float | None = opt("Of the spiral, mm; 5 widths if not.")
-    gaps: str | None = opt("Of the comb, mm; 0.2 to 2 widths if not.")
-    overlaps: str = opt("Of joints, radii beyond the trunk's surface.", "-1.5,-1,-0.5,0,0.5,1")
-    spans: str = opt("Of bridges, mm.", "1,2,3,4,6")
-    height: float = opt("Of the bridges' pillars, mm.", 2.0, min=0.1)
+    speed: float = opt("Speed of the other patterns, mm/s.", 5.0, min=0.01)
+    turns: float = opt("Number of turns of the spiral.", 5.0, min=1, max=50)
+    pitch: float | None = opt("Pitch of the spiral, mm; default: 5 bead widths.")
+    gaps: str | None = opt("Gaps of the comb, mm; default: 0.2 to 2 bead widths.")
+    overlaps: str = opt(
+        "Overlaps of joints, radii beyond the trunk's surface.", "-1.5,-1,-0.5,0,0.5,1"
+    )
+    spans: str = opt("Spans of the bridges, mm.", "1,2,3,4,6")
+    height: float = opt("Height of the bridges' pillars, mm.", 2.0, min=0.1)
     across: float | None = opt(
-        "Of the squares' circle, mm; --dish less the needle and 3 mm, 50 if not."
+        "Diameter of the circle of squares, mm; default: --dish minus needle and 3 mm, or 50."
     )
 
 

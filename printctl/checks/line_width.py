@@ -39,15 +39,15 @@ def bore_check(
         fine = {name: bore for name, bore in shipped_bores().items() if thinnest * bore <= width_mm}
         name = max(fine, key=lambda one: fine[one], default="")
         remedy = (
-            f"the bore of {needle.name} is {needle.inner_mm:g} mm, and its tip would draw the ink "
-            f"thinner than {thinnest:g} of that, where lines break; take a needle of at most "
-            f"{width_mm / thinnest:.3g} mm bore{f' ({name}: {fine[name]:g} mm)' if name else ''}, "
-            f"write lines of {limit:.3g} mm or wider, or, where the ink was tried, allow thinner "
-            "ones (thinnest_bore, --thinnest-bore)"
+            f"{needle.name} has a bore of {needle.inner_mm:g} mm; beads thinner than {thinnest:g} "
+            f"of it break; use a needle with a bore up to {width_mm / thinnest:.3g} "
+            f"mm{f' ({name}: {fine[name]:g} mm)' if name else ''}, print beads of at least "
+            f"{limit:.3g} mm, or, if tested with this ink, allow thinner ones (thinnest_bore, "
+            "--thinnest-bore)"
         )
     return Check(
         Kind.BEAD_WIDTH,
-        "width of a line against the needle's bore",
+        "bead width vs. needle bore",
         width_mm,
         limit,
         "mm",

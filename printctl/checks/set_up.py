@@ -281,7 +281,7 @@ class Keys:
 
 
 OPTION_KEYS: Final = Keys(
-    "`printctl slice --place`; of a recipe printer.place_mm", "--{}", "give --reload"
+    "`printctl slice --place`; of a recipe printer.place_mm", "--{}", "specify --reload"
 )
 RECIPE_KEYS: Final = Keys("printer.place_mm", "{} in the recipe", "say printer.care.reload: true")
 

@@ -51,7 +51,7 @@ GoingOnArg = Annotated[
     Path | None,
     arg(
         "The print: its folder, its recipe's run folder, or its G-code file. Not needed while "
-        "exactly one goes on.",
+        "exactly one is running.",
         metavar="[RUN]",
     ),
 ]
@@ -64,11 +64,12 @@ OutFolder = Annotated[Path, opt("Folder for the files.", callback=folder_to_writ
 PdfFlag = Annotated[
     bool,
     opt(
-        "Print the page to a PDF too, by an installed Chromium, Chrome or Edge.", callback=_checked
+        "Also export the page as PDF, using an installed Chromium, Chrome or Edge.",
+        callback=_checked,
     ),
 ]
 ProgressFileOption = Annotated[
-    Path | None, opt("Append progress to this file, a line of JSON a step.")
+    Path | None, opt("Append progress to this file, one JSON line per step.")
 ]
 
 CameraFile = Annotated[
@@ -85,15 +86,16 @@ InkOption = Annotated[str | None, opt("Ink profile.", **_MOUNTED)]
 StartOption = Annotated[
     str | None,
     opt(
-        "Where the needle's tip stands before the first line, printer's frame, mm; where the "
-        "file's first lines tell it (G92), else 0,0,0, if not given.",
+        "Tip position before the first line in printer coordinates, mm; default: as set by the "
+        "file's first lines (G92), otherwise 0,0,0.",
         metavar="X,Y,Z",
     ),
 ]
 # A vessel network.
 SourceArg = Annotated[Path, arg("A run folder, or a network: .csv, .vtp, .swc, .json, .npz, .txt.")]
 UnitOption = Annotated[
-    LengthUnit | None, opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc, .txt).")
+    LengthUnit | None,
+    opt("Length unit of the file, if it isn't specified there (.csv, .vtp, .stl, .swc, .txt)."),
 ]
 
 

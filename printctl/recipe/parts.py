@@ -140,7 +140,7 @@ class PulsePart(StrictModel):
         default=None, description="Of free tubes, where the lumens aren't in thick gel."
     )
     profile: Literal["womersley", "poiseuille"] = Field(
-        default="womersley", description="Of the pulse's velocity."
+        default="womersley", description="Pulsatile velocity profile."
     )
     outlet: PulseOutlet | None = Field(
         default=None, description="The same as flow.outlet, for steady flow, too; one may be given."

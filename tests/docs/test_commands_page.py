@@ -13,7 +13,8 @@ ALL = dict(commands())
 LEAVES = {name: one for name, one in ALL.items() if not hasattr(one, "list_commands")}
 UNIT = re.compile(
     r"-(mb|um|mm|s|ul|mmhg|ml|min|percent|kpa|px|gb|ratio|index|factor|gain|exponent|k)\b|-(mm|ml|mmhg|mpa|pa|ul|per)-"
-    r"|-millimolar|°C|\b(mm|mm/s|min|s|µL|µm|g/cm³|µL/s|[Tt]imes real time|Of the spiral)\b"
+    r"|-millimolar|°C|\b(mm|mm/s|min|s|µL|µm|g/cm³|µL/s)\b"
+    r"|[Tt]imes real time|relative to real time|turns of the spiral"
 )
 
 

@@ -120,7 +120,7 @@ def test_changes_of_syringe_count_in_the_cells_time(tmp_path: Path) -> None:
     file.write_bytes(layered(30, 700))  # three quarters of an hour, and a second syringe
     words = ("print", file, *PRINTER, "--port", "simulated", "--ink", ink, "--start", "50,50,10")
     told = refused(3, *words, "--reload", "--reload-min", "60", cwd=tmp_path)
-    assert "print time with 1 changes of syringe, of what the cells have" in told
+    assert "print time with 1 syringe changes vs. cell viability limit" in told
     assert "limit 90" in told
 
 

@@ -152,14 +152,14 @@ def test_a_way_lowered_by_hand_and_a_short_needle_are_found_in_the_file(printed:
     assert lines[row].startswith("G0 Z22.27")
     lines[row] = lines[row].replace("22.27", "19")
     found = failed("\n".join(lines) + "\n")
-    assert any(one.startswith("ways between wells, above the plate's rims: line") for one in found)
-    assert any(one.startswith("needle to its well's wall: well B2, line") for one in found)
+    assert any(one.startswith("travel between wells vs. plate rim: line") for one in found)
+    assert any(one.startswith("needle to well wall: well B2, line") for one in found)
     short = SetUp(setup.printer, setup.syringe, setup.ink, load(Needle, "30g"), setup.bath)
     assert any(one.startswith("needle that the job was made for") for one in failed(text, short))
     text = "".join(
         line for line in text.splitlines(keepends=True) if not line.startswith("; printctl ")
     )
-    assert {one.split(":")[0] for one in failed(text, short)} == {"needle's hub to its well's wall"}
+    assert {one.split(":")[0] for one in failed(text, short)} == {"needle hub to well wall"}
     slim = short.needle and short.needle.model_copy(update={"hub_outer_mm": 4.5})
     assert failed(text, SetUp(setup.printer, setup.syringe, setup.ink, slim, setup.bath)) == []
 
@@ -170,7 +170,7 @@ ONE = {"sweep": {}, "wells": ["C3"], "scanned": None}
 def test_a_well_that_runs_over_is_refused_by_name(printed: Path, tmp_path: Path) -> None:
     """191.6 mm² and 17.4 mm deep: 3 µL of ink are more than a bath of 17.39 mm leaves room for."""
     shutil.copytree(printed, tmp_path / "run")  # with its design, which doesn't change
-    with pytest.raises(SafetyError, match=r"well B2 \(flow factor 1\).*\n.*would run over"):
+    with pytest.raises(SafetyError, match=r"well B2 \(flow factor 1\).*\n.*would overflow"):
         run(tmp_path, recipe(plate={"bath_depth_mm": 17.39}))
 
 

@@ -30,7 +30,7 @@ TIP = ",".join(f"{value:g}" for value in START)
 FILLED = ("--syringe", "hamilton_1ml", "--ink", "collagen_fresh", "--for-mounted")
 MOUNTED = (*FILLED, "--needle", "30g_50mm", "--bath", "gelatin_support", "--dish", "box_80mm")
 """What a print on a port that isn't the simulated one must name."""
-UNSEEN = "whether the shaft passes through written vessels wasn't looked at"
+UNSEEN = "collisions of the shaft with printed vessels weren't checked"
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_rest_has_the_map_of_its_lines_and_its_shaft_is_checked(broken: Path) ->
     )
     assert checked.returncode == 0, checked.stderr
     assert UNSEEN not in checked.stdout + checked.stderr
-    assert "moves looked at" in checked.stdout + checked.stderr
+    assert "moves checked" in checked.stdout + checked.stderr
 
 
 def test_of_vessels_written_twice_it_says_where_the_needle_does_least_harm(broken: Path) -> None:

@@ -98,16 +98,15 @@ def _widest_check(
     return [
         Check(
             Kind.BEAD_WIDTH,
-            "widest line against the needle's bore",
+            "widest bead vs. needle bore",
             float(width[widest]),
             limit,
             "mm",
             bool(width[widest] <= limit),
             f"line {int(line[widest])}, needle: inner_mm",
-            f"{what} are at most {bores:g} bores wide "
-            f"({needle.name}: {needle.inner_mm:g} mm); the file was probably made for another "
-            "syringe, or for a printer whose E isn't the plunger's travel in mm: name the syringe "
-            "that it was made for, or export it for this one",
+            f"the maximum for {what} is {bores:g} bores ({needle.name}: {needle.inner_mm:g} mm); "
+            "the file was probably made for another syringe, or for a printer whose E isn't "
+            "plunger travel in mm: specify the syringe it was made for, or export it for this one",
         )
     ]
 
@@ -135,15 +134,15 @@ def drop_checks(run: DryRun, printer: Printer, load_of_head: HeadLoading) -> lis
     return [
         Check(
             Kind.DROP,
-            "largest drop against the needle's bore",
+            "largest drop vs. needle bore",
             diameter,
             limit,
             "mm",
             False,
             f"line {int(program.line[rests[place == largest][0]])}, needle: inner_mm",
-            f"{drops[largest]:.3g} µL come out at one place among the lines; the file was probably "
-            "made for a printer whose E isn't the plunger's travel in mm: export it for this one, "
-            "or purge above the bath",
+            f"{drops[largest]:.3g} µL are dispensed at one point between beads; the file was "
+            "probably made for a printer whose E isn't plunger travel in mm: export it for this "
+            "one, or purge above the bath",
         )
     ]
 

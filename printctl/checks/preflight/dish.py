@@ -78,12 +78,12 @@ def wall_check(
     """Least distance between needle and wall; arrays as of `wall_gap`."""
     return _least(
         Kind.WALL,
-        "needle to the dish's wall",
+        "needle to dish wall",
         wall_gap(tips, moves, standing, needle.outer_mm),
         standing.dish,
         places,
-        f"it would run into the wall of {standing.dish.name}; use a wider dish, move the part, or "
-        f"correct the dish's position ({standing.centre_key})",
+        f"the needle would hit the wall of {standing.dish.name}; use a wider dish, move the part, "
+        f"or correct the dish position ({standing.centre_key})",
     )
 
 
@@ -97,7 +97,7 @@ def hub_check(
     """Least distance between the wall and what is above the needle's shaft."""
     return _least(
         Kind.HUB,
-        "needle's hub to the dish's wall",
+        "needle hub to dish wall",
         hub_gap(tips, moves, standing, needle),
         standing.dish,
         places,
@@ -107,10 +107,10 @@ def hub_check(
 
 def hub_remedy(needle: Needle, dish: Dish) -> str:
     """What to do where a hub meets a wall."""
-    taken = "" if needle.hub_outer_mm else f", taken as {HUB_MM:g} mm wide (needle: hub_outer_mm)"
+    taken = "" if needle.hub_outer_mm else f", assumed {HUB_MM:g} mm wide (needle: hub_outer_mm)"
     return (
-        f"the hub of {needle.name}{taken} would hit the wall of {dish.name}; take a longer "
-        "needle, a lower or wider dish, or raise the part"
+        f"the hub of {needle.name}{taken} would hit the wall of {dish.name}; use a longer needle, "
+        "a lower or wider dish, or raise the part"
     )
 
 
@@ -141,13 +141,13 @@ def floor_check(
     value = float(run.low_mm[2]) - floor_mm
     return Check(
         Kind.FLOOR,
-        "lowest tip above the dish's floor",
+        "lowest tip above the dish floor",
         value,
         bath.floor_clearance_mm,
         "mm",
         value >= bath.floor_clearance_mm - _TINY_MM,
         f"line {int(run.low_line[2])}",
-        f"the needle could touch the floor: {bath.name} asks for {bath.floor_clearance_mm:g} mm "
+        f"the needle could touch the floor: {bath.name} requires {bath.floor_clearance_mm:g} mm "
         f"below the tip (floor_clearance_mm); raise the part ({place_key})",
     )
 
@@ -158,7 +158,7 @@ def unknown_dish(option: str, *, real: bool = False) -> Check:
         Kind.UNKNOWN_PART,
         "dish",
         option,
-        "not set, so the needle's distance from its walls wasn't checked; name the dish",
+        "not set, so the needle's distance from the walls wasn't checked; specify the dish",
         "refuses" if real else "warns",
     )
 
@@ -202,7 +202,7 @@ def _higher_dishes(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: fl
     if not fit:
         return "; no shipped dish holds this bath and lets the needle pass"
     names = ", ".join(f"{name} ({wall:g} mm)" for wall, name in sorted(fit))
-    return f", or take a higher dish: {names}"
+    return f", or use a higher dish: {names}"
 
 
 def _risen_mm(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> float:
@@ -240,27 +240,27 @@ def _depth(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> 
     return [
         Check(
             Kind.BATH_DEPTH,
-            "depth of the bath with ink and needle in it, below the dish's wall",
+            "bath depth with ink and needle vs. dish wall",
             risen,
             dish.wall_mm,
             "mm",
             risen <= dish.wall_mm,
             standing.bath_key,
-            f"{dish.name} would run over; fill less{_higher_dishes(run, standing, needle, ink_ul)}",
+            f"{dish.name} would overflow; fill less{_higher_dishes(run, standing, needle, ink_ul)}",
         ),
         Check(
             Kind.BATH_SURFACE,
-            "highest writing, below the bath's surface",
+            "highest extrusion vs. bath surface",
             top,
             surface,
             "mm",
             top <= surface + _TINY_MM,
             f"line {int(run.program.line[row])}" if row >= 0 else "",
-            f"it would write in the air; fill more ({standing.bath_key}) or lower the part",
+            f"it would print in air; fill more ({standing.bath_key}) or lower the part",
         ),
         Check(
             Kind.NEEDLE_LENGTH,
-            "deepest tip below the bath's surface, against the needle",
+            "immersion depth vs. needle length",
             deepest,
             needle.length_mm,
             "mm",

@@ -21,7 +21,7 @@ from gcode.reading.line import is_known, is_known_name
 from printctl.checks.kinds import Kind
 from printctl.checks.set_up import Check, finding
 
-_NAME: Final = "the firmware's own switch-off"
+_NAME: Final = "firmware idle timeout"
 
 
 def firmware_checks(run: DryRun, printer: Printer) -> list[Check]:
@@ -40,18 +40,19 @@ def _run_by_hand(printer: Printer) -> Check:
     """What a host that sends nothing can't see to."""
     words = printer.file_controller.undefined_words if printer.file_controller else []
     remedy = (
-        "load the file in the controller's own software; before it runs, enable the axes (none "
-        "whose brake is a valve), touch off, and see that its units are mm, its ramps as in the "
-        "profile, and that its stop shuts the valve or halts the plunger: nothing from here can"
+        "load the file in the controller's own software; before running it, enable the axes "
+        "(except one whose brake output is a valve), touch off, and check that units are mm, "
+        "accelerations match the profile, and that its stop closes the valve or halts the plunger: "
+        "printctl can't check this"
     )
     if words:
         remedy += (
-            f"; and that the controller has {', '.join(words)}, which the file calls and doesn't "
-            "define (file_controller: ends)"
+            f"; also check that the controller defines {', '.join(words)}, which the file calls "
+            "(file_controller: ends)"
         )
     return finding(
         Kind.ASKED,
-        "asked of you",
+        "operator check",
         f"{printer.name}: {printer.firmware}",
         remedy,
         "warns",
@@ -64,9 +65,9 @@ def _safe_state(printer: Printer) -> list[Check]:
         printer,
         list(dict.fromkeys((*printer.safe_lines, *printer.safe_state_off))),
         Kind.SAFE_STATE,
-        "commands of the safe state unknown to the firmware",
+        "safe-state commands unknown to the firmware",
         "dispenser, safe_state_off",
-        "a stop would switch nothing off",
+        "cancelling would switch nothing off",
     )
 
 
@@ -76,9 +77,9 @@ def _watched(printer: Printer) -> list[Check]:
         printer,
         [watched.query for watched in printer.watch],
         Kind.WATCH,
-        "questions to watch by unknown to the firmware",
+        "monitoring queries unknown to the firmware",
         "watch",
-        "nothing would be watched, and the print end at the first of them",
+        "nothing would be monitored, and the first query would end the print",
     )
 
 
@@ -94,7 +95,7 @@ def _known(
         known = name[1:].isdigit() and is_known(printer, name)
         if not known and not (named and is_known_name(printer, name.upper())):
             strange.append(command)
-    remedy = f"{', '.join(strange)}: {else_}; mend the profile, or name them in extra_commands"
+    remedy = f"{', '.join(strange)}: {else_}; correct the profile, or list them in extra_commands"
     place = f"{printer.name}: {key}"
     return [Check(kind, check, len(strange), 0, "", not strange, place, remedy)]
 
@@ -108,15 +109,15 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
     heats = any(heat.celsius > 0 for heat in run.heats)
     if not family.timeout_code:
         remedy = (
-            f"{printer.firmware} has none that a job can set: if the host dies, heaters and motors "
-            "stay as they are until somebody comes; don't leave the print alone, or have the "
-            "board's own configuration watch it"
+            f"{printer.firmware} has no idle timeout that a job can set: if the host dies, heaters "
+            "and motors stay on until an operator intervenes; don't leave the print unattended, or "
+            "set up a watchdog in the board's own configuration"
         )
         return finding(Kind.SWITCH_OFF, _NAME, f"{printer.name}: firmware", remedy, "warns")
     seconds, line = _least_timeout(run, family)
     dwell, dwells_at = _longest_dwell(run)
     if seconds <= 0:
-        off = "without it" if line else "the job doesn't set it, so"
+        off = "without it" if line else "the job doesn't set it:"
         wanted = heats or (line > 0 and printer.idle_timeout_s > 0)
         return Check(
             Kind.SWITCH_OFF,
@@ -125,20 +126,20 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
             1,
             "s",
             False,
-            f"line {line} switches it off" if line else "before the first move",
-            f"{off} a dead host leaves everything on; begin the job with "
+            f"line {line} disables it" if line else "before the first move",
+            f"{off} if the host dies, everything stays on; start the job with "
             f"{family.timeout_example} (profile: idle_timeout_s {printer.idle_timeout_s:g})",
             "refuses" if wanted else "warns",
         )
     return Check(
         Kind.SWITCH_OFF,
-        f"{_NAME}, above the longest dwells between moves",
+        f"{_NAME} vs. longest dwell between moves",
         seconds,
         dwell,
         "s",
         seconds > dwell,
         f"line {line}" if seconds > dwell else f"line {dwells_at}, timeout of line {line}",
-        "longer dwells would kill the print; raise idle_timeout_s or shorten them",
+        "a longer dwell would halt the firmware; raise idle_timeout_s or shorten the dwell",
     )
 
 
@@ -201,7 +202,7 @@ def _configured(run: DryRun, printer: Printer) -> list[Check]:
     place, remedy = family.configuration_file, family.configuration_remedy
     if not place or (printer.heads and not family.configured_heads):
         return []
-    return [finding(Kind.ASKED, "asked of you", place, remedy, "warns")]
+    return [finding(Kind.ASKED, "operator check", place, remedy, "warns")]
 
 
 def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
@@ -221,8 +222,8 @@ def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[C
     if widest <= 0:
         return []
     remedy = (
-        f"max_extrude_cross_section (section extruder) must be above {widest:.3g} mm² with "
-        f"filament_diameter {syringe.inner_mm:g}; see that it is"
+        f"max_extrude_cross_section (section extruder) must exceed {widest:.3g} mm² with "
+        f"filament_diameter {syringe.inner_mm:g}; check it"
     )
     place = f"line {int(program.line[at])}, {family.configuration_file}"
-    return [finding(Kind.ASKED, "asked of you", place, remedy, "warns")]
+    return [finding(Kind.ASKED, "operator check", place, remedy, "warns")]

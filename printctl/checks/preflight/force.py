@@ -86,7 +86,7 @@ def force_checks(
     if printer.pneumatic:
         return [*air_checks(run, ink, needle, syringe, printer), *speeds]
     push = hardest_push(run, ink, needle, syringe)
-    friction = "" if syringe.friction_n is not None else ", the syringe's friction not known"
+    friction = "" if syringe.friction_n is not None else ", syringe friction unknown"
     rows = (
         (
             Kind.PRESSURE,
@@ -98,7 +98,7 @@ def force_checks(
         ),
         (
             Kind.PLUNGER_FORCE,
-            f"force on the plunger{friction}",
+            f"plunger force{friction}",
             push.force_n,
             printer.max_plunger_force_n,
             "N",
@@ -106,7 +106,7 @@ def force_checks(
         ),
         (
             Kind.SHEAR_STRESS,
-            "shear stress at the needle's wall",
+            "shear stress at the needle wall",
             push.shear_pa,
             ink.max_shear_stress_pa,
             "Pa",
@@ -122,7 +122,7 @@ def force_checks(
             unit,
             value <= limit,
             f"line {push.line}",
-            f"above what is allowed ({whose}); write slower, or take a wider or shorter needle",
+            f"exceeds the maximum ({whose}); print more slowly, or use a wider or shorter needle",
             "refuses" if ink.calibrated else "warns",
         )
         for kind, name, value, limit, unit, whose in rows
@@ -139,14 +139,13 @@ def _held(ink: Ink, needle: Needle) -> list[Check]:
     return [
         Check(
             Kind.HELD_PRESSURE,
-            "pressure that the ink holds in the needle after a stop",
+            "residual pressure in the needle after extrusion",
             held * 1e-3,
             0,
             "kPa",
             False,
             f"{ink.name}: yield_stress_pa, retract_ul",
-            "nothing relieves it (retract_ul 0), so the needle weeps while it travels; give "
-            "retract_ul",
+            "it isn't relieved (retract_ul 0), so the needle oozes during travel; set retract_ul",
             "warns",
         )
     ]

@@ -39,15 +39,15 @@ def place_checks(run: DryRun, printer: Printer) -> list[Check]:
         return [
             Check(
                 Kind.PLACE_REDEFINED,
-                f"place of {axis} told anew",
+                f"{axis} redefined after the first move",
                 stated,
                 stands,
                 "mm",
                 False,
                 f"line {number}",
-                f"{axis} stands at {stands:g} mm there, by {printer.name}'s count of the start; "
-                "tell X, Y and Z once, before the first move, and take this out (E may be counted "
-                "anew)",
+                f"{axis} is at {stands:g} mm there, counted from the start on {printer.name}; set "
+                "X, Y and Z once, before the first move, and remove this line (resetting E is "
+                "fine)",
             )
         ]
     return []
@@ -90,7 +90,7 @@ def _places(line: GcodeLine) -> dict[str, float]:
 
 # Check a job for commands the gate refuses, unknown outputs switched, and motors off too early.
 
-_OUTPUTS: Final = "outputs set other than the valve's"
+_OUTPUTS: Final = "outputs set other than the dispenser valve"
 
 
 def motor_checks(run: DryRun, printer: Printer) -> list[Check]:
@@ -112,7 +112,7 @@ def motor_checks(run: DryRun, printer: Printer) -> list[Check]:
             "motors without power before the last move",
             1,
             f"line {first}",
-            "move M84 or M18 to the end of the file: an axis without power loses its place",
+            "move M84 or M18 to the end of the file: an axis without power loses its position",
         )
     ]
 
@@ -138,8 +138,9 @@ def _output_checks(run: DryRun, printer: Printer) -> list[Check]:
             _OUTPUTS,
             len(others),
             f"line {others[0][0]}",
-            f"{_setting(others[0][1].parameters)}, and the profile's valve alone may be switched "
-            f"(dispenser: {dispenser}); take it out, or name the valve in a copy of the profile",
+            f"{_setting(others[0][1].parameters)}, but only the profile's valve may be switched "
+            f"(dispenser: {dispenser}); remove the line, or specify the valve in a copy of the "
+            "profile",
         )
     ]
 
@@ -164,11 +165,11 @@ def gate_checks(run: DryRun, printer: Printer) -> list[Check]:
     for number, refused, why in refused_lines(known, printer):
         by_code.setdefault(refused, []).append((number, why))
     if not by_code:
-        return [Check(Kind.FORBIDDEN_COMMAND, "commands that may not be sent", 0, 0, "", True)]
+        return [Check(Kind.FORBIDDEN_COMMAND, "commands not allowed", 0, 0, "", True)]
     return [
         none_of(
             Kind.FORBIDDEN_COMMAND,
-            f"{code}: may not be sent by a job",
+            f"{code} is not allowed in a job",
             len(those),
             f"line {those[0][0]}",
             those[0][1],
@@ -202,7 +203,7 @@ def wait_checks(run: DryRun, printer: Printer) -> list[Check]:
         failed = next(_endless(line, targets, printer), None)
         if failed is not None:
             value, limit, why = failed
-            name = "wait for a temperature that may never come"
+            name = "wait for a temperature that may never be reached"
             return [
                 Check(Kind.ENDLESS_WAIT, name, value, limit, "°C", False, f"line {number}", why)
             ]
@@ -247,13 +248,17 @@ def _by_name(line: GcodeLine, targets: dict[str, float]) -> Iterator[tuple[float
         if most < WARMEST_ROOM_C:
             yield _too_cold(line, most)
         else:
-            yield most, target, f"the job's target is {target:g} °C; wait for that, or lower it"
+            yield (
+                most,
+                target,
+                (f"the target set by the job is {target:g} °C; wait for that, or lower it"),
+            )
     if least is not None and least > target:
         yield (
             least,
             target,
-            f"the job sets no target of {least:g} °C or more for this heater before; set one "
-            "(SET_HEATER_TEMPERATURE, M104, M140), or take the wait out",
+            f"the job sets no target of at least {least:g} °C for this heater before the wait; set "
+            "one (SET_HEATER_TEMPERATURE, M104, M140), or remove the wait",
         )
 
 
@@ -261,9 +266,9 @@ def _too_cold(line: GcodeLine, celsius: float) -> tuple[float, float, str]:
     return (
         celsius,
         WARMEST_ROOM_C,
-        f"{line.code} waits until it is as cold as {celsius:g} °C, and heaters cool nothing below "
-        f"a room of {COLDEST_ROOM_C:g} to {WARMEST_ROOM_C:g} °C; cool before the start and take "
-        "the wait out",
+        f"{line.code} waits for cooling to {celsius:g} °C, but without a cooler nothing gets "
+        f"colder than the room ({COLDEST_ROOM_C:g} to {WARMEST_ROOM_C:g} °C); cool before the "
+        "start and remove the wait",
     )
 
 
@@ -276,10 +281,10 @@ def _number(line: GcodeLine, key: str) -> float | None:
 
 _COUNTED = {
     "unknown_command": "commands unknown to the firmware",
-    "no_command": "lines that are no command",
-    "cold_extrusion": "plunger moves that the firmware would drop",
+    "no_command": "lines that are not commands",
+    "cold_extrusion": "plunger moves that the firmware would ignore",
     "homing": "homing with the needle mounted",
-    "bad_arc": "arcs without a centre",
+    "bad_arc": "invalid arcs",
 }
 """Findings of which none is allowed, and their names."""
 _TINY_MM = 1e-6
@@ -288,7 +293,7 @@ MAX_MERGED_SHARE: Final = 0.01
 _PROBES = ("G29", "G30", "G32", "G34")
 _NAMED_PROBES = ("BED_MESH_CALIBRATE", "PROBE_ACCURACY", "PROBE_CALIBRATE", "Z_TILT_ADJUST")
 _COUNTED_REMEDY = {
-    "homing": "take G28 out and touch the needle off instead: homing would drive it into the dish",
+    "homing": "remove G28 and touch off instead: homing would drive the needle into the dish",
 }
 
 
@@ -384,13 +389,13 @@ def _speed(run: DryRun, findings: dict[str, Finding]) -> list[Check]:
     return [
         Check(
             Kind.SPEED,
-            f"speed of {name}",
+            f"{name.upper()} speed",
             float(fastest[axis]),
             float(run.limit_mm_s[axis]),
             "mm/s",
             f"speed_{name}" not in findings,
             _line(findings.get(f"speed_{name}")),
-            "print slower: the firmware would slow down the whole move",
+            "reduce the speed: the firmware would slow down the whole move",
         )
         for axis, name in enumerate("xyze")
     ]
@@ -433,13 +438,13 @@ def _pulled_back(run: DryRun) -> list[Check]:
     return [
         Check(
             Kind.PLUNGER_BEHIND,
-            "plunger behind where it begins",
+            "plunger retracted behind its start",
             back,
             0,
             "mm",
             False,
             f"line {int(run.program.line[row])}",
-            "a full syringe would be opened; leave that much room behind its plunger",
+            "the plunger of a full syringe would come out; leave that much travel behind it",
             "warns",
         )
     ]
@@ -449,13 +454,13 @@ def _line_length(run: DryRun, printer: Printer, findings: dict[str, Finding]) ->
     size, line = run.longest_line
     return Check(
         Kind.LINE_LENGTH,
-        "longest line as sent",
+        "longest line sent",
         size,
         printer.max_line_bytes,
         "bytes",
         "long_line" not in findings,
         f"line {line}",
-        "shorten it: the firmware would cut it",
+        "shorten it: the firmware would truncate it",
     )
 
 
@@ -466,14 +471,14 @@ def _merged(run: DryRun, printer: Printer) -> Check:
     most = int(MAX_MERGED_SHARE * moves)
     return Check(
         Kind.MERGED_MOVES,
-        f"moves of less than {least} motor steps",
+        f"moves shorter than {least} motor steps",
         run.merged_moves,
         most,
         "",
         run.merged_moves <= most,
         f"line {line}" if line else "",
-        f"{run.merged_moves} of {moves} moves are merged with the next by the firmware "
-        f"(min_steps_per_segment {least}), which cuts corners but loses no ink; write longer "
+        f"the firmware merges {run.merged_moves} of {moves} moves with the next one "
+        f"(min_steps_per_segment {least}), which cuts corners but loses no ink; use longer "
         "segments",
         "warns",
     )
@@ -486,13 +491,13 @@ def _starved(run: DryRun, printer: Printer) -> Check:
     more = ", lines_in_flight: 2" if may_pair else ""
     return none_of(
         Kind.STARVED,
-        "segments starved by the wire",
+        "segments limited by the serial link",
         starved.segments,
         f"line {starved.line}" if starved.line else "",
-        f"their lines take longer to come than they are to make, so the head slows down and "
-        f"stutters there, {starved.seconds:.1f} s in all: write longer segments, or use a higher "
-        f"baud rate (now {printer.baud}){more} or an adapter that answers faster "
-        f"(host_turnaround_s {printer.host_turnaround_s:g})",
+        "lines arrive more slowly than they are executed, so the head slows down and stutters "
+        f"there ({starved.seconds:.1f} s in total): use longer segments, a higher baud rate (now "
+        f"{printer.baud}){more} or an adapter with less latency (host_turnaround_s "
+        f"{printer.host_turnaround_s:g})",
         "warns",
     )
 
@@ -507,8 +512,8 @@ def _probing(run: DryRun) -> Check:
         "probing with the needle mounted",
         len(lines),
         f"line {lines[0]}" if lines else "",
-        "take it out: it would drive the needle into the dish; probe before the needle and the "
-        "dish are mounted, and touch the needle off",
+        "remove it: probing would drive the needle into the dish; probe before needle and dish are "
+        "mounted, and touch off the needle",
     )
 
 

@@ -25,11 +25,11 @@ from printctl.checks.preflight.pneumatic_checks import marked, none_check, waite
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish, finding
 
 ABOUT_HEADS: Final = {
-    "no_such_head": "heads chosen that aren't there",
-    "head_not_chosen": "plunger moves before a head is chosen",
-    "plunger_not_counted": "plunger moves not counted after a change of head",
-    "offset_twice": "offsets of a head that would count twice",
-    "offset_unknown": "heads chosen whose offset in the firmware isn't said to be none",
+    "no_such_head": "non-existent heads selected",
+    "head_not_chosen": "plunger moves before a head is selected",
+    "plunger_not_counted": "plunger moves without G92 E after a head change",
+    "offset_twice": "head offsets that would be applied twice",
+    "offset_unknown": "heads selected without clearing their firmware offset",
 }
 """Findings of the dry run of which none is allowed, and their names."""
 _TINY_MM: Final = 1e-6
@@ -95,21 +95,21 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
     active = np.arange(len(program)), program.tool
     rows = (
         (
-            "moves before every head is said to be raised or lowered",
+            "moves before every head was raised or lowered",
             moves & ~heads.commanded.all(axis=1),
-            "nobody knows which needle is down; begin the file by raising and lowering them",
+            "it is unknown which needle is down; start the file by raising or lowering every head",
         ),
         (
-            "plunger moves of a raised head",
+            "plunger moves with the head raised",
             ((program.pushed != 0) | run.doses) & heads.raised[active],
-            "it would push ink into the air; lower it before (heads: lowers)",
+            "ink would be dispensed in air; lower the head first (heads: lowers)",
         ),
         *(
             (
-                f"moves with the valve of head {number} open, another in use",
+                f"moves with the valve of idle head {number} open",
                 moves & valve.is_open & (program.tool != number),
-                f"its ink would flow out; put {dialect.waits} and {printer.airs[number].closes!r} "
-                "where its path ends",
+                f"its ink would leak; add {dialect.waits} and {printer.airs[number].closes!r} at "
+                "the end of its path",
             )
             for number, valve in enumerate(run.valves)
         ),
@@ -120,9 +120,9 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
         none_check(
             run,
             Kind.HEAD_STATE,
-            "heads raised or lowered while the carriage may still move",
+            "heads raised or lowered while moving",
             switched & ~waited(run, printer),
-            f"put {dialect.waits} before it",
+            f"add {dialect.waits} before it",
         )
     )
     least = max((head.moving_s for head in printer.heads if head.moves), default=0.0)
@@ -133,9 +133,9 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
             none_check(
                 run,
                 Kind.HEAD_STATE,
-                "heads raised or lowered without their time waited for",
+                "heads raised or lowered without their delay",
                 marked(run, short),
-                f"put {dialect.dwell(least)} behind it (heads: moving_s)",
+                f"add {dialect.dwell(least)} after it (heads: moving_s)",
             ),
             weight="warns",
         )
@@ -169,13 +169,13 @@ def _lowered_into(run: DryRun, printer: Printer) -> Check:
     limit = top if np.isfinite(top) else low
     return Check(
         Kind.HEAD_STATE,
-        "lowest tip where a head is lowered, above all that is written",
+        "lowest tip at head lowering vs. top of the print",
         low,
         limit,
         "mm",
         low >= limit - _TINY_MM,
         f"line {int(program.line[place])}" if place >= 0 else "",
-        "it would swing into the print; change heads higher up",
+        "the needle would hit the print; change heads at a greater height",
     )
 
 
@@ -186,12 +186,12 @@ def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> C
     places that it writes.
     """
     top, _ = _written_top(run)
-    what = "all that is written"
+    what = "the print"
     limit = top
     if standing is not None and standing.bath_mm is not None:
         surface = standing.floor_mm + standing.bath_mm
         if surface > limit:
-            limit, what = surface, "the bath's surface"
+            limit, what = surface, "the bath surface"
     worst, row, whose = np.inf, -1, 0
     for number in range(printer.head_count):
         tips = run.heads.tips(run.program, number)
@@ -210,14 +210,14 @@ def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> C
     remedy += "" if limit == top else ", or fill less"
     return Check(
         Kind.IDLE_HEAD,
-        f"lowest tip that doesn't write, above {what}",
+        f"lowest idle tip vs. {what}",
         value,
         limit,
         "mm",
         value >= limit - _TINY_MM,
         f"line {int(run.program.line[row])}" if row >= 0 else "",
-        f"the needle of head {whose} ({printer.heads[whose].name}) would stand in the bath and "
-        f"drag through gel while it doesn't write; {remedy}",
+        f"the needle of head {whose} ({printer.heads[whose].name}) would drag through the gel "
+        f"while idle; {remedy}",
     )
 
 
@@ -265,15 +265,15 @@ def _idle_in_walls(
     value = worst if np.isfinite(worst) else standing.dish.inner_x_mm / 2
     return Check(
         Kind.IDLE_HEAD,
-        "needle that doesn't write, to the dish's wall",
+        "idle needle to dish wall",
         value,
         WALL_CLEARANCE_MM,
         "mm",
         value >= WALL_CLEARANCE_MM,
         f"line {int(run.program.line[row])}" if row >= 0 else "",
-        f"the needle of head {whose} ({printer.heads[whose].name}) would meet the wall of "
-        f"{standing.dish.name} while another writes; raise it above the wall (raised_mm), or take "
-        "a lower dish",
+        f"the needle of head {whose} ({printer.heads[whose].name}) would hit the wall of "
+        f"{standing.dish.name} while another head prints; raise it above the wall (raised_mm), or "
+        "use a lower dish",
     )
 
 
@@ -285,7 +285,7 @@ def _asked(printer: Printer) -> Check:
         if number
     )
     remedy = (
-        f"see that the needles stand as the profile says ({offsets}): touch both off at one point "
-        "after every change of a needle (`printctl calibrate offset`)"
+        f"check that the needles are mounted as in the profile ({offsets}): touch off both at the "
+        "same point after every needle change (`printctl calibrate offset`)"
     )
-    return finding(Kind.ASKED, "asked of you", f"{printer.name}: heads", remedy, "warns")
+    return finding(Kind.ASKED, "operator check", f"{printer.name}: heads", remedy, "warns")

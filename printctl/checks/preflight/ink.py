@@ -140,23 +140,23 @@ _INK: Final = "temperature_c"
 def temperature_checks(run: DryRun, ink: Ink, bath: Bath | None) -> list[Check]:
     """Check every set temperature against the limits of ink and bath; 0 switches off."""
     span = ink.temperature_c
-    bears = f"{ink.name} bears at most that (ink: {_INK})"
-    unnamed = "no bath is named, and cells bear no more; name it (--bath) if it does"
+    bears = f"maximum for {ink.name} (ink: {_INK})"
+    unnamed = "maximum for cells, as no bath is specified; specify it (--bath) if it tolerates more"
     warmest = (
         (UNNAMED_C, unnamed)
         if bath is None
-        else (bath.max_printing_c, f"{bath.name} bears at most that (bath: max_printing_c)")
+        else (bath.max_printing_c, f"maximum for {bath.name} (bath: max_printing_c)")
     )
     return [
-        _setting(run, "ink", "warmest", span.high, bears),
-        _setting(run, "ink", "coldest", span.low, f"{ink.name} bears at least that (ink: {_INK})"),
-        _setting(run, "bath", "warmest", *warmest),
+        _setting(run, "ink", "highest", span.high, bears),
+        _setting(run, "ink", "lowest", span.low, f"minimum for {ink.name} (ink: {_INK})"),
+        _setting(run, "bath", "highest", *warmest),
     ]
 
 
 def _setting(run: DryRun, part: str, which: str, limit: float, bears: str) -> Check:
     """The warmest or coldest setting of one part against its limit."""
-    sign, bounds = (1, ("is", "least")) if which == "warmest" else (-1, ("is", "most"))
+    sign, bounds = (1, ("is", "least")) if which == "highest" else (-1, ("is", "most"))
     those = [
         heat
         for heat in run.heats
@@ -165,13 +165,13 @@ def _setting(run: DryRun, part: str, which: str, limit: float, bears: str) -> Ch
     worst = max(those, key=lambda heat: sign * heat.celsius, default=None)
     return Check(
         Kind.INK_TEMPERATURE if part == "ink" else Kind.BATH_TEMPERATURE,
-        f"{which} setting of the {part}",
+        f"{which} {part} temperature",
         limit if worst is None else worst.celsius,
         limit,
         "°C",
         worst is None or sign * worst.celsius <= sign * limit,
         "not set by the job" if worst is None else f"line {worst.line}",
-        f"{bears}; {'lower' if sign > 0 else 'raise'} the job's setting",
+        f"{bears}; {'lower' if sign > 0 else 'raise'} the setting in the job",
     )
 
 
@@ -215,18 +215,18 @@ def viability_checks(time: PrintTime, budget: Budget | None) -> list[Check]:
     """Print time within the budget; none where no budget is known."""
     if budget is None:
         return []
-    changes = f" with {time.reloads} changes of syringe" if time.reloads else ""
+    changes = f" with {time.reloads} syringe changes" if time.reloads else ""
     checks = [
         Check(
             Kind.VIABILITY,
-            f"print time{changes}, of what the cells have",
+            f"print time{changes} vs. cell viability limit",
             time.minutes,
             budget.minutes,
             "min",
             time.minutes <= budget.minutes,
             f"{budget.key} ({budget.source})",
-            "the cells in the syringe would have died; print a smaller part or faster, with a "
-            "wider needle and thicker layers, or with ink that is mixed later",
+            "cells in the syringe would lose viability; print a smaller part, or faster with a "
+            "wider needle and thicker layers, or mix the ink later",
             "refuses" if budget.refuses else "warns",
         )
     ]
@@ -234,10 +234,10 @@ def viability_checks(time: PrintTime, budget: Budget | None) -> list[Check]:
         checks.append(
             finding(
                 Kind.RELOAD_TIME,
-                "time of the changes of syringe",
+                "duration of syringe changes",
                 "printer.care.reload_min",
-                f"not known, so {time.reloads} changes aren't in the print time; say how long one "
-                "takes you",
+                f"not set, so the print time excludes {time.reloads} syringe changes; specify how "
+                "long one takes",
                 "warns",
             )
         )
@@ -247,7 +247,7 @@ def viability_checks(time: PrintTime, budget: Budget | None) -> list[Check]:
 def viability_facts(time: PrintTime, budget: Budget | None) -> dict[str, Any]:
     """For the report: the time and what it is held against, or that nobody knows."""
     available = (
-        "not known: neither the ink (viability_min) nor the recipe says it"
+        "not set, neither by the ink (viability_min) nor by the recipe"
         if budget is None
         else f"{budget.minutes:g} min ({budget.source})"
     )

@@ -37,7 +37,7 @@ def profile_checks(*profiles: Facts) -> list[Check]:
             Kind.PROFILE,
             f"profile {facts.name}",
             doubt.key,
-            f"{doubt.text}; `printctl profiles check` tells all that is wrong with it",
+            f"{doubt.text}; `printctl profiles check` lists all its problems",
         )
         for facts in profiles
         for doubt in profile_doubts(facts)
@@ -58,14 +58,14 @@ def needle_check(part_height_mm: float, needle: Needle) -> Check:
     """Whether the needle reaches the part's bottom before its hub dips into the bath."""
     return Check(
         Kind.NEEDLE_LENGTH,
-        "depth of the part against the needle's length",
+        "part depth vs. needle length",
         part_height_mm,
         needle.length_mm,
         "mm",
         part_height_mm <= needle.length_mm,
         "needle: length_mm",
-        f"the hub of {needle.name} would dip in; {longer_needle(needle, part_height_mm)}, or print "
-        "a flatter part",
+        f"the hub of {needle.name} would dip into the bath; "
+        f"{longer_needle(needle, part_height_mm)}, or print a flatter part",
     )
 
 
@@ -75,7 +75,7 @@ def longer_needle(needle: Needle, reach_mm: float) -> str:
         other = load(Needle, name)
         if other.inner_mm == needle.inner_mm and other.length_mm >= reach_mm:
             return f"use a longer needle of the same bore (needle: {name})"
-    return f"use a needle of at least {reach_mm:.1f} mm (no shipped one has this bore)"
+    return f"use a needle at least {reach_mm:.1f} mm long (no shipped one has this bore)"
 
 
 def chemistry_check(ink: Ink, bath: Bath) -> Check:
@@ -84,11 +84,11 @@ def chemistry_check(ink: Ink, bath: Bath) -> Check:
     needs = " and ".join(_WORDS[trigger] for trigger in missing)
     return none_of(
         Kind.CHEMISTRY,
-        "what sets the ink and the bath lacks",
+        "gelation triggers missing in the bath",
         len(missing),
         "bath: provides",
-        f"{ink.name} sets by {needs}, which {bath.name} doesn't have (gelled_by, provides); take "
-        "another bath, or say in its profile that it is in it",
+        f"{ink.name} gels by {needs}, which {bath.name} doesn't provide (gelled_by, provides); use "
+        "another bath, or add it to the bath profile",
     )
 
 
@@ -104,7 +104,7 @@ def role_checks(inks: Sequence[Ink], bath: Bath, writes: Writes) -> list[Check]:
     checks = [
         _role_check(
             f"role of {name}",
-            f"isn't set, so whether it suits this print wasn't checked; set role in the {kind}'s "
+            f"not set, so its suitability for this print wasn't checked; set role in the {kind} "
             f"profile ({_ROLES[kind]})",
             "warns",
         )
@@ -116,7 +116,7 @@ def role_checks(inks: Sequence[Ink], bath: Bath, writes: Writes) -> list[Check]:
         checks.append(
             _role_check(
                 f"ink for {writes}",
-                f"{' and '.join(sorted(stays))} stays in place, so the filaments would be solid "
+                f"{' and '.join(sorted(stays))} isn't removed, so the filaments would become solid "
                 f"cords, not open vessels; use a sacrificial ink ({_fitting_inks(False, bath)}), "
                 "or, if you want solid cords, set toolpath.writes: cords",
             )
@@ -125,24 +125,24 @@ def role_checks(inks: Sequence[Ink], bath: Bath, writes: Writes) -> list[Check]:
         checks.append(
             _role_check(
                 f"ink for {writes}",
-                f"{' and '.join(sorted(gone))} is sacrificial and nothing would be left of the "
-                f"{writes} once it is removed; use a structural ink ({_fitting_inks(True, bath)})",
+                f"{' and '.join(sorted(gone))} is sacrificial, so nothing of the {writes} would "
+                f"remain after removal; use a structural ink ({_fitting_inks(True, bath)})",
             )
         )
     if writes == "layers" and bath.role == "matrix":
         checks.append(
             _role_check(
                 f"bath for {writes}",
-                f"{bath.name} stays in place, so the part couldn't be taken out of it; use a "
-                f"support bath ({_fitting_baths('support', inks)})",
+                f"{bath.name} is permanent, so the part couldn't be removed from it; use a support "
+                f"bath ({_fitting_baths('support', inks)})",
             )
         )
     if writes == "vessels" and bath.role == "support":
         checks.append(
             _role_check(
                 f"bath for {writes}",
-                f"{bath.name} is removed after printing, and no gel would be left around the "
-                f"vessels; use a bath that stays ({_fitting_baths('matrix', inks)})",
+                f"{bath.name} is removed after printing, so no gel would remain around the "
+                f"vessels; use a matrix bath ({_fitting_baths('matrix', inks)})",
             )
         )
     return checks
@@ -197,13 +197,13 @@ def bath_checks(bath: Bath) -> list[Check]:
     return [
         Check(
             Kind.MELT_OUT,
-            "printing temperature of the bath, below its melt-out",
+            "bath printing temperature vs. melt-out",
             bath.max_printing_c,
             bath.melt_out_c,
             "°C",
             bath.max_printing_c < bath.melt_out_c,
             "bath: max_printing_c",
-            f"mend the profile of {bath.name}: it would melt while it is printed in",
+            f"correct the profile of {bath.name}: the bath would melt during printing",
         ),
         *others,
     ]
@@ -222,8 +222,8 @@ def held_check(widest_mm: float, ink: Ink, bath: Bath) -> Check:
         "mm",
         widest_mm <= limit,
         "bath: yield_stress_pa, density_g_cm3",
-        f"{ink.name} would sink or float in {bath.name}; write it thinner, or take a bath with "
-        "more yield stress or nearer in density",
+        f"{ink.name} would sink or float in {bath.name}; print thinner filaments, or use a bath "
+        "with a higher yield stress or a closer density",
         "refuses" if bath.calibrated and ink.calibrated else "warns",
     )
 
@@ -239,14 +239,14 @@ def syringe_check(run: DryRun, syringe: Syringe) -> Check:
     line = f"line {int(run.program.line[over[0]])}, " if len(over) else ""
     return Check(
         Kind.SYRINGE_VOLUME,
-        f"ink, with {syringe.dead_volume_ul:g} µL dead volume",
+        f"ink incl. {syringe.dead_volume_ul:g} µL dead volume",
         needed,
         syringe.volume_ul,
         "µL",
         needed <= syringe.volume_ul,
         f"{line}syringe: volume_ul",
-        f"more than {syringe.name} holds; {larger_syringe(needed - syringe.dead_volume_ul)} or a "
-        "smaller part",
+        f"exceeds the volume of {syringe.name}; {larger_syringe(needed - syringe.dead_volume_ul)} "
+        "or print a smaller part",
     )
 
 

@@ -48,9 +48,9 @@ def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
         none_check(
             run,
             Kind.VALVE,
-            "plunger moves, where there is none",
+            "plunger moves on a pneumatic head",
             run.program.pushed != 0,
-            "the head is pneumatic (dispenser); write the job for it, without E",
+            "the head is pneumatic (dispenser); generate the job for it, without E",
         ),
         *([_asked_to_watch(printer.airs[0])] if printer.streamed else []),
     ]
@@ -73,17 +73,17 @@ def _states(run: DryRun, valve: Valve, head: Pneumatic) -> list[Check]:
         (
             "moves before the valve is closed",
             moves & (valve.before == UNKNOWN),
-            f"nobody knows how it stands; begin the job with {head.closes!r}",
+            f"its state is unknown; start the job with {head.closes!r}",
         ),
         (
             "travels with the valve open",
             moves & (program.code == code("G0")) & valve.is_open,
-            f"they would lay ink; close it before ({head.closes!r})",
+            f"they would deposit ink; close the valve first ({head.closes!r})",
         ),
         (
-            "commands that set the valve between open and closed",
+            "commands that open the valve partly",
             marked(run, valve.row[valve.state == BETWEEN].tolist()),
-            f"give {head.opens!r} or {head.closes!r}",
+            f"use {head.opens!r} or {head.closes!r}",
         ),
     )
     return [none_check(run, Kind.VALVE, *row) for row in rows]
@@ -100,18 +100,18 @@ def _order(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list
         none_check(
             run,
             Kind.VALVE,
-            "valve opened that is open already",
+            "valve opened twice",
             marked(run, valve.row[same & (valve.state == OPEN)].tolist()),
-            f"its closing is missing: put {wait} and {head.closes!r} where the path before ends, "
-            f"or take {opening} out here",
+            f"the closing command is missing: add {wait} and {head.closes!r} at the end of the "
+            f"previous path, or remove {opening} here",
         ),
         none_check(
             run,
             Kind.VALVE,
-            "valve closed that is closed already, between the first move and the last",
+            "valve closed twice between first and last move",
             marked(run, valve.row[same & during & (valve.state == CLOSED)].tolist()),
-            f"its opening is missing, and what follows wasn't written: put {wait} and {opening} "
-            "where the path begins, or take this closing out if there is none",
+            f"the opening command is missing, so this path isn't printed: add {wait} and {opening} "
+            "at its start, or remove this command if there is no path",
         ),
     ]
 
@@ -150,16 +150,16 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
         found = [
             Check(
                 Kind.SET_PRESSURE,
-                "pressure at which its valve opens",
+                "pressure at valve opening",
                 wrong[0][1] if wrong else wanted,
                 wanted,
                 "kPa",
                 not wrong,
                 f"line {wrong[0][0]}" if wrong else "",
-                "set the pressure that the profile writes at (dispenser: pressure_kpa) before it",
+                "set the profile's printing pressure (dispenser: pressure_kpa) before it",
             ),
             _at_no_line(
-                "not at its resting pressure while another head writes, or at the end",
+                "not at resting pressure while idle or at the end",
                 pressed,
                 "set the resting pressure (dispenser: resting_kpa) before it",
             ),
@@ -171,18 +171,18 @@ def pressure_checks(run: DryRun, printer: Printer) -> list[Check]:
                 "kPa",
                 highest <= wanted * (1 + _SAME_PRESSURE),
                 "",
-                "above what the profile writes at (dispenser: pressure_kpa); lower it",
+                "exceeds the profile's printing pressure (dispenser: pressure_kpa); lower it",
             ),
             _at_no_line(
-                "pressure set while its valve is open",
+                "pressure changed with the valve open",
                 during,
-                "its flow would change on the way: set it before the valve opens",
+                "the flow would change along the path: set the pressure before opening the valve",
             ),
             replace(
                 _at_no_line(
-                    "opened before its pressure has settled",
+                    "valve opened before the pressure settled",
                     hasty,
-                    f"wait {PRESSURE_SETTLES_S:g} s after it is set, else lines begin thin",
+                    f"wait {PRESSURE_SETTLES_S:g} s after setting it, otherwise beads start thin",
                 ),
                 weight="warns",
             ),
@@ -233,7 +233,7 @@ def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:
     """Whether the last switch closes it; one that is never switched is refused as unknown."""
     shut = not len(valve.row) or bool(valve.state[-1] == CLOSED)
     place = "" if shut else f"line {int(run.program.line[valve.row[-1]])}"
-    remedy = f"the ink would go on flowing after the job; end it with {head.closes!r}"
+    remedy = f"ink would keep flowing after the job; end it with {head.closes!r}"
     return Check(Kind.VALVE, "valve open at the end", int(not shut), 0, "", shut, place, remedy)
 
 
@@ -245,7 +245,7 @@ def _asked_to_watch(head: Pneumatic) -> Check:
         "cable leaves valve and pressure unchanged: use a normally closed valve and stay near the "
         "air shut-off"
     )
-    return finding(Kind.ASKED, "asked of you", "emergency stop and dead host", remedy, "warns")
+    return finding(Kind.ASKED, "operator check", "emergency stop and dead host", remedy, "warns")
 
 
 def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> list[Check]:
@@ -264,15 +264,15 @@ def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> lis
     # A weighing doses standing, and writes nothing.
     long = dwells & (open_s[stand] > limit + 1e-9) & (moves & run.doses).any()
     waits = dialect.dwell(head.opening_delay_s), dialect.dwell(head.closing_delay_s)
-    enables = f", an opening's before {head.enables!r}" if head.enables else ""
+    enables = f", for opening before {head.enables!r}" if head.enables else ""
     return [
         replace(
             none_check(
                 run,
                 Kind.VALVE,
-                "valve switched while the head may still move",
+                "valve switched while the head is moving",
                 ~waited(run, printer) & marked(run, valve.row.tolist()),
-                f"put {dialect.waits} before it{enables}",
+                f"add {dialect.waits} before it{enables}",
             ),
             # Such a controller looks ahead, and switches before the path's end.
             weight="warns" if printer.streamed else "refuses",
@@ -281,10 +281,10 @@ def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> lis
             none_check(
                 run,
                 Kind.VALVE,
-                "valve switched without its delay waited for",
+                "valve switched without its delay",
                 marked(run, short),
-                f"put {waits[0]} behind an opening, {waits[1]} behind a closing (dispenser), else "
-                "lines begin late and run on",
+                f"add {waits[0]} after opening, {waits[1]} after closing (dispenser), otherwise "
+                "beads start late and overrun",
             ),
             weight="warns",
         ),
@@ -292,9 +292,9 @@ def _timing(run: DryRun, printer: Printer, valve: Valve, head: Pneumatic) -> lis
             none_check(
                 run,
                 Kind.VALVE,
-                "dwells with the valve open, longer than its delay and 1 s",
+                "dwells with the valve open beyond its delay + 1 s",
                 long,
-                f"ink would flow on one spot; wait no longer than {waits[0]} there",
+                f"ink would pile up in one spot; dwell for {waits[0]} at most",
             ),
             value=float(open_s[stand][long].max(initial=0.0)),
             limit=limit,
@@ -335,21 +335,21 @@ def air_checks(
     rows = (
         (
             Kind.PRESSURE,
-            "pressure, of the regulator",
+            "pressure vs. regulator",
             head.pressure_kpa,
             head.max_pressure_kpa,
             "kPa",
         ),
         (
             Kind.PRESSURE,
-            "pressure, on the syringe",
+            "pressure vs. syringe",
             head.pressure_kpa,
             syringe.max_pressure_kpa,
             "kPa",
         ),
         (
             Kind.SHEAR_STRESS,
-            "shear stress at the needle's wall",
+            "shear stress at the needle wall",
             shear,
             ink.max_shear_stress_pa,
             "Pa",
@@ -364,8 +364,8 @@ def air_checks(
             unit,
             value <= limit,
             key,
-            "above what is allowed; lower the pressure, or take a longer or thinner needle for "
-            "the cells' sake, a stronger syringe for the barrel's",
+            "exceeds the maximum; lower the pressure, or use a longer or thinner needle (shear "
+            "stress) or a stronger syringe (pressure)",
         )
         for kind, name, value, limit, unit in rows
         if limit is not None
@@ -389,10 +389,10 @@ def air_checks(
 
 def _asked(syringe: Syringe, head: Pneumatic) -> Check:
     remedy = (
-        f"see that {syringe.name} bears {head.pressure_kpa:g} kPa and say it (max_pressure_kpa): a "
-        "glass syringe may burst, and a plug may fly"
+        f"check that {syringe.name} withstands {head.pressure_kpa:g} kPa and set max_pressure_kpa: "
+        "a glass syringe may burst, and a stopper may be ejected"
     )
-    return finding(Kind.ASKED, "asked of you", "syringe: max_pressure_kpa", remedy, "warns")
+    return finding(Kind.ASKED, "operator check", "syringe: max_pressure_kpa", remedy, "warns")
 
 
 def _flow(
@@ -403,14 +403,14 @@ def _flow(
     checks = [
         Check(
             Kind.VALVE_INK,
-            f"ink for the open valve, with {syringe.dead_volume_ul:g} µL dead volume",
+            f"ink for the open valve incl. {syringe.dead_volume_ul:g} µL dead volume",
             needed,
             syringe.volume_ul,
             "µL",
             needed <= syringe.volume_ul,
             "syringe: volume_ul",
-            f"more than {syringe.name} holds; {larger_syringe(needed - syringe.dead_volume_ul)} or "
-            "a smaller part",
+            f"exceeds the volume of {syringe.name}; "
+            f"{larger_syringe(needed - syringe.dead_volume_ul)} or print a smaller part",
         )
     ]
     if not flow.measured:
@@ -419,9 +419,9 @@ def _flow(
                 Kind.FLOW,
                 "flow at the set pressure",
                 key,
-                f"{flow.ul_s:.4g} µL/s are foreseen from the ink's viscosity, not measured for "
-                "this ink and needle at this pressure; every line's width hangs on it: "
-                "`printctl calibrate weigh`",
+                f"{flow.ul_s:.4g} µL/s predicted from the ink's viscosity, not measured for this "
+                "ink, needle and pressure; all bead widths depend on it: measure it with `printctl "
+                "calibrate weigh`",
                 "warns",
             )
         )
@@ -434,14 +434,14 @@ def _drop(flow: SteadyFlow, needle: Needle, head: Pneumatic) -> Check:
     limit = _DROP_BORES * needle.inner_mm
     return Check(
         Kind.DROP,
-        "drop at each path's end while the valve closes, across",
+        "drop diameter at path ends while the valve closes",
         across,
         limit,
         "mm",
         across <= limit,
         "dispenser: closing_delay_s",
-        f"it stands out of lines of the needle's bore, {needle.inner_mm:g} mm; take a faster valve "
-        "or less pressure",
+        f"larger than beads of the needle bore ({needle.inner_mm:g} mm); use a faster valve or "
+        "less pressure",
         "warns",
     )
 
@@ -467,12 +467,12 @@ def _written(run: DryRun, row: int, value: float, ink: Ink, *, slowest: bool) ->
     slack = _FEED_ROUNDING * limit
     return Check(
         Kind.WRITING_SPEED,
-        "slowest writing" if slowest else "fastest writing",
+        "slowest extrusion move" if slowest else "fastest extrusion move",
         value,
         limit,
         "mm/s",
         value >= limit - slack if slowest else value <= limit + slack,
         f"line {int(run.program.line[row])}",
-        f"a line of {ink.name} doesn't hold together (ink: write_speed_mm_s); change the speed",
+        f"a bead of {ink.name} breaks up at this speed (ink: write_speed_mm_s); change the speed",
         "refuses" if ink.calibrated else "warns",
     )

@@ -125,7 +125,8 @@ def read_map_wells(run: DryRun, setup: SetUp, map_path: Path) -> Wells | None:
         return None
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as exc:
         raise UsageError(
-            f"{map_path} can't be read ({exc}); write the G-code and its map anew, or move it away"
+            f"{map_path} can't be read ({exc}); generate the G-code and its map again, or move the "
+            "map away"
         ) from exc
 
 
@@ -168,14 +169,14 @@ def _of_head(
 
 def _unnamed(missing: list[str], setup: SetUp, real: bool) -> Check:
     what = {
-        "needle": "plunger force and the dish's walls",
-        "bath": "gelation, temperatures and the distance from the floor",
+        "needle": "plunger force and dish walls",
+        "bath": "gelation, temperatures and floor clearance",
     }
     return finding(
         Kind.UNKNOWN_PART,
         "set-up",
         ", ".join(map(setup.keys.part.format, missing)),
         f"{' and '.join(missing)} not set, so {' and '.join(what[name] for name in missing)} "
-        "weren't checked; name what is mounted (none for nothing)",
+        "weren't checked; specify what is mounted (none for nothing)",
         "refuses" if real else "warns",
     )

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 
 _REMEDY: Final = (
-    "use a thinner needle or a sparser network, leave such vessels out (toolpath.leave_out in a "
+    "use a thinner needle or a sparser network, omit these vessels (toolpath.leave_out in a "
     "recipe), or accept them: --accept-crossings of `printctl print`, toolpath.allowed_crossings "
     "in a recipe"
 )
-_ACCEPTED: Final = "accepted, so the print goes on; look at these vessels in the scan"
+_ACCEPTED: Final = "accepted; inspect these vessels in the scan"
 
 
 def shaft_checks(clearance: Clearance, allowed: int, *, accepted: bool = False) -> list[Check]:
@@ -51,7 +51,7 @@ def shaft_checks(clearance: Clearance, allowed: int, *, accepted: bool = False) 
     taken = accepted or clearance.pairs <= allowed
     crossing = Check(
         Kind.SHAFT_CROSSING,
-        "vessels that the needle's shaft passes through",
+        "vessels crossed by the needle shaft",
         clearance.pairs,
         allowed,
         "",
@@ -62,10 +62,10 @@ def shaft_checks(clearance: Clearance, allowed: int, *, accepted: bool = False) 
     )
     graze = none_of(
         Kind.SHAFT_NEAR,
-        f"vessels that the shaft passes by nearer than {clearance.clearance_mm:g} mm",
+        f"vessels within {clearance.clearance_mm:g} mm of the needle shaft",
         clearance.grazed_pairs,
         f"line {clearance.grazes[0].line}" if clearance.grazes else "",
-        _worst(clearance.grazes, "come so near")
+        _worst(clearance.grazes, "come this close")
         + "the needle must be straight and well calibrated",
         "warns",
     )
@@ -75,24 +75,24 @@ def shaft_checks(clearance: Clearance, allowed: int, *, accepted: bool = False) 
 def _worst(contacts: Sequence[ShaftContact], do: str) -> str:
     if not contacts:
         return ""
-    more = f"; {len(contacts)} moves {do} in all" if len(contacts) > 1 else ""
+    more = f"; {len(contacts)} moves {do} in total" if len(contacts) > 1 else ""
     return f"{contacts[0].sentence()}{more}; "
 
 
 def shaft_lines(facts: Mapping[str, Any]) -> list[str]:
     """For people, from `Clearance.as_dict`."""
     near = facts["nearest_apart_mm"]
-    nearest = "nothing within 1 mm" if near is None else f"{near:.3f} mm at the nearest"
+    nearest = "nothing within 1 mm" if near is None else f"closest {near:.3f} mm"
     lines = [
-        f"needle's shaft: {facts['moves']} moves looked at, {facts['crossed_pairs']} vessels "
-        f"crossed; to vessels without a joint {nearest}"
+        f"needle shaft: {facts['moves']} moves checked, {facts['crossed_pairs']} vessels crossed; "
+        f"to unconnected vessels {nearest}"
     ]
     if facts["own_overlaps"]:
         worst = facts["overlap"][0]
         lines.append(
             f"the network overlaps itself: {facts['own_overlaps']} pairs of vessels, the deepest "
             f"{worst['overlap_mm']:.3f} mm (vessels {worst['vessel']} and {worst['other']}); they "
-            "become one body there, and the shaft passes as through a joint"
+            "merge there, which is treated as a joint"
         )
     return lines
 
@@ -101,9 +101,10 @@ def unmapped_check() -> Check:
     """Embedded writing without a map: nobody can tell joints from crossings."""
     return finding(
         Kind.SHAFT_UNMAPPED,
-        "needle's shaft against what is written",
+        "needle shaft vs. printed vessels",
         "FILE.map.npz",
-        "not beside the file, so whether the shaft passes through written vessels wasn't looked at",
+        "not found next to the file, so collisions of the shaft with printed vessels weren't "
+        "checked",
         "warns",
     )
 
@@ -197,8 +198,8 @@ def read_written(path: Path) -> ShaftMap | None:
         return read_written_arrays(data)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as exc:
         raise UsageError(
-            f"{path} doesn't say what the job writes ({exc}), so the needle's shaft can't be "
-            "checked; write the G-code and its map anew with `printctl toolpath`"
+            f"{path} doesn't contain what the job prints ({exc}), so the needle shaft can't be "
+            "checked; generate the G-code and its map again with `printctl toolpath`"
         ) from exc
 
 
@@ -327,8 +328,8 @@ def _check_lines(file: Path, path: Path, mapped: int) -> None:
     lines = data.count(b"\n") + (not data.endswith(b"\n"))
     if lines != mapped:
         raise UsageError(
-            f"{path.name} is of a file of {mapped} lines, and {file.name} has {lines}: it belongs "
-            "to another job, so the needle's shaft can't be checked; write both anew with "
+            f"{path.name} maps a file of {mapped} lines, but {file.name} has {lines}: it belongs "
+            "to another job, so the needle shaft can't be checked; generate both again with "
             "`printctl toolpath`, or move the map away"
         )
 

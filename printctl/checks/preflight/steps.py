@@ -71,14 +71,14 @@ def _axis_step(wrote: Strands, printer: Printer) -> Check:
     shortest = float(wrote.length[at])
     fine = step <= shortest * (1 + _ROUNDING)
     return _step_check(
-        "motor step of an axis, compared with the shortest extrusion",
+        "axis motor step vs. shortest extrusion move",
         step,
         shortest,
         "mm",
         fine,
         int(wrote.line[at]),
-        f"{int((wrote.length < step).sum())} moves are shorter than a step, so their ends are "
-        "rounded to it; merge them or use finer steps (steps_per_mm)",
+        f"{int((wrote.length < step).sum())} moves are shorter than a step, so their end points "
+        "are rounded; merge them or use finer steps (steps_per_mm)",
     )
 
 
@@ -93,8 +93,8 @@ def _plunger_step(wrote: Strands, printer: Printer, syringe: Syringe) -> Check:
         "mm",
         bead_mm <= SMOOTHING_MM,
         int(wrote.line[0]),
-        f"syringe and ink even out steps over about {SMOOTHING_MM:g} mm of bead, and each of these "
-        "would show as a blob; use a narrower syringe or finer steps (steps_per_mm.e)",
+        f"syringe and ink smooth out steps up to about {SMOOTHING_MM:g} mm of bead; longer ones "
+        "show as blobs; use a narrower syringe or finer steps (steps_per_mm.e)",
     )
 
 
@@ -116,8 +116,8 @@ def _least_dose(wrote: Strands, run: DryRun, printer: Printer, syringe: Syringe)
         "%",
         share <= MAX_ROUNDED_SHARE,
         int(wrote.line[first[dose.argmin()]]),
-        f"{int(short.sum())} of {len(dose)} beads take less than "
-        f"{1e3 * coarse * syringe.area_mm2:.3g} nL and get that or nothing; {remedy}",
+        f"{int(short.sum())} of {len(dose)} beads need less than "
+        f"{1e3 * coarse * syringe.area_mm2:.3g} nL and get either that or nothing; {remedy}",
     )
 
 

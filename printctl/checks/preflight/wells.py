@@ -133,14 +133,14 @@ def compare_well_moves(
     unit, (value, limit) = max(differences.items(), key=lambda one: one[1][0] - one[1][1])
     return Check(
         Kind.WELL_MOVES,
-        "wells against the same part alone, whose needle and lumens were looked at",
+        "wells vs. the checked single part",
         value,
         limit,
         unit,
         value <= limit,
         f"well {well}",
-        "the plate's job isn't what was checked, which is a fault of ours: don't print it, and "
-        "tell us with the recipe",
+        "the plate's job differs from the checked part (a bug in printctl): don't print it, and "
+        "report it with the recipe",
     )
 
 
@@ -228,14 +228,14 @@ def _crossing(run: DryRun, wells: Wells, tips: FloatArray, across: NDArray[np.bo
     crosses = row >= 0 and bool(across.any())
     return Check(
         Kind.WELL_RIMS,
-        "ways between wells, above the plate's rims",
+        "travel between wells vs. plate rim",
         float(height[row]) if crosses else wells.safe_z_mm,
         wells.safe_z_mm,
         "mm",
         not crosses,
         f"line {int(run.program.line[row])}" if crosses else "",
-        "the needle would drag through the wells' walls; go over them (height_mm of the plate, and "
-        "what is kept above it)",
+        "the needle would hit the well walls; raise the travel above the plate (height_mm of the "
+        "plate, and its clearance)",
     )
 
 
@@ -257,10 +257,11 @@ def _of_well(
         return [
             none_of(
                 Kind.WELL_ENTERED,
-                "wells entered in which nothing is printed",
+                "wells entered without printing",
                 1,
                 f"well {name}, line {line}",
-                "the needle goes down where no part is; see the plate's place (a1_mm, turned_deg)",
+                "the needle goes down where there is no part; check the plate position (a1_mm, "
+                "turned_deg)",
             )
         ]
     at = _Well(run, name, rows, tips, ends)
@@ -271,15 +272,15 @@ def _of_well(
     checks = [
         at.least(
             Kind.WALL,
-            "needle to its well's wall",
+            "needle to well wall",
             wall_gap(tips, rows, tall, needle.outer_mm),
             standing.dish.inner_x_mm / 2,
-            f"it would run into the wall of {standing.dish.name}; take a plate with wider wells, "
-            "or see where the plate stands (a1_mm, turned_deg)",
+            f"the needle would hit the wall of {standing.dish.name}; use a plate with wider wells, "
+            "or check the plate position (a1_mm, turned_deg)",
         ),
         at.least(
             Kind.HUB,
-            "needle's hub to its well's wall",
+            "needle hub to well wall",
             hub_gap(tips, rows, standing, needle),
             standing.dish.inner_x_mm / 2,
             hub_remedy(needle, standing.dish),
@@ -322,28 +323,28 @@ def _bath(at: _Well, standing: PlacedDish, needle: Needle, ink_ul: float) -> lis
     return [
         Check(
             Kind.BATH_DEPTH,
-            "depth of a well's bath with ink and needle in it, below its rim",
+            "well bath depth with ink and needle vs. rim",
             risen,
             dish.wall_mm,
             "mm",
             risen <= dish.wall_mm,
             f"well {at.name}, plate.bath_depth_mm",
-            f"{dish.name} would run over; fill less or take a plate with deeper wells",
+            f"{dish.name} would overflow; fill less or use a plate with deeper wells",
         ),
         Check(
             Kind.BATH_SURFACE,
-            "highest writing in a well, below the bath's surface",
+            "highest extrusion in a well vs. bath surface",
             top if written.any() else standing.floor_mm,
             surface,
             "mm",
             not written.any() or top <= surface + _TINY_MM,
             at.place(int(tops.argmax())),
-            "it would write in the air; fill the wells higher (plate.bath_depth_mm) or take a "
-            "flatter part",
+            "it would print in air; fill the wells higher (plate.bath_depth_mm) or print a flatter "
+            "part",
         ),
         Check(
             Kind.NEEDLE_LENGTH,
-            "deepest tip in a well below the bath's surface, against the needle",
+            "immersion depth in a well vs. needle length",
             surface - low,
             needle.length_mm,
             "mm",

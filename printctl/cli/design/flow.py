@@ -32,9 +32,9 @@ def flow(
     shear_band_dyn_cm2: str | None = opt("Wall shear that is wanted.", metavar="LOW,HIGH"),
     svzerod: Path | None = opt("Write the problem for svZeroDSolver, too."),
     svoned: Path | None = opt("Write the pulsatile problem for svOneDSolver, too."),
-    fillet_ratio: float | None = opt("Of 3D: fillet over the thinnest vessel's radius."),
+    fillet_ratio: float | None = opt("3D: fillet radius relative to the thinnest vessel's radius."),
     as_printed: bool = opt(
-        "Of a run: as designed against the lumens that registration found.", False
+        "For a run: compare the design with the lumens found by registration.", False
     ),
     scanned: bool = opt("3D as printed in the scan's own surface.", False),
     others: options.OtherSolvers,

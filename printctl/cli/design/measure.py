@@ -34,7 +34,7 @@ class NetworkInTissue:
 
     network: cli.SourceArg
     tissue: Path | None = opt("A closed mesh, or a run folder; a run has its own.")
-    tissue_unit: LengthUnit | None = opt("Of the tissue's mesh.")
+    tissue_unit: LengthUnit | None = opt("Length unit of the tissue mesh.")
     unit: cli.UnitOption = None
 
     def around(self) -> Tissue:
@@ -60,7 +60,7 @@ def measure(
     printable_mm: float | None = opt("Measure again for lumens at least as wide."),
     murray_exponent: float = opt("That radii at junctions are held against.", 3.0, min=1, max=5),
     samples: int = opt("Points in the tissue.", 200_000, min=100, max=50_000_000),
-    seed: int = opt("Of the points.", 1, min=0),
+    seed: int = opt("Random seed of the points.", 1, min=0),
     against: Literal["coronary", "kidney", "lung", "liver"] | None = opt(
         "Compare orders and forks with published real vessels."
     ),

@@ -229,7 +229,7 @@ def schema() -> None:
 @command
 def migrate(
     file: cli.RecipeArg,
-    out: Path | None = opt("Where to write; the recipe's own file by default."),
+    out: Path | None = opt("File to write; default: the recipe itself."),
 ) -> None:
     """Bring a recipe to today's schema; comments and order stay, the old file is kept beside it.
 
@@ -266,7 +266,7 @@ recipe = group(
 
 
 @command
-def init(path: Path = arg("Where to write the recipe.", Path("recipe.yaml"))) -> None:
+def init(path: Path = arg("File for the recipe.", Path("recipe.yaml"))) -> None:
     """Write a commented starter recipe that runs as it stands.
 
     It prints on the simulated printer. A file that is there isn't overwritten.

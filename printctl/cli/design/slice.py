@@ -38,7 +38,7 @@ def slice_mesh(
         metavar="MESH...",
     ),
     out: Path = opt("G-code file to write.", ...),
-    unit: LengthUnit | None = opt("Of the meshes; a 3MF says it itself."),
+    unit: LengthUnit | None = opt("Length unit of the meshes; a 3MF file contains it."),
     printer: PrinterOption = "generic_marlin",
     heads: str | None = opt("Head of each mesh, counted from 0, like 0,1,1; if not given 0,1,..."),
     syringe: str | None = opt(

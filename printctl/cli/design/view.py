@@ -100,20 +100,23 @@ def film(
     source: Path = arg(
         "A run folder; of growth also a network (.csv, .vtp, .swc, .json, .npz, .txt)."
     ),
-    show: Literal["growth", "pulse"] = opt("How it grew, or a pulse through it.", "growth"),
+    show: Literal["growth", "pulse"] = opt(
+        "Animation: growth of the network, or a pulse through it.", "growth"
+    ),
     out: Path | None = opt(
         "The film: .mp4, .mov, .avi, .gif or .webp; growth.mp4 or pulse.mp4 in the run."
     ),
     by: Literal["terminals", "generations"] = opt(
-        "Of growth: one terminal after the other, or joint after joint.", "terminals"
+        "Growth: terminal by terminal, or joint by joint.", "terminals"
     ),
     steps: int = opt("Frames of growth by terminals.", 60, min=2, max=2000),
-    solver: Literal["0d", "1d"] = opt("Of a pulse: lumped, or waves (1d).", "0d"),
-    frames: int = opt("Of a cycle.", 50, min=8, max=2000),
-    cycles: int = opt("Of a pulse.", 2, min=1, max=100),
+    solver: Literal["0d", "1d"] = opt("Pulse model: lumped, or waves (1d).", "0d"),
+    frames: int = opt("Number of frames per cycle.", 50, min=8, max=2000),
+    cycles: int = opt("Number of cycles of a pulse.", 2, min=1, max=100),
     tables: Path = opt("Folder of the recipe's tables (a pulse's, the outlets').", Path()),
     colour: Literal["radius", "kind", "tree", "order", "flow", "pressure"] | None = opt(
-        "Of growth any (kind where there are several, else radius); of a pulse pressure or flow.",
+        "Colour: for growth any quantity (default: kind if there are several, otherwise radius); "
+        "for a pulse pressure or flow.",
         None,
         "--colour",
         "--color",

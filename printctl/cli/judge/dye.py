@@ -32,7 +32,9 @@ def dye(
     marks: Path | None = opt("YAML: known points and their pixels."),
     flow_ml_min: float | None = opt("Into the part; else fitted.", min=1e-6),
     start_s: float | None = opt("When dye passes the inlet, film's clock; else fitted."),
-    tolerance_percent: float = opt("Of the predicted way from the inlet.", 40.0, min=0.1),
+    tolerance_percent: float = opt(
+        "Relative to the predicted distance from the inlet.", 40.0, min=0.1
+    ),
     camera: CameraFile = None,
     predict: bool = opt("No film yet: when dye will come to each vessel.", False),
     front: FrontOptions,

@@ -80,9 +80,9 @@ class Which:
 class Sorted(Which):
     """The same, in which order and how many."""
 
-    sort: SortBy = opt("The latest or last name first.", SortBy.STARTED)
-    reverse: bool = opt("The other way round.", False)
-    limit: int | None = opt("At most so many.", min=1)
+    sort: SortBy = opt("Sort by this column, latest or last name first.", SortBy.STARTED)
+    reverse: bool = opt("Reverse the order.", False)
+    limit: int | None = opt("Maximum number of prints.", min=1)
 
     def query(self) -> HistoryQuery:
         """See `Which.query`."""
@@ -133,7 +133,7 @@ def show(print_id: IdArg) -> None:
 def bundle(
     print_id: IdArg,
     out: Path | None = opt("The zip; print_ID.zip by default."),
-    unsigned: bool = opt("Without a signature.", False),
+    unsigned: bool = opt("Export without a signature.", False),
 ) -> None:
     """Pack a print's journal, G-code, recipe, profiles and report into one signed zip.
 
@@ -222,7 +222,7 @@ def repeat(
     print_id: str = arg("The print; not needed with --bundle.", "", metavar="[ID]"),
     out: Path = opt("Folder for the job; of a page's workspace, its jobs.", Path("jobs"), "--to"),
     bundle: Path | None = opt("Take the G-code from this bundle."),
-    check_only: bool = opt("Only tell what differs from then.", False, "--check"),
+    check_only: bool = opt("Only report what differs from that print.", False, "--check"),
 ) -> None:
     """Make a job of the same bytes again, and tell what isn't as it was then; nothing is started.
 

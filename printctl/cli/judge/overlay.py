@@ -31,7 +31,7 @@ def overlay(
     fit: Literal["scaled", "rigid"] = opt(
         "Whether the pose may stretch the scan to the design's size.", "scaled"
     ),
-    layer: list[int] | None = opt("Only this one, from 1; may be given more than once.", min=1),
+    layer: list[int] | None = opt("Layer number, from 1; may be repeated.", min=1),
     scan_said: ScanOptions,
 ) -> None:
     """Lay a scan over the lines that a print in layers wrote: gaps, and gel in lumens.

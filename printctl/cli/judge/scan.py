@@ -81,7 +81,7 @@ def scan(
     ),
     voxel_um: str | None = opt("As fine as the thinnest vessel needs by default.", metavar="X,Y,Z"),
     shrink_percent: float = of(SimulatedScan, "shrink_percent"),
-    seed: int = opt("Of noise and pose.", 1, min=0),
+    seed: int = opt("Random seed of noise and pose.", 1, min=0),
     large: bool = of(SimulatedScan, "large"),
     syringe: HeldOption = None,
     ink: HeldOption = None,

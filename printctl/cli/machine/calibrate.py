@@ -36,21 +36,31 @@ from registration.wall_reference import read_reference
 @json_command
 def oct_device(
     grid: list[Path] | None = opt("Scan of a flat dot grid in air; again at another height."),
-    pitch_um: float | None = opt("Of the grid's dots.", min=10),
-    pitch_u_um: float = opt("U (k = 2) of the pitch by the grid's certificate.", 0.0, min=0.0),
-    step: Path | None = opt("Scan of a step of known height."),
-    height_um: float | None = opt("Of the step.", min=10),
-    height_u_um: float = opt("U (k = 2) of the height by the step's certificate.", 0.0, min=0.0),
-    reference: list[Path] | None = opt(
-        "Report folder of a part whose model is what it truly is; again of other scans."
+    pitch_um: float | None = opt("Pitch of the grid's dots.", min=10),
+    pitch_u_um: float = opt(
+        "Expanded uncertainty (k = 2) of the pitch from the grid's certificate.", 0.0, min=0.0
     ),
-    reference_u_um: float = opt("U (k = 2) of its diameters by its certificate.", 0.0, min=0.0),
-    immersed: bool = opt("The step lay in the medium of the prints.", False, "--immersed/--in-air"),
-    voxel_um: str | None = opt("Where the files don't say; Z as optical path.", metavar="X,Y,Z"),
+    step: Path | None = opt("Scan of a step of known height."),
+    height_um: float | None = opt("Height of the step.", min=10),
+    height_u_um: float = opt(
+        "Expanded uncertainty (k = 2) of the height from the step's certificate.", 0.0, min=0.0
+    ),
+    reference: list[Path] | None = opt(
+        "Report folder of a reference part with a certified model; repeat for other scans."
+    ),
+    reference_u_um: float = opt(
+        "Expanded uncertainty (k = 2) of its diameters from its certificate.", 0.0, min=0.0
+    ),
+    immersed: bool = opt(
+        "The step was immersed in the same medium as the prints.", False, "--immersed/--in-air"
+    ),
+    voxel_um: str | None = opt(
+        "Voxel size if the files don't contain it; Z as optical path length.", metavar="X,Y,Z"
+    ),
     axes: str | None = opt("Order of axes, slowest first.", metavar="ZYX"),
-    scale: Literal["linear", "db"] | None = opt("Of the intensity, where the files don't say."),
+    scale: Literal["linear", "db"] | None = opt("Intensity scale if the files don't contain it."),
     write: Path | None = opt(
-        "YAML file for `register --oct-calibration`; what it says of other targets stays."
+        "YAML file for `register --oct-calibration`; values of other targets in it are kept."
     ),
 ) -> None:
     """Fan, bow, scales and walls of a device: from a dot grid, a step, a part of known channels.
@@ -92,7 +102,7 @@ def oct_device(
 
 @json_command
 def walls(
-    phantoms: list[Path] = arg("Report folders of a reference, as --reference takes them."),
+    phantoms: list[Path] = arg("Report folders of a reference part, as for --reference."),
     write: Path | None = opt("YAML file for `register --oct-calibration`."),
 ) -> None:
     """Old name of `calibrate oct --reference`, for one more release.
@@ -112,10 +122,10 @@ _MOST_PX = 30_000
 class BoardOptions:
     """A ChArUco board, as it was printed."""
 
-    square_mm: float = opt("Side of a square.", ...)
-    squares: str = opt("Squares of the board.", "11,8", metavar="COLUMNS,ROWS")
-    marker_mm: float | None = opt("Side of a marker; 0.75 of a square's if not.")
-    markers: str = opt("OpenCV's name of the markers' set.", "5X5_100")
+    square_mm: float = opt("Side length of a square.", ...)
+    squares: str = opt("Number of squares of the board.", "11,8", metavar="COLUMNS,ROWS")
+    marker_mm: float | None = opt("Side length of a marker; default 0.75 of a square.")
+    markers: str = opt("OpenCV name of the marker dictionary.", "5X5_100")
 
     def board(self) -> Board:
         """Raise `UsageError` for --squares that aren't two whole numbers."""
@@ -129,9 +139,9 @@ class BoardOptions:
 @command
 def board(
     *,
-    out: Path = arg("PNG to be written."),
+    out: Path = arg("PNG file to write."),
     drawn: BoardOptions,
-    dpi: int = opt("Of the printer.", 1200, min=72, max=25400),
+    dpi: int = opt("Print resolution.", 1200, min=72, max=25400),
 ) -> None:
     """A ChArUco board to print at 100 % and glue onto something flat.
 
@@ -162,9 +172,11 @@ def board(
 @json_command
 def camera(
     *,
-    pictures: list[Path] = arg("Pictures of the board; in the first it lies where prints will."),
+    pictures: list[Path] = arg(
+        "Images of the board; in the first one it is in the printing position."
+    ),
     printed: BoardOptions,
-    write: Path | None = opt("YAML file for --camera of widths and dye."),
+    write: Path | None = opt("YAML file for the option --camera of `widths` and `dye`."),
 ) -> None:
     """Scale and distortion of a camera or microscope, from pictures of a ChArUco board.
 

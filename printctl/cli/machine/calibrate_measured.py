@@ -22,11 +22,13 @@ from printctl.machine.prints.mounted import refuse_unknown, with_mounted
 from printctl.settings import arg, numbers_of, opt, three_numbers
 
 Csv = Annotated[Path | None, arg("Readings to fit, a CSV file.")]
-PrinterName = Annotated[str | None, opt("Profile of the printer that is calibrated.")]
-Gcode = Annotated[Path | None, opt("Write the test's G-code here, and a CSV to fill in beside it.")]
-At = Annotated[str, opt("Where the tip stands, printer's frame, mm.", metavar="X,Y,Z")]
+PrinterName = Annotated[str | None, opt("Profile of the printer to calibrate.")]
+Gcode = Annotated[
+    Path | None, opt("Write the test G-code to this file, and a CSV to fill in next to it.")
+]
+At = Annotated[str, opt("Tip position in printer coordinates, mm.", metavar="X,Y,Z")]
 Write = Annotated[Path | None, opt("Write a profile with the result to this file.")]
-AcceptChange = Annotated[bool, opt("Write a constant although it changes by more than 20 %.")]
+AcceptChange = Annotated[bool, opt("Accept a constant that changes by more than 20 %.")]
 
 
 def machine_parts(
@@ -96,11 +98,11 @@ def backlash(
     readings: Csv = None,
     printer: PrinterName = None,
     syringe: cli.SyringeOption = None,
-    axis: str = opt("x, y, z or e.", "x"),
-    targets: str = opt("From the tip's place, mm.", "2,4,6,8,10"),
-    overshoot: float = opt("mm", 1.0, min=0.01),
-    speed: float = opt("mm/s", 2.0, min=0.01),
-    wait: float = opt("To read the dial, s.", 8.0, min=0),
+    axis: str = opt("Axis: x, y, z or e.", "x"),
+    targets: str = opt("Target positions relative to the tip, mm.", "2,4,6,8,10"),
+    overshoot: float = opt("Overshoot before each approach, mm.", 1.0, min=0.01),
+    speed: float = opt("Speed of the moves, mm/s.", 2.0, min=0.01),
+    wait: float = opt("Time to read the dial, s.", 8.0, min=0),
     at: At = "100,100,50",
     gcode: Gcode = None,
 ) -> None:
@@ -137,15 +139,17 @@ def lag(
     syringe: cli.SyringeOption = None,
     ink: cli.InkOption = None,
     needle: str | None = opt(
-        "A lag is written for this needle alone.", show_default="what is mounted"
+        "Needle profile; a lag is only valid for this needle.", show_default="what is mounted"
     ),
-    slow: float = opt("mm/s", 4.0, min=0.01),
-    fast: float = opt("mm/s", 16.0, min=0.01),
-    length: float = opt("Of each stretch, mm.", 40.0, min=1),
-    width: float = opt("Of the line, mm.", 0.4, min=0.01),
-    layer: float = opt("mm", 0.2, min=0.01),
-    round_bead: bool = opt("A filament in a bath, or a bead on a plate.", False, "--round/--flat"),
-    lines: int = opt("Of the test.", 3, min=1),
+    slow: float = opt("Speed of the slow stretches, mm/s.", 4.0, min=0.01),
+    fast: float = opt("Speed of the fast stretches, mm/s.", 16.0, min=0.01),
+    length: float = opt("Length of each stretch, mm.", 40.0, min=1),
+    width: float = opt("Bead width, mm.", 0.4, min=0.01),
+    layer: float = opt("Layer height, mm.", 0.2, min=0.01),
+    round_bead: bool = opt(
+        "Print a round filament in a bath, or a flat bead on a plate.", False, "--round/--flat"
+    ),
+    lines: int = opt("Number of lines of the test.", 3, min=1),
     at: At = "40,100,1",
     gcode: Gcode = None,
     write: Write = None,
@@ -184,7 +188,7 @@ def lag(
 def offset(
     readings: Csv = None,
     printer: str | None = opt("Profile of a printer with several heads, all lowered."),
-    head: int = opt("Whose needle is the second of the two.", 1, min=1),
+    head: int = opt("Head that holds the second needle.", 1, min=1),
     write: Write = None,
 ) -> None:
     """Offset of a needle: CSV with needle (two names), x_mm, y_mm and z_mm of touch-offs.
@@ -206,15 +210,21 @@ def weigh(
     readings: Csv = None,
     printer: PrinterName = None,
     syringe: cli.SyringeOption = None,
-    density: float = opt("Of what is weighed, g/cm³.", 0.998),
-    density_error: float = opt("Half of its 95 % interval, g/cm³.", 0.001, min=0),
-    mend: str = opt("What --write changes: bore (syringe) or steps (printer).", "steps"),
-    doses: str = opt("Of the test, µL.", "20,40,60"),
-    repeats: int = opt("Of each dose.", 4, min=1),
-    flow: float = opt("Of the test, µL/s.", 2.0, min=0.001),
-    wait: float = opt("To change vials, s.", 30.0, min=0),
-    ink: str | None = opt("What a pneumatic head is weighed with.", show_default="what is mounted"),
-    needle: str | None = opt("The same, its needle.", show_default="what is mounted"),
+    density: float = opt("Density of the weighed liquid, g/cm³.", 0.998),
+    density_error: float = opt(
+        "Half width of the 95 % interval of the density, g/cm³.", 0.001, min=0
+    ),
+    mend: str = opt("Value that --write changes: bore (syringe) or steps (printer).", "steps"),
+    doses: str = opt("Dose volumes of the test, µL.", "20,40,60"),
+    repeats: int = opt("Number of repeats of each dose.", 4, min=1),
+    flow: float = opt("Flow rate of the test, µL/s.", 2.0, min=0.001),
+    wait: float = opt("Time to change vials, s.", 30.0, min=0),
+    ink: str | None = opt(
+        "Ink profile for weighing with a pneumatic head.", show_default="what is mounted"
+    ),
+    needle: str | None = opt(
+        "Needle profile for weighing with a pneumatic head.", show_default="what is mounted"
+    ),
     at: At = "100,100,50",
     gcode: Gcode = None,
     write: Write = None,

@@ -48,12 +48,17 @@ def pattern(
     *,
     context: typer.Context,
     name: Literal["lines", "spiral", "joint", "bridge", "comb", "squares"] = arg(
-        "lines, spiral, joint, bridge, comb or squares."
+        "Pattern: lines, spiral, joint, bridge, comb or squares."
     ),
-    output: Path = opt("The G-code; .csv, .json, .svg stand beside it.", ..., "--output", "-o"),
+    output: Path = opt(
+        "G-code file to write; .csv, .json and .svg files are written next to it.",
+        ...,
+        "--output",
+        "-o",
+    ),
     needle: str | None = opt("Needle profile.", show_default="what is mounted"),
     printer: str | None = opt(
-        "Printer profile, shipped or a .yaml.", None, "--printer", "--profile"
+        "Printer profile: shipped name or .yaml file.", None, "--printer", "--profile"
     ),
     syringe: cli.SyringeOption = None,
     ink: cli.InkOption = None,
@@ -62,12 +67,14 @@ def pattern(
     dish_centre: str | None = of(ProfileNames, "dish_centre"),
     bath_depth: float | None = of(ProfileNames, "bath_depth"),
     at: str = opt(
-        "Middle of the pattern and height of its lines, mm.", "100,100,5", metavar="X,Y,Z"
+        "Centre of the pattern and height of its lines, mm.", "100,100,5", metavar="X,Y,Z"
     ),
-    width: float | None = opt("Of the line, mm; the needle's bore if not."),
-    layer: float | None = opt("Height of a line, mm; half its width if not."),
+    width: float | None = opt("Bead width, mm; default: the needle bore."),
+    layer: float | None = opt("Layer height, mm; default: half the bead width."),
     round_bead: bool | None = opt(
-        "A filament, if a bath is named; or on a plate.", None, "--round/--flat"
+        "Print round filaments in a bath (default with --bath), or flat beads on a plate.",
+        None,
+        "--round/--flat",
     ),
     own: PatternOptions,
 ) -> None:
@@ -113,17 +120,21 @@ def pattern(
 
 @json_command
 def widths(
-    file: Path = arg("The sheet, filled in (.csv), or a picture."),
-    pattern: Path | None = opt("The pattern's .json; FILE's name with .json if not."),
-    um_per_px: float | None = opt("By a stage micrometer, not the frame.", min=0.01, max=1000),
+    file: Path = arg("The completed measurement sheet (.csv), or an image."),
+    pattern: Path | None = opt("JSON file of the pattern; default: FILE with the suffix .json."),
+    um_per_px: float | None = opt(
+        "Image scale from a stage micrometer, instead of the frame.", min=0.01, max=1000
+    ),
     marks: str | None = opt(
-        "Pixels of the frame's corners where it isn't found: lower left, lower right, upper "
-        "right, upper left, as on the drawing.",
+        "Pixel coordinates of the frame corners if it isn't detected: lower left, lower right, "
+        "upper right, upper left, as on the drawing.",
         metavar="U,V,…",
     ),
     camera: cli.CameraFile = None,
-    flow_factor: float | None = opt("Weighed; the swelling is told then.", min=0.2, max=5),
-    ink: str | None = opt("For --write; the one it was printed with if not."),
+    flow_factor: float | None = opt(
+        "Flow factor from weighing; the swelling is then reported.", min=0.2, max=5
+    ),
+    ink: str | None = opt("Ink profile for --write; default: the ink it was printed with."),
     write: Write = None,
     accept_change: AcceptChange = False,
 ) -> None:

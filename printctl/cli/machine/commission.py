@@ -29,21 +29,24 @@ MARKS = {"done": "done  ", "failed": "FAILED", "open": "open  "}
 @json_command
 def commission(
     printer: str = opt(
-        "The printer's own profile, a .yaml file, made if it isn't there; of a shipped NAME "
+        "The printer's own profile, a .yaml file, created if missing; for a shipped NAME "
         "my_NAME.yaml.",
         "my_printer.yaml",
     ),
     port: str | None = opt("Serial port, tcp:HOST:PORT, auto or simulated."),
     status: bool = opt("Show the steps and their results; do nothing.", False),
-    begin: str | None = opt("Begin again at this step.", None, "--from", metavar="STEP"),
+    begin: str | None = opt("Restart at this step.", None, "--from", metavar="STEP"),
     until: str | None = opt("Stop after this step.", metavar="STEP"),
     answer: list[str] | None = opt("Answer to a question; may be repeated.", metavar="KEY=VALUE"),
-    accept_change: bool = opt("Write a constant although it changes by more than 20 %.", False),
+    accept_change: bool = opt("Accept a constant that changes by more than 20 %.", False),
     yes: bool = opt(
-        "Confirm all that moves, pushes or writes, and take default answers; asks nothing.", False
+        "Confirm all moves, dispensing and writing, and use default answers without prompting.",
+        False,
     ),
-    sim_speed: float = opt("Of a simulated printer, times real time; 0 is all it can.", 0.0, min=0),
-    folder: Path | None = opt("The station's.", show_default="the user's data"),
+    sim_speed: float = opt(
+        "Speed of a simulated printer relative to real time; 0: maximum.", 0.0, min=0
+    ),
+    folder: Path | None = opt("Folder of the station.", show_default="the user's data"),
 ) -> None:
     """Set up a printer: profile, connection, steps, parts, touch-off, first prints, correction.
 

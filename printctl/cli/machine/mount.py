@@ -26,15 +26,15 @@ _PROFILE = "a shipped profile or a .yaml file; none for nothing."
 
 @json_command
 def mount(
-    printer: str | None = opt("Printer profile; needed unless only one has anything mounted."),
+    printer: str | None = opt("Printer profile; required if several printers have mounted parts."),
     syringe: str | None = opt(f"Syringe: {_PROFILE}"),
-    fill_ul: float | None = opt("Ink in the syringe, µL; unknown if not given.", min=0.0),
+    fill_ul: float | None = opt("Ink in the syringe, µL; default: unknown.", min=0.0),
     needle: str | None = opt(f"Needle: {_PROFILE}"),
     ink: str | None = opt(f"Ink: {_PROFILE}"),
     bath: str | None = opt(f"Bath: {_PROFILE}"),
     bath_depth: float | None = of(ProfileNames, "bath_depth"),
     dish: str | None = opt(f"Dish: {_PROFILE}"),
-    dish_centre: str | None = opt("Printer's frame, mm.", metavar="X,Y"),
+    dish_centre: str | None = opt("Dish centre in printer coordinates, mm.", metavar="X,Y"),
 ) -> None:
     """Enter what is mounted on a printer and how full its syringe is; alone it shows that.
 

@@ -37,9 +37,9 @@ FrameFile = Annotated[Path, opt("File of `printctl observe frame`.")]
 @json_command
 def insert(
     dish: str = opt("Dish profile: shipped name or .yaml file.", ...),
-    out: Path = opt("Folder to write to.", ..., callback=folder_to_write),
-    made: str = opt("How it is made: fdm, resin, paper or engraved.", "fdm"),
-    mark_mm: float = opt("Side of a mark.", 8.0),
+    out: Path = opt("Folder for the files.", ..., callback=folder_to_write),
+    made: str = opt("Manufacturing method: fdm, resin, paper or engraved.", "fdm"),
+    mark_mm: float = opt("Side length of a mark.", 8.0),
     thickness_mm: float | None = opt("Plate thickness; default 3 mm, paper on a card 1 mm."),
     hole_mm: float | None = opt(
         "Hole size along x; default: outer dish size + 0.5 mm, or inner size + 4 mm."
@@ -76,12 +76,12 @@ def insert(
 def sweep(
     *,
     pictures: Path = arg(
-        "Folder of pictures, TIFF of pages or video: the laser's line swept over a flat face in "
-        "the dish."
+        "Folder of images, multi-page TIFF or video: the laser line swept over a flat face in the "
+        "dish."
     ),
     frame: FrameFile,
     floor_z: float = opt(
-        "Height of that face, printer's frame, mm: touch it with the needle.", ...
+        "Height of that face in printer coordinates, mm: touch off the needle on it.", ...
     ),
     out: Path = opt("YAML file to write.", ..., "-o", "--out"),
 ) -> None:  # fmt: skip
@@ -114,9 +114,9 @@ def sweep(
 @json_command
 def check(
     *,
-    picture: Path = arg("Picture of the fiducial plate."),
+    picture: Path = arg("Image of the fiducial plate."),
     frame: FrameFile,
-    limit_um: float = opt("Shift at the dish up to which a frame holds.", LIMIT_UM, min=1),
+    limit_um: float = opt("Maximum shift at the dish for the frame to be valid.", LIMIT_UM, min=1),
 ) -> None:
     """Compare a picture's marks with the frame's: a moved camera or plate, another focus.
 
@@ -142,32 +142,33 @@ def check(
 
 @json_command
 def frame(
-    pictures: list[Path] = arg("Pictures of the fiducial plate, nothing moved between them."),
+    pictures: list[Path] = arg("Images of the fiducial plate, with nothing moved between them."),
     lens: Path = opt("File of `printctl calibrate camera`.", ...),
     insert: Path = opt("File of `printctl observe insert`.", ...),
     out: Path = opt("YAML file to write.", ..., "-o", "--out"),
     touched: list[str] | None = opt(
-        "Printer's position with the tip on a cross (left, right, front, back); two or more, with "
-        "Z where the tip touches the plate.",
+        "Printer position with the tip on a cross (left, right, front, back); at least two, with Z "
+        "if the tip touches the plate.",
         metavar="CROSS=X,Y[,Z]"
     ),
-    u_touch_mm: float = opt("Standard uncertainty of a touched place.", 0.05, min=0),
+    u_touch_mm: float = opt("Standard uncertainty of a touched position.", 0.05, min=0),
     printed: Path | None = opt(
-        "A print in the dish instead: the .json of `calibrate pattern squares`; its lines are "
-        "looked for."
+        "Use a print in the dish instead: the .json of `calibrate pattern squares`; its lines are "
+        "detected."
     ),
     at: str | None = opt(
-        "Fiducial plate's middle and its marks' height, printer's frame, about; touched crosses "
-        "tell it better. If not given, where the print lies, or 0,0,0.",
+        "Approximate plate centre and mark height in printer coordinates; touched crosses refine "
+        "it. Default: the position of the print, or 0,0,0.",
         metavar="X,Y,Z"
     ),
-    u_z_mm: float | None = opt("Standard uncertainty of --at's Z; 0.2 if not given.", min=0.001),
+    u_z_mm: float | None = opt("Standard uncertainty of Z in --at; default 0.2.", min=0.001),
     measured: str | None = opt(
-        "Measured from the left to the right cross, and its standard uncertainty (0.03 mm).",
+        "Measured distance from the left to the right cross, and its standard uncertainty (0.03 "
+        "mm).",
         metavar="MM[,U]"
     ),
     bath_surface_z_mm: float | None = opt(
-        "Surface of a clear bath above the ink, printer's frame: refraction is taken into account."
+        "Surface of a clear bath above the ink in printer coordinates, to correct refraction."
     ),
     index: float = opt("Refractive index of the bath.", 1.333, min=1, max=2),
 ) -> None:  # fmt: skip
@@ -269,21 +270,20 @@ def _touch(word: str, u_mm: float) -> camera_frame.Touch:
 
 @json_command
 def tip(
-    pictures: list[Path] = arg("Pictures of the needle."),
+    pictures: list[Path] = arg("Images of the needle."),
     frame: list[Path] = opt(
-        "File of `observe frame`; one for all pictures, or one for each (several cameras).", ...
+        "File of `observe frame`; one for all images, or one per image (several cameras).", ...
     ),
     at: list[str] = opt(
-        "The printer's position in each picture, in their order.", ..., metavar="X,Y,Z"
+        "Printer position for each image, in the same order.", ..., metavar="X,Y,Z"
     ),
     needle: str = opt("Needle profile.", ...),
-    reach_mm: float = opt("How far the tip may be off.", 2.0, min=0.1, max=20),
+    reach_mm: float = opt("Maximum deviation of the tip.", 2.0, min=0.1, max=20),
     ground: Path | None = opt(
-        "The same scene without the needle (of one camera); other pictures serve as such, if not "
-        "given."
+        "Image of the same scene without the needle (single camera); default: the other images."
     ),
     known_z_mm: float | None = opt(
-        "Standard uncertainty of Z, where the needle was touched off; one picture will do then.",
+        "Standard uncertainty of Z if the needle was touched off; a single image is then enough.",
         min=0.001
     ),
 ) -> None:  # fmt: skip

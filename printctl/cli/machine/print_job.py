@@ -37,8 +37,8 @@ class CareOptions:
     """How a print is supervised, as the command line says it."""
 
     checkpoint_every: float = opt(
-        "Verify the position where a layer or pass ends, at most so often, s; 0 for each end, inf "
-        "for none.",
+        "Minimum time between position checks at ends of layers or passes, s; 0: every end, inf: "
+        "none.",
         30.0,
         metavar="SECONDS",
         min=0.0,
@@ -46,7 +46,8 @@ class CareOptions:
     silent_limit: float | None = of(CarePart, "silent_limit_s", "--silent-limit", metavar="SECONDS")
     noise_limit: int = of(CarePart, "noise_limit", metavar="LINES")
     wire_log: str = opt(
-        "Write all traffic to this file or folder; else the last of it is kept on an alarm.",
+        "Write all traffic to this file or folder; otherwise only the latest part is saved on an "
+        "alarm.",
         "",
         metavar="PATH",
     )
@@ -79,9 +80,9 @@ def print_job(
     ink: cli.InkOption = None,
     mounted: ProfileNames,
     start: cli.StartOption = None,
-    folder: Path | None = opt("For the journal; FILE.print by default."),
-    baud: str | None = opt("In place of the profile's; auto tries the profile's list."),
-    resume: bool = opt("Go on with an interrupted print of this file.", False),
+    folder: Path | None = opt("Folder for the journal; default: FILE.print."),
+    baud: str | None = opt("Baud rate; default: the profile's; auto tries the profile's list."),
+    resume: bool = opt("Continue an interrupted print of this file.", False),
     how: CareOptions,
     prime_ul: float = of(CarePart, "prime_ul"),
     checks: CheckOptions,

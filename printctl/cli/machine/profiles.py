@@ -45,8 +45,8 @@ class ProfileGroup(TyperGroup):
 
 @json_command
 def show(
-    name: str | None = arg("Show one profile whole: its shipped name or a .yaml file.", None),
-    write: Path | None = opt("Copy the shipped profile to this new file, to correct it."),
+    name: str | None = arg("Show one profile in full: shipped name or .yaml file.", None),
+    write: Path | None = opt("Copy the shipped profile to this new file, for editing."),
 ) -> None:
     """List the shipped profiles, or show one with its source.
 
@@ -92,8 +92,8 @@ def _sizes(kind: str, facts: dict[str, Any]) -> str:
 @json_command
 def probe(
     port: str = opt("Serial port or tcp:HOST:PORT.", ...),
-    profile: str = opt("A shipped name or a .yaml file.", ...),
-    baud: int | None = opt("In place of the profile's."),
+    profile: str = opt("Profile: shipped name or .yaml file.", ...),
+    baud: int | None = opt("Baud rate; default: the profile's."),
     write: Path | None = opt(
         "Write the profile with the printer's values to this file: a new one, or the profile's own."
     ),
@@ -142,10 +142,10 @@ def probe(
 
 @json_command
 def new(
-    file: Path = arg("The profile to write, a new .yaml file."),
+    file: Path = arg("New .yaml file for the profile."),
     answers: Path | None = opt(
-        "Take the answers from this YAML file (key: answer) and ask nothing; what it lacks is a "
-        "starting value."
+        "Read the answers from this YAML file (key: answer) without prompting; missing answers get "
+        "starting values."
     ),
 ) -> None:
     """Make a printer's profile from at most twelve answers.
@@ -219,7 +219,7 @@ def _line(row: Row) -> str:
 
 
 @json_command
-def check(file: str = arg("A .yaml file, or a shipped name.")) -> None:
+def check(file: str = arg("Profile: .yaml file or shipped name.")) -> None:
     """Check a profile: keys, bounds, and keys against each other.
 
     Exit code 1 when it mustn't be used as it is, 2 when it is no profile.

@@ -55,7 +55,7 @@ def _looks(folder: Path) -> list[records.LookRecord]:
 
 
 _COMMANDS = {
-    PrintAction.GO_ON: "go on: printctl resume",
+    PrintAction.GO_ON: "continue: printctl resume",
     PrintAction.RECOVER: "recover: printctl recover",
     PrintAction.GIVE_UP: "give up: printctl give-up",
 }
@@ -63,9 +63,9 @@ _COMMANDS = {
 
 @json_command
 def status(run: GoingOnArg = None) -> None:
-    """Say how a print stands, whether it goes on, is paused or has ended, and what may be done.
+    """Show the status of a print (running, paused or ended) and the possible actions.
 
-    Only looks: the print isn't touched, and of one that has ended the journal tells.
+    Read only: the print isn't affected. For an ended print the journal is read.
     """
     run = run_going_on(run)
     folder = print_folder(run)
@@ -81,13 +81,13 @@ def status_lines(truth: PrintTruth, run: str) -> list[str]:
     status = truth.status
     lines = [
         f"{state_words(status.state)}: {status.message}",
-        f"{truth.words['made']}; {status.lines_done} of {status.lines_total} lines taken, "
-        f"line {status.file_line} of the file",
+        f"{truth.words['made']}; {status.lines_done} of {status.lines_total} lines accepted, line "
+        f"{status.file_line} of the file",
         *(truth.words[key] for key in ("time", "layer", "vessel", "ink") if truth.words[key]),
         *waiting_lines(status),
     ]
     if status.line_errors:
-        lines.append(f"{status.line_errors} lines sent again")
+        lines.append(f"{status.line_errors} lines resent")
     if status.alarms:
         lines.append(alarm_words(status.alarms, truth.journal.last_alarm))
     if not status.position_known:
@@ -100,8 +100,8 @@ def waiting_lines(status: Status) -> list[str]:
     lines = [f"waits for: {status.waits_for}"] if status.waits_for else []
     if status.deadman_left_s is not None and not status.ended:
         lines.append(
-            f"dead-man: pauses or stops in {status.deadman_left_s / 60:.1f} min unless "
-            "`printctl alive` confirms"
+            f"dead-man: pauses or cancels in {status.deadman_left_s / 60:.1f} min unless confirmed "
+            "by `printctl alive`"
         )
     return lines + [f"reads {reading}" for reading in status.readings]
 
@@ -190,11 +190,11 @@ def emergency_stop(run: GoingOnArg = None) -> None:
 def pause(
     run: GoingOnArg = None,
     after: Literal["layer", "vessel"] | None = opt("Finish the current layer or vessel first."),
-    now: bool = opt("After the line in flight; the default.", False),
+    now: bool = opt("Pause after the current line; the default.", False),
 ) -> None:
     """Hold a print: relieve the plunger, lift the needle straight up, keep the temperatures.
 
-    `printctl resume RUN` comes back to the same point and goes on.
+    `printctl resume RUN` returns to the same point and continues.
     """
     run = run_going_on(run)
     if now and after:
@@ -202,34 +202,34 @@ def pause(
     with running_print(run) as client:
         state = client.status.state
         if state is LinkState.PAUSED:
-            print_lines(f"is paused already; `printctl resume {run}` goes on")
+            print_lines(f"already paused; `printctl resume {run}` continues")
             return
         if state is LinkState.PAUSING:
-            print_lines(f"is pausing already; `printctl status {run}` tells when it stands")
+            print_lines(f"already pausing; `printctl status {run}` reports when it is paused")
             return
         client.pause(MarkKind(after) if after else None)
-        held = "after the line in flight and the moves that the printer holds"
+        held = "after the current line and the printer's queued moves"
         where = f"at the end of this {after}" if after else held
-        print_lines(f"will pause {where}; `printctl status {run}` tells when")
+        print_lines(f"will pause {where}; `printctl status {run}` reports when")
 
 
 @command
 def resume(
     run: GoingOnArg = None,
-    syringe: str | None = opt("Profile of the syringe that was put in."),
+    syringe: str | None = opt("Profile of the new syringe."),
     plunger_mm: float | None = opt(
-        "Travel that its plunger has used up already; 0 for a full one.", min=0.0
+        "Plunger travel already used, mm; 0 for a full syringe.", min=0.0
     ),
     unchanged: bool = opt("The syringe wasn't changed after all.", False),
-    port: str | None = opt("When the printer's port has another name now."),
+    port: str | None = opt("New name of the printer's port."),
     unobserved: bool = opt(
         "Start no observer for a print with looks: each look pauses it after its limit.", False
     ),
 ) -> None:
-    """Go on: come down where the print was left, prime, verify the position, print.
+    """Resume a print: return to its position, prime, verify the position, print.
 
-    After the link process died or lost its port, the printer is asked for its last line first. An
-    observed print whose observer is gone gets another one first.
+    If the link process died or lost its port, the printer's last line is queried first. An observed
+    print whose observer has exited gets a new one first.
     """
     run = run_going_on(run)
     if unchanged and (syringe is not None or plunger_mm is not None):
@@ -247,44 +247,47 @@ def resume(
         unobserved=unobserved,
     )
     if status.ended and status.state is not LinkState.DONE:
-        raise LinkError(f"not gone on with: {status.message}")
+        raise LinkError(f"not continued: {status.message}")
     if unheard and (asking := asking_lines(folder, status)):
-        print_lines(
-            "another observer is at work, and the print stays paused for an answer", *asking
-        )
+        print_lines("another observer is active, and the print stays paused for an answer", *asking)
         return
-    where = "from the printer's last line" if ended else f"`printctl status {run}` tells how"
-    print_lines(f"going on; {where}")
+    where = (
+        "from the printer's last line" if ended else (f"`printctl status {run}` shows the progress")
+    )
+    print_lines(f"resuming; {where}")
 
 
 @command
 def reload(
     run: GoingOnArg = None,
-    head: int | None = opt("Of several, whose; the one in use if not.", min=0),
+    head: int | None = opt("Head to reload; default: the active one.", min=0),
 ) -> None:
-    """Hold a print at its next reload point, with room above the needle to change the syringe.
+    """Pause a print at its next reload point, with the needle raised to change the syringe.
 
-    A print that is paused already stays where it is, and the needle goes up further.
+    A print that is already paused stays where it is, and the needle is raised further.
     """
     run = run_going_on(run)
     with running_print(run) as client:
         here = client.status.state in (LinkState.PAUSED, LinkState.LOOKING)
         client.reload(head)
         where = "here" if here else "at the next reload point"
-        print_lines(f"will make room {where}; then {CHANGE.replace('RUN', str(run))}")
+        print_lines(f"will raise the needle {where}; then {CHANGE.replace('RUN', str(run))}")
 
 
 def confirm_presence(run: GoingOnArg = None) -> None:
-    """Begin the dead-man's time of a print anew (`printctl print --deadman`).
+    """Reset the dead-man timer of a print (`printctl print --deadman`).
 
-    Whoever stands at the printer says so by it; without it the print pauses, or stops, in time.
+    Confirms that an operator is present; otherwise the print pauses, or is cancelled, when the
+    time is up.
     """
     run = run_going_on(run)
     with running_print(run) as client:
         client.alive()
         left = client.status.deadman_left_s
-    again = "this print has no dead-man's time"
-    print_lines(f"heard; {again if left is None else f'confirm again within {left / 60:.1f} min'}")
+    again = "this print has no dead-man timer"
+    print_lines(
+        f"confirmed; {again if left is None else f'confirm again within {left / 60:.1f} min'}"
+    )
 
 
 @json_command
@@ -292,14 +295,14 @@ def recover(
     run: RunArg,
     out: Path | None = opt("File for the rest of the job; FILE.rest.gcode by default."),
     from_line: int | None = opt(
-        "Line of the job to go on with, in place of the checkpoint.", min=1
+        "Line of the job to continue with, instead of the checkpoint.", min=1
     ),
     yes: bool = opt("Write the file without asking.", False),
 ) -> None:
-    """Plan how to go on after a power cut or a reset, from the last checkpoint.
+    """Plan how to continue after a power cut or a reset, from the last checkpoint.
 
-    Tells what has to be done by hand, and writes the rest of the job as a file that comes to the
-    point from above. Nothing is sent to the printer.
+    Lists the manual steps, and writes the rest of the job as a file that approaches the point
+    from above. Nothing is sent to the printer.
     """
     folder = print_folder(run)
     plan = planned(folder, from_line)
@@ -319,11 +322,11 @@ def recover(
 
 
 def give_up(run: RunArg) -> None:
-    """Write the end of a print that was broken off into its journal; its printer gets nothing.
+    """Close the journal of an interrupted print; nothing is sent to its printer.
 
-    Afterwards it can't be gone on with, and its printer may be connected anew. `printctl recover`
-    can still plan the rest as a job of its own. Where a start of it may still reach a network host,
-    its file is deleted there.
+    Afterwards the print can't be continued, and its printer can be connected again. `printctl
+    recover` can still plan the rest as a separate job. If a start may still reach a network host,
+    the file is deleted there.
     """
     status = give_up_print(print_folder(run), this_user()["who"] or "the user")
     print_lines(f"{state_words(status.state)}: {status.message}")
@@ -392,9 +395,11 @@ def looks_lines(run: Path) -> list[str]:
 @command
 def answer(
     run: RunArg,
-    word: str = arg("approve: do what is proposed. go_on: without it. stop: cancel the print."),
+    word: str = arg(
+        "approve: do what is proposed. go_on: continue without it. stop: cancel the print."
+    ),
     look: int | None = opt(
-        "The look that is meant: refused if another one asks by now.",
+        "Number of the look to answer; refused if a later one is waiting.",
         min=1,
         show_default="the last one",
     ),

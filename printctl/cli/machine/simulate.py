@@ -39,7 +39,7 @@ class CheckOptions:
     )
     viability_source: str | None = of(CarePart, "viability_source", metavar="TEXT")
     accept_crossings: bool = opt(
-        "Print although the needle's shaft passes through written vessels; the journal keeps it.",
+        "Print although the needle shaft crosses printed vessels; recorded in the journal.",
         False,
     )
 
@@ -71,12 +71,12 @@ def simulate(
     start: cli.StartOption = None,
     limits: CheckOptions,
     out: Path | None = opt(
-        "Folder for what will lie in the bath: tables, a time line, voxels.",
+        "Folder for the predicted deposit: tables, timeline, voxels.",
         callback=cli.folder_to_write,
     ),
     bead: BeadOptions,
     place: str | None = opt(
-        "The part's origin in the printer's frame, mm; found from what is written if not.",
+        "Part origin in printer coordinates, mm; default: found from the printed paths.",
         metavar="X,Y,Z",
     ),
 ) -> None:

@@ -27,11 +27,9 @@ from printctl.machine.process.contact import usual_folder
 from printctl.settings import arg, opt, three_numbers
 from printctl.sources import python_command
 
-FolderOption = Annotated[
-    Path | None, opt("The station's, if not the usual one.", show_default="the user's data")
-]
-ByOption = Annotated[float | None, opt("By so many mm.")]
-PlaceOption = Annotated[float | None, opt("In mm, printer's frame.")]
+FolderOption = Annotated[Path | None, opt("Folder of the station.", show_default="the user's data")]
+ByOption = Annotated[float | None, opt("Distance, mm.")]
+PlaceOption = Annotated[float | None, opt("Position in printer coordinates, mm.")]
 _OF_A_PROFILE = "a shipped profile or a .yaml file; '' for none."
 _SHOWN = frozenset({"needle", "syringe", "ink", "dish", "bath"})
 
@@ -82,10 +80,10 @@ def connect(
     *,
     printer: PrinterOption,
     port: str = opt("Serial port, tcp:HOST:PORT, auto, or simulated.", ...),
-    baud: str | None = opt("In place of the profile's; auto tries its list."),
-    speed: float = opt("Of a simulated printer, in times real time; 0 is all it can.", 1.0),
-    start: str = opt("Where a simulated printer's tip stands.", "0,0,0", metavar="X,Y,Z"),
-    discard: bool = opt("Although the last print was interrupted; it is given up.", False),
+    baud: str | None = opt("Baud rate; default: the profile's; auto tries its list."),
+    speed: float = opt("Speed of a simulated printer relative to real time; 0: maximum.", 1.0),
+    start: str = opt("Tip position of a simulated printer.", "0,0,0", metavar="X,Y,Z"),
+    discard: bool = opt("Connect although the last print was interrupted; it is given up.", False),
     folder: FolderOption = None,
 ) -> None:
     """Connect a printer and stand by, in a process that goes on when this command ends.
@@ -121,9 +119,9 @@ def mount(
     ink: str | None = opt(f"Ink: {_OF_A_PROFILE}"),
     dish: str | None = opt(f"Dish: {_OF_A_PROFILE}"),
     bath: str | None = opt(f"Bath: {_OF_A_PROFILE}"),
-    dish_centre: str | None = opt("Of the dish, mm.", metavar="X,Y"),
-    bath_level: float | None = opt("Z of the bath's surface, mm."),
-    plunger: float | None = opt("Travel of the syringe that is used up.", None, "--plunger-mm"),
+    dish_centre: str | None = opt("Dish centre, mm.", metavar="X,Y"),
+    bath_level: float | None = opt("Z of the bath surface, mm."),
+    plunger: float | None = opt("Plunger travel already used.", None, "--plunger-mm"),
     folder: FolderOption = None,
 ) -> None:
     """Say what is mounted; the soft limits go by it.
@@ -146,8 +144,8 @@ def jog(
     x: ByOption = None,
     y: ByOption = None,
     z: ByOption = None,
-    to: bool = opt("The numbers are places, not steps.", False),
-    speed: float | None = opt("In mm/s; 5 without, or what Z can."),
+    to: bool = opt("Coordinates are absolute positions, not steps.", False),
+    speed: float | None = opt("Speed, mm/s; default 5, or the Z maximum."),
     folder: FolderOption = None,
 ) -> None:
     """Move the tip in a straight line, by steps or to a place, and wait until it is there.
@@ -165,8 +163,8 @@ def jog(
 
 @json_command
 def home(
-    axes: str = arg("Which, such as xy.", "xyz"),
-    needle_off: bool = opt("The needle is off the machine.", False),
+    axes: str = arg("Axes to home, e.g. xy.", "xyz"),
+    needle_off: bool = opt("Confirm that the needle is dismounted.", False),
     folder: FolderOption = None,
 ) -> None:
     """Home axes; refused as long as a needle is mounted: it would be driven into what is below.
@@ -204,8 +202,8 @@ def touch_off(
 
 @json_command
 def push(
-    ul: float = opt("So much, µL; below 0 draws back.", ...),
-    speed: float | None = opt("In µL/s; the ink's own without."),
+    ul: float = opt("Volume, µL; negative retracts.", ...),
+    speed: float | None = opt("Flow rate, µL/s; default: the ink's."),
     folder: FolderOption = None,
 ) -> None:
     """Push ink, or draw the plunger back, within what the syringe mounted has left.
@@ -217,8 +215,8 @@ def push(
 
 @json_command
 def heat(
-    name: str = arg("nozzle, bed or chamber."),
-    celsius: float = arg("Target, °C; 0 is off."),
+    name: str = arg("Heater: nozzle, bed or chamber."),
+    celsius: float = arg("Target temperature, °C; 0: off."),
     folder: FolderOption = None,
 ) -> None:
     """Set a heater's target, within what ink and bath bear; doesn't wait until it is warm.
@@ -230,7 +228,7 @@ def heat(
 
 
 @json_command
-def send(command: str = arg("Such as M503."), folder: FolderOption = None) -> None:
+def send(command: str = arg("Command, e.g. M503."), folder: FolderOption = None) -> None:
     """Send a command and print the reply; moves and heat go by the same limits as jog and heat.
 
     While a print goes on it is sent between two of its lines.
@@ -305,10 +303,8 @@ station = group(
 
 @json_command
 def ports(
-    printer: str | None = opt("Profile to look for, beside the shipped ones."),
-    find: bool = opt(
-        "Open the port that is --printer's, and try baud rates until it answers.", False
-    ),
+    printer: str | None = opt("Profile to search for, in addition to the shipped ones."),
+    find: bool = opt("Open the port of --printer, and try baud rates until it replies.", False),
 ) -> None:
     """List serial ports with their USB ids and the profiles that these match.
 
@@ -343,7 +339,7 @@ def sim_printer(
     printer: PrinterOption = "generic_marlin",
     link: Path | None = opt("Name for the pseudo-terminal."),
     tcp: int | None = opt("Listen on this TCP port."),
-    speed: float = opt("Times real time; 0 is as fast as it goes.", 1.0, min=0),
+    speed: float = opt("Speed relative to real time; 0: maximum.", 1.0, min=0),
 ) -> None:
     """Run a simulated printer until interrupted; further options are those of `python -m sim`.
 

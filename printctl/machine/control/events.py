@@ -32,7 +32,7 @@ _ACTIONS: Final[dict[str, Request | ResumeRequest]] = {
 }
 """What a printer may ask its host for (``//action:pause``)."""
 _PROMPT: Final = "prompt_begin"
-_WHAT_NEXT: Final = "`printctl status` says what next"
+_WHAT_NEXT: Final = "`printctl status` lists the next steps"
 
 
 class PrintEvents:
@@ -92,8 +92,8 @@ class PrintEvents:
         if transport.stolen > self._stolen:
             self._stolen = transport.stolen
             text = (
-                f"another program reads this port ({transport.name}): answers of the "
-                "printer are missing here; close it there"
+                f"another program is reading this port ({transport.name}): printer replies are "
+                "missing here; close that program"
             )
             self._logbook.alarm(text, kind="stolen")
             self._look_for_programs()
@@ -116,16 +116,16 @@ class PrintEvents:
         if found.names:
             text = (
                 f"another program ({'; '.join(found.names)}) has this port open "
-                f"({transport.name}): it may take answers of the printer, or write to it; close it"
+                f"({transport.name}): it may read the printer's replies, or write to it; close it"
             )
             self._logbook.alarm(text, kind=text)
             if pause:
                 self._pause_once(text)
         elif suspected and not found.complete:
             self._logbook.alarm(
-                f"{self._missing} answers of the printer were missing or cut, and no line to it "
-                f"was garbled: another program may read this port ({transport.name}); "
-                "see that nothing else uses it, then check the cable",
+                f"{self._missing} printer replies were missing or truncated, but no line sent was "
+                f"garbled: another program may be reading this port ({transport.name}); check that "
+                "nothing else uses it, then check the cable",
                 kind="missing answers",
             )
 
@@ -146,7 +146,7 @@ class PrintEvents:
 
     def _on_went_back(self, event: wire.LinesResent) -> None:
         self._logbook.alarm(
-            f"lines {event.first} to {event.last} weren't taken after all; sent again"
+            f"lines {event.first} to {event.last} weren't accepted after all; sent again"
         )
         self._progress.went_back()
         if self._logbook.begun:  # else lines are numbered anew before the job
@@ -158,8 +158,8 @@ class PrintEvents:
 
     def _on_waiting(self, event: wire.Waiting) -> None:
         self._logbook.alarm(
-            f"no usable answer for {event.seconds:.0f} s after {self._progress.words()}; asked "
-            f"on, the print ends after {event.limit:.0f} s (--silent-limit)"
+            f"no valid reply for {event.seconds:.0f} s after {self._progress.words()}; still "
+            f"querying, the print ends after {event.limit:.0f} s (--silent-limit)"
         )
 
     def _on_stray(self, event: wire.StrayOk) -> None:
@@ -174,8 +174,8 @@ class PrintEvents:
             return
         self._progress.count_foreign(event.foreign)
         self._logbook.alarm(
-            f"{self._progress.foreign_words()} (noticed after {self._progress.words()}); see that "
-            "nothing else uses its port, and look at the part",
+            f"{self._progress.foreign_words()} (noticed after {self._progress.words()}); check "
+            "that nothing else uses its port, and inspect the part",
             kind="foreign lines",
         )
         self._pause_once(self._progress.foreign_words())
@@ -184,16 +184,16 @@ class PrintEvents:
         self._progress.unverified = True
         self._progress.count_foreign(1)
         text = (
-            f"the printer's count of lines became {event.last}, and this print's is "
+            f"the printer's line counter became {event.last}, but this print's is "
             f"{event.expected}: another program writes to this port (M110), or the board was reset "
-            "without a word; the count is set back, the position compared"
+            "silently; the counter is set back and the position verified"
         )
         self._logbook.alarm(text, kind="renumbered")
         if self._channel.moving:  # it would go again before anything is compared
             raise PrintEnded(
                 LinkState.POSITION_UNKNOWN,
-                f"{text}, but a move of the needle was on its way: it wasn't sent again; see where "
-                f"the needle stands; {_WHAT_NEXT}",
+                f"{text}, but a needle move was in progress: it wasn't sent again; check where the "
+                f"needle is; {_WHAT_NEXT}",
                 known=False,
             )
         self._pause_once(text)
@@ -205,12 +205,12 @@ class PrintEvents:
         return f"line {job.file_line(line)} of {job.name}"
 
     def _on_fault(self, event: wire.Fault) -> None:
-        where, says = self._line(event.line), f"the printer says {event.text!r}"
+        where, says = self._line(event.line), f"the printer reports {event.text!r}"
         refused = event.refused and self._progress.refuse(event.line, event.about_command)
         if refused and event.about_command:
-            text = f"the printer refused {where}: {event.text!r}"
+            text = f"the printer rejected {where}: {event.text!r}"
         elif self._logbook.state in OWN_MOVES or self._progress.done == len(self._progress.job):
-            text = f"{says} (to a command of the link's own, behind {where})"
+            text = f"{says} (to a command sent by the link, after {where})"
         else:
             text = f"{says} ({where})"
         self._logbook.complain(text, event.about_command)
@@ -218,11 +218,11 @@ class PrintEvents:
 
     def _on_action(self, event: wire.Action) -> None:
         if event.name in _ACTIONS:
-            self._logbook.alarm(f"the printer asks for {event.name!r}")
+            self._logbook.alarm(f"the printer requests {event.name!r}")
             self._requests.add(_ACTIONS[event.name], by=f"the printer (//action:{event.name})")
         elif event.name.startswith(_PROMPT):
             text = event.name.removeprefix(_PROMPT).strip()
-            self._logbook.alarm(f"the printer asks at its own screen: {text!r}")
+            self._logbook.alarm(f"the printer prompts on its own screen: {text!r}")
 
     def _on_person_awaited(self, event: wire.WaitingForPerson) -> None:
         self._logbook.alarm(
@@ -232,8 +232,10 @@ class PrintEvents:
 
     def _on_noisy(self, event: wire.Noisy) -> None:
         why = f"{event.errors} line errors in {event.lines} lines"
-        self._logbook.alarm(f"{why}; pausing: check cable and earthing")
-        words = f"{why}; check cable and earthing; the print goes on by itself once errors are few"
+        self._logbook.alarm(f"{why}; pausing: check cable and grounding")
+        words = (
+            f"{why}; check cable and grounding; the print resumes by itself once errors are rare"
+        )
         self._requests.add(Request.PAUSE, why=words, until=PauseUntil.QUIET)
 
     # --- what ends it ----------------------------------------------------------------------------
@@ -242,7 +244,7 @@ class PrintEvents:
         if self._kill.asked.is_set():  # it is known why
             self._on_halted(wire.FirmwareHalted(event.text))
         self._kill.halted()
-        self._logbook.alarm(f"the firmware halted itself ({event.text}); it is asked why")
+        self._logbook.alarm(f"the firmware halted itself ({event.text}); querying the reason")
 
     def _on_halted(self, event: wire.FirmwareHalted) -> None:
         itself, killed = self._kill.halted_itself, self._kill.asked.is_set()
@@ -271,8 +273,8 @@ class PrintEvents:
     def _lost_before_print(self) -> NoReturn:
         raise PrintEnded(
             LinkState.FAILED,
-            f"the printer at {self._wiring.transport.name} was reset before the print's first "
-            "line: its position is gone; check its power and cable, see where the tip stands, and "
+            f"the printer at {self._wiring.transport.name} was reset before the first line of the "
+            "print: its position is lost; check its power and cable, check where the tip is, and "
             "try again",
             known=False,
             error=HandshakeError.__name__,
@@ -292,16 +294,16 @@ class PrintEvents:
     def _on_out_of_step(self, event: wire.LostSynchronisation) -> None:
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
-            f"the printer's last line is {event.last}, the host's {event.expected}; another "
-            f"program may have spoken to it; {_WHAT_NEXT}",
+            f"the printer's last line is {event.last}, the host's is {event.expected}; another "
+            f"program may have sent commands; {_WHAT_NEXT}",
             known=False,
         )
 
     def _on_silent(self, event: wire.NoReply) -> None:
         if self._logbook.state not in EARLY:
-            silent = f"the printer gave no usable answer for {event.seconds:.0f} s after "
+            silent = f"no valid reply from the printer for {event.seconds:.0f} s after "
             words = self._progress.words()
-            self._give_up(silent + words, "; the next line may or may not have been taken")
+            self._give_up(silent + words, "; the next line may or may not have been accepted")
         name, heard, printer = (
             self._wiring.transport.name,
             self._channel.heard,
@@ -309,11 +311,13 @@ class PrintEvents:
         )
         if heard.count:
             unanswered = (
-                f"what answers at {name} can't be understood ({heard.count} bytes heard in "
+                f"the replies at {name} can't be read ({heard.count} bytes received in "
                 f"{event.seconds:.0f} s, the last: {heard.last!r})"
             )
         else:
-            unanswered = f"no firmware answers at {name} (0 bytes heard in {event.seconds:.0f} s)"
+            unanswered = (
+                f"no firmware replies at {name} (0 bytes received in {event.seconds:.0f} s)"
+            )
         raise HandshakeError(
             f"{unanswered}; check that the printer is on, its baud rate (profile: {printer.baud}) "
             f"and its firmware (profile: {printer.firmware})"
@@ -322,15 +326,15 @@ class PrintEvents:
     def _on_line_refused(self, event: wire.LineRefused) -> None:
         where = self._line(event.line) if event.line else "a command"
         why = (
-            f"the printer didn't take {event.command!r} ({where}, sent as N{event.number}) in "
-            f"{event.times} tries, and nothing else in between"
+            f"the printer didn't accept {event.command!r} ({where}, sent as N{event.number}) in "
+            f"{event.times} attempts, and nothing else in between"
         )
-        why += f"; it answers {event.text!r}" if event.text else ""
-        remedy = "check cable, earthing and firmware"
+        why += f"; it replies {event.text!r}" if event.text else ""
+        remedy = "check cable, grounding and firmware"
         if self._logbook.state in EARLY:
-            lost = ", which loses its position: `printctl recover` goes on then"
+            lost = ", which loses its position: then continue with `printctl recover`"
             restart = "restart the printer" + (lost if self._logbook.resumed else "")
-            raise HandshakeError(f"{why}; {remedy}; if it stays so, {restart}")
+            raise HandshakeError(f"{why}; {remedy}; if that doesn't help, {restart}")
         self._give_up(f"{why}, after {self._progress.words()}", f"; {remedy}")
 
     def _give_up(self, why: str, more: str) -> NoReturn:

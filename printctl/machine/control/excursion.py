@@ -14,8 +14,8 @@ from printctl.machine.job.syringes import Filling
 M114_ROUNDING_MM: Final = 0.0051
 """Half of the last digit of M114's positions."""
 CHANGE: Final = (
-    "change the syringe and prime it to the needle's tip, then `printctl resume RUN --plunger-mm "
-    "USED` (0 for a full one) or `--syringe PROFILE`; `--unchanged` if you didn't"
+    "change the syringe and prime it to the needle tip, then `printctl resume RUN --plunger-mm "
+    "USED` (0 for a full one) or `--syringe PROFILE`; `--unchanged` if it wasn't changed"
 )
 
 

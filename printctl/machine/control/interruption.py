@@ -30,11 +30,13 @@ SETTLED_S: Final = 1.0
 BREAKABLE: Final = (b" W:", b"paused for ")
 """In what is reported while heat, or a person at the printer's own button, is waited for."""
 WAITS: Final = (
-    "stopping; this firmware can't drop the moves that it holds, so they are made first: "
-    "kill doesn't wait"
+    "cancelling; this firmware can't drop its queued moves, so they are executed first: the "
+    "emergency stop doesn't wait"
 )
-FIRST: Final = "stopping behind the line that is being made: kill doesn't wait"
-SILENT: Final = "stopping once the printer answers: by plan it has made all that was sent"
+FIRST: Final = "cancelling after the current line: the emergency stop doesn't wait"
+SILENT: Final = (
+    "cancelling once the printer replies: according to the plan it has executed everything sent"
+)
 
 
 class StopRequested(Exception):  # noqa: N818

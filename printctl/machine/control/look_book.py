@@ -92,14 +92,14 @@ class LookBook:
             if decision["decision"] == request.decision:
                 return decision_answer(decision)
             held = look is not None and look.number == number
-            how = "; `printctl resume RUN` goes on" if held else ""
+            how = "; `printctl resume RUN` continues" if held else ""
             raise Refused(
                 f"look {number} was decided before: {decision['decision']} ({decision['why']}), "
                 f"not {request.decision}{how}"
             )
         if look is None:
             raise Refused(
-                f"the print isn't held for look {number}, nor for any: wait until its status says "
+                f"the print isn't held for look {number} or any other: wait until its status is "
                 "looking"
             )
         if look.number != number:

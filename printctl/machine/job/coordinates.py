@@ -343,9 +343,8 @@ def declared_start(job: Job) -> Place | None:
     if late is None:
         return None
     raise LinkError(
-        f"line {job.file_lines[late.index]} ({late.line.decode('ascii')}) tells the printer where "
-        "the tip stands, and not all of X, Y and Z are told before the first move: tell all three "
-        "there, or take it out"
+        f"line {job.file_lines[late.index]} ({late.line.decode('ascii')}) sets the tip position, "
+        "but X, Y and Z aren't all set before the first move: set all three there, or remove it"
     )
 
 
@@ -391,9 +390,9 @@ def _declared(
     for one in declaring:
         at |= one.declared
         if one.index > first:
-            _refuse(job, one, "tells where the tip stands, behind a move")
+            _refuse(job, one, "sets the tip position after a move")
     if set(at) != set("XYZ"):
-        _refuse(job, declaring[-1], "tells where the tip stands, and not in all of X, Y and Z")
+        _refuse(job, declaring[-1], "sets the tip position, but not all of X, Y and Z")
     words = (one.line.split(b" ") for one in declaring)
     lines = tuple(b" ".join(word for word in line if word[:1] != b"E") for line in words)
     return (at["X"], at["Y"], at["Z"]), lines
@@ -409,7 +408,7 @@ def _shifts(
             continue
         by_name = code_of(one.line) != b"G92"  # leaves what G92 has shifted as it is
         if start is None or (by_name and any(total.values())):
-            _refuse(job, one, "calls a place otherwise that no line before the first move tells")
+            _refuse(job, one, "redefines a position that no line before the first move sets")
         for axis, mm in one.moved.items():
             total[axis] += mm
         x, y, z = (mm if abs(mm) > _ROUNDING_MM else 0.0 for mm in total.values())
@@ -432,7 +431,7 @@ def _top(job: Job, named: Sequence[Renaming]) -> float:
 def _refuse(job: Job, one: Renaming, what: str) -> None:
     text = one.line.decode("ascii")
     raise LinkError(
-        f"line {job.file_lines[one.index]} ({text}) {what}: nobody can tell after a loss of "
-        "position where the rest of the job belongs; print the part anew, with a job whose first "
-        "lines tell X, Y and Z"
+        f"line {job.file_lines[one.index]} ({text}) {what}: after a loss of position the rest of "
+        "the job can't be located; print the part again, with a job whose first lines set X, Y and "
+        "Z"
     )

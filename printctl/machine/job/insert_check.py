@@ -164,15 +164,13 @@ def judged_lines(texts: Sequence[str], place: InsertPlace, name: str) -> tuple[b
     if not texts or len(texts) > MAX_LINES:
         raise Refused(f"{name} has {len(texts)} lines; it may have 1 to {MAX_LINES:,}")
     if any("\n" in text or "\r" in text for text in texts):
-        raise Refused(
-            f"{name} has a line end within a line; give each command as a line of its own"
-        )
+        raise Refused(f"{name} has a line end within a line; put each command on a separate line")
     try:
         job = parse_job("\n".join(texts).encode("ascii"), name, place.printer)
     except (JobError, UnicodeEncodeError) as exc:
-        raise Refused(f"{name} isn't taken: {exc}") from exc
+        raise Refused(f"{name} isn't accepted: {exc}") from exc
     if None in (place.at.x, place.at.y, place.at.z):
-        raise Refused(f"{name} isn't taken: the job doesn't tell where the needle stands there")
+        raise Refused(f"{name} isn't accepted: the job doesn't set the needle position there")
     insert = _Insert(place, Spot.of(place.at))
     for line, number in zip(job.lines, job.file_lines, strict=True):
         try:
@@ -181,7 +179,7 @@ def judged_lines(texts: Sequence[str], place: InsertPlace, name: str) -> tuple[b
             raise Refused(f"{name}, line {number} ({line.decode('ascii')}): {exc}") from exc
     insert.check_end(name)
     if is_open(job.lines, len(job), place.printer):
-        raise Refused(f"{name} ends with the valve open; shut it at its end")
+        raise Refused(f"{name} ends with the valve open; close it at the end")
     _check_same(insert.at, Spot.of(place.at), name)
     return tuple(job.lines)
 
@@ -209,35 +207,34 @@ class _Insert:
         if read.code not in _ALLOWED:
             raise Refused(
                 f"{read.code} can't be injected: injected G-code moves (G0, G1), waits (G4, M400) "
-                "and counts the plunger anew (G92 E); heaters, motors, heads and settings are the "
-                "job's"
+                "and resets E (G92 E); heaters, motors, heads and settings belong to the job"
             )
         if read.code == "G4":
             self._wait(read)
         elif read.code == "G92":
             e_mm = read.number("E")
             if set(read.words) != {"E"} or e_mm is None:
-                raise Refused(
-                    "injected G-code may count the plunger anew (G92 E), and no other axis"
-                )
+                raise Refused("injected G-code may only reset E (G92 E), no other axis")
             self.at = self.at._replace(e=e_mm)
         elif read.code in _MOVES:
             self._move(read)
         if self.plunger_mm < -MAX_RELIEF_MM:
             raise Refused(
-                f"the plunger would stand {-self.plunger_mm:.3g} mm behind its place; injected "
-                f"G-code draws it back by {MAX_RELIEF_MM:g} mm at most"
+                f"the plunger would be {-self.plunger_mm:.3g} mm behind its position; the maximum "
+                f"retraction in injected G-code is {MAX_RELIEF_MM:g} mm"
             )
         if self.seconds > MAX_INSERT_S:
             raise Refused(
                 f"the injected G-code would take more than {MAX_INSERT_S / 60:g} min with the "
-                "needle in the bath; raise F, wait less, or mend less at a time"
+                "needle in the bath; raise F, dwell less, or fill fewer gaps at a time"
             )
 
     def _wait(self, read: GcodeLine) -> None:
         seconds = (read.number("P") or 0.0) / 1e3 + (read.number("S") or 0.0)
         if seconds > MAX_WAIT_S:
-            raise Refused(f"a wait of {seconds:g} s; at most {MAX_WAIT_S:g} s in injected G-code")
+            raise Refused(
+                f"a dwell of {seconds:g} s; the maximum in injected G-code is {MAX_WAIT_S:g} s"
+            )
         self.seconds += seconds
 
     def _move(self, read: GcodeLine) -> None:
@@ -247,11 +244,11 @@ class _Insert:
             raise Refused("an axis without a number")
         move = Move(0, self.at, self.at._replace(**numbers))
         if "e" in words and self.place.printer.pneumatic is not None:
-            raise Refused(f"{self.place.printer.name} has a valve and no plunger")
+            raise Refused(f"{self.place.printer.name} has a valve but no plunger")
         if "e" in words and math.isnan(self.at.e):
-            raise Refused("the plunger's count isn't known there; count it first (G92 E)")
+            raise Refused("the E position is unknown there; set it first (G92 E)")
         if math.isnan(move.end.f):
-            raise Refused("no speed is given (F)")
+            raise Refused("no feed rate is specified (F)")
         _check_space(move, self.place)
         push = move.end.e - move.begin.e if "e" in words else 0.0
         _check_speeds(move, abs(push), self.place)
@@ -264,14 +261,14 @@ class _Insert:
         """Refuse an insert behind which the plunger stands elsewhere than its count says."""
         if self.plunger_mm < -_SAME_PLUNGER_MM:
             raise Refused(
-                f"{name} leaves the plunger {-self.plunger_mm:.3g} mm behind where it stood, so "
-                "what follows would be dry; push back what was drawn back"
+                f"{name} leaves the plunger {-self.plunger_mm:.3g} mm behind its start position, "
+                "so the next extrusion would be dry; undo the retraction"
             )
         most = self.place.printer.plunger_travel_mm or MAX_PUSH_MM
         if self.plunger_mm > most:
             raise Refused(
-                f"{name} pushes the plunger by {self.plunger_mm:.3g} mm, more than the {most:g} mm "
-                "that it has to go"
+                f"{name} advances the plunger by {self.plunger_mm:.3g} mm, but only {most:g} mm "
+                "are left"
             )
 
 
@@ -305,7 +302,9 @@ def _check_speeds(move: Move, push: float, place: InsertPlace) -> None:
     printer, feed = place.printer, move.end.f / 60
     travel = min(MAX_MOVE_PUSH_MM, printer.plunger_travel_mm or math.inf)
     if push > travel:
-        raise Refused(f"the plunger would go {push:g} mm in one move; at most {travel:g} mm")
+        raise Refused(
+            f"the plunger would move {push:g} mm in one move; the maximum is {travel:g} mm"
+        )
     steps = (abs(b - a) for a, b in zip(move.begin[:3], move.end[:3], strict=True))
     lengths = dict(zip("xyze", (*steps, push), strict=True))
     limits = {axis: getattr(printer.max_speed_mm_s, axis) for axis in lengths}
@@ -332,8 +331,8 @@ def _check_same(at: Spot, begin: Spot, name: str) -> None:
             "f": f"end it with G1 F{was:g}",
         }.get(axis, f"go back to {axis.upper()}{was:g} at its end")
         raise Refused(
-            f"{name} ends at {axis.upper()}{now:g} and the job goes on from {axis.upper()}{was:g}: "
-            + remedy
+            f"{name} ends at {axis.upper()}{now:g} but the job continues from "
+            f"{axis.upper()}{was:g}: " + remedy
         )
 
 
@@ -341,15 +340,15 @@ def check_factor(flow: float, place: InsertPlace, name: str) -> None:
     """Refuse a flow out of bounds, or where not one plunger doses all."""
     printer = place.printer
     if printer.pneumatic is not None or len(printer.heads) > 1:
-        what = "several heads" if printer.heads else "a valve and no plunger"
-        raise Refused(f"{name} isn't taken: {printer.name} has {what}, so no flow can be set")
+        what = "several heads" if printer.heads else "a valve but no plunger"
+        raise Refused(f"{name} isn't accepted: {printer.name} has {what}, so no flow can be set")
     if not LEAST <= flow <= MOST:
         raise Refused(
-            f"{name} isn't taken: a flow of {flow:g} times the file's is outside {LEAST:g} to "
-            f"{MOST:g}; look at ink, syringe and needle"
+            f"{name} isn't accepted: a flow factor of {flow:g} is outside {LEAST:g} to {MOST:g}; "
+            "check ink, syringe and needle"
         )
     if place.at.e is None:
-        raise Refused(f"{name} isn't taken: the plunger's count isn't known there")
+        raise Refused(f"{name} isn't accepted: the E position is unknown there")
 
 
 def check_flow(job: Job, grown: Job, place: InsertPlace, name: str) -> None:
@@ -363,12 +362,13 @@ def check_flow(job: Job, grown: Job, place: InsertPlace, name: str) -> None:
     own, now = _fastest_push(job, place, after), _fastest_push(grown, place, after)
     if now > max(limit, own) * _ROUNDING:
         raise Refused(
-            f"{name} isn't taken: at a flow of {grown.flow:g} the plunger would go {now:g} mm/s, "
-            f"at most {limit:g} (max_speed_mm_s.e of {printer.name}, plunger_ul_s of the ink)"
+            f"{name} isn't accepted: at a flow factor of {grown.flow:g} the plunger would move at "
+            f"{now:g} mm/s, above the maximum of {limit:g} (max_speed_mm_s.e of {printer.name}, "
+            "plunger_ul_s of the ink)"
         )
     longest, before = max(map(len, grown.lines)), max(map(len, job.lines))
     if longest > max(printer.max_line_bytes - len(_LONGEST_NUMBER), before):
-        raise Refused(f"{name} isn't taken: a line would have {longest} bytes (max_line_bytes)")
+        raise Refused(f"{name} isn't accepted: a line would have {longest} bytes (max_line_bytes)")
 
 
 def _fastest_push(job: Job, place: InsertPlace, begin: int) -> float:

@@ -149,7 +149,7 @@ class Job:
             counts = map(plunger_word, reversed(self.lines[:after]))
             e_mm = next((mm for mm in counts if mm is not None), None)
             if e_mm is None:
-                raise JobError(f"{self.name} doesn't tell the plunger's count after line {after}")
+                raise JobError(f"{self.name} doesn't set the E position after line {after}")
             rest = with_flow(rest, e_mm, insert.flow / self.flow)
         return replace(
             self,
@@ -192,7 +192,7 @@ def parse_job(data: bytes, name: str, printer: Printer) -> Job:
             text = b";" + raw.removeprefix(b"//").removeprefix(b";")
             comments.append((len(lines), text))
     if not lines:
-        raise JobError(f"{name} has no command in it; nothing to print")
+        raise JobError(f"{name} contains no commands; nothing to print")
     marks = Marks(read_marks(comments))
     return Job(lines, file_lines, hashlib.sha256(data).hexdigest(), name, marks)
 
@@ -215,8 +215,8 @@ def _check(command: bytes, where: str, max_line_bytes: int, number: int) -> None
     sent = len(command) + len(b"N%d *255\n" % number)
     if sent > max_line_bytes:
         raise JobError(
-            f"{where}: {sent} bytes with number and checksum exceed {max_line_bytes} "
-            "(profile: max_line_bytes), the firmware would cut it; shorten the line"
+            f"{where}: {sent} bytes with number and checksum exceed {max_line_bytes} (profile: "
+            "max_line_bytes), the firmware would truncate it; shorten the line"
         )
 
 
@@ -224,7 +224,7 @@ def _check_gate(others: Lines, name: str, printer: Printer) -> None:
     """Refuse a job with commands that the gate refuses; each code once, by its first line."""
     first: dict[str, str] = {}
     for number, code, why in refused_lines(others, printer):
-        remedy = "" if "; take it out" in why else "; take it out"
+        remedy = "" if "; remove it" in why else "; remove it"
         first.setdefault(code, f"{name}, line {number}: {why}{remedy}")
     if first:
         raise JobError("\n".join(first.values()))

@@ -102,9 +102,10 @@ def plan_reloads(
             start, left, peak = last, capacity_mm, here
         if peak - travel[start] > left + _ROUNDING_MM:
             raise LinkError(
-                f"lines {job.file_line(start + 1)} to {job.file_line(stop)} of {job.name} push the "
-                f"plunger by {peak - travel[start]:.2f} mm, and the syringe has {left:.2f} mm left "
-                "there; no reload point lies between: use a larger syringe or a smaller part"
+                f"lines {job.file_line(start + 1)} to {job.file_line(stop)} of {job.name} advance "
+                f"the plunger by {peak - travel[start]:.2f} mm, but the syringe has {left:.2f} mm "
+                "left there, and there is no reload point in between: use a larger syringe or a "
+                "smaller part"
             )
         last = stop
     return tuple(chosen)
@@ -212,8 +213,8 @@ def grown_plan(job: Job, grown: Job, plan: Plan, filling: Filling, head: int | N
     if new_plan and not own:
         raise Refused(
             f"with the injected G-code the syringe, {filling.capacity_mm - used:.2f} mm of plunger "
-            "left, doesn't last to the job's end, and no change of it is planned: pause and change "
-            "it (`printctl reload RUN`), or leave the injected G-code out"
+            "left, doesn't last until the end of the job, and no syringe change is planned: pause "
+            "and change it (`printctl reload RUN`), or omit the injected G-code"
         )
     every = {**others, **dict.fromkeys((*here, *new_plan), head)}
     order = sorted(every)

@@ -53,18 +53,18 @@ def _unsupported(
     printer: Printer, care: Care, baud: int | str | None, prime_mm: float
 ) -> Iterator[str]:
     if care.looks:
-        yield "inspection while printing (leave observe out)"
+        yield "inspection while printing (omit observe)"
     if care.reload_at:
-        yield "changes of syringe (leave reload out, or write a part that one syringe holds)"
+        yield "syringe changes (omit reload, or print a part that one syringe can print)"
     if care.deadman_s:
-        yield "the dead-man's time (leave deadman out)"
+        yield "the dead-man timer (omit deadman)"
     if prime_mm:
-        yield "extra ink after a pause (leave prime_ul out)"
+        yield "extra ink after a pause (omit prime_ul)"
     if care.wire_log:
-        yield "a wire log (leave it out)"
+        yield "a wire log (omit it)"
     if baud is not None:
-        yield "a baud rate (leave it out; it is the host's)"
+        yield "a baud rate (omit it; the host sets it)"
     if printer.pneumatic is not None:
-        yield "a pneumatic valve (no stop of a host shuts it first)"
+        yield "a pneumatic valve (a host's cancel doesn't close it first)"
     if printer.watch:
-        yield "readings watched by printctl (leave watch out of the profile)"
+        yield "readings monitored by printctl (omit watch in the profile)"

@@ -84,19 +84,19 @@ def choose_port(printer: Printer, ports: Iterable[PortInfo] | None = None) -> st
     listed = "; ".join(map(str, every)) or "none"
     if not printer.usb_ids:
         raise PortMissing(
-            f"the profile of {printer.name} names no USB id (usb_ids), so no port can be chosen; "
-            f"ports found: {listed}; give --port, or write the id into the profile"
+            f"the profile of {printer.name} has no USB id (usb_ids), so no port can be selected; "
+            f"ports found: {listed}; specify --port, or add the id to the profile"
         )
     matching = [port for port in every if matches(printer, port)]
     if not matching:
         raise PortMissing(
             f"no port has a USB id of {printer.name} ({', '.join(printer.usb_ids)}); ports found: "
-            f"{listed}; check cable and power, or give --port"
+            f"{listed}; check cable and power, or specify --port"
         )
     if len(matching) > 1:
         raise PortError(
             f"several ports have a USB id of {printer.name}: {'; '.join(map(str, matching))}; "
-            "give --port, or usb_ids with the serial number (VVVV:PPPP:SERIAL) in the profile"
+            "specify --port, or usb_ids with the serial number (VVVV:PPPP:SERIAL) in the profile"
         )
     return matching[0].device
 

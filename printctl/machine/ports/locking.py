@@ -41,7 +41,7 @@ def hold_address(host: str, port: int, name: str) -> ExitStack:
     try:
         addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except OSError as exc:
-        raise PortMissing(f"nobody is called {host} ({exc}); check the host of {name}") from exc
+        raise PortMissing(f"host {host} not found ({exc}); check the host of {name}") from exc
     with ExitStack() as held:
         for address in sorted({str(entry[4][0]) for entry in addresses}):
             plain = "".join(letter if letter.isalnum() else "-" for letter in address)

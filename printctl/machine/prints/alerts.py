@@ -20,17 +20,18 @@ Sentences = tuple[str, str, str]
 
 _TABLE: Final = Path(__file__).with_name("alarms.yaml")
 _LIFT: Final = (
-    "See where the needle is, and lift it by hand if it stands in the part. Then connect the "
-    "printer again on the Printer page."
+    "Check where the needle is, and lift it by hand if it is in the part. Then reconnect the "
+    "printer on the Printer page."
 )
 _NOT_BEGUN: Final = "The printer has acknowledged no line of the job."
 _POSITION_LOST: Final = (
-    "This print is over. The printer doesn't know where its needle is any more, and its heaters "
-    "are off."
+    "This print is over. The printer has lost its position, and its heaters are off."
 )
 
 
-_GOES_ON: Final = re.compile(r"; the print goes on(?=\.)|^The print goes on(?:; | unless [^.]*\.)")
+_GOES_ON: Final = re.compile(
+    r"; the print continues(?=\.)|^The print continues(?:; | unless [^.]*\.)"
+)
 """What an alarm means of a print only until its end."""
 
 
@@ -78,47 +79,59 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
             what = "The print was cancelled: no operator confirmed presence"
         means, remedy = "The plunger was relieved and the needle lifted straight up.", ""
         if HOST_ENDED in detail:
-            means = "The host ended it in its own way; the plunger may press on."
-            remedy = "Look at the needle before anything moves."
+            means = (
+                "The host cancelled it with its own script; the plunger may still be under "
+                "pressure."
+            )
+            remedy = "Check the needle before anything moves."
         elif not known:
-            means, remedy = "It isn't sure where the needle is.", _LIFT
+            means, remedy = "The needle position is uncertain.", _LIFT
         elif not status.lines_done:
             means = _NOT_BEGUN
         return Alert(what, means, remedy, detail, "info")
     if status.state is LinkState.GIVEN_UP:
-        return Alert("The print was given up", "It can't be gone on with.", "", detail, "info")
+        return Alert("The print was given up", "It can't be continued.", "", detail, "info")
     if status.state is LinkState.INTERRUPTED:
-        what = "The program that spoke to the printer ended in the middle of the print"
-        means = "The printer makes the moves that it still holds, then stands still; its heaters "
+        what = "The program that controlled the printer ended during the print"
+        means = "The printer executes its queued moves, then stops; its heaters "
         means += "stay as set."
-        remedy = "It can't go on from here by itself: Recover plans the rest as a job of its own."
+        remedy = "It can't continue from here: Recover plans the rest as a separate job."
         if may_go_on:
-            remedy = "If it kept its power and nobody moved the needle: Go on. Else: Recover."
+            remedy = (
+                "If the printer stayed powered and the needle wasn't moved: Go on. Otherwise: "
+                "Recover."
+            )
     elif status.error == PortLost.__name__:
         what = "The connection to the printer was lost"
-        means = "With power it makes the moves that it still holds; its heaters stay as set."
-        remedy = "See its power and its cable. " + _LIFT
+        means = "If powered, it executes its queued moves; its heaters stay as set."
+        remedy = "Check its power and its cable. " + _LIFT
     elif detail.startswith("unknown"):
-        what = "What the machine does isn't known: its network host can't tell"
-        means, remedy = "The print may go on, or not have begun.", "Look at the machine. " + _LIFT
+        what = "The state of the printer is unknown: its network host doesn't report it"
+        means, remedy = (
+            ("The print may be running, or not have started."),
+            "Check the printer. " + _LIFT,
+        )
     elif status.state is LinkState.POSITION_UNKNOWN or not known:
-        what = "The printer doesn't know for sure where its needle is"
-        means, remedy = "The print was ended, so that nothing is written beside its place.", _LIFT
+        what = "The printer's position is uncertain"
+        means, remedy = (
+            ("The print was ended, so that nothing is printed in the wrong position."),
+            _LIFT,
+        )
     elif status.error == HandshakeError.__name__:
-        what, means = "The print couldn't begin", _NOT_BEGUN
+        what, means = "The print couldn't start", _NOT_BEGUN
         remedy = "See the details for the cause, then print again."
     else:
         what = "A fault ended the print"
         means = "The print was ended; the plunger was relieved and the needle lifted."
         means = means if status.lines_done else _NOT_BEGUN
-        remedy = "See the details for the cause; look at the part before anything moves."
+        remedy = "See the details for the cause; inspect the part before anything moves."
     return Alert(what, means, remedy, detail, "bad")
 
 
 def _killed(detail: str) -> Sentences:
     if UNCONFIRMED in detail:
         what = "Emergency stop sent, but the printer hasn't confirmed that it halted"
-        means = "It may go on, and its heaters may be on."
+        means = "It may still be moving, and its heaters may be on."
         return what, means, "Cut its power now. " + _LIFT
     by_user = detail.startswith(("emergency stop by", "killed by"))  # the latter in older journals
     if by_user and "itself" not in detail:
@@ -128,8 +141,8 @@ def _killed(detail: str) -> Sentences:
 
 _UNUSUAL: Final = (
     "The printer reports something unusual",
-    "The print goes on unless it says otherwise above.",
-    "Look at the printer and at the part; the details have its own words.",
+    "The print continues unless stated otherwise above.",
+    "Check the printer and the part; the details quote its message.",
 )
 
 

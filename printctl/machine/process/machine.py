@@ -54,10 +54,10 @@ HOMING: Final = "home"
 """Message of a station that is busy homing."""
 _UP: Final = frozenset({StationState.CONNECTING, StationState.READY, StationState.BUSY})
 _HALTING: Final = (
-    "a halt was sent and the printer hasn't confirmed it yet; if anything moves, cut its power"
+    "an emergency stop was sent but isn't confirmed yet; if anything moves, cut its power"
 )
 _HALT: Final = b"\nM112\n"
-_NO_PRINT: Final = "no print goes on here"
+_NO_PRINT: Final = "no print is running here"
 
 log = logging.getLogger(__name__)
 
@@ -206,7 +206,7 @@ class Machine:
         reply = partial(self._post, guest)
         own = bool(request.get("print")) and do != "kill"
         if own and request["print"] != self._print_id:  # of one that is over
-            over = refusal(NoLink("that print is over; its folder's records say how it ended"))
+            over = refusal(NoLink("that print is over; the records in its folder contain its end"))
             reply({**over, "over": True})
             self._hang_up(guest)
             return True
@@ -273,7 +273,7 @@ class Machine:
         state, word = self.state, WORDS[request.do]
         if state is StationState.PRINTING:
             where = self._status.print_folder
-            raise Refused(f"a print goes on in {where}; pause or cancel it, or wait for its end")
+            raise Refused(f"a print is running in {where}; pause or cancel it, or wait for its end")
         if word.idle is None:
             raise Refused(_NO_PRINT)
         if state in DOWN and not word.when_down:
@@ -283,7 +283,7 @@ class Machine:
         if request.alone and self._alone:
             raise Refused("a move is in progress; wait for its end, or stop it (stop_motion)")
         if len(self._requests) >= QUEUE:
-            raise Refused(f"{QUEUE} requests wait already; wait for them")
+            raise Refused(f"{QUEUE} requests are already queued; wait for them")
 
     def _stop_motion(self, reply: Reply) -> None:
         """End the move that goes on, and forget those that wait; the queue isn't waited for."""
@@ -291,8 +291,8 @@ class Machine:
             raise Refused("a print is running; pause or cancel it instead")
         if self.state is StationState.BUSY and self._status.message == HOMING:
             raise Refused(
-                "it is homing, which a stop can't end: the firmware does it by itself. Wait for "
-                "its end, or use the emergency stop; the position is then lost"
+                "homing can't be stopped, as the firmware does it by itself. Wait for its end, or "
+                "use the emergency stop; the position is then lost"
             )
         with self._lock:
             if self.standby is not None:
@@ -302,7 +302,7 @@ class Machine:
                 self._requests.remove(request)
             self._alone = self._alone and not dropped
         for request in dropped:
-            request.reply(refusal(Refused("ended before it began")))
+            request.reply(refusal(Refused("ended before it started")))
         reply(self._granted("stop_motion", {}))
 
     def _granted(self, do: str, answer: dict[str, Any]) -> dict[str, Any]:
@@ -411,7 +411,7 @@ class Machine:
             try:
                 save_mounting(kept, plug.folder if plug.simulated else None)
             except OSError:  # a full disk mustn't end a station that holds a needle in a gel
-                log.exception("what is mounted can't be kept")
+                log.exception("the mounted parts can't be saved")
 
     def write_down(self, sort: str, **values: Any) -> None:
         """Add to the journal; a full disk mustn't keep a needle from being lifted."""

@@ -92,9 +92,8 @@ def check_homing(job: Job, needle: str) -> None:
     homing = next((number for line, number in lines if code_of(line) == b"G28"), 0)
     if homing and needle:
         raise Refused(
-            f"{job.name}, line {homing}, homes the machine with the needle "
-            f"{needle} mounted, which would be driven into what is below; take the line out, and "
-            "touch off instead"
+            f"{job.name}, line {homing}, homes the printer with the needle {needle} mounted, which "
+            "would drive the needle into what is below; remove the line, and touch off instead"
         )
 
 
@@ -110,9 +109,9 @@ def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:
             for place in (declared, at)
         )
         raise Refused(
-            f"{job.name} begins with the tip at {begins}, it stands at {stands}, {away:.2f} mm "
-            f"away (at most {ASIDE_MM:g}): the part would be written as far beside its place. Move "
-            "there first, or say that the tip is there (set_position)"
+            f"{job.name} starts with the tip at {begins}, but it is at {stands}, {away:.2f} mm "
+            f"away (maximum {ASIDE_MM:g}): the part would be printed that far off. Move there "
+            "first, or set the tip position (set_position)"
         )
     return declared
 

@@ -60,7 +60,7 @@ def _outcome(folder: Path, record: ContactRecord) -> Status:
             **counts,
             "state": LinkState.INTERRUPTED,
             "message": (
-                f"the process that spoke to the printer ended without a word"
+                "the process that controlled the printer ended unexpectedly"
                 f"{_unknown(unread) if unread else _last_known(folder, record, history)}"
             ),
             "alarms": len(history.alarms),
@@ -72,8 +72,8 @@ def _outcome(folder: Path, record: ContactRecord) -> Status:
 
 def _unknown(why: str) -> str:
     return (
-        f", and how far it came isn't known: {why}; its motors may move and its heaters be on. "
-        "`printctl emergency-stop`, its own emergency switch or its power ends both"
+        f", and its progress is unknown: {why}; motors may be moving and heaters on. `printctl "
+        "emergency-stop`, its own emergency switch or its power ends both"
     )
 
 
@@ -88,34 +88,32 @@ def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint)
     """Say what a printer whose host is gone may go on doing, by its family."""
     if runs_files(record.port):
         return (
-            f"{record.port} goes on with the file by itself, if it was started; `printctl resume` "
-            "follows it again and starts nothing twice, then `printctl cancel` ends it in the "
-            "host's way; `printctl emergency-stop` halts it"
+            f"{record.port} continues the file by itself, if it was started; `printctl resume` "
+            "follows it again without starting anything twice, then `printctl cancel` ends it in "
+            "the host's way; `printctl emergency-stop` halts it"
         )
     if history.stopping:
         return _was_stopping(record, history)
     if history.state in _HELD_AS:
-        return (
-            f"it was {_HELD_AS[history.state]}, so its motors stood; heaters that were set stay on"
-        )
+        return f"it was {_HELD_AS[history.state]}, so its motors were at rest; heaters stay as set"
     if not history.begun:
-        return "the job had not begun, so its motors stood"
-    moves, air = "it goes on with what it has taken", ""
+        return "the job had not started, so its motors were at rest"
+    moves, air = "it executes its queued moves", ""
     with contextlib.suppress(ProfileError):
         printer = load(Printer, record.profile)
         moves += f": {_held(printer)}"
-        air = "; a valve may stand open: take the air's pressure off" if printer.airs else ""
+        air = "; a valve may be open: release the air pressure" if printer.airs else ""
     last = time.localtime(history.heard or (folder / JOURNAL).stat().st_mtime)
     return (
-        f"nothing has stopped its motors: {moves} (last word on "
-        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters that were set stay on{air}. "
-        "`printctl emergency-stop`, its own emergency switch or its power ends both"
+        f"nothing has stopped its motors: {moves} (last message on "
+        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay as set{air}. `printctl "
+        "emergency-stop`, its own emergency switch or its power ends both"
     )
 
 
 def _was_stopping(record: ContactRecord, history: JournalledPrint) -> str:
     """Say what is known where the process died on the way out: not how far it came."""
-    motors = "its motors make the moves that it holds"
+    motors = "its motors execute the queued moves"
     with contextlib.suppress(ProfileError):
         if quickstop := link_facts(load(Printer, record.profile)).quickstop:
             motors = f"its motors were told to stop ({quickstop.decode()})"

@@ -115,21 +115,17 @@ def test_pressure_that_the_profile_does_not_write_at_is_refused():
     gcode = job(RIG).replace(b"$COM=1\n$AP=10", b"$COM=1\n$AP=8", 1)
     run = dry_run(gcode, RIG, START)
     failed = {one.check for one in gcode_checks(run, RIG) if one.refuses}
-    assert failed == {"head 1: pressure at which its valve opens"}
+    assert failed == {"head 1: pressure at valve opening"}
     rests = job(RIG).replace(b"$COM=2\n$AP=5", b"$COM=2\n$AP=10")
     failed = {one.check for one in gcode_checks(dry_run(rests, RIG, START), RIG) if one.refuses}
-    assert failed == {
-        "head 0: not at its resting pressure while another head writes, or at the end"
-    }
+    assert failed == {"head 0: not at resting pressure while idle or at the end"}
     lower = b"$COM=2\n$AP=5\nCall setPress P$COM Q$AP\n"
     during = job(RIG).replace(b"BRAKE Aa 0\n", b"BRAKE Aa 0\n" + lower)
     failed = {one.check for one in refused(during, RIG)}
-    assert "head 0: pressure set while its valve is open" in failed
+    assert "head 0: pressure changed with the valve open" in failed
     rest = b"$COM=1\n$AP=5\nCall setPress P$COM Q$AP\n"
     failed = {one.check for one in refused(job(RIG).replace(rest, b"", 1), RIG)}
-    assert failed == {
-        "head 1: not at its resting pressure while another head writes, or at the end"
-    }
+    assert failed == {"head 1: not at resting pressure while idle or at the end"}
     stray = job(RIG).replace(b"$COM=1\n$AP=5", b"$AP=5", 1)
     assert any(name == "$AP=5" for _, name in dry_run(stray, RIG, START).unknown)
 
@@ -170,7 +166,7 @@ def test_axis_of_a_valve_is_enabled_right_before_its_opening_alone(moved_to):
     assert "'BRAKE Aa 0' isn't the next line" in found.remedy
 
 
-AMBIGUOUS = "words that firmwares read differently"
+AMBIGUOUS = "words that firmwares interpret differently"
 
 
 def refused(gcode: bytes, printer: Printer) -> list[Check]:
@@ -218,9 +214,9 @@ def test_valve_switched_without_a_wait_is_refused_and_the_remedy_passes(printer)
         assert text[at] == waits
         lone = without(gcode, at)
         (found,) = refused(lone, printer)
-        assert found.check.endswith("valve switched while the head may still move")
-        enables = ", an opening's before 'Enable " if printer is RIG else ""
-        assert found.remedy.startswith(f"put {waits} before it{enables}")
+        assert found.check.endswith("valve switched while the head is moving")
+        enables = ", for opening before 'Enable " if printer is RIG else ""
+        assert found.remedy.startswith(f"add {waits} before it{enables}")
         line = int(found.place.split()[1]) - 1
         lines = lone.decode().splitlines(keepends=True)
         enabled = lines[line - 1].startswith("Enable")
@@ -235,7 +231,7 @@ def test_closing_again_before_the_first_and_after_the_last_move_is_no_fault():
     again = b"BRAKE Aa 1\nBRAKE Ab 1\n"
     assert not refused(gcode.replace(b"G71\n", again + b"G71\n", 1) + again, RIG)
     (found,) = refused(gcode.replace(b"BRAKE Ab 1\nG4 P0.08\n", again + b"G4 P0.08\n"), RIG)
-    assert "put WAIT MOVEDONE X Y A B and 'Enable Aa' and 'BRAKE Aa 0'" in found.remedy
+    assert "add WAIT MOVEDONE X Y A B and 'Enable Aa' and 'BRAKE Aa 0'" in found.remedy
 
 
 @pytest.mark.parametrize("printer", [RIG, AUTOMATION1], ids=["a3200", "automation1"])
@@ -247,7 +243,7 @@ def test_head_lowered_before_its_way_across_is_refused(printer):
         if re.match(r"G1 X.*", across) and re.match(r"G1 [AB]", down):
             swapped = [*lines[:at], down, across, *lines[at + 2 :]]
             names = [one.check for one in refused("".join(swapped).encode(), printer)]
-            assert any("lowest tip that doesn't write" in name for name in names)
+            assert any("lowest idle tip" in name for name in names)
             count += 1
     assert count >= 2
 
@@ -256,7 +252,7 @@ def test_head_lowered_before_its_way_across_is_refused(printer):
 def test_long_dwell_with_a_valve_open_is_refused(seconds, passes):
     gcode = job(RIG).replace(b"BRAKE Ab 0\n", b"BRAKE Ab 0\nG4 P%g\n" % seconds, 1)
     names = [one.check for one in refused(gcode, RIG)]
-    wanted = "head 1 (venous): dwells with the valve open, longer than its delay and 1 s"
+    wanted = "head 1 (venous): dwells with the valve open beyond its delay + 1 s"
     assert names == ([] if passes else [wanted])
 
 
@@ -337,7 +333,7 @@ def test_valves_and_pressures_on_a_printer_that_takes_lines(printer):
     checks = [*gcode_checks(run, printer), *head_checks(run, printer)]
     assert not run.unknown
     assert not [one for one in checks if one.refuses]
-    assert [one.value for one in checks if "pressure at which" in one.check] == [60, 80]
+    assert [one.value for one in checks if "pressure at valve" in one.check] == [60, 80]
     assert all(np.isfinite([one.value, one.limit]).all() for one in checks)  # a report is JSON
     assert np.count_nonzero(np.diff(run.program.tool)) in (1, 2)
     lines = gcode.decode().splitlines()
@@ -374,7 +370,7 @@ def test_way_across_is_of_the_head_that_makes_it(printer):
     run = dry_run(gcode, printer, START)
     refused = [one for one in [*gcode_checks(run, printer), *head_checks(run, printer)]
                if one.refuses]  # fmt: skip
-    beside = [one for one in refused if "above all that is written" in one.check]
+    beside = [one for one in refused if "vs. the print" in one.check]
     assert beside == refused  # a fixed tip stands beside what the other one writes
     assert bool(beside) is (printer.heads[0].raises is None)
     assert np.count_nonzero(np.diff(run.program.tool)) == 3  # three layers: 01 10 01
@@ -405,16 +401,16 @@ def test_valve_waits_for_its_pressure():
     gcode = duet_job()
     assert not hasty(gcode)
     late = gcode.replace(b"M42 P1 S1", b"M42 P3 S0.14\nM42 P3 S0.16\nM42 P1 S1")
-    assert hasty(late) == ["head 1: opened before its pressure has settled"]
+    assert hasty(late) == ["head 1: valve opened before the pressure settled"]
     assert not hasty(gcode.replace(b"M42 P1 S1", b"M42 P3 S0.16\nM42 P1 S1"))
 
 
 @pytest.mark.parametrize(
     ("old", "new", "refused"),
     [
-        (b"P3 S0.16", b"P3 S0.14", "head 1: pressure at which its valve opens"),
-        (b"P2 S0.02", b"P2 S0.03", "head 0: not at its resting pressure while another head"),
-        (b"P3 S0.16", b"P3 S0.16 F100", "head 1: pressure at which its valve opens"),
+        (b"P3 S0.16", b"P3 S0.14", "head 1: pressure at valve opening"),
+        (b"P2 S0.02", b"P2 S0.03", "head 0: not at resting pressure while idle"),
+        (b"P3 S0.16", b"P3 S0.16 F100", "head 1: pressure at valve opening"),
         (b"M42 P1 S1", b"M42 P3 S0.9\nM42 P1 S1", "head 1: highest pressure set"),
         (b"M42 P1 S1", b"M42 P0 S1\nM42 P1 S1", "head 0 (left): valve open at the end"),
     ],

@@ -107,7 +107,7 @@ def test_a_dish_is_recorded_where_it_is_known() -> None:
 def test_lines_for_a_narrower_syringe_are_refused_without_a_record(job: bytes) -> None:
     bare = b"\n".join(line for line in job.split(b"\n") if not line.startswith(b"; printctl "))
     sentences = failed(bare, SetUp(PRINTER, load(Syringe, "bd_5ml"), INK, NEEDLE))
-    assert any("widest line" in text for text in sentences)
+    assert any("widest bead" in text for text in sentences)
 
 
 HEAD = b"G21\nG90\nM82\nM302 P1\nG92 X100 Y100 Z10 E0\nG0 Z1\n"
@@ -117,10 +117,10 @@ HEAD = b"G21\nG90\nM82\nM302 P1\nG92 X100 Y100 Z10 E0\nG0 Z1\n"
     ("body", "words"),
     [
         (b"G1 X110 E1 F600\nG0 X100\nG1 X110 Y101 E1\nG0 Z10\n", "E word that extrude nothing"),
-        (b"G1 X110 E0.1 F600\nG1 Y110 E0.2\nG1 X100 E0.", "cut off"),
-        (b"G1 X110 E0 F600\nG1 Y110 E0\nG0 Z10\n", "never rises along one of them"),
-        (b"G1 X110 E-0.1 F600\nG1 Y110 E-0.2\nG0 Z10\n", "never rises along one of them"),
-        (b"T1\nG1 X110 E0.1 F600\nG0 Z10\n", "heads chosen that aren't there"),
+        (b"G1 X110 E0.1 F600\nG1 Y110 E0.2\nG1 X100 E0.", "truncated"),
+        (b"G1 X110 E0 F600\nG1 Y110 E0\nG0 Z10\n", "never increases"),
+        (b"G1 X110 E-0.1 F600\nG1 Y110 E-0.2\nG0 Z10\n", "never increases"),
+        (b"T1\nG1 X110 E0.1 F600\nG0 Z10\n", "non-existent heads selected"),
         (b"G1 E1 F60\nG1 X110 F600\nG1 Y110\nG1 E0 F60\nG0 Z10\n", "whose E1 opens a valve"),
     ],
 )

@@ -423,7 +423,7 @@ def test_kernels_that_are_not_compiled_are_told(monkeypatch, tmp_path: Path):
             "M600",
             "line 4: M600: unknown to marlin; it changes filament: the firmware parks the head",
         ),
-        ("M4321", "line 4: M4321: unknown to marlin; take it out, or name it in the printer's"),
+        ("M4321", "line 4: M4321: unknown to marlin; remove it, or list it in the printer"),
     ],
 )
 def test_simulate_and_print_refuse_a_command_for_one_reason(

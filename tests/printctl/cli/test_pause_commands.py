@@ -98,7 +98,7 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
         pause(run)
         status(run)
         said = capsys.readouterr().out
-        assert "is paused already" in said
+        assert "already paused" in said
         assert "will pause at the end of this layer" in said
         assert "confirm again within 10.0 min" in said
         assert "paused: paused at the end of layer 1, reload point" in said
@@ -129,7 +129,7 @@ def test_pause_of_a_print_that_is_pausing_says_so(monkeypatch, capsys, after):
     client.status = Status(LinkState.PAUSING)
     monkeypatch.setattr(running_print, "running_print", lambda run: client)
     pause(Path("run"), after)
-    assert capsys.readouterr().out.startswith("is pausing already; `printctl status run`")
+    assert capsys.readouterr().out.startswith("already pausing; `printctl status run`")
     client.pause.assert_not_called()
 
 

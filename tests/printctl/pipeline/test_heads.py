@@ -115,8 +115,8 @@ def test_two_inks_are_planned_written_and_checked(tmp_path: Path) -> None:
     text = (tmp_path / "run" / "part.gcode").read_text()
     assert text.count("\nT1 S1\n") == 1
     names = [check["check"] for check in found["dry_run"]["checks"]]
-    assert "head 1 (right): needle to the dish's wall" in names
-    assert "lowest tip that doesn't write, above the bath's surface" in names
+    assert "head 1 (right): needle to dish wall" in names
+    assert "lowest idle tip vs. the bath surface" in names
     pushed = [one["ink_pushed_ul"] for one in found["dry_run"]["ink_of_heads"]]
     assert pushed == pytest.approx([np.pi * 0.04 * 8] * 2, rel=0.05)
     assert found["lumens"]["passed"]
@@ -128,7 +128,7 @@ def test_heads_that_stay_in_the_bath_are_refused(tmp_path: Path) -> None:
         for key in ("raised_mm", "raises", "lowers", "moving_s"):
             head.pop(key)
     (tmp_path / "fixed.yaml").write_text(yaml.safe_dump(data))
-    with pytest.raises(SafetyError, match="drag through gel"):
+    with pytest.raises(SafetyError, match="drag through the gel"):
         whole(tmp_path, profile=str(tmp_path / "fixed.yaml"), bath_depth_mm=6.0)
 
 

@@ -135,13 +135,13 @@ def test_a_wrong_fault_file_is_refused_before_the_tissue(tmp_path: Path) -> None
             },
             network(depth_mm=2.0),
             SafetyError,
-            r"needle to the dish's wall: .* \(vessel 0\)",
+            r"needle to dish wall: .* \(vessel 0\)",
         ),
         (
             {"printer": {"ink": "alginate_fresh", "bath": "cell_matrix"}},
             network(),
             SafetyError,
-            "what sets the ink and the bath lacks",
+            "gelation triggers missing in the bath",
         ),
         (
             {
@@ -150,7 +150,7 @@ def test_a_wrong_fault_file_is_refused_before_the_tissue(tmp_path: Path) -> None
             },
             network(),
             SafetyError,
-            r"bore: 0.32 mm, limit 0.328 .* of at most 0.4 mm bore \(23g",
+            r"bore: 0.32 mm, limit 0.328 .* bore up to 0.4 mm \(23g",
         ),
     ],
 )
@@ -167,7 +167,7 @@ def test_a_part_that_cannot_be_printed_is_refused_before_it_is_designed(
     ("toolpath", "ink", "bath", "why"),
     [
         (EMBEDDED, "collagen_fresh", "cell_matrix", "solid cords, .* gelatin_sacrificial"),
-        (EMBEDDED, "gelatin_sacrificial", "gelatin_support", "bath that stays .*cell_matrix"),
+        (EMBEDDED, "gelatin_sacrificial", "gelatin_support", "matrix bath .*cell_matrix"),
         (FRESH, "gelatin_sacrificial", "gelatin_support", r"structural ink \(.*collagen_fresh"),
         (FRESH, "collagen_fresh", "cell_matrix", r"support bath \(shipped: gelatin_support\)"),
         (CORDS, "gelatin_sacrificial", "cell_matrix", "use a structural ink"),
@@ -248,7 +248,7 @@ def dry_run(folder: Path, **care: Any) -> dict[str, Any]:
 
 
 SAID = {"viability_source": "our protocol"}
-REFUSED = r"print time, of what the cells have.*our protocol"
+REFUSED = r"print time vs\. cell viability limit.*our protocol"
 
 
 def test_a_print_longer_than_its_cells_have_is_refused(tmp_path: Path) -> None:

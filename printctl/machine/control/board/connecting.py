@@ -112,7 +112,7 @@ class RestWait:
     def wait(self) -> Steps[None]:
         """Return once it stands; refuse one that moves, or is busy, beyond `REST_LIMIT_S`."""
         if self._busy:  # while its lines were numbered
-            self.moved = "it was busy with moves or a wait for heat when it was first asked"
+            self.moved = "it was busy moving or heating at the first query"
         began, before = self._channel.now, (yield from self._place())
         while (place := (yield from self._next_place())) != before:
             pairs = zip(before.split(), place.split(), strict=False)
@@ -132,7 +132,7 @@ class RestWait:
         busy_s = channel.now - began
         # a firmware that would say so, and doesn't, stands: it is the line that is slow
         if self._says_busy and busy_s > _BUSY_S:
-            self.moved = self.moved or f"it made for {busy_s:.1f} s what it was sent before"
+            self.moved = self.moved or f"it executed earlier commands for {busy_s:.1f} s"
         yield from channel.listen(_PLACE_INTERVAL_S)
         return (yield from self._place())
 
@@ -158,15 +158,16 @@ class RestWait:
     def _report(self) -> None:
         if not self._reported:
             self._reported = True
-            words = f"the printer still moves, or is busy; waiting for it, up to {REST_LIMIT_S:g} s"
+            words = f"the printer is still moving or busy; waiting for it, up to {REST_LIMIT_S:g} s"
             self._channel.logbook.enter(self._channel.logbook.state, words)
 
     def _refuse(self, waited_s: float) -> NoReturn:
-        seen = self.moved or "it hasn't answered yet, as if behind moves or a wait for heat"
+        seen = self.moved or "no reply yet, probably still moving or heating"
         raise HandshakeError(
-            f"the machine still moves, or is busy, after {waited_s:.0f} s (at most "
-            f"{REST_LIMIT_S:g}; {seen}): a former job, its card or another program drives it; no "
-            "line of the job was sent. End that, see where the needle stands, and start again"
+            f"the printer is still moving or busy after {waited_s:.0f} s (maximum "
+            f"{REST_LIMIT_S:g}; {seen}): an earlier job, its SD card or another program is "
+            "controlling it; no line of the job was sent. End that, check where the needle is, and "
+            "start again"
         )
 
 
@@ -181,33 +182,32 @@ def agree_start(
     """
     if moved and declared is not None:
         raise HandshakeError(
-            f"the machine still moved when the print was to start ({moved}), and the "
-            f"job's first lines say that the tip stands at {_words(declared)}: no line of "
-            "the job was sent. It stands now; bring the tip to where the print starts, and "
-            "start again"
+            f"the printer was still moving at the start of the print ({moved}), but the job's "
+            f"first lines set the tip position to {_words(declared)}: no line of the job was sent. "
+            "It is at rest now; move the tip to the start position, and start again"
         )
     if start_mm is None:
         return
     if declared is not None:
-        _refuse_apart(start_mm, declared, "the job's first lines say that it stands at")
+        _refuse_apart(start_mm, declared, "the job's first lines set its position to")
         return
     for _ in range(_TRIES):
         at = parse_position((yield from channel.ask(b"M114")))
         if {"X", "Y", "Z"} <= set(at):
             break
     else:
-        raise HandshakeError("the printer doesn't tell its position (M114); reset it")
-    _refuse_apart(start_mm, (at["X"], at["Y"], at["Z"]), "the printer says that it stands at")
+        raise HandshakeError("the printer doesn't report its position (M114); reset it")
+    _refuse_apart(start_mm, (at["X"], at["Y"], at["Z"]), "the printer reports it at")
 
 
 def _refuse_apart(start_mm: Place, other: Place, says: str) -> None:
     away = math.dist(start_mm, other)
     if away > ASIDE_MM:
         raise HandshakeError(
-            f"checks took the tip to stand at {_words(start_mm)} (--start), and {says} "
-            f"{_words(other)}, {away:.2f} mm away (at most {ASIDE_MM:g}): nothing was moved. Give "
-            f"--start {','.join(f'{mm:g}' for mm in other)} if that is where it stands, or bring "
-            "it there"
+            f"the checks assumed the tip at {_words(start_mm)} (--start), but {says} "
+            f"{_words(other)}, {away:.2f} mm away (maximum {ASIDE_MM:g}): nothing was moved. "
+            f"Specify --start {','.join(f'{mm:g}' for mm in other)} if it is there, or move it to "
+            "the start"
         )
 
 

@@ -35,7 +35,7 @@ class Gauge:
     def __str__(self) -> str:
         watched = self.watched
         now = "not read yet" if math.isnan(self.value) else f"{self.value:g} {watched.unit}"
-        return f"{watched.query}: {now}, at most {watched.high:g} {watched.unit}"
+        return f"{watched.query}: {now}, maximum {watched.high:g} {watched.unit}"
 
     @property
     def compared(self) -> str:
@@ -60,7 +60,7 @@ def read_gauge(channel: Channel, gauge: Gauge, journalled: bool = True) -> Steps
     if math.isnan(value):
         gauge.unread += 1
         if gauge.unread == MAX_UNREAD:
-            logbook.alarm(f"{MAX_UNREAD} answers to {watched.query} running can't be read")
+            logbook.alarm(f"{MAX_UNREAD} consecutive replies to {watched.query} can't be read")
         return value
     gauge.value, gauge.unread = value, 0
     logbook.record("reading", query=watched.query, value=value, unit=watched.unit)
@@ -85,13 +85,13 @@ def check_at_rest(channel: Channel, gauges: Sequence[Gauge]) -> Steps[None]:
                 break
         else:
             raise HandshakeError(
-                f"{gauge.watched.query} isn't answered by what its regex "
-                f"{gauge.watched.regex!r} reads; mend the profile (watch) or the machine"
+                f"{gauge.watched.query} gets no reply that matches its regex "
+                f"{gauge.watched.regex!r}; correct the profile (watch) or the printer"
             )
         if gauge.value >= gauge.watched.high:
             raise HandshakeError(
-                f"at rest, before the first line, {gauge.compared}; relieve what "
-                "presses there, or mend the profile (watch)"
+                f"at rest, before the first line, {gauge.compared}; release the load on the "
+                "sensor, or correct the profile (watch)"
             )
 
 

@@ -69,14 +69,14 @@ class Halting:
         printer lived between ``first`` and ``last``.
         """
         if self.stops_at_once and stopped:
-            return "its motors have stood since M410 was taken, if not for longer"
+            return "its motors stopped at M410 at the latest"
         if not self.runs_on_s:
-            return "what its motors did meanwhile isn't known"
+            return "what its motors did meanwhile is unknown"
         seconds = self.runs_on_s if run_on is None else run_on.seconds
         far = "" if run_on is None else f" ({run_on.path_mm:.1f} mm)"
         return (
             f"its motors may have run on for up to {math.ceil(seconds * 100) / 100:.2f} s after "
-            f"that{far}: look where the needle is"
+            f"that{far}: check where the needle is"
         )
 
 
@@ -194,11 +194,11 @@ class Kill:
         each = [
             f"{what} left the host after {(at - asked) * 1e3:.1f} ms" for what, at in left.items()
         ]
-        sent = ", ".join(each) or "nothing left the host"
+        sent = ", ".join(each) or "nothing was sent"
         printer_s = self._wiring.exchange.now_s - max(left.values(), default=asked)
         return (
-            f"emergency stop by the user; {sent}, the printer said {printer_s * 1e3:.0f} ms "
-            f"later that it has halted; {self.halting.words(run_on, self._alive)}"
+            f"emergency stop by the user; {sent}, the printer confirmed the halt "
+            f"{printer_s * 1e3:.0f} ms later; {self.halting.words(run_on, self._alive)}"
         )
 
     def await_halt(self, hear: Callable[[bytes, float], None]) -> Steps[NoReturn]:

@@ -103,8 +103,8 @@ class HeatCheck:
             if not hottest:
                 return
         raise HandshakeError(
-            f"{'; '.join(hottest.values())}: nothing was moved. Switch it off, let it cool, and "
-            "start again"
+            f"{'; '.join(hottest.values())}: nothing was moved. Switch it off, let it cool down, "
+            "and start again"
         )
 
     def restore(self, targets: Mapping[str, float], read: int) -> None:
@@ -137,12 +137,14 @@ class HeatCheck:
         for heater, celsius in (yield from self._confirmed(others, journalled=True)).items():
             wanted = self._targets[heater]
             self._targets[heater] = min(celsius, wanted)
-            words = f"the {heater} is set to {celsius:g} °C, and this print had set {wanted:g} °C: "
+            words = f"the {heater} is set to {celsius:g} °C, but this print had set {wanted:g} °C: "
             if celsius < wanted:
-                self._logbook.alarm(f"{words}the firmware or another program did it; it stays so")
+                self._logbook.alarm(
+                    f"{words}changed by the firmware or another program; left as it is"
+                )
                 continue
             command = target_command(heater, wanted)
-            self._logbook.alarm(f"{words}another program did it; taken back ({command})")
+            self._logbook.alarm(f"{words}changed by another program; reverted ({command})")
             yield from self._channel.command(command.encode("ascii"))
 
     def _ask_targets(self, journalled: bool) -> Steps[dict[str, float]]:

@@ -92,7 +92,10 @@ class Logbook:
             return ""
         first, count = self._remarks[0], len(self._remarks)
         more = f" and {count - 1} other replies" if count > 1 else ""
-        return f"; the printer said {first!r}{more}, unknown to printctl: see its manual"
+        return (
+            f"; the printer said {first!r}{more}, which printctl doesn't know: see the printer's "
+            "manual"
+        )
 
     @property
     def status(self) -> Status:
@@ -176,8 +179,8 @@ class Logbook:
         free = self._wiring.journal.free_bytes()
         if size > free:
             raise Refused(
-                f"{name} isn't taken: its record wants {size:,} bytes on the disk of the journal, "
-                f"and {free:,} are free; free some"
+                f"{name} isn't accepted: its record needs {size:,} bytes on the journal's disk, "
+                f"but only {free:,} are free; free some space"
             )
 
     def record_control(self, number: int, command: bytes) -> None:
@@ -208,7 +211,8 @@ class Logbook:
             self._standstills.append(one)
             count = len(self._standstills)
             self.alarm(
-                f"the ink stood still {self.progress.standstill_words(one)}; look at the part",
+                f"the needle stopped while extruding, {self.progress.standstill_words(one)}; "
+                "inspect the part",
                 kind=f"standstill {min(count, MAX_STANDSTILLS)}",
             )
         found.clear()
@@ -224,10 +228,10 @@ class Logbook:
         longest = max(self._standstills, key=lambda one: one.seconds)
         where = self.progress.standstill_words(longest)
         if len(self._standstills) == 1:
-            return f"; the ink stood still {where}"
+            return f"; the needle stopped while extruding, {where}"
         total = sum(one.seconds for one in self._standstills)
-        many = f"{len(self._standstills)} times, {total:.1f} s in all"
-        return f"; the ink stood still {many}, the longest {where}"
+        many = f"{len(self._standstills)} times, {total:.1f} s in total"
+        return f"; the needle stopped while extruding {many}, longest {where}"
 
     # --- what a person should see ----------------------------------------------------------------
 

@@ -80,7 +80,7 @@ class JobProgress:
     def words(self) -> str:
         """Return how far the job is, for a message."""
         if not len(self.job):
-            return "no print was going on"
+            return "no print was running"
         done = self.known[0]
         file_line = self.job.file_line(done)
         return f"{done} of {len(self.job)} lines were acknowledged (line {file_line} of the file)"
@@ -226,7 +226,11 @@ class JobProgress:
     def standing_words(self) -> str:
         """Return for how long and where the motors stand by plan; empty where it doesn't tell."""
         one = self.standstills.standing(self._wiring.exchange.now_s)
-        return f"by plan its motors have stood {self.standstill_words(one)}" if one else ""
+        return (
+            (f"according to the plan its motors stopped {self.standstill_words(one)}")
+            if one
+            else ""
+        )
 
     def standstill_words(self, one: Standstill) -> str:
         """Return for how long and where the ink stood, for a message."""
@@ -277,14 +281,14 @@ class JobProgress:
         if not lines:
             return ""
         many = "line" if len(lines) == 1 else "lines"
-        return f"{many} {', '.join(map(str, lines))} may have been made twice; look at the part"
+        return f"{many} {', '.join(map(str, lines))} may have been executed twice; inspect the part"
 
     def foreign_words(self) -> str:
         """Return what to say of lines that others wrote; empty for none."""
         if not self.foreign:
             return ""
-        many = "1 answer" if self.foreign == 1 else f"{self.foreign} answers"
-        return f"another program or noise wrote to this printer: {many} more than lines"
+        many = "1 reply" if self.foreign == 1 else f"{self.foreign} replies"
+        return f"another program or noise wrote to this printer: {many} more than lines sent"
 
 
 @dataclass(frozen=True)

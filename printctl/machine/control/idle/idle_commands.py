@@ -81,9 +81,8 @@ class IdleCommands:
         """Move in a straight line to a place; an axis that isn't given stays."""
         if not self.known.trusted:
             raise Refused(
-                "the printer's count isn't known to be right, so no place can be gone to: home it "
-                "without needle, or tell where the tip is (set_position); small steps (jog) are "
-                "free"
+                "the position isn't trusted, so absolute moves are refused: home without a needle, "
+                "or set the tip position (set_position); small steps (jog) are allowed"
             )
         return (yield from self._go(self._with(x, y, z), speed_mm_s))
 
@@ -102,7 +101,7 @@ class IdleCommands:
         except ElsewhereError:
             self.known.lose_position()
             raise
-        return {"message": "" if whole else "the move was ended before its goal"}
+        return {"message": "" if whole else "the move was stopped before its target"}
 
     def home(self, axes: Sequence[str], needle_off: bool = False) -> Steps[Answer]:
         """Home axes, and switch off what that switches on in the firmware."""
@@ -136,17 +135,17 @@ class IdleCommands:
         per_mm, most, why = self._push_limits()
         speed = most if ul_s is None else ul_s
         if not 0 < speed <= most * (1 + _TINY):
-            raise Refused(f"{speed:g} µL/s isn't within 0 to {most:g} µL/s ({why})")
+            raise Refused(f"{speed:g} µL/s is outside 0 to {most:g} µL/s ({why})")
         self._within_syringe(ul / per_mm, per_mm)
         if ul > 0 and self.standby.trouble:
-            raise Refused(f"nothing is pushed while: {self.standby.trouble}; draw back instead")
+            raise Refused(f"dispensing is disabled: {self.standby.trouble}; retract instead")
         before, asked = self.standby.plunger, ul / per_mm
         try:
             moved = (yield from push(self.standby, asked, speed / per_mm)) if asked else 0.0
         finally:
             self._count_plunger(before)
         whole = abs(moved) >= abs(asked) - _TINY
-        return {"message": "" if whole else "the plunger was stopped before its goal"}
+        return {"message": "" if whole else "the plunger was stopped before its target"}
 
     def _count_plunger(self, before: float | None) -> None:
         """Add what the printer says it has moved; where it doesn't say, that is unknown."""
@@ -160,21 +159,21 @@ class IdleCommands:
         """µL per mm, fastest flow in µL/s, and what limits that."""
         printer, profiles = self.known.printer, self.known.profiles
         if printer.pneumatic is not None:
-            raise Refused(f"{printer.name} has a valve and no plunger; only a print opens it")
+            raise Refused(f"{printer.name} has a valve but no plunger; only a print opens it")
         if printer.heads:
             raise Refused(
-                f"{printer.name} has several heads; a plunger of one can't be moved by hand from "
-                "here yet, only in a print's change of syringe"
+                f"{printer.name} has several heads; moving a plunger manually isn't supported "
+                "there, only during a syringe change in a print"
             )
         per_mm = profiles.ul_per_mm
         if per_mm is None:
-            raise Refused("nobody said which syringe is mounted; name it (mount) to move in µL")
+            raise Refused("no syringe is specified as mounted; specify it (mount) to move in µL")
         machine = printer.max_speed_mm_s.e * per_mm, f"max_speed_mm_s.e of {printer.name}"
         ink = profiles.ink
         own = (
             (ink.plunger_ul_s, f"plunger_ul_s of {ink.name}")
             if ink
-            else (UNNAMED_UL_S, "no ink is named; name it (mount) if it bears more")
+            else (UNNAMED_UL_S, "no ink is specified; specify it (mount) if it tolerates more")
         )
         most, why = min(machine, own)
         return per_mm, most, why
@@ -183,18 +182,19 @@ class IdleCommands:
         used, left = self.known.plunger_mm, self.known.plunger_left_mm
         if used is None or left is None:
             raise Refused(
-                "nobody said how far the plunger has gone; say it (mount syringe, plunger_mm: 0 "
-                "for a full one)"
+                "the plunger position isn't set; set it (mount syringe, plunger_mm: 0 for a full "
+                "one)"
             )
         if mm > left + _TINY:
             raise Refused(
-                f"{mm * per_mm:g} µL is more than the {left * per_mm:.2f} µL that are left in "
-                f"{self.known.mounted.syringe} (less its dead volume, or the drive's travel)"
+                f"{mm * per_mm:g} µL exceeds the {left * per_mm:.2f} µL left in "
+                f"{self.known.mounted.syringe} (without its dead volume, or limited by the drive's "
+                "travel)"
             )
         if mm < -used - _TINY:
             raise Refused(
-                f"{-mm * per_mm:g} µL back is more than the {used * per_mm:.2f} µL that were "
-                f"pushed; {self.known.mounted.syringe} counts as full there"
+                f"{-mm * per_mm:g} µL of retraction exceeds the {used * per_mm:.2f} µL dispensed; "
+                f"{self.known.mounted.syringe} would be full there"
             )
 
     # --- heat and console ----------------------------------------------------------------------
@@ -221,9 +221,9 @@ class IdleCommands:
         elif line.act is LineAction.HOME:
             if not self.known.needle_known:
                 raise Refused(
-                    "homing drives an axis through whatever is in the way, and it isn't known "
-                    "whether a needle is mounted: home by Home (Printer page, `printctl station "
-                    "home`), which asks, or say first what is mounted (mount; '' for no needle)"
+                    "homing drives an axis through whatever is in the way, and it is unknown "
+                    "whether a needle is mounted: use Home (Printer page, `printctl station "
+                    "home`), which asks, or first specify what is mounted (mount; '' for no needle)"
                 )
             answer = yield from self.home(line.axes)
         else:
@@ -243,9 +243,11 @@ class IdleCommands:
         """Take the tip's height, or ``z``, less a foil's thickness for the dish's floor."""
         mounted, at = self.known.mounted, self._at()
         if not mounted.needle or not mounted.dish:
-            raise Refused("a floor is touched with a needle in a dish; say which first (mount)")
+            raise Refused(
+                "touching off a floor needs a needle and a dish; specify them first (mount)"
+            )
         if not 0 <= foil_mm <= 2:
-            raise Refused(f"a foil of {foil_mm:g} mm isn't within 0 to 2 mm")
+            raise Refused(f"a foil of {foil_mm:g} mm is outside 0 to 2 mm")
         self.known.mount({"floor_mm": (at[2] if z is None else z) - foil_mm})
         return {}
 
@@ -256,13 +258,13 @@ class IdleCommands:
         printer = self.known.printer
         given = {axis: mm for axis, mm in zip(AXES, (x, y, z), strict=True) if mm is not None}
         if not given:
-            raise Refused("no axis is given; say x, y or z in mm")
+            raise Refused("no axis is specified; specify x, y or z in mm")
         for axis, mm in given.items():
             span = getattr(printer, f"{axis}_mm")
             if not span.low <= mm <= span.high:
                 raise Refused(
                     f"{axis.upper()} {mm:g} mm is outside {span.low:g} to {span.high:g} mm "
-                    f"({axis}_mm of {printer.name}); no tip stands there"
+                    f"({axis}_mm of {printer.name}); the tip can't be there"
                 )
         yield from self.declare(self._with(x, y, z), set(given))
         return {}
@@ -292,7 +294,7 @@ class IdleCommands:
     def _at(self) -> Place:
         at = self.standby.position
         if at is None:
-            raise LinkError("the printer doesn't tell its position (M114); reconnect")
+            raise LinkError("the printer doesn't report its position (M114); reconnect")
         return at
 
 

@@ -204,7 +204,7 @@ class Knowledge:
         unknown = asked - {*MountedParts.__dataclass_fields__, "plunger_mm"}
         if unknown:
             raise Refused(
-                f"{sorted(unknown)[0]!r} can't be mounted; what can: "
+                f"{sorted(unknown)[0]!r} can't be mounted; possible: "
                 f"{', '.join(MountedParts.__dataclass_fields__)}, plunger_mm"
             )
         used = _used(parts.pop("plunger_mm", 0.0 if parts.get("syringe") else self.plunger_mm))
@@ -232,7 +232,7 @@ class Knowledge:
 
 def _name(what: str, value: object) -> str:
     if value is not None and not isinstance(value, str):
-        raise Refused(f"{what} {value!r} is no profile's name or path")
+        raise Refused(f"{what} {value!r} isn't the name or path of a profile")
     return value or ""
 
 
@@ -240,7 +240,7 @@ def _mm(what: str, value: object) -> float | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < MAX_MM:
-        raise Refused(f"{what} {value!r} is no number of mm")
+        raise Refused(f"{what} {value!r} isn't a number in mm")
     return float(value)
 
 
@@ -248,15 +248,15 @@ def _centre(value: object) -> tuple[float, float] | None:
     if value is None:
         return None
     if not isinstance(value, (list, tuple)) or len(value) != 2:
-        raise Refused(f"dish_centre_mm {value!r} isn't two numbers of mm, x and y")
+        raise Refused(f"dish_centre_mm {value!r} isn't two numbers in mm, x and y")
     x, y = _mm("dish_centre_mm", value[0]), _mm("dish_centre_mm", value[1])
     if x is None or y is None:
-        raise Refused(f"dish_centre_mm {value!r} isn't two numbers of mm, x and y")
+        raise Refused(f"dish_centre_mm {value!r} isn't two numbers in mm, x and y")
     return x, y
 
 
 def _used(value: object) -> float | None:
     used = _mm("plunger_mm", value)
     if used is not None and used < 0:
-        raise Refused(f"plunger_mm {used:g} is below 0, a full syringe's")
+        raise Refused(f"plunger_mm {used:g} is negative; 0 is a full syringe")
     return used

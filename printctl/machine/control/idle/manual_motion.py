@@ -25,7 +25,7 @@ def travel(standby: Standby, target: Place, speed_mm_s: float) -> Steps[bool]:
     """
     start = standby.position
     if start is None:
-        raise LinkError("the printer doesn't tell its position (M114); reconnect")
+        raise LinkError("the printer doesn't report its position (M114); reconnect")
     seconds = math.dist(start, target) / speed_mm_s
     by_mm = {axis: b - a for axis, a, b in zip("xyz", start, target, strict=True)}
 
@@ -46,7 +46,7 @@ def push(standby: Standby, mm: float, speed_mm_s: float) -> Steps[float]:
     """
     begin = standby.plunger
     if begin is None:
-        raise LinkError("the printer doesn't tell where the plunger is (M114); reconnect")
+        raise LinkError("the printer doesn't report the plunger position (M114); reconnect")
     if standby.dialect.cold_extrusion:
         yield from standby.do(standby.dialect.cold_extrusion)
     seconds = abs(mm) / speed_mm_s

@@ -227,7 +227,7 @@ class Standby:
         """Raise `LinkError` where the printer complained of what it was asked for."""
         text = self._logbook.take_fault()
         if text:
-            raise LinkError(f"{text} (asked for: {what})")
+            raise LinkError(f"{text} (requested: {what})")
 
     # --- where the tip stands --------------------------------------------------------------------
 
@@ -256,12 +256,12 @@ class Standby:
         at = self.position
         if at is None or math.dist(at, place) > 2 * _WITHIN_MM:
             raise ElsewhereError(
-                f"the printer stands at {_words(at)} and not at {_words(place)}: its own limits "
-                "(soft endstops) or a wrong position keep it from there"
+                f"the printer is at {_words(at)}, not at {_words(place)}: its own limits (soft "
+                "endstops) or a wrong position prevent the move"
             )
 
 
 def _words(place: Place | None) -> str:
     if place is None:
-        return "a place it doesn't tell"
+        return "an unreported position"
     return " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", place, strict=True))

@@ -32,29 +32,29 @@ class StandbyEvents(PrintEvents):
     # --- always ----------------------------------------------------------------------------------
 
     def _on_fault(self, event: wire.Fault) -> None:
-        self._logbook.complain(f"the printer says {event.text!r}", event.about_command)
+        self._logbook.complain(f"the printer reports {event.text!r}", event.about_command)
         self._logbook.alarm(self._logbook.fault)
 
     def _on_went_back(self, event: wire.LinesResent) -> None:
         self._logbook.alarm(
-            f"lines {event.first} to {event.last} weren't taken after all; sent again"
+            f"lines {event.first} to {event.last} weren't accepted after all; sent again"
         )
 
     def _on_action(self, event: wire.Action) -> None:
         if event.name in ("pause", "paused", "cancel"):
-            self._logbook.alarm(f"the printer asks for {event.name!r}")
+            self._logbook.alarm(f"the printer requests {event.name!r}")
             self._halt.set()
 
     def _on_noisy(self, event: wire.Noisy) -> None:
         self.trouble = (
-            f"{event.errors} line errors in {event.lines} lines: check cable and earthing"
+            f"{event.errors} line errors in {event.lines} lines: check cable and grounding"
         )
         self._logbook.alarm(self.trouble)
 
     def _on_out_of_step(self, event: wire.LostSynchronisation) -> None:
         raise _lost_place(
-            f"the printer's last line is {event.last}, ours {event.expected}: another program may "
-            "have spoken to it; see that nothing else is connected, then reconnect"
+            f"the printer's last line is {event.last}, the host's is {event.expected}: another "
+            "program may have sent commands; check that nothing else is connected, then reconnect"
         )
 
     # --- once it is found ------------------------------------------------------------------------
@@ -68,8 +68,8 @@ class StandbyEvents(PrintEvents):
         if not self.found:
             super()._on_reset(event)
         raise _lost_place(
-            "the printer was reset: its position and its heaters' targets are gone; see what it "
-            "stands in, then reconnect"
+            "the printer was reset: position and heater targets are lost; check what the needle is "
+            "in, then reconnect"
         )
 
     def _on_renumbered(self, event: wire.Renumbered) -> None:
@@ -77,9 +77,9 @@ class StandbyEvents(PrintEvents):
             super()._on_renumbered(event)
             return
         raise _lost_place(
-            f"the printer's count of lines became {event.last}, and ours is {event.expected}: the "
-            "board was reset without a word, or another program writes to this port (M110); see "
-            "where the tip stands and that nothing else is connected, then reconnect"
+            f"the printer's line counter became {event.last}, but the host's is {event.expected}: "
+            "the board was reset silently, or another program writes to this port (M110); check "
+            "where the tip is and that nothing else is connected, then reconnect"
         )
 
     def _on_stray(self, event: wire.StrayOk) -> None:
@@ -87,9 +87,9 @@ class StandbyEvents(PrintEvents):
             super()._on_stray(event)
             return
         raise _lost_place(
-            f"the printer gave {event.foreign} more answers than lines: another program or noise "
-            "wrote to it, and may have moved or renamed its place; see that nothing else "
-            "is connected and where the tip stands, then reconnect"
+            f"the printer sent {event.foreign} more replies than lines: another program or noise "
+            "wrote to it, and may have moved it or changed its position; check that nothing else "
+            "is connected and where the tip is, then reconnect"
         )
 
     def _on_silent(self, event: wire.NoReply) -> None:
@@ -97,7 +97,7 @@ class StandbyEvents(PrintEvents):
             super()._on_silent(event)
         raise PrintEnded(
             LinkState.FAILED,
-            f"the printer gave no usable answer for {event.seconds:.0f} s; check power and cable, "
+            f"no valid reply from the printer for {event.seconds:.0f} s; check power and cable, "
             "then reconnect",
             known=False,
         )
@@ -105,11 +105,11 @@ class StandbyEvents(PrintEvents):
     def _on_line_refused(self, event: wire.LineRefused) -> None:
         if not self.found:
             super()._on_line_refused(event)
-        answer = f"; it answers {event.text!r}" if event.text else ""
+        answer = f"; it replies {event.text!r}" if event.text else ""
         raise PrintEnded(
             LinkState.FAILED,
-            f"the printer didn't take {event.command!r} in {event.times} tries{answer}; check "
-            "cable, earthing and firmware, restart it, then reconnect",
+            f"the printer didn't accept {event.command!r} in {event.times} attempts{answer}; check "
+            "cable, grounding and firmware, restart it, then reconnect",
             known=False,
         )
 

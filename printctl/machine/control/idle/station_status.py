@@ -109,12 +109,12 @@ class StationStatus:
 
 _SILENT: Final = {
     StationState.CONNECTING: "the printer is being connected",
-    StationState.HALTING: "a halt was sent, and motors may lose steps by it",
-    StationState.HALTED: "the printer was halted, and motors may have lost steps by it",
+    StationState.HALTING: "an emergency stop was sent; motors may lose steps",
+    StationState.HALTED: "the printer was halted; motors may have lost steps",
     StationState.LOST: "the connection to the printer was lost",
     StationState.CLOSED: "no printer is connected",
 }
-_OF_PRINT: Final = "a print goes on; its own status has it"
+_OF_PRINT: Final = "a print is running; see its status"
 
 
 def unknown_values(status: StationStatus) -> dict[str, str]:
@@ -146,7 +146,7 @@ def _unknown_position(status: StationStatus) -> str:
     axes = [axis for axis, homed in zip("XYZ", status.homed, strict=True) if not homed]
     return (
         f"{', '.join(axes)} not homed since the printer was connected, reset or stopped; home "
-        "without a needle, or say where the tip is"
+        "without a needle, or set the tip position"
     )
 
 
@@ -156,5 +156,5 @@ def _unknown_ink(status: StationStatus) -> str:
     if status.ul_left is not None:
         return ""
     if not status.mounted.syringe:
-        return "no syringe is named as mounted"
-    return "how full the syringe is wasn't entered, or a print's end isn't known"
+        return "no syringe is specified as mounted"
+    return "the syringe's fill level wasn't set, or the end of a print is unknown"

@@ -87,7 +87,7 @@ class FirmwareCheck:
         if link_facts(self._printer).tells_steps:
             yield from self.check_steps(journalled=False)
         else:
-            self._logbook.notice("this firmware doesn't tell its steps per mm (M92)")
+            self._logbook.notice("this firmware doesn't report its steps per mm (M92)")
         yield from self.agree_settings(journalled=False)
         # an earlier job may have left these otherwise
         for command in shut(self._printer):
@@ -105,18 +105,18 @@ class FirmwareCheck:
                 break
         else:
             raise HandshakeError(
-                f"{self._channel.wiring.transport.name} answers M115 with "
-                f"{self.firmware.name or 'nothing'!r}, the profile expects "
-                f"{printer.firmware}; choose the profile of this printer"
+                f"{self._channel.wiring.transport.name} replies to M115 with "
+                f"{self.firmware.name or 'nothing'!r}, but the profile expects {printer.firmware}; "
+                "select this printer's profile"
             )
         # for whoever halts it when this process has died
         self._logbook.record("firmware", capabilities=self.firmware.capabilities)
         built, wanted = self.firmware.extruders, printer.tool_count
         if wanted > 1 and 0 < built < wanted:  # it would push one syringe for all
             raise HandshakeError(
-                f"the firmware was built for {built} (EXTRUDER_COUNT), the profile names {wanted} "
-                "heads: it would go on with one where the job takes another; build it with "
-                f"EXTRUDERS {wanted}, or choose the profile of this printer"
+                f"the firmware was built for {built} (EXTRUDER_COUNT), the profile has {wanted} "
+                "heads: it would keep using one where the job selects another; build it with "
+                f"EXTRUDERS {wanted}, or select this printer's profile"
             )
 
     def check_keepalive(self, journalled: bool) -> Steps[None]:
@@ -161,7 +161,7 @@ class FirmwareCheck:
                     expected = getattr(self._printer.steps_per_mm, axis.decode().lower())
                     if abs(float(value) - expected) > _STEPS_WITHIN:
                         return (
-                            f"{axis.decode()} makes {float(value):g} steps/mm in the firmware, "
+                            f"{axis.decode()} has {float(value):g} steps/mm in the firmware, "
                             f"{expected:g} in the profile (steps_per_mm)"
                         )
         return ""
@@ -196,10 +196,10 @@ class FirmwareCheck:
         else:
             moved = "" if logbook.begun else ", and nothing was moved"
             words = "; ".join(
-                f"{one.what}: {one.remedy or f'{one.reset} was sent and changed nothing'}"
+                f"{one.what}: {one.remedy or f'{one.reset} was sent without effect'}"
                 for one in refused
             )
-            raise HandshakeError(f"the firmware isn't as the checks count on{moved}: {words}")
+            raise HandshakeError(f"the firmware settings don't match the checks{moved}: {words}")
         for one in every:
             logbook.alarm(f"{one.what}: {one.remedy}")
         settings = reported_settings(answers, printer)
@@ -245,8 +245,8 @@ class FirmwareCheck:
             before = self._settings.get(code, "")
             if before and self._ends_switch_off(before) and (yield from self._heats()):
                 self._logbook.alarm(
-                    f"a heater is on, so the firmware's own switch-off stays as the job set it "
-                    f"({code}); {before} takes it back"
+                    "a heater is on, so the firmware idle timeout stays as set by the job "
+                    f"({code}); {before} restores it"
                 )
             elif before:
                 yield from self._channel.command(before.encode("ascii"))

@@ -307,9 +307,11 @@ class FrameCheck:
 
     def _difference(self, expected: Place, answer: PlaceAnswer, limits: Place) -> str:
         aside = {axis: expected[axis] - answer.offset[axis] for axis in _AXES}
-        steps = "" if self._question else " ({:.2f} mm, where its motor's steps make {:.2f} mm)"
+        steps = (
+            "" if self._question else (" ({:.2f} mm, but its motor steps correspond to {:.2f} mm)")
+        )
         return ", ".join(
-            f"{axis} is called {mm:+.2f} mm otherwise than by the job"
+            f"{axis} is offset by {mm:+.2f} mm from the job's coordinates"
             + steps.format(answer.place[axis], answer.place[axis] - mm)
             for axis, mm in aside.items()
             if abs(mm) > limits[axis]
@@ -329,7 +331,7 @@ class FrameCheck:
         aside = shift - answer.offset["E"]
         if abs(aside) <= self._limits["E"]:
             return ""
-        return f"the plunger is called {aside:+.2f} mm otherwise than by the job"
+        return f"the plunger is offset by {aside:+.2f} mm from the job's coordinates"
 
     def _declared_difference(self, answer: PlaceAnswer) -> str:
         """Return which axes' places were declared anew, but by the job; or ''."""
@@ -339,8 +341,8 @@ class FrameCheck:
         self._declared = done, answer.motors if ours or not before else before
         aside = {axis: mm - before.get(axis, mm) for axis, mm in answer.motors.items()}
         return ", ".join(
-            f"the place of {axis} was declared {-mm:+.2f} mm aside by another client, or the "
-            f"profile's steps_per_mm aren't this Klipper's"
+            f"{axis} was redefined by {-mm:+.2f} mm by another client, or the profile's "
+            "steps_per_mm don't match this Klipper"
             for axis, mm in aside.items()
             if not ours and abs(mm) > limits[axis]
         )
@@ -359,7 +361,7 @@ def _exact(at: Modal, answer: PlaceAnswer) -> PlaceAnswer:
 def _undriven(place: Place, driven: Mapping[str, tuple[float, float]], limits: Place) -> str:
     """Return which axes' motors stand elsewhere than the reported place, or ''."""
     return ", ".join(
-        f"{axis} is told at {place[axis]:.2f} mm, and its motors' steps make "
+        f"{axis} is reported at {place[axis]:.2f} mm, but its motor steps correspond to "
         f"{place[axis] + made - meant:.2f} mm"
         for axis, (made, meant) in driven.items()
         if abs(made - meant) > limits[axis]

@@ -33,7 +33,7 @@ from printctl.machine.records.states import LinkState, PrintEnded
 
 WITHIN_MM: Final = 0.011
 """Of the two decimals that M114 tells."""
-MOVED: Final = "it was reset without a word, or moved from elsewhere"
+MOVED: Final = "it was reset silently, or moved by something else"
 """Why a printer isn't where it was led to."""
 
 
@@ -55,11 +55,11 @@ class Standstill:
         if self.wrong:
             return f"; {self.wrong}: {MOVED}; nothing was moved"
         if not self.read:
-            return "; its motors were stopped, and where it stands can't be read (M114)"
+            return "; its motors were stopped, and its position can't be read (M114)"
         if not self.dropped:
             return ""
         place = f"X{self.at.x:.2f} Y{self.at.y:.2f}"
-        return f"; its motors were stopped at {place}, what it held ahead wasn't made"
+        return f"; its motors were stopped at {place}, its queued moves weren't executed"
 
 
 class PositionCheck:
@@ -118,7 +118,7 @@ class PositionCheck:
         progress.not_refused()
         of = "another program's command" if progress.about_command else "a fault of its own"
         self._logbook.alarm(
-            f"{progress.words()}, the last of them all the same: the printer complained of {of}"
+            f"{progress.words()}, including the last one: the printer complained about {of}"
         )
         return True
 
@@ -129,8 +129,8 @@ class PositionCheck:
             yield from self._channel.commands(shut_and_wait(self._printer))
             raise PrintEnded(
                 LinkState.POSITION_UNKNOWN,
-                "where the needle stands can't be read (M114), so it wasn't lowered; `printctl "
-                "status` says what next",
+                "the needle's position can't be read (M114), so it wasn't lowered; `printctl "
+                "status` lists the next steps",
                 known=False,
             )
         self._channel.led["Z"] = [position["Z"]]
@@ -315,19 +315,19 @@ class PositionCheck:
         progress.unverified = False
         wrong, position, by_steps = yield from self.frame.compare_end(at)
         if not position:
-            words = "; the end's place isn't compared: the printer tells none (M114)"
+            words = "; end position not verified: the printer reports none (M114)"
         elif not set(position) & set(at.place_axes()):
-            words = "; the end's place isn't compared: the job names none"
+            words = "; end position not verified: the job specifies none"
         elif not by_steps:
             words = (
-                "; the end's place is compared as told, its motors' steps aren't: the printer "
-                "doesn't tell them by axis"
+                "; end position verified as reported, without motor steps: the printer doesn't "
+                "report them per axis"
             )
         else:
             words = ""
         if position and not (self.frame.tells_shifts or self._printer.pneumatic):
-            words += "; the plunger isn't compared"
-        steps = f"place and steps{words}" if by_steps and position else words
+            words += "; plunger position not verified"
+        steps = f"position and steps{words}" if by_steps and position else words
         self._logbook.record(
             "checkpoint",
             done=progress.done,
@@ -341,10 +341,10 @@ class PositionCheck:
             others = progress.foreign_words()
             raise PrintEnded(
                 LinkState.POSITION_UNKNOWN,
-                f"all {progress.done} lines were acknowledged, but the printer isn't where the job "
-                f"ends: {wrong} (place compared to {WITHIN_MM:g} mm)"
-                f"{f' ({others})' if others else ''}; "
-                "look at the part; `printctl status` says what next",
+                f"all {progress.done} lines were acknowledged, but the printer isn't at the job's "
+                f"end position: {wrong} (position verified to {WITHIN_MM:g} "
+                f"mm){f' ({others})' if others else ''}; inspect the part; `printctl status` lists "
+                "the next steps",
                 known=False,
             )
         return words
@@ -376,7 +376,7 @@ class PositionCheck:
         e = position.get("E", left_e_mm)
         if abs(e - left_e_mm) > WITHIN_MM:
             at = f"at E {e:.2f} mm and was left at {left_e_mm:.2f}"
-            yield from self.end_astray(f"the plunger is told {at}")
+            yield from self.end_astray(f"the plunger is reported {at}")
 
     def end_astray(self, wrong: str) -> Steps[NoReturn]:
         """End a print whose printer isn't as its job counts on; its moves are dropped."""
@@ -386,8 +386,8 @@ class PositionCheck:
         dropped = yield from self._drop_moves()
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
-            f"after line {self._progress.done}: {wrong}{because}{dropped}; `printctl status` says "
-            "what next",
+            f"after line {self._progress.done}: {wrong}{because}{dropped}; `printctl status` lists "
+            "the next steps",
             known=False,
         )
 
@@ -464,6 +464,6 @@ class SlipWatch:
         self._every = min(2 * self._every, CHECK_LINES)
         if self._slip:
             self._channel.logbook.alarm(
-                f"{self._slip}: a line slipped through its checksum; look at the part"
+                f"{self._slip}: a garbled line slipped through its checksum; inspect the part"
             )
             self._slip = ""

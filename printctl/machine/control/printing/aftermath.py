@@ -16,8 +16,8 @@ from printctl.machine.job.retreat import heaters_off
 from printctl.machine.records.states import LinkState, PrintEnded
 
 IN_PRINT = (
-    "the needle wasn't lifted, it may be in the print{}: lift it straight up, by hand with the "
-    "printer's power off or by Z alone, before X or Y moves"
+    "the needle wasn't lifted and may be in the print{}: before X or Y moves, lift it straight up, "
+    "by hand with the printer's power off or with Z alone"
 )
 _HALTED_HEAT = "M112 switches the heaters off"
 _HALTED_ITSELF_HEAT = "a halted firmware keeps its heaters off"
@@ -64,24 +64,21 @@ def _motors(run: Print, ended: PrintEnded) -> str:
     if ended.state is LinkState.KILLED and UNCONFIRMED not in ended.message:
         return ""
     if ended.known:
-        return "the motors stand"
+        return "the motors are at rest"
     if run.progress.was_reset:
-        return "the reset stopped its motors, and the moves that it held are lost"
+        return "the reset stopped its motors, and its queued moves are lost"
     if run.progress.dropped:
         return "" if "told to stop" in ended.message else "its motors were told to stop"
     if run.excursion.rests:
-        return "its motors stood"
+        return "its motors were at rest"
     if stood := run.progress.standing_words():
         return stood
     seconds = run.progress.left_s()
     if seconds is None:
-        return "if it has power, its motors make the moves that it still holds"
+        return "if powered, its motors execute the queued moves"
     if seconds < 0.05:
-        return "its motors stand, by plan"
-    return (
-        f"if it has power, its motors make the moves that it still holds, for up to "
-        f"{seconds:.1f} s, then stand"
-    )
+        return "its motors are at rest according to the plan"
+    return f"if powered, its motors execute the queued moves for up to {seconds:.1f} s, then stop"
 
 
 def _needle(run: Print, ended: PrintEnded) -> str:
@@ -101,7 +98,7 @@ def _away_words(state: LinkState) -> str:
     if state in (LinkState.PAUSED, LinkState.LOOKING):
         return "the needle waits above the print, where the pause lifted it"
     if state in _ON_ITS_WAY:
-        return "the needle was on its way up or down: look where it is before anything moves"
+        return "the needle was moving up or down: check where it is before anything moves"
     return ""
 
 

@@ -19,13 +19,13 @@ from printctl.machine.job.stop_place import StopPlace
 from printctl.machine.records.states import LinkState, PrintEnded
 
 _OTHERS: Final = (
-    "another program's command was refused; see that nothing else drives this printer, and look at "
-    "the part"
+    "another program's command was rejected; check that nothing else controls this printer, and "
+    "inspect the part"
 )
 _BED_OFF: Final = b"M140 S0"
 _NOZZLE: Final = re.compile(rb"\bT0?: ?\d")
 _BED: Final = re.compile(rb"\bB\d*: ?-?\d")
-_OWN: Final = "the fault is the printer's own; look at the part"
+_OWN: Final = "the printer itself has a fault; inspect the part"
 
 
 def end_on_fault(run: Print) -> Steps[None]:
@@ -49,7 +49,7 @@ def retreat(run: Print, state: LinkState, message: str) -> Steps[NoReturn]:
     line_made = progress.refused != refused
     if line_made:
         whose = _OTHERS if progress.about_command else _OWN
-        message += f", but the line was carried out: {whose}"
+        message += f", but the line was executed: {whose}"
     message += standstill.words()
     yield from channel.commands(shut_and_wait(run.printer))
     if link_facts(run.printer).place_question or progress.meddled:
@@ -68,11 +68,11 @@ def retreat(run: Print, state: LinkState, message: str) -> Steps[NoReturn]:
     yield from run.firmware.undo_settings()
     fault = logbook.fault
     if fault:
-        message += f"; the way out wasn't made as meant: {fault}"
+        message += f"; the retreat didn't run as planned: {fault}"
     if missed:
-        message += f"; the needle wasn't lifted as told: {missed}"
+        message += f"; the needle wasn't lifted as commanded: {missed}"
     if not known:
-        message += "; where the needle is isn't known: look before anything moves"
+        message += "; the needle position is unknown: check it before anything moves"
     raise PrintEnded(state, message, known)
 
 
@@ -154,6 +154,6 @@ def shut_valve_past_protocol(run: Print, ended: PrintEnded) -> Steps[None]:
     if lost or ended.known or portless or not run.logbook.begun:
         return
     for command in shut(run.printer):
-        run.logbook.notice("the valve is told to shut, past the protocol")
+        run.logbook.notice("the valve is commanded to close, bypassing the protocol")
         with contextlib.suppress(PortLost):
             yield from run.channel.send_at_once(b"\n%b\n%b\n" % (command, command))

@@ -60,7 +60,7 @@ def notice_changes(run: Print) -> Steps[str]:
         return ""
     first, last = run.job.file_line(since), run.job.file_line(done)
     text = (
-        f"{what}{by_whom} between line {first} and line {last} of {run.job.name}{back}; look at "
+        f"{what}{by_whom} between line {first} and line {last} of {run.job.name}{back}; inspect "
         "what was printed there"
     )
     run.logbook.alarm(text)
@@ -94,7 +94,7 @@ def _late_words(run: Print) -> str:
         elapsed_s -= run.logbook.stood_s(first)
     if elapsed_s <= (1.0 + MODEL_ERROR + LATE_SHARE) * max(plan_s, _wire_s(run, first)) + LATE_S:
         return ""
-    return f"the moves took {elapsed_s:.0f} s, and are planned to take {plan_s:.0f} s at most"
+    return f"the moves took {elapsed_s:.0f} s, but {plan_s:.0f} s at most were planned"
 
 
 def _wire_s(run: Print, first: int) -> float:

@@ -40,7 +40,7 @@ def refuse_rest(run: Print) -> None:
             if answer:
                 run.channel.tell(request.done, answer)
             else:
-                run.channel.tell(request.refused, "the print goes on")
+                run.channel.tell(request.refused, "the print continued")
         except Refused as exc:
             run.channel.tell(request.refused, str(exc))
 
@@ -53,7 +53,7 @@ def _insert(run: Print, request: LookRequest, at: Modal) -> Steps[dict[str, obje
     logbook, progress, watch = run.logbook, run.progress, run.watch
     done, name = progress.done, f"the injected G-code of look {request.look}"
     if is_open(progress.job.lines, done, run.printer):
-        raise Refused(f"{name} isn't taken: the job has the valve open there")
+        raise Refused(f"{name} isn't accepted: the job has the valve open there")
     bears = run.wiring.limits().plunger_mm_s
     place = InsertPlace(at, run.reach, run.printer, bears, run.shift_mm())
     lines: tuple[bytes, ...] = ()
@@ -70,13 +70,13 @@ def _insert(run: Print, request: LookRequest, at: Modal) -> Steps[dict[str, obje
     plan = replanned(run, grown)
     logbook.refuse_without_room(insert.to_record(), name)
     if fault := logbook.fault or run.wiring.exchange.journal_fault:
-        raise Refused(f"{name} isn't taken: {fault}")
+        raise Refused(f"{name} isn't accepted: {fault}")
     logbook.record("insert", **insert.to_record(), reload_at=plan[0], reload_heads=plan[1])
     yield from carried_out()
     backlog = run.wiring.exchange.backlog
     for record in [one for one in backlog if one.sort == "insert"]:
         backlog.remove(record)  # nor is it to be found there later
-        raise Refused(f"{name} isn't taken: the journal can't be written")
+        raise Refused(f"{name} isn't accepted: the journal can't be written")
     progress.grow(grown)
     watch.grow(progress.job.marks, done, len(lines))
     watch.reload_at, watch.reload_heads = plan

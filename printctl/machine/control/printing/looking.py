@@ -63,12 +63,12 @@ class _Ending:
     confirm: Callable[[Answer], None] = lambda answer: None
 
 
-_AGAIN: Final = _Ending(LookDecision.PAUSE, "a pause was asked for", "the user", again=True)
+_AGAIN: Final = _Ending(LookDecision.PAUSE, "a pause was requested", "the user", again=True)
 _BY_REQUEST: Final = {
     Request.PAUSE: _AGAIN,
-    Request.RELOAD: replace(_AGAIN, why="a change of syringe was asked for", changing=True),
+    Request.RELOAD: replace(_AGAIN, why="a syringe change was requested", changing=True),
 }
-_RESUMED: Final = _Ending(LookDecision.GO_ON, "the operator's word (resume)", "the user")
+_RESUMED: Final = _Ending(LookDecision.GO_ON, "the operator's decision (resume)", "the user")
 
 
 def restore_looks(run: Print, history: JournalledPrint, done: int) -> None:
@@ -107,7 +107,7 @@ def _look(run: Print) -> Steps[None]:
     watch, done = run.watch, run.progress.done
     usual = "end of a line within a layer"
     if watch.is_behind_insert(done):
-        usual = "end of what was inserted"
+        usual = "end of the injected G-code"
     here = ", ".join(map(str, run.job.marks.here(done))) or usual
     layer = run.job.marks.last(MarkKind.LAYER, done)
     number = -1 if layer is None else layer.number
@@ -141,13 +141,13 @@ def _leave_look(
     run: Print, at: Modal, park: Park | None, look: Look, ending: _Ending
 ) -> Steps[None]:
     """Come back above the job's place; go on, or stay for the operator."""
-    goes_on, words = ending.decision is LookDecision.GO_ON, "returning to where the print was left"
+    goes_on, words = ending.decision is LookDecision.GO_ON, "returning to the print position"
     if not goes_on:
-        then = "goes on as it is" if ending.by == OBSERVER else "goes on"
+        then = "continues unchanged" if ending.by == OBSERVER else "continues"
         if _is_made_again(run, look, ending):
-            then = "makes this look again (with --unobserved it goes on without)"
+            then = "repeats this look (with --unobserved it continues without)"
         elif ending.again:
-            then = "goes on without this look"
+            then = "continues without this look"
         words = f"paused at {look}: {ending.why}; `printctl resume RUN` {then}"
     if goes_on or park is not None:
         run.logbook.enter(LinkState.RESUMING if goes_on else LinkState.PAUSING, words)
@@ -193,7 +193,7 @@ def _await_decision(run: Print, at: Modal, limit_s: float) -> Steps[_Ending]:
         if word in _BY_REQUEST:
             return _BY_REQUEST[word]
         yield from sign_of_life(run)
-    why = f"nobody decided within {limit_s:g} s (look_limit_s): the observer hangs or is gone"
+    why = f"no decision within {limit_s:g} s (look_limit_s): the observer hangs or has exited"
     return _Ending(LookDecision.PAUSE, why, "the link", again=True)
 
 
@@ -203,8 +203,8 @@ def refuse_park(park: Park | None, printer: Printer) -> None:
         span = getattr(printer, f"{axis}_mm")
         if not span.low <= mm <= span.high:
             raise Refused(
-                f"park_mm: {axis.upper()} {mm:g} mm is outside {span.low:g} to {span.high:g} "
-                f"mm ({axis}_mm of {printer.name}); give a place within"
+                f"park_mm: {axis.upper()} {mm:g} mm is outside {span.low:g} to {span.high:g} mm "
+                f"({axis}_mm of {printer.name}); specify a position within"
             )
 
 
@@ -216,13 +216,13 @@ def _park_place(run: Print, park: Park | None) -> Park | None:
     try:
         x, y, z = run.shift_mm()
         if park[2] < run.reach.top_mm and run.reach.is_inside(*park):
-            problem = f"{park} mm is within what the job writes; give a place beside it"
+            problem = f"{park} mm is within the printed area; specify a position beside it"
         elif None in (at.x, at.y, at.z):
-            problem = "the job's text doesn't say where the needle stands"
+            problem = "the job doesn't contain the needle's position"
     except LinkError as exc:
         problem = str(exc)
     if problem:
-        run.logbook.alarm(f"the needle isn't led to park_mm, it waits straight above: {problem}")
+        run.logbook.alarm(f"the needle isn't moved to park_mm but waits straight above: {problem}")
         return None
     return park[0] + x, park[1] + y, park[2] + z
 

@@ -60,11 +60,11 @@ def pause_where_due(run: Print) -> Steps[None]:
     elif due is DueTask.PAUSE:
         yield from pause(run, f"paused at the {where}")
     elif due is DueTask.DEADMAN:
-        message = f"nobody confirmed for {watch.care.deadman_s / 60:g} min (dead-man)"
+        message = f"no operator confirmed presence for {watch.care.deadman_s / 60:g} min (dead-man)"
         run.logbook.alarm(message)
         if watch.care.deadman_stops:
             yield from retreat(run, LinkState.STOPPED, message)
-        yield from pause(run, f"{message}; `printctl resume RUN` goes on")
+        yield from pause(run, f"{message}; `printctl resume RUN` continues")
     elif due is DueTask.CHECKPOINT:
         # stand still for it where nothing else can tell what was made
         stands = link_facts(run.printer).plans_by_time
@@ -91,7 +91,7 @@ def hold_for_room(run: Print) -> None:
     """Have the print paused while the journal can't be written; it goes on by itself then."""
     fault = run.wiring.exchange.journal_fault
     run.logbook.alarm(f"{fault}; pausing", kind="no room")
-    why = f"{fault}; the print goes on by itself once the journal can be written again"
+    why = f"{fault}; the print resumes by itself once the journal can be written again"
     run.queue.add(Request.PAUSE, why=why, until=PauseUntil.ROOM)
 
 
@@ -116,7 +116,7 @@ def leave(
     logbook, channel = run.logbook, run.channel
     logbook.enter(
         LinkState.PAUSING,
-        "the moves that the printer holds are made; then the plunger is relieved, the needle "
+        "the printer's queued moves are executed; then the plunger is relieved and the needle "
         "lifted",
     )
     yield from channel.command(b"M400")
@@ -157,13 +157,13 @@ def wait_and_come_back(run: Print, at: Modal, message: str) -> Steps[None]:
     """Wait for the word to go on; then count a new syringe, and come back to ``at``."""
     astray = (yield from run.position.standing_away(run.excursion.counted)).wrong
     if astray:
-        astray = f"the place isn't the job's any more ({astray}: {MOVED})"
+        astray = f"the position doesn't match the job any more ({astray}: {MOVED})"
         run.logbook.alarm(astray)
         message = f"{astray}; {message}"
     run.logbook.enter(LinkState.PAUSED, message)
     run.excursion.rests = True
     resume = yield from _stay_paused(run, at)
-    run.logbook.enter(LinkState.RESUMING, "returning to where the print was left")
+    run.logbook.enter(LinkState.RESUMING, "returning to the print position")
     run.channel.tell(resume.answer, "")
     new = resume.change if run.change.going_on else None
     if new or (run.change.going_on and run.change.idle_head is not None):
@@ -231,9 +231,9 @@ def _adopt_plunger(run: Print, at: Modal, height_mm: float) -> Steps[None]:
     lifted = at.z is None or height_mm > at.z + WITHIN_MM
     left = relieved if lifted or e < relieved else at.e
     run.logbook.alarm(
-        f"the plunger is at E {e:.2f} mm and was left at {left:.2f} mm: it was moved by "
-        f"{e - left:+.2f} mm while the print was held; it stays there and is counted as left, so "
-        "that nothing is drawn back or pushed in the print to undo that"
+        f"the plunger is at E {e:.2f} mm but was left at {left:.2f} mm: it was moved by "
+        f"{e - left:+.2f} mm during the pause; its new position is accepted, so that the print "
+        "neither retracts nor dispenses to undo that"
     )
     yield from run.channel.command(count_from(left))
 
@@ -244,7 +244,7 @@ def _stay_paused(run: Print, at: Modal) -> Steps[ResumeRequest]:
     while True:
         word = yield from await_word(run, at)
         if isinstance(word, LookRequest):  # of a look that became a pause without any decision
-            run.channel.tell(word.refused, "the print is paused; `printctl resume RUN` goes on")
+            run.channel.tell(word.refused, "the print is paused; `printctl resume RUN` continues")
         elif word is Request.RELOAD and not change.going_on:
             change.planned_head = change.wanted_head
             yield from begin_change(run, at)
@@ -267,7 +267,7 @@ def _why_not_resume(run: Print, at: Modal, request: ResumeRequest) -> Steps[str]
         return f"not resumed: {CHANGE}"
     wrong, _ = yield from run.position.compare(Modal(x=at.x, y=at.y))
     if wrong:
-        return f"not resumed: {wrong}; bring the needle back above that place first"
+        return f"not resumed: {wrong}; move the needle back above that position first"
     if run.change.going_on and request.change:
         try:
             replan(run, request.change)
@@ -297,7 +297,7 @@ def await_word(
         if word is not None or channel.now >= until:
             return word
         if run.queue.pause_until and (yield from _is_over(run)):
-            run.logbook.notice("what paused the print is over: it goes on")
+            run.logbook.notice("the cause of the pause is gone: the print resumes")
             return _BY_ITSELF
         yield from sign_of_life(run)
 

@@ -39,7 +39,7 @@ from printctl.machine.records.states import LinkState, PrintEnded
 
 COUNT_ANSWERS_S: Final = 5.0
 """Interval of counts of answers: each costs a line and its answer, while the planner goes on."""
-NOT_PAUSED: Final = "the print isn't paused, and waits for no pause: nothing was done"
+NOT_PAUSED: Final = "the print isn't paused and no pause is pending: nothing was done"
 
 
 def run_print(run: Print, history: JournalledPrint | None) -> Steps[None]:
@@ -57,7 +57,7 @@ def run_print(run: Print, history: JournalledPrint | None) -> Steps[None]:
         words = f"cancelled by {run.queue.stopped_by}{run.excursion.words()}"
         yield from retreat(run, LinkState.STOPPED, words)
     others = run.progress.foreign_words()
-    look = f"; {others}: look at the part" if others else ""
+    look = f"; {others}: inspect the part" if others else ""
     changes = "".join(f"; {one}" for one in run.changes)
     message = f"all {len(run.job)} lines done{compared}{look}{changes}{run.logbook.remarks}"
     error = PrintChanged.__name__ if run.changes else ""
@@ -92,7 +92,7 @@ def _start(run: Print) -> Steps[None]:
     channel, logbook, protocol = run.channel, run.logbook, run.wiring.protocol
     rest = RestWait(channel)
     yield from connect(channel, rest.step)
-    logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
+    logbook.enter(LinkState.CHECKING, "identifying the firmware")
     yield from run.firmware.check_keepalive(journalled=False)  # a machine that moves then says so
     yield from rest.wait()
     yield from run.firmware.check(run.gauges)

@@ -25,15 +25,17 @@ def find_again(run: Print, history: JournalledPrint) -> Steps[None]:
     Ends the print where the printer can't tell, or its line or position isn't the job's.
     """
     logbook, progress, watch = run.logbook, run.progress, run.watch
-    logbook.enter(LinkState.CHECKING, "asking the printer for the last line that it took")
+    logbook.enter(LinkState.CHECKING, "querying the printer's last line")
     done, number = yield from _last_line(run, history)
     restore_looks(run, history, done)
     run.wiring.protocol.load(progress.job.lines, done, number)
     yield from shut_valve(run)
     if is_open(progress.job.lines, done, run.printer):
-        logbook.alarm(f"the valve stood open after line {done} while no host was there; look")
+        logbook.alarm(
+            f"the valve was open after line {done} while no host was connected; inspect the part"
+        )
     yield from run.firmware.check_keepalive(journalled=True)
-    logbook.enter(LinkState.CHECKING, "waiting until the printer has made what it took")
+    logbook.enter(LinkState.CHECKING, "waiting until the printer has executed its queued moves")
     yield from run.channel.command(b"M400")
     run.firmware.restore_settings(history.settings)
     if history.heat:
@@ -74,8 +76,8 @@ def _last_line(run: Print, history: JournalledPrint) -> Steps[tuple[int, int]]:
     if not link_facts(run.printer).remembers:
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
-            f"{run.printer.firmware} can't tell which line it took last; at least "
-            f"{history.done} job lines were taken; `printctl status` says what next",
+            f"{run.printer.firmware} can't report its last accepted line; at least {history.done} "
+            "job lines were accepted; `printctl status` lists the next steps",
             known=False,
         )
     number = yield from run.channel.agree(run.wiring.protocol.ask)
@@ -84,9 +86,8 @@ def _last_line(run: Print, history: JournalledPrint) -> Steps[tuple[int, int]]:
     if reset or not history.done <= done <= len(run.job):
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
-            f"the printer's last line is {number}, the journal knows of {history.done} job "
-            "lines: it was reset or used by another program since; `printctl status` says "
-            "what next",
+            f"the printer's last line is {number}, but the journal has {history.done} job lines: "
+            "it was reset or used by another program since; `printctl status` lists the next steps",
             known=False,
         )
     return done, number
@@ -100,7 +101,7 @@ def _confirm_count(run: Print, done: int) -> None:
 
 def _rejoin(run: Print, at: Modal, park: Park | None, done: int) -> Steps[None]:
     run.excursion = Excursion(True, at, run.progress.relieved_mm)
-    run.logbook.enter(LinkState.RESUMING, "returning to where the print was left")
+    run.logbook.enter(LinkState.RESUMING, "returning to the print position")
     yield from take_head(run)
     if park is not None and (yield from is_parked(run, at, park)):
         yield from lead_needle(run, at, park, back=True)

@@ -83,7 +83,7 @@ class Streamer:
             return PrintEnded(LinkState.KILLED, message, False, name)
         if isinstance(exc, PortLost):
             words = logbook.progress.words()
-            message = f"{exc}; {words}, the next may have been taken"
+            message = f"{exc}; {words}, the next may have been accepted"
             return PrintEnded(LinkState.FAILED, message, False, name)
         known = isinstance(exc, HandshakeError) and not logbook.resumed
         return PrintEnded(LinkState.FAILED, str(exc), known, name)
@@ -126,10 +126,10 @@ class Streamer:
         if job.marks.next(after, done) is None:
             change = after is MarkKind.RELOAD
             what = "safe reload point" if change else f"end of a {after}"
-            then = ", then `printctl reload RUN` makes room there" if change else ""
+            then = ", then `printctl reload RUN` raises the needle there" if change else ""
             raise Refused(
-                f"{job.name} marks no {what} after line {job.file_line(done)}; pause at once "
-                f"instead (`printctl pause RUN`){then}"
+                f"{job.name} has no {what} after line {job.file_line(done)}; pause now instead "
+                f"(`printctl pause RUN`){then}"
             )
         write_down(wanted_pause(run, after), self.wiring)  # before the client hears of it
         run.queue.add(Request.LOOK)
@@ -144,8 +144,8 @@ class Streamer:
         count = len(run.printer.heads)
         if head is not None and not 0 <= head < count:
             raise Refused(
-                f"there is no head {head} to change the syringe of: {run.printer.name} "
-                + (f"has 0 to {count - 1}" if count else "has one alone; don't name it")
+                f"head {head} doesn't exist: {run.printer.name} "
+                + (f"has 0 to {count - 1}" if count else "has only one; omit it")
             )
         run.change.wanted_head = head
         if run.logbook.state in (LinkState.PAUSED, LinkState.LOOKING):
@@ -169,16 +169,16 @@ class Streamer:
         run, state = self.print, self.print.logbook.state
         changing = run.change.going_on
         if changing and state is LinkState.PAUSED and not (change or unchanged):
-            raise Refused(f"the print is paused for a change of syringe: {CHANGE}")
+            raise Refused(f"the print is paused for a syringe change: {CHANGE}")
         if change and not changing:
             raise Refused(
-                "the print isn't paused for a change of syringe: `printctl reload RUN` first, so "
+                "the print isn't paused for a syringe change: use `printctl reload RUN` first, so "
                 "that the change is in the journal"
             )
         if change and state is LinkState.PAUSING:
             raise Refused(
-                "the print isn't paused yet: the needle is being lifted for the change; tell the "
-                "new syringe once `printctl status RUN` says paused"
+                "the print isn't paused yet: the needle is being lifted for the change; specify "
+                "the new syringe once `printctl status RUN` reports paused"
             )
         run.watch.unobserved = unobserved
         # where it isn't paused yet, a syringe would be of the next change

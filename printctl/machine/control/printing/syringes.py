@@ -39,8 +39,8 @@ def _choose_head(run: Print, number: int) -> Steps[None]:
             return
     raise PrintEnded(
         LinkState.POSITION_UNKNOWN,
-        f"the firmware doesn't say that it uses head {number} ({choose(printer, number)!r}): "
-        "nothing was moved; see that it was built with so many, then `printctl status`",
+        f"the firmware doesn't confirm head {number} ({choose(printer, number)!r}): nothing was "
+        "moved; check that it was built with that many heads, then `printctl status`",
         known=False,
     )
 

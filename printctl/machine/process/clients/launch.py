@@ -41,8 +41,8 @@ def spawn(command: list[str]) -> int:
         )
     except subprocess.TimeoutExpired as exc:
         raise LinkError(
-            f"the process didn't start within {START_LIMIT_S:g} s: this machine has too much else "
-            "to do; end that, then try again"
+            f"the process didn't start within {START_LIMIT_S:g} s: this computer is overloaded; "
+            "end other programs, then try again"
         ) from exc
     if started.returncode != 0:
         said = started.stderr.decode(errors="replace").strip()[-500:]

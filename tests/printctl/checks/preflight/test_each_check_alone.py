@@ -56,26 +56,26 @@ JOBS: list[tuple[str, list[str]]] = [
     ("y, lowest", ["G0 Z100 F240", "G0 Y-1 F6000"]),
     ("y, highest", ["G0 Z100 F240", "G0 Y201 F6000"]),
     ("z, highest", ["G0 Z201 F240"]),
-    ("speed of x", ["G0 X110 F24000"]),
-    ("speed of y", ["G0 Y110 F24000"]),
-    ("speed of z", ["G0 Z19 F600"]),
-    ("speed of e", ["G1 E1 F600"]),
-    ("plunger behind where it begins", ["G1 E-1 F60"]),
-    ("longest line as sent", ["M117 " + "a long text " * 8]),
-    ("moves of less than 6 motor steps", ["G1 X100.05 F600", "G1 X101"]),
+    ("X speed", ["G0 X110 F24000"]),
+    ("Y speed", ["G0 Y110 F24000"]),
+    ("Z speed", ["G0 Z19 F600"]),
+    ("E speed", ["G1 E1 F600"]),
+    ("plunger retracted behind its start", ["G1 E-1 F60"]),
+    ("longest line sent", ["M117 " + "a long text " * 8]),
+    ("moves shorter than 6 motor steps", ["G1 X100.05 F600", "G1 X101"]),
     ("too_slow", ["G1 X101 F12"]),
     ("commands unknown to the firmware", ["M42 P4 S1"]),
-    ("lines that are no command", ["hello"]),
+    ("lines that are not commands", ["hello"]),
     ("homing with the needle mounted", ["G28 X"]),
-    ("arcs without a centre", ["G2 X101 Y101 F600"]),
-    ("warmest setting of the ink", ["M104 S37"]),
-    ("coldest setting of the ink", ["M104 S1"]),
-    ("warmest setting of the bath", ["M190 S30"]),
-    ("lowest tip above the dish's floor", ["G0 Z0.5 F240", "G0 Z20"]),
-    ("needle to the dish's wall", ["G0 Z48 F240", "G0 X139.5 F600"]),
-    ("highest writing", ["G1 X105 E0.06 F600", "G0 Z25 F240"]),
-    ("the firmware's own switch-off", ["M85 S0"]),
-    ("the firmware's own switch-off, above", ["G4 S700"]),
+    ("invalid arcs", ["G2 X101 Y101 F600"]),
+    ("highest ink temperature", ["M104 S37"]),
+    ("lowest ink temperature", ["M104 S1"]),
+    ("highest bath temperature", ["M190 S30"]),
+    ("lowest tip above the dish floor", ["G0 Z0.5 F240", "G0 Z20"]),
+    ("needle to dish wall", ["G0 Z48 F240", "G0 X139.5 F600"]),
+    ("highest extrusion", ["G1 X105 E0.06 F600", "G0 Z25 F240"]),
+    ("firmware idle timeout", ["M85 S0"]),
+    ("firmware idle timeout vs.", ["G4 S700"]),
 ]
 
 
@@ -94,7 +94,7 @@ def test_a_job_that_is_wrong_in_one_thing_is_told_of_that_alone(
 
 def test_z_lowest_is_told_beside_the_floor_it_means() -> None:
     names = [check.check for check in failing([*HEAD, *BODY, "G0 Z-1 F240", "G0 Z20"])]
-    assert names == ["z, lowest", "lowest tip above the dish's floor"]
+    assert names == ["z, lowest", "lowest tip above the dish floor"]
 
 
 def test_the_plunger_s_travel_is_a_check_of_its_own() -> None:
@@ -102,28 +102,28 @@ def test_the_plunger_s_travel_is_a_check_of_its_own() -> None:
     assert check.check == "plunger travel"
     small = replace(changed("syringe", volume_ul=41, inner_mm=1.0), thinnest_bore=0.05)
     (check,) = failing([*HEAD, *BODY, "G1 E30 F60"], small)
-    assert check.check.startswith("ink, with")
+    assert check.check.startswith("ink incl.")
 
 
 def test_plunger_moves_that_are_cold_are_refused_alone() -> None:
     (check,) = failing([line for line in [*HEAD, *BODY] if "M302" not in line])
-    assert check.check == "plunger moves that the firmware would drop"
+    assert check.check == "plunger moves that the firmware would ignore"
 
 
 @pytest.mark.parametrize(
     ("name", "mounted"),
     [
-        ("what sets the ink", replace(GOOD, bath=load(Bath, "gelatin_calcium"))),
-        ("printing temperature of the bath", changed("bath", max_printing_c=37.0)),
-        ("depth of the bath with ink and needle in it, below", SHALLOW),
-        ("deepest tip below", changed("needle", length_mm=2.0)),
+        ("gelation triggers", replace(GOOD, bath=load(Bath, "gelatin_calcium"))),
+        ("bath printing temperature", changed("bath", max_printing_c=37.0)),
+        ("bath depth with ink and needle vs.", SHALLOW),
+        ("immersion depth", changed("needle", length_mm=2.0)),
         ("dish", replace(GOOD, standing=None)),
         ("pressure in the syringe", changed("syringe", max_pressure_kpa=1.0)),
-        ("force on the plunger", changed("printer", max_plunger_force_n=0.1)),
-        ("shear stress at the needle's wall", sure(max_shear_stress_pa=1.0)),
-        ("pressure that the ink holds", changed("ink", retract_ul=0.0, yield_stress_pa=10.0)),
+        ("plunger force", changed("printer", max_plunger_force_n=0.1)),
+        ("shear stress at the needle wall", sure(max_shear_stress_pa=1.0)),
+        ("residual pressure", changed("ink", retract_ul=0.0, yield_stress_pa=10.0)),
         ("set-up", replace(GOOD, needle=None, bath=GOOD.bath)),
-        ("commands of the safe state", changed("printer", safe_state_off=("M42 P4 S0",))),
+        ("safe-state commands", changed("printer", safe_state_off=("M42 P4 S0",))),
         (
             "profile",
             replace(changed("syringe", inner_mm=0.461, volume_ul=1000.0), thinnest_bore=0.05),
@@ -192,11 +192,11 @@ def without(lines: list[str], *taken: str) -> list[str]:
     [
         ("moves before the valve is closed", [*without(BEGIN, "M106 P0 S0"), *WRITE, *END], 5),
         ("travels with the valve open", [*BEGIN, *WRITE[:4], "G0 X100", *WRITE[4:], *END], 11),
-        ("plunger moves, where there is none", [*BEGIN, *WRITE, "G1 E1 F60", *END], 14),
-        ("commands that set the valve", [*BEGIN, *WRITE, "M400", "M106 P0 S9", "G4 P30",
+        ("plunger moves on a pneumatic head", [*BEGIN, *WRITE, "G1 E1 F60", *END], 14),
+        ("commands that open the valve", [*BEGIN, *WRITE, "M400", "M106 P0 S9", "G4 P30",
                                          "M106 P0 S0", "G4 P30", *END], 15),
         ("valve open at the end", [*BEGIN, *WRITE, *END, "M106 P0 S255"], 16),
-        ("valve switched while the head may", [*BEGIN, *WRITE[1:], *END], 7),
+        ("valve switched while the head", [*BEGIN, *WRITE[1:], *END], 7),
         ("valve switched without its delay", [*BEGIN, *WRITE[:2], *WRITE[3:], *END], 8),
     ],
 )  # fmt: skip
@@ -213,18 +213,18 @@ def test_an_air_job_that_is_wrong_in_one_thing_is_told_of_that_alone(
 @pytest.mark.parametrize(
     ("name", "mounted", "refuses"),
     [
-        ("pressure, of the regulator", head(max_pressure_kpa=70.0), True),
-        ("pressure, on the syringe", other("syringe", max_pressure_kpa=79.0), True),
+        ("pressure vs. regulator", head(max_pressure_kpa=70.0), True),
+        ("pressure vs. syringe", other("syringe", max_pressure_kpa=79.0), True),
         ("shear stress", other("ink", max_shear_stress_pa=63.0), True),
-        ("asked of you", other("syringe", max_pressure_kpa=None), False),
+        ("operator check", other("syringe", max_pressure_kpa=None), False),
         ("flow at the set pressure", head(measured=None), False),
         ("flow at the set pressure", head(pressure_kpa=90.0), False),
         ("flow at the set pressure",
          replace(head(measured=None), ink=other("ink", yield_stress_pa=64.0).ink), True),
         ("ink for the open valve", TORRENT, True),
-        ("drop at each path's end", DROPS, False),
-        ("fastest writing", other("ink", write_speed_mm_s=Span(low=1, high=9)), False),
-        ("slowest writing", other("ink", write_speed_mm_s=Span(low=11, high=19)), False),
+        ("drop diameter at path ends", DROPS, False),
+        ("fastest extrusion move", other("ink", write_speed_mm_s=Span(low=1, high=9)), False),
+        ("slowest extrusion move", other("ink", write_speed_mm_s=Span(low=11, high=19)), False),
         ("profile", other("printer", safe_state_on=("pump",)), True),
     ],
 )  # fmt: skip

@@ -160,7 +160,7 @@ def test_only_a_measured_ink_is_refused_for_its_pressure(calibrated: bool, refus
     run = run_of("G92 E0", "G1 X110 E0.1 F600")
     checks = force_checks(run, ink, NEEDLE, syringe, printer)
     assert [check.unit for check in checks] == ["kPa", "N", "Pa"]
-    assert "friction not known" in checks[1].check
+    assert "friction unknown" in checks[1].check
     assert all(check.place == "line 3" and not check.passed for check in checks)
     assert all(check.refuses == refuses for check in checks)
 
@@ -190,7 +190,7 @@ def named(checks: list[Check], name: str) -> Check:
 def test_needle_keeps_off_a_round_wall_below_its_top(
     lines: list[str], gap: float, line: int
 ) -> None:
-    check = named(dish_checks(run_of(*lines), standing(), NEEDLE), "needle to the dish's wall")
+    check = named(dish_checks(run_of(*lines), standing(), NEEDLE), "needle to dish wall")
     assert check.value == pytest.approx(gap)
     assert check.passed == (gap >= 1)
     assert check.place == f"line {line}"
@@ -204,32 +204,32 @@ def test_a_dish_stands_under_the_tip_where_its_centre_isnt_given(
     names = ProfileNames("30g", None, "petri_60mm", centre, None)
     mounted = set_up(PRINTER, "hamilton_1ml", "collagen_fresh", tip, names)
     run = run_of("G1 X93 F600", start=tip)
-    check = named(dish_checks(run, mounted.standing, NEEDLE), "needle to the dish's wall")
+    check = named(dish_checks(run, mounted.standing, NEEDLE), "needle to dish wall")
     assert check.value == pytest.approx(26.0 - aside_mm - 0.155)
 
 
 def test_depth_of_the_bath_covers_the_part_and_spares_the_hub() -> None:
     run = run_of("G92 E0", "G1 Z2 F60", "G1 X105 E0.01 F600", "G1 Z11 F60", "G1 X106 E0.02 F600")
     checks = dish_checks(run, standing(), NEEDLE)
-    top = named(checks, "highest writing")
+    top = named(checks, "highest extrusion")
     assert (top.value, top.limit, top.place) == (11, 10, "line 6")
     assert top.refuses
-    assert named(checks, "deepest tip").passed
+    assert named(checks, "immersion depth").passed
     deep = dish_checks(run, standing(bath_mm=15.0), NEEDLE)
-    assert named(deep, "depth of the bath").refuses  # the wall is 12 mm high
-    assert named(deep, "deepest tip").refuses  # 13 mm below the surface, 12.7 mm long
+    assert named(deep, "bath depth").refuses  # the wall is 12 mm high
+    assert named(deep, "immersion depth").refuses  # 13 mm below the surface, 12.7 mm long
 
 
 @pytest.mark.parametrize(
     ("bath_mm", "dishes"),
     [
-        (12.5, "take a higher dish: petri_100mm (14 mm), box_80mm (60 mm)"),
+        (12.5, "use a higher dish: petri_100mm (14 mm), box_80mm (60 mm)"),
         (70.0, "no shipped dish holds this bath"),
     ],
 )
 def test_a_bath_too_deep_names_the_shipped_dishes_that_hold_it(bath_mm: float, dishes: str) -> None:
     run = run_of("G92 E0", "G1 Z2 F60", "G1 X105 E0.01 F600")
-    check = named(dish_checks(run, standing(bath_mm=bath_mm), NEEDLE), "depth of the bath")
+    check = named(dish_checks(run, standing(bath_mm=bath_mm), NEEDLE), "bath depth")
     assert check.refuses
     assert dishes in check.remedy
 
@@ -343,7 +343,7 @@ def test_changes_of_syringe_count_with_their_time_or_are_named() -> None:
     known, unknown = viability_checks(PrintTime(1200.0, 2), budget)
     assert known.passed
     assert not unknown.passed
-    assert "2 changes" in unknown.remedy
+    assert "2 syringe changes" in unknown.remedy
     assert viability_facts(PrintTime(1200.0, 2), budget)["changes_timed"] is False
 
 
@@ -419,7 +419,7 @@ def test_a_job_of_the_writer_passes():
 
 def test_a_needle_that_is_raised_too_little_drags_through_gel():
     checks = found(printer=head_with(0, raised_mm=3.0))
-    drags = checks["lowest tip that doesn't write, above the bath's surface"]
+    drags = checks["lowest idle tip vs. the bath surface"]
     assert drags.refuses
     assert drags.value == pytest.approx(6.0 + 3.0)
     assert drags.limit == 10.0
@@ -429,17 +429,17 @@ def test_a_needle_that_is_raised_too_little_drags_through_gel():
 def test_without_a_known_bath_what_is_written_is_the_limit():
     fixed = head_with(1, raised_mm=0.0, raises=None, lowers=None)
     checks = found(printer=fixed, standing=None)
-    assert checks["lowest tip that doesn't write, above all that is written"].refuses is False
+    assert checks["lowest idle tip vs. the print"].refuses is False
     deeper = fixed.heads[1].offset_mm.model_copy(update={"z": -1.0})
     lower = QUICK.model_copy(
         update={"heads": (fixed.heads[0], fixed.heads[1].model_copy(update={"offset_mm": deeper}))}
     )
     checks = found(printer=lower, standing=None)
-    assert checks["lowest tip that doesn't write, above all that is written"].refuses
+    assert checks["lowest idle tip vs. the print"].refuses
 
 
 def test_a_needle_that_swings_over_the_wall_below_its_top_is_found():
-    wall = "needle that doesn't write, to the dish's wall"
+    wall = "idle needle to dish wall"
     shallow = replace(STANDING, bath_mm=9.0)
     assert refused(printer=head_with(0, raised_mm=5.5), standing=shallow) == [wall]
     assert refused(printer=head_with(0, raised_mm=6.5), standing=shallow) == []
@@ -448,12 +448,12 @@ def test_a_needle_that_swings_over_the_wall_below_its_top_is_found():
 @pytest.mark.parametrize(
     ("old", "new", "name"),
     [
-        (b"M280 P1 S90\n", b"M105\n", "moves before every head is said to be raised or lowered"),
-        (b"M280 P1 S10\n", b"M105\n", "plunger moves of a raised head"),
+        (b"M280 P1 S90\n", b"M105\n", "moves before every head was raised or lowered"),
+        (b"M280 P1 S10\n", b"M105\n", "plunger moves with the head raised"),
         (
             b"M400\nM280 P0 S90\nG4 P50\n",
             b"M280 P0 S90\nM105\n",
-            "heads raised or lowered while the carriage may still move",
+            "heads raised or lowered while moving",
         ),
     ],
 )
@@ -465,12 +465,12 @@ def test_what_is_left_out_is_found(old, new, name):
 def test_a_head_lowered_into_the_print_is_found():
     low = DATA.replace(b"G0 Z20", b"G0 Z5.5")
     assert low != DATA
-    assert "lowest tip where a head is lowered, above all that is written" in refused(data=low)
+    assert "lowest tip at head lowering vs. top of the print" in refused(data=low)
 
 
 def test_a_swing_that_isn_t_waited_for_is_told():
     hasty = found(data=DATA.replace(b"G4 P50\n", b""))
-    check = hasty["heads raised or lowered without their time waited for"]
+    check = hasty["heads raised or lowered without their delay"]
     assert not check.passed
     assert check.weight == "warns"
 
@@ -481,14 +481,14 @@ def test_each_head_is_held_against_its_own_syringe():
     loads = (SYRINGES[0], tiny)
     checks = check_each_head(run, QUICK, lambda k, view, one: syringe_checks(view, one, loads[k]))
     failed = [check.check for check in checks if check.refuses and "profile" not in check.check]
-    assert failed == ["head 1 (right): ink, with 0 µL dead volume"]
+    assert failed == ["head 1 (right): ink incl. 0 µL dead volume"]
 
 
 def test_findings_of_heads_refuse_by_their_names():
     data = DATA.replace(b"M218 T1 X0 Y0 Z0", b"M218 T1 X40 Y0 Z0")
     run = dry_run(data, QUICK, START)
     failed = [check for check in gcode_checks(run, QUICK) if check.refuses]
-    assert "offsets of a head that would count twice" in [check.check for check in failed]
+    assert "head offsets that would be applied twice" in [check.check for check in failed]
 
 
 # --- checks of plate wells, on handwritten jobs
@@ -523,27 +523,27 @@ def test_a_job_in_order_passes_all() -> None:
 def test_a_way_below_the_rims_is_refused_with_both_wells() -> None:
     low = [INTO_A1[0], INTO_A1[1], "G0 Z22 F300", *TO_A2]
     assert failed(low) == {
-        "ways between wells, above the plate's rims": "line 9",
-        "needle to its well's wall": "well A2, line 9",
+        "travel between wells vs. plate rim": "line 9",
+        "needle to well wall": "well A2, line 9",
     }
-    assert value(low, "ways between wells") == 22
+    assert value(low, "travel between wells") == 22
 
 
 def test_the_wall_is_as_far_as_the_well_is_wide() -> None:
     lines = ["G0 Z2 F300", "G1 X55 E0.01 F300", "G0 Z23 F300"]
     gap = 15.62 / 2 - 5 - 0.31 / 2
-    assert value(lines, "needle to its well's wall") == pytest.approx(gap)
+    assert value(lines, "needle to well wall") == pytest.approx(gap)
     assert failed(["G0 Z2 F300", "G1 X56.9 E0.01 F300"]) == {
-        "needle to its well's wall": "well A1, line 7"
+        "needle to well wall": "well A1, line 7"
     }
 
 
 def test_a_hub_goes_into_a_well_only_where_it_fits() -> None:
     """Half an inch above 2 mm is 14.7 mm, below the rim at 17.4; 12 mm are taken for the hub."""
-    assert failed(INTO_A1, needle=SHORT) == {"needle's hub to its well's wall": "well A1, line 7"}
+    assert failed(INTO_A1, needle=SHORT) == {"needle hub to well wall": "well A1, line 7"}
     slim = SHORT.model_copy(update={"hub_outer_mm": 6.0})
     gap = 15.62 / 2 - 2 - 6 / 2
-    assert value(INTO_A1, "needle's hub", needle=slim) == pytest.approx(gap)
+    assert value(INTO_A1, "needle hub", needle=slim) == pytest.approx(gap)
     above = ["G0 Z4.8 F300", "G1 X52 E0.01 F300", "G0 Z23 F300"]  # 17.5 mm: over the rim
     assert failed(above, needle=SHORT) == {}
 
@@ -551,27 +551,25 @@ def test_a_hub_goes_into_a_well_only_where_it_fits() -> None:
 def test_the_bath_rises_by_ink_and_needle_and_must_not_run_over() -> None:
     area = math.pi / 4 * 15.62**2
     rise = (5.0 + math.pi / 4 * 0.31**2 * (8 - 2)) / area
-    assert value(INTO_A1, "depth of a well's bath") == pytest.approx(8 + rise)
+    assert value(INTO_A1, "well bath depth") == pytest.approx(8 + rise)
     full = replace(WELLS, bath_mm=17.4 - rise / 2)
     assert failed(INTO_A1, full) == {
-        "depth of a well's bath with ink and needle in it, below its rim": (
-            "well A1, plate.bath_depth_mm"
-        )
+        "well bath depth with ink and needle vs. rim": ("well A1, plate.bath_depth_mm")
     }
 
 
 def test_writing_above_the_bath_and_a_hub_in_it_are_refused() -> None:
     assert failed(INTO_A1, replace(WELLS, bath_mm=1.5)) == {
-        "highest writing in a well, below the bath's surface": "well A1, line 7"
+        "highest extrusion in a well vs. bath surface": "well A1, line 7"
     }
     stub = LONG.model_copy(update={"length_mm": 5.0, "hub_outer_mm": 1.0})
     assert failed(INTO_A1, needle=stub) == {
-        "deepest tip in a well below the bath's surface, against the needle": "well A1, line 6"
+        "immersion depth in a well vs. needle length": "well A1, line 6"
     }
 
 
 def test_a_well_that_holds_no_part_isn_t_entered() -> None:
     only = replace(WELLS, ink_ul={"A1": 5.0})
     assert failed([*INTO_A1, *TO_A2], only) == {
-        "wells entered in which nothing is printed": "well A2, line 10"
+        "wells entered without printing": "well A2, line 10"
     }

@@ -98,7 +98,7 @@ def test_the_other_way_round_passes_and_tells_how_near_it_came(tmp_path: Path) -
 def test_the_clearance_warns_and_doesnt_refuse(tmp_path: Path) -> None:
     job(tmp_path, 1, 0)
     done = simulated(tmp_path, "--json")
-    graze = next(c for c in json.loads(done.stdout)["checks"] if "nearer than 0.05" in c["check"])
+    graze = next(c for c in json.loads(done.stdout)["checks"] if "within 0.05" in c["check"])
     assert graze["passed"]
     beside = replace(NETWORK, nodes=SIDE, points=SIDE[[0, 1, 2, 3]])
     job(tmp_path, 0, 1, points=[SIDE[:2], SIDE[2:]], network=beside)
@@ -132,7 +132,7 @@ def test_without_a_map_writing_on_a_slope_is_told_to_be_unchecked(tmp_path: Path
     file = tmp_path / "part.gcode"
     head = "G21\nG90\nM82\nM302 P1\nG92 X100 Y100 Z20 E0\nG1 X105 E0.02 F600\n"
     file.write_text(head + "G1 X100 Z21 E0.04\nM400\n")
-    assert "wasn't looked at" in simulated(tmp_path).stderr
+    assert "weren't checked" in simulated(tmp_path).stderr
     file.write_text(head + "G1 X100 E0.04\nM400\n")
     assert "shaft" not in simulated(tmp_path).stderr
 
@@ -180,7 +180,7 @@ def test_a_run_refuses_what_its_recipe_doesnt_allow(
     else:
         found = run()["dry_run"]
         assert "1 pairs" in found["accepted_crossings"]
-        told = next(c for c in found["checks"] if "passes through" in c["check"])
+        told = next(c for c in found["checks"] if "crossed by" in c["check"])
         assert (told["passed"], told["weight"]) == (False, "warns")
     kept = json.loads((tmp_path / "run" / "dry_run.json").read_text())["clearance"]
     assert kept["crossing"][0]["crossed"] == 0

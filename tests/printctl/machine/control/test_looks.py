@@ -139,7 +139,7 @@ def test_look_that_nobody_decides_becomes_a_pause_and_is_made_again_where_somebo
     bench.when(LinkState.PAUSED, lambda streamer: streamer.resume(unobserved=unobserved))
     assert_exact(bench)
     assert bench.recorded("looked")[0]["by"] == "the link"
-    assert "nobody decided within 33 s (look_limit_s)" in bench.pauses[0].message
+    assert "no decision within 33 s (look_limit_s)" in bench.pauses[0].message
     assert bench.pauses[0].alarms == 1
     assert len(looked(bench)) == (2 if unobserved else 3)
 
@@ -190,7 +190,7 @@ def test_a_look_is_made_where_an_insert_ends_if_requested(again):
     behind = ENDS[0] + COUNT
     assert ((behind, "go_on") in looked(bench)) is again
     marks = {one["mark"] for one in looks(bench) if one["done"] == behind}
-    assert marks == ({"end of what was inserted"} if again else set())
+    assert marks == ({"end of the injected G-code"} if again else set())
 
 
 def test_a_flow_corrected_in_a_look_changes_what_is_written_behind_it():
@@ -247,7 +247,7 @@ def test_insert_that_the_disk_has_no_room_for_isnt_taken():
     assert status.state is LinkState.STOPPED
     assert bench.journal.history().inserts == []
     assert MEND[1]["lines"][0] not in bench.printer.taken
-    assert "isn't taken" in bench.refusals[0]
+    assert "isn't accepted" in bench.refusals[0]
     assert_true(bench, status)
 
 
@@ -262,7 +262,7 @@ def test_a_look_that_failed_is_made_again_once_when_the_print_goes_on(fails):
     assert_exact(bench)
     decided = ["pause"] * len(fails) + ["go_on"] * (3 - len(fails))
     assert looked(bench) == list(zip([ENDS[0], ENDS[0], ENDS[1]], decided, strict=True))
-    said = ["makes this look again", "goes on without this look"][: len(fails)]
+    said = ["repeats this look", "continues without this look"][: len(fails)]
     assert all(words in one.message for words, one in zip(said, bench.pauses, strict=True))
 
 
@@ -292,7 +292,7 @@ def test_a_look_in_which_a_pause_is_requested_is_made_again(mended):
     bench.when(LinkState.PAUSED, resume)
     assert_exact(bench)
     assert looked(bench)[:2] == [(ENDS[0], "pause"), (ENDS[0], "go_on")]
-    words = "a pause was asked for; `printctl resume RUN` makes this look again"
+    words = "a pause was requested; `printctl resume RUN` repeats this look"
     assert words in bench.pauses[0].message
     assert len(bench.recorded("insert")) == mended
     assert bool(looks(bench)[1]["insert_sha256"]) is mended

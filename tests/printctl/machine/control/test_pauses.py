@@ -64,7 +64,7 @@ def test_pause_after_a_layer_is_journalled_at_once_and_held_at_its_mark():
     bench = Bench(JOB)
 
     def request(streamer: Streamer) -> None:
-        with pytest.raises(LinkError, match="marks no end of a vessel after line 5"):
+        with pytest.raises(LinkError, match="has no end of a vessel after line 5"):
             streamer.pause(MarkKind.VESSEL)
         streamer.pause(MarkKind.LAYER)
         assert bench.recorded("wanted")[-1]["after"] == MarkKind.LAYER
@@ -113,14 +113,14 @@ def test_print_that_nobody_confirms_is_held_at_the_next_mark_or_stopped(confirme
     status = bench.run()
     if stops:
         assert (status.state, status.position_known) == (LinkState.STOPPED, True)
-        assert "nobody confirmed" in status.message
+        assert "no operator confirmed" in status.message
         assert_true(bench, status)
         return
     assert_exact(bench, status)
     assert bool(bench.pauses) is not confirmed
-    assert all("nobody confirmed" in one.message for one in bench.pauses)
+    assert all("no operator confirmed" in one.message for one in bench.pauses)
     assert {one.lines_done for one in bench.pauses} <= set(ENDS)
-    assert any("nobody confirmed" in text for text in bench.alarms) is not confirmed
+    assert any("no operator confirmed" in text for text in bench.alarms) is not confirmed
     assert bench.statuses[-1].deadman_left_s is not None
 
 
@@ -181,7 +181,7 @@ def test_a_plunger_moved_by_hand_in_a_pause_is_never_drawn_back_in_the_gel(firmw
     lowered = [k for k, one in enumerate(commands) if re.match(r"G1 Z[\d.]+ F", one) and k > begin]
     assert lowered  # the plunger is counted above the gel, before the needle comes down
     [alarm] = [one for one in bench.alarms if "the plunger is at E" in one]
-    assert f"moved by {moved_mm:+.2f} mm while the print was held" in alarm
+    assert f"moved by {moved_mm:+.2f} mm during the pause" in alarm
 
 
 @pytest.mark.parametrize(("every", "expected"), [(0.0, 6), (1.5, 3), (None, 0)])
@@ -471,4 +471,4 @@ def test_a_count_of_lines_set_back_by_another_program_in_a_pause_ends_no_print()
     status = bench.run()
     assert status.state is LinkState.DONE, status.message
     assert made_of(bench.printer, JOB.lines) == CLEAN
-    assert any("count of lines became 0" in text for text in bench.alarms)
+    assert any("line counter became 0" in text for text in bench.alarms)

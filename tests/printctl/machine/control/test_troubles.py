@@ -91,8 +91,8 @@ class Refusing(ScriptedPrinter):
 @pytest.mark.parametrize(
     ("printer", "words"),
     [
-        (silent, ["no firmware answers at bench", "baud rate (profile: 115200)"]),
-        (other_steps, ["E makes 500 steps/mm in the firmware, 6400 in the profile"]),
+        (silent, ["no firmware replies at bench", "baud rate (profile: 115200)"]),
+        (other_steps, ["E has 500 steps/mm in the firmware, 6400 in the profile"]),
         (resetting, ["reset during the handshake"]),
         (lambda: Refusing(2, 1e9, "refuses"), ["(a command, sent as N2)"]),
         (lambda: Answering(M92=lambda said: f"Error:Heating failed\n{said}"), ["Heating failed"]),
@@ -117,7 +117,7 @@ def test_a_line_that_is_never_taken_ends_the_print(how):
     bench.when(LinkState.PAUSED, *[resume] * 200)
     status = bench.run()
     assert (status.state, status.position_known) == (LinkState.FAILED, False)
-    words = ["sent as N60)", f"{MAX_REFUSALS} tries", "check cable, earthing and firmware"]
+    words = ["sent as N60)", f"{MAX_REFUSALS} attempts", "check cable, grounding and firmware"]
     assert all(one in status.message for one in [*words, "needle wasn't lifted"])
     assert ("checksum mismatch" in status.message) == (how == "refuses")
     again = Bench(LONG, bench.printer, journal=bench.journal, resume=True)
@@ -228,7 +228,7 @@ def test_a_printer_that_acknowledges_and_does_not_move_is_not_done(renames):
 def test_an_end_that_cannot_be_compared_is_done_and_says_so():
     status = Bench(JOB, Answering(M114="ok\n")).run()
     assert status.state is LinkState.DONE
-    assert "isn't compared" in status.message
+    assert "not verified" in status.message
 
 
 @pytest.mark.parametrize(("axis", "steps"), [("X", 4), ("Z", 6), ("X", -4), ("Z", -6)])
@@ -241,7 +241,7 @@ def test_motors_some_steps_off_behind_the_last_move_are_not_done(axis, steps):
 
     bench.on_line(len(JOB) - 1, slip)
     assert bench.run().state is LinkState.POSITION_UNKNOWN
-    assert "plunger isn't compared" in bench.recorded("checkpoint")[-1]["compared"]
+    assert "plunger position not verified" in bench.recorded("checkpoint")[-1]["compared"]
 
 
 @pytest.mark.parametrize(
@@ -365,15 +365,15 @@ def test_answers_that_are_all_doubled_make_one_alarm_with_a_count():
 
 # --- other programs ---------------------------------------------------------------------------
 
-OTHERS = "another program or noise wrote to this printer: 1 answer more than lines"
+OTHERS = "another program or noise wrote to this printer: 1 reply more than lines sent"
 
 
 @pytest.mark.parametrize(
     ("writes", "words"),
     [
         (b"G1 Z60 F600\n", "Z is 60"),
-        (b"G92 X0\n", "X is called"),
-        (b"G92 Y-3 X20\n", "Y is called"),
+        (b"G92 X0\n", "X is offset by"),
+        (b"G92 Y-3 X20\n", "Y is offset by"),
     ],
 )
 def test_what_another_program_moves_or_renames_ends_the_print(writes, words):
@@ -396,7 +396,7 @@ def test_place_renamed_without_an_answer_that_is_noticed_ends_the_print():
     bench.on_line(9, rename)
     status = bench.run()
     assert status.state is LinkState.POSITION_UNKNOWN
-    assert "X is called" in status.message
+    assert "X is offset by" in status.message
 
 
 @pytest.mark.parametrize("complete", [True, False])
@@ -412,7 +412,7 @@ def test_missing_answers_on_a_clean_wire_are_told_as_perhaps_read(complete):
     bench.wiring.transport.programs = lambda: PortPrograms(complete=complete)
     status = bench.run()
     assert status.state is LinkState.DONE
-    told = any("another program may read this port" in text for text in bench.alarms)
+    told = any("another program may be reading this port" in text for text in bench.alarms)
     assert told is not complete
 
 
@@ -434,7 +434,7 @@ def test_printer_that_isnt_as_it_was_when_the_host_died_is_not_gone_on_with(othe
     counts = dict(printer.renamed_mm)
     status = Bench(JOB, printer, journal=first.journal, resume=True).run()
     assert status.state is LinkState.POSITION_UNKNOWN
-    assert other == "reset" or f"{other.split()[1][0]} is called" in status.message
+    assert other == "reset" or f"{other.split()[1][0]} is offset by" in status.message
     assert (printer.place, printer.renamed_mm) == (before, counts)
 
 
@@ -456,7 +456,7 @@ class GarbledPlaces(Wire):
 def test_garbled_answers_at_the_start_are_asked_again():
     bench = Bench(JOB, wire=GarbledPlaces())
     assert_exact(bench)
-    assert not any("still move" in one.message for one in bench.statuses)
+    assert not any("still moving" in one.message for one in bench.statuses)
 
 
 def test_a_fault_of_the_printer_s_own_is_no_refusal_of_the_line_in_flight():
@@ -465,7 +465,7 @@ def test_a_fault_of_the_printer_s_own_is_no_refusal_of_the_line_in_flight():
     bench.on_line(46, lambda _: bench.printer.say(said.encode()))
     status = bench.run()
     assert status.state is LinkState.FAILED
-    assert "the printer says 'Error:MINTEMP triggered, system stopped! Heater_ID: bed'" in (
+    assert "the printer reports 'Error:MINTEMP triggered, system stopped! Heater_ID: bed'" in (
         status.message
     )
     assert "refused" not in status.message
@@ -491,7 +491,7 @@ def test_a_print_paused_by_noise_goes_on_by_itself_once_errors_are_few():
     wire.bench = bench
     assert_exact_long(bench)
     assert len(bench.pauses) == 1
-    assert "the print goes on by itself once errors are few" in bench.pauses[0].message
+    assert "the print resumes by itself once errors are rare" in bench.pauses[0].message
     assert bench.exchange.now_s > 200.0
 
 

@@ -86,9 +86,10 @@ class DeadLine(SimulatedTransport):
 
 
 _TOLD = re.compile(
-    r"the ink stood still(?: \d times, [0-9.]+ s in all, the longest)? for ([0-9.]+) s"
+    r"the needle stopped while extruding"
+    r"(?: \d times, [0-9.]+ s in total, longest|,) for ([0-9.]+) s"
 )
-_ALARM = re.compile(r'"t":"alarm"[^\n]*?"text":"(the ink stood still[^"]*)"')
+_ALARM = re.compile(r'"t":"alarm"[^\n]*?"text":"(the needle stopped while extruding[^"]*)"')
 _PLACE = re.compile(r"line \d+ \(X([\d.]+) Y([\d.]+)")
 
 

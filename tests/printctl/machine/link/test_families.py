@@ -106,9 +106,9 @@ def test_position_isnt_known_after_a_way_out_that_the_printer_refused(tmp_path):
     job = [*JOB[:10], b"G1 X501", *JOB[10:]]
     status = streamer_of("klipper", StuckKlipper(), tmp_path, job).run()
     assert (status.state, status.position_known) == (LinkState.FAILED, False)
-    assert "the way out wasn't made as meant" in status.message
+    assert "the retreat didn't run as planned" in status.message
     assert "Must home axis first" in status.message
-    assert "where the needle is isn't known" in status.message
+    assert "the needle position is unknown" in status.message
     assert read_journal(tmp_path / "journal.log").end["position_known"] is False
 
 
@@ -134,7 +134,7 @@ def test_family_that_forgets_lines_isnt_gone_on_with(firmware, tmp_path):
     history = read_journal(tmp_path / "journal.log")
     status = streamer_of(firmware, fake, tmp_path).run(history)
     assert status.state is LinkState.POSITION_UNKNOWN
-    assert "can't tell which line" in status.message
+    assert "can't report its last accepted line" in status.message
     assert fake.executed == before
 
 
@@ -190,7 +190,7 @@ def test_a_line_that_a_duet_never_takes_ends_the_print(tmp_path):
 
     status = streamer_of("reprapfirmware", fake, tmp_path, JOB, answer).run()
     assert (status.state, status.position_known) == (LinkState.FAILED, False)
-    assert f"in {MAX_REFUSALS} tries" in status.message
+    assert f"in {MAX_REFUSALS} attempts" in status.message
     assert repr(JOB[20].decode()) in status.message
     assert status.lines_done == 20
 
@@ -312,7 +312,7 @@ RANGED = {"klipper": FakeKlipper, "reprapfirmware": RangedDuet}
 def test_a_refused_line_is_told_as_refused_and_not_counted(firmware, tmp_path):
     status = streamer_of(firmware, RANGED[firmware](), tmp_path, BAD).run()
     assert status.state is LinkState.FAILED
-    assert f"refused line {REFUSED + 1} of test.gcode" in status.message
+    assert f"rejected line {REFUSED + 1} of test.gcode" in status.message
     assert (status.lines_done, status.lines_executed, status.file_line) == (REFUSED,) * 3
     history = read_journal(tmp_path / "journal.log")
     assert history.done == REFUSED
@@ -355,7 +355,7 @@ class SharedKlipper(FakeKlipper):
 def test_a_complaint_about_another_programs_command_doubles_no_line(tmp_path):
     status = streamer_of("klipper", SharedKlipper(), tmp_path, JOB).run()
     assert status.state is LinkState.FAILED
-    assert "another program's command was refused" in status.message
+    assert "another program's command was rejected" in status.message
     assert status.lines_done == status.lines_executed == REFUSED + 1
     data = b"\n".join(JOB)
     job = parse_job(data, "test.gcode", facts("klipper"))
@@ -400,7 +400,7 @@ def test_a_refused_wait_behind_the_last_line_ends_as_failed_with_the_retreat(z, 
     status = streamer_of("klipper", fake, tmp_path).run()
     assert (status.state, status.lines_done) == (LinkState.FAILED, len(JOB))
     assert "Driver wobble" in status.message
-    assert "refused line" not in status.message
+    assert "rejected line" not in status.message
     assert fake.at["Z"] > z + 1
 
 
@@ -426,7 +426,7 @@ def test_the_error_ends_the_print_by_its_own_words(firmware, tmp_path):
     status = streamer_of(firmware, refusing(FAKES[firmware], SAID[firmware]), tmp_path).run()
     assert (status.state, status.position_known) == (LinkState.FAILED, False)
     assert SAID[firmware] in status.message
-    assert status.message.index(SAID[firmware]) < status.message.index("no usable answer")
+    assert status.message.index(SAID[firmware]) < status.message.index("no valid reply")
 
 
 # --- klipper's shutdown reason, queried after the shutdown

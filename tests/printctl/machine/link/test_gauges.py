@@ -71,7 +71,7 @@ def test_readings_below_the_limit_are_journalled_and_shown_and_change_nothing(tm
     assert {(one["query"], one["unit"]) for one in read} == {("M871", "N")}
     took = transport.clock.now()
     assert 0.6 * took / 0.5 < len(read) - 1 <= took / 0.5  # every 0.5 s, between two lines
-    assert status.readings == (f"M871: {values[-1]:g} N, at most 12.5 N",)
+    assert status.readings == (f"M871: {values[-1]:g} N, maximum 12.5 N",)
     assert f"reads {status.readings[0]}" in waiting_lines(status)
     assert Status.from_dict(status.to_dict()) == status
     assert read_journal(tmp_path / "journal.log").done == len(JOB_MEASURING)
@@ -122,7 +122,7 @@ def test_answers_that_can_t_be_read_are_one_alarm(tmp_path):
     status = printed(tmp_path, answering_oddly(lambda number: "Force: none" * (number > 2)))
     assert status.state is LinkState.DONE, status
     (alarm,) = records(tmp_path, "alarm")
-    assert alarm["text"] == "3 answers to M871 running can't be read"
+    assert alarm["text"] == "3 consecutive replies to M871 can't be read"
 
 
 @pytest.mark.parametrize(
@@ -130,8 +130,8 @@ def test_answers_that_can_t_be_read_are_one_alarm(tmp_path):
     [
         ([[0, 12.5]], SAYS, "at rest, before the first line"),
         ([[0, 40.0]], SAYS, "reads 40 N, its limit is 12.5 N"),
-        ([[0, 1.0]], "no sensor", "isn't answered by what its regex"),
-        ([[0, 1.0]], "Force: . N", "isn't answered by what its regex"),
+        ([[0, 1.0]], "no sensor", "gets no reply that matches its regex"),
+        ([[0, 1.0]], "Force: . N", "gets no reply that matches its regex"),
     ],
 )
 def test_before_the_first_line_a_reading_must_be_there_and_below(tmp_path, ramp, says, words):

@@ -95,7 +95,7 @@ def test_an_interrupted_print_counts_what_was_put_in(tmp_path):
     assert status.lines_total == len(OWN) + 11
     assert status.inserted == ((FIRST.after, 11),)
     assert status.file_line == OWN.file_line(done - 11)
-    assert "it was held for a look, so its motors stood" in status.message
+    assert "it was held for a look, so its motors were at rest" in status.message
 
 
 def test_ink_of_an_insert_is_taken_from_the_syringe():
@@ -136,8 +136,8 @@ PLACE = InsertPlace(AT, REACH, PRINTER)
     ("lines", "why"),
     [
         ([], "has 0 lines"),
-        (["G28"], "G28 may not be inserted"),
-        (["M104 S0"], "M104 may not be inserted: .* heaters"),
+        (["G28"], "G28 can't be injected"),
+        (["M104 S0"], "M104 can't be injected: .* heaters"),
         (["M84"], "M84"),
         (["M83"], "relative extrusion"),
         (["M221 S110"], "M221"),
@@ -145,7 +145,7 @@ PLACE = InsertPlace(AT, REACH, PRINTER)
         (["G92 X0"], "no other axis"),
         (["G1 X--5"], "X--5"),
         (["G1 X12\nM112"], "line end within a line"),
-        (["G1 X12 F600"], "ends at X12 and the job goes on from X10: go back to X10"),
+        (["G1 X12 F600"], "ends at X12 but the job continues from X10: go back to X10"),
         (["G1 E1.5 F60", "G1 F600"], "end it with G92 E1.00000"),
         (["G1 X12 F300", "G1 X10"], "end it with G1 F600"),
         (["G1 X12 F600000", "G1 X10 F600"], "mm/s of X exceeds"),
@@ -157,14 +157,14 @@ PLACE = InsertPlace(AT, REACH, PRINTER)
             "below Z 8 mm and the needle|more than 1 mm beside all of the job's own moves",
         ),
         (["G1 Z8 F300", "G1 X900", "G1 X10", "G1 Z2"], "X 900.000 mm is outside"),
-        (["G1 Z9 F300", "G1 X30 Y30", "G1 Z7"], "more than 1 mm beside|goes on from"),
-        (["G4 S100"], "a wait of 100 s"),
+        (["G1 Z9 F300", "G1 X30 Y30", "G1 Z7"], "more than 1 mm beside|continues from"),
+        (["G4 S100"], "a dwell of 100 s"),
         (["G2 X12 I1"], "G2"),
         (["G4 S60"] * 31, "more than 30 min"),
         (["G1 X12 F0.01", "G1 X10 F600"], "more than 30 min"),
-        (["G1 E-19 F60", "G92 E1", "G1 F600"], "20 mm behind its place"),
-        (["G1 E-4 F60", "G92 E1", "G1 F600"], "5 mm behind where it stood"),
-        ([*["G1 E45 F60", "G92 E1"] * 5, "G1 F600"], "more than the"),
+        (["G1 E-19 F60", "G92 E1", "G1 F600"], "20 mm behind its position"),
+        (["G1 E-4 F60", "G92 E1", "G1 F600"], "5 mm behind its start position"),
+        ([*["G1 E45 F60", "G92 E1"] * 5, "G1 F600"], "mm are left"),
     ],
 )
 def test_refused_with_the_reason(lines, why):
@@ -174,7 +174,7 @@ def test_refused_with_the_reason(lines, why):
 
 @pytest.mark.parametrize(
     ("flow", "why"),
-    [(0.1, "outside 0.3 to 3"), (4.0, "outside 0.3 to 3"), (1.9, "the plunger would go 7.6 mm/s")],
+    [(0.1, "outside 0.3 to 3"), (4.0, "outside 0.3 to 3"), (1.9, "would move at 7.6 mm/s")],
 )
 def test_flow_out_of_bounds_is_refused(flow, why):
     text = "G92 X10 Y10 Z2 E1\nG1 F600 X10\nG1 X11 E1.4\nG1 E9\nG1 X12 E9.1 F60\n"
@@ -190,7 +190,7 @@ def test_flow_counts_arcs_with_their_length_and_goes_on_from_their_ends():
     job = parse_job(text.encode(), "a")
     place = InsertPlace(AT, REACH, PRINTER, plunger_mm_s=0.85)
     check_flow(job, job.grown(Insert(1, 2, (), "", 2.0)), place, "it")
-    with pytest.raises(Refused, match=r"the plunger would go 0\.88 mm/s"):
+    with pytest.raises(Refused, match=r"the plunger would move at 0\.88 mm/s"):
         check_flow(job, job.grown(Insert(1, 2, (), "", 2.2)), place, "it")
 
 

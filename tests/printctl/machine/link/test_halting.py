@@ -295,9 +295,9 @@ def test_the_moves_that_the_planner_holds_are_dropped(tmp_path):
     assert np.array_equal(motion.end[-1, :2], motion.end[sideways[-1], :2])  # straight up
     assert motion.plunger_end[-2] < motion.plunger_end[sideways[-1]]
     assert status.state is LinkState.STOPPED
-    assert "what it held ahead wasn't made" in status.message
+    assert "its queued moves weren't executed" in status.message
     assert status.lines_done > 40 > status.lines_executed
-    assert "stood still" not in status.message  # it was told to
+    assert "while extruding" not in status.message  # it was told to
 
 
 @pytest.mark.parametrize("parser", [True, False])

@@ -84,7 +84,7 @@ def test_ink_that_stood_without_a_host_is_told_with_its_place(tmp_path, paused):
     status = resumed(data, tmp_path, SimTransport(printer, clock))
     assert status.state is LinkState.DONE
     found = re.search(
-        r"stood still for ([\d.]+) s at line \d+ \(X([\d.]+) Y([\d.]+)", status.message
+        r"stopped while extruding, for ([\d.]+) s at line \d+ \(X([\d.]+) Y([\d.]+)", status.message
     )
     if paused:
         assert found is None
@@ -188,14 +188,14 @@ def test_motors_may_run_out_what_the_printer_has_taken(tmp_path, profile, held):
     message = killed(tmp_path, profile, LinkState.PRINTING).message
     assert "nothing has stopped its motors" in message
     assert held in message
-    assert "heaters that were set stay on" in message
+    assert "heaters stay as set" in message
 
 
 @pytest.mark.parametrize(
     ("profile", "motors"),
     [
         ("generic_marlin", "its motors were told to stop (M410)"),
-        ("klipper_bioprinter", "its motors make the moves that it holds"),
+        ("klipper_bioprinter", "its motors execute the queued moves"),
     ],
 )
 def test_what_is_known_of_a_print_whose_process_died_in_a_stop(tmp_path, profile, motors):
@@ -218,19 +218,19 @@ def test_unreadable_journal_says_nothing_of_the_motors(tmp_path, journal):
         path.mkdir()
     outcome = read_outcome(tmp_path)
     assert outcome.state is LinkState.INTERRUPTED
-    assert "how far it came isn't known" in outcome.message
-    assert "its motors may move" in outcome.message
+    assert "its progress is unknown" in outcome.message
+    assert "motors may be moving" in outcome.message
     assert "had not begun" not in outcome.message
 
 
 def test_print_without_journal_or_address_had_not_begun(tmp_path):
     killed(tmp_path, "generic_marlin", LinkState.PRINTING)
     (tmp_path / JOURNAL).unlink()
-    assert "had not begun, so its motors stood" in read_outcome(tmp_path).message
+    assert "had not started, so its motors were at rest" in read_outcome(tmp_path).message
 
 
 def test_a_paused_printer_stands(tmp_path):
-    assert "its motors stood" in killed(tmp_path, "generic_marlin", LinkState.PAUSED).message
+    assert "its motors were at rest" in killed(tmp_path, "generic_marlin", LinkState.PAUSED).message
 
 
 def test_command_that_recovers_can_be_copied(tmp_path):

@@ -264,7 +264,7 @@ def told(*lines: str) -> tuple[float, float, float] | None:
     "lines", [["G92 X100 Y90", "G1 X101 F600"], ["G1 X101 F600", "G92 X0 Y0 Z0", "G1 X1"]]
 )
 def test_a_place_that_is_told_in_part_or_late_is_refused(lines):
-    with pytest.raises(LinkError, match=r"G92 X.* tells the printer where the tip stands"):
+    with pytest.raises(LinkError, match=r"G92 X.* sets the tip position"):
         told(*lines)
 
 
@@ -353,7 +353,7 @@ def test_its_marks_are_read() -> None:
 
 def test_preflight_tells_what_is_to_be_seen_to_by_hand() -> None:
     checks = firmware_checks(dry_run(job(), PRINTER_UNSENT, START), PRINTER_UNSENT)
-    assert [(check.check, check.weight) for check in checks] == [("asked of you", "warns")]
+    assert [(check.check, check.weight) for check in checks] == [("operator check", "warns")]
     assert "load the file in the controller's own software" in checks[0].remedy
 
 

@@ -369,11 +369,11 @@ def test_request_of_another_mode_is_refused(door):
     server.machine.enter(StationState.PRINTING, "", print_folder="here")
     guest = enter()
     say(guest, do="jog", by={"x": 1}, token=token)
-    assert "a print goes on in here" in hear(guest)["message"]
+    assert "a print is running in here" in hear(guest)["message"]
     server.machine.end_print()
     server.machine.enter(StationState.READY, "")
     say(guest, do="pause", token=token)
-    assert "no print goes on here" in hear(guest)["message"]
+    assert "no print is running here" in hear(guest)["message"]
     say(guest, do="status", of="printer", token=token)
     assert hear(guest)["state"] == "ready"
     assert spy.requests == []

@@ -216,7 +216,7 @@ def test_oks_of_which_every_second_is_late_are_refused_and_no_move_is_made_twice
         assert status.lines_done == status.lines_total
         assert same_motion(transport.printer.executed(), foreseen(data))
     else:
-        assert "can't be understood" in status.message
+        assert "can't be read" in status.message
 
 
 @pytest.mark.parametrize(

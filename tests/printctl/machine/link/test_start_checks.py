@@ -253,7 +253,10 @@ def test_start_is_refused_behind_an_m400_that_an_idle_board_answers_at_once():
     bench = Bench(JOB, Planned())
     status = bench.run()
     assert (status.state, status.error) == (LinkState.FAILED, HandshakeError.__name__)
-    assert "still moved when the print was to start (it made for 1" in status.message
+    assert (
+        "was still moving at the start of the print (it executed earlier commands for 1"
+        in status.message
+    )
     assert [one.end["X"] for one in bench.printer.made] == [64.0]
 
 
@@ -305,7 +308,7 @@ def test_the_board_s_own_switch_off_stays_while_a_heater_is_on(tmp_path):
     status, printer, alarms = printed(tmp_path, data)
     assert status.state is LinkState.DONE, status
     assert printer.machine.idle_limit_s == 600.0
-    assert any("a heater is on" in text and "M85 S0 takes it back" in text for text in alarms)
+    assert any("a heater is on" in text and "M85 S0 restores it" in text for text in alarms)
 
 
 def test_klipper_s_own_switch_off_is_set_back_by_its_name():

@@ -119,6 +119,6 @@ def test_reloads_are_the_fewest_and_each_stretch_fits(layers, capacity, used):
 
 def test_stretch_without_a_reload_point_is_named():
     job = parse_job(b"G92 E0\nG1 X1 E3\n;RELOAD\nG1 X2 E9\nG1 X3 E10\n;RELOAD\nG1 X1 E11\n", "a")
-    with pytest.raises(LinkError, match=r"lines 4 to 5 of a push the plunger by 7\.00 mm"):
+    with pytest.raises(LinkError, match=r"lines 4 to 5 of a advance the plunger by 7\.00 mm"):
         plan_reloads(job, 5.0)
     assert plan_reloads(job, 7.0) == (2, 4)

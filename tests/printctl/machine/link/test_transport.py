@@ -362,7 +362,7 @@ def test_two_alike_are_refused_with_both_named_unless_the_serial_number_tells_th
 def test_none_is_refused_with_what_there_is():
     with pytest.raises(PortMissing, match=r"no port has a USB id .*27b1:0001.*ttyACM0.*ttyS0"):
         choose_port(with_ids("27b1:0001"), [MEGA, OTHER])
-    with pytest.raises(PortMissing, match=r"names no USB id.*ttyACM0"):
+    with pytest.raises(PortMissing, match=r"has no USB id.*ttyACM0"):
         choose_port(with_ids(), [MEGA])
     assert not matches(with_ids(), OTHER)
 

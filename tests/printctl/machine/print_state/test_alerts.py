@@ -27,15 +27,18 @@ PROGRESS = Progress(
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("nobody confirmed for 5 min (dead-man)", "Nobody has confirmed"),
+        ("nobody confirmed for 5 min (dead-man)", "No operator has confirmed"),
         ("another program (cura 12) has this port open (/dev/ttyACM0): close it", "Another"),
         (
             "the bed is set to 20 °C, and this print had set 37 °C: another program did it; taken "
             "back (M140 S37)",
             "A heater",
         ),
-        ("the ink stood still for 2.4 s between the end of line 1489 (X53.50)", "The needle stood"),
-        ("7 line errors in 20 lines; pausing: check cable and earthing", "The connection"),
+        (
+            "the ink stood still for 2.4 s between the end of line 1489 (X53.50)",
+            "The needle stopped",
+        ),
+        ("7 line errors in 20 lines; pausing: check cable and grounding", "The connection"),
         ("pressure 120 kPa above 100 kPa (printer: watch)", "A watched reading"),
         ("X is 3.00 mm where the job says 3.50 mm", "The needle wasn't"),
         ("something new", "The printer reports something unusual"),
@@ -56,8 +59,8 @@ def test_after_done_no_alarm_says_that_the_print_goes_on(text: str) -> None:
     done = alert_of(Status(LinkState.DONE, alarms=1), text, False)
     assert going_on is not None
     assert done is not None
-    assert "print goes on" in going_on.means
-    assert "goes on" not in done.means
+    assert "print continues" in going_on.means
+    assert "continues" not in done.means
     assert (done.what, done.remedy) == (going_on.what, going_on.remedy)
 
 
@@ -102,11 +105,11 @@ def test_a_stop_that_the_printer_hasn_t_confirmed_asks_to_cut_its_power() -> Non
         (Status(LinkState.FAILED, message="no firmware answers", error="HandshakeError"),
          "no line of the job", "lifted"),
         (Status(LinkState.STOPPED, message="stopped", position_known=False),
-         "isn't sure", "are off"),
+         "uncertain", "are off"),
         (Status(LinkState.INTERRUPTED, message="it was paused", position_known=False),
          "heaters stay as set", "in the part"),
         (Status(LinkState.FAILED, error="PortLost", position_known=False),
-         "With power", "in the part"),
+         "If powered", "in the part"),
     ],
 )  # fmt: skip
 def test_an_end_claims_nothing_that_was_not_done(status: Status, says: str, not_said: str) -> None:

@@ -230,15 +230,15 @@ def job() -> Job:
 
 
 def test_job_that_needs_more_is_refused_with_the_lines_of_a_change():
-    found = with_reloads(checks(), job(), (0.5,), wanted=False, by="give --reload")
+    found = with_reloads(checks(), job(), (0.5,), wanted=False, by="specify --reload")
     assert found.at == ()
     assert found.offered
-    with pytest.raises(SafetyError, match=r"give --reload: the syringe is then changed before l"):
+    with pytest.raises(SafetyError, match=r"specify --reload: the syringe is then changed"):
         refuse_failed(found.checks)
 
 
 def test_change_that_is_agreed_to_satisfies_the_checks_it_concerns_and_no_other():
-    found = with_reloads(checks(), job(), (0.5,), wanted=True, by="give --reload")
+    found = with_reloads(checks(), job(), (0.5,), wanted=True, by="specify --reload")
     refuse_failed(found.checks)
     points = [mark.index for mark in job().marks.all]
     assert len(found.at) >= 2
@@ -384,7 +384,7 @@ def test_moves_that_a_stop_dropped_count_as_not_made(tmp_path, stood, made):
 
 
 def test_a_print_of_which_no_line_was_sent_has_nothing_to_recover(tmp_path):
-    asking = "asking the firmware what it is"
+    asking = "identifying the firmware"
     journalled(tmp_path, {"sort": "state", "state": LinkState.CHECKING, "message": asking})
     assert "print it anew" in read_print(tmp_path).status.message
     assert "Recover" not in read_print(tmp_path).status.message

@@ -64,15 +64,15 @@ def test_jogs_and_goes_to_places(at_rest):
         (lambda s: s.jog("x", float("nan")), "isn't a finite number|can't be read"),
         (lambda s: s.heat("bed", 60), "outside 0 to 45 °C"),
         (lambda s: s.heat("chamber", 30), "tells of no 'chamber'"),
-        (lambda s: s.plunger(1), "which syringe"),
+        (lambda s: s.plunger(1), "no syringe is specified"),
         (lambda s: s.command("G92 X0"), "isn't for manual use"),
         (lambda s: s.command("G1 Z-5"), "outside 0 to 200 mm"),
         (lambda s: s.command("M140 S90"), "outside 0 to 45 °C"),
         (lambda s: s.mount(needle="no_such"), "no_such"),
         (lambda s: s.mount(hat="bowler"), "'hat' can't be mounted"),
-        (lambda s: s.set_position(x=-5), "no tip stands there"),
-        (lambda s: s.set_position(), "no axis is given"),
-        (lambda s: s.touch_off(), "say which first"),
+        (lambda s: s.set_position(x=-5), "the tip can't be there"),
+        (lambda s: s.set_position(), "no axis is specified"),
+        (lambda s: s.touch_off(), "specify them first"),
         (lambda s: s.reconnect(), "is connected"),
     ],
 )
@@ -100,7 +100,7 @@ def test_console_homes_only_once_it_is_known_whether_a_needle_is_on():
     known = Knowledge(PRINTER_LEVELLING)
     standing = Standing(MarlinPrinter(PRINTER_LEVELLING, START, Board()))
     hands = IdleCommands(standing, known)  # type: ignore[arg-type]
-    with pytest.raises(Refused, match=r"isn't known whether a needle is mounted.*Home"):
+    with pytest.raises(Refused, match=r"is unknown whether a needle is mounted.*Home"):
         hands.grant("command", {"text": "G28 X"})
     assert standing.sent == []
     known.mount({"needle": ""})
@@ -132,9 +132,9 @@ def test_plunger_goes_by_microlitres_within_its_syringe(at_rest):
     full = at_rest.mount(plunger_mm=50).ul_left
     assert full is not None
     assert full - status.ul_left == pytest.approx(2, abs=0.01)
-    with pytest.raises(Refused, match="that are left in bd_1ml"):
+    with pytest.raises(Refused, match="left in bd_1ml"):
         at_rest.plunger(full + 1)
-    with pytest.raises(Refused, match="counts as full there"):
+    with pytest.raises(Refused, match="would be full there"):
         at_rest.plunger(-1000)
     with pytest.raises(Refused, match="plunger_ul_s of"):
         at_rest.plunger(1, ul_s=50)
@@ -158,7 +158,9 @@ def test_line_that_is_never_taken_ends_the_standby():
     channel.wiring.transport.programs.return_value = PortPrograms()
     events = StandbyEvents(channel, threading.Event())
     events.found = True
-    with pytest.raises(PrintEnded, match=r"didn't take 'M114' in 100 tries.*restart it") as ended:
+    with pytest.raises(
+        PrintEnded, match=r"didn't accept 'M114' in 100 attempts.*restart it"
+    ) as ended:
         events.handle(LineRefused(7, 100, "M114", 0, "Error:checksum mismatch"))
     assert (ended.value.state, ended.value.known) == (LinkState.FAILED, False)
 

@@ -278,7 +278,7 @@ def test_print_that_sent_nothing_keeps_the_trust_only_where_the_tip_stands_as_be
     process._after_print(machine, failed, (100.0, 100.0, 20.0))
     assert machine.state is StationState.READY
     assert machine.status.position_trusted is trusted
-    assert ("reset without a word" in machine.message) is not trusted
+    assert ("reset silently" in machine.message) is not trusted
 
 
 def asked_to_print(machine: Machine, order: dict[str, object]) -> list[dict[str, object]]:
@@ -444,13 +444,13 @@ def until(client: PrintClient, state: LinkState) -> None:
 
 def test_job_for_another_place_printer_or_nonsense_is_refused(at_rest, tmp_path, profile):
     elsewhere = order(tmp_path / "run", profile, 3, start=(100, 100, 20))
-    with pytest.raises(Refused, match=r"begins with the tip at X100.00 Y100.00 Z20.00.*30.00 mm"):
+    with pytest.raises(Refused, match=r"starts with the tip at X100.00 Y100.00 Z20.00.*30.00 mm"):
         at_rest.print(elsewhere)
     with pytest.raises(Refused, match="connected is"):
         at_rest.print(Order(elsewhere.job, "marlin_avr", "simulated", tmp_path, Retreat()))
     at_rest.mount(needle="25g")
     (tmp_path / "homes.gcode").write_text("G90\nG28 X\nG1 X5 F600\n")
-    with pytest.raises(Refused, match="line 2, homes the machine with the needle 25g"):
+    with pytest.raises(Refused, match="line 2, homes the printer with the needle 25g"):
         at_rest.print(Order(tmp_path / "homes.gcode", profile, "", tmp_path / "p", Retreat()))
     (tmp_path / "bad.gcode").write_text("M83\n")
     with pytest.raises(JobError, match="relative extrusion"):

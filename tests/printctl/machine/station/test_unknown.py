@@ -51,7 +51,7 @@ def test_numbers_from_before_count_only_where_the_printer_answers(state: Station
             "position",
             "Y not homed since the printer was connected, reset or stopped",
         ),
-        ({"ul_left": None}, "ink", "how full the syringe is wasn't entered"),
+        ({"ul_left": None}, "ink", "the syringe's fill level wasn't set"),
         ({"ul_left": None, "mounted": MountedParts()}, "ink", "no syringe is named"),
         ({"temperatures": ()}, "temperatures", "hasn't reported any"),
     ],
