@@ -121,9 +121,6 @@ class Pneumatic(StrictModel):
 Dispenser = Annotated[Plunger | Pneumatic, Field(discriminator="kind")]
 
 
-# Flow rate of ink from a pneumatic head: as weighed at this pressure, else by its rheology.
-
-
 @dataclass(frozen=True)
 class SteadyFlow:
     """Flow rate while the valve is open.

@@ -12,8 +12,6 @@ class ProfileError(ValueError):
     """A profile that is missing, has an unknown key or an impossible value."""
 
 
-# Write error messages for a profile's invalid keys: file, key, allowed values, value given.
-
 _SHOWN: Final = 60
 """Longest value shown, characters."""
 _BOUNDS: Final = {
@@ -101,8 +99,6 @@ def _words(part: dict[str, Any]) -> str:
     bounds = [f" {words} {part[key]:g}" for key, words in _BOUNDS.items() if key in part]
     return _KINDS.get(part.get("type", ""), "a value") + " and".join(bounds)
 
-
-# Turn a pydantic validation error into a short phrase: must be above 0, is missing.
 
 _SORTS: Final = {
     "bool": "true or false",

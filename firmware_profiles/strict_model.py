@@ -53,10 +53,7 @@ class StrictModel(BaseModel):
         return schema
 
 
-# Pydantic base class of profiles (name, source, licence, starting values); bounded number types.
-#
 # A profile holds facts with their source, not a user's taste.
-
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Celsius = Annotated[float, Field(ge=-80, le=300)]
@@ -102,8 +99,6 @@ class Span(StrictModel):
             raise ValueError(f"low {self.low:g} isn't below high {self.high:g}")
         return self
 
-
-# Pattern of profile commands that switch an output; refuse G codes and anything that may move.
 
 STOPS: Final = frozenset({"M0", "M1", "M108", "M110", "M112", "M410", "M999"})
 _MOVING: Final = ("MOVE", "HOME", "STEPPER", "RESTORE", "PROBE", "CALIBRATE")
@@ -188,8 +183,6 @@ SwitchCommand = Annotated[
 ]
 """An M command, a Klipper one with a name, an Aerotech's output or brake: nothing may move."""
 
-
-# Lines of a lab's own for a controller that runs the file; their values in braces.
 
 PRESSURE_UNITS: Final = {"kpa": 1.0, "psi": 6.894757, "bar": 100.0}
 """Name of a value in a line to kPa in one of its unit."""

@@ -24,17 +24,15 @@ from gcode.program.valve import CLOSED, Valve, first_rows, read_lifts, read_valv
 from gcode.reading.line import Finding, Lines
 from kernels.arrays import FloatArray
 
-# Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
-#
-# A firmware that gets a T for the head to use can still do something else than the file's author
-# meant: T that it doesn't know leaves the old head in use, an offset of its own moves what the file
-# has moved already, and a count of E that goes on from another plunger's pushes or draws by all the
-# difference. All that is found here, from the file alone.
-
 
 @dataclass(frozen=True)
 class Heads:
     """State of the heads while a file is read.
+
+    A firmware that gets a T for the head to use can still do something else than the file's author
+    meant: T that it doesn't know leaves the old head in use, an offset of its own moves what the
+    file has moved already, and a count of E that goes on from another plunger's pushes or draws by
+    all the difference. All that is found here, from the file alone.
 
     Attributes
     ----------
@@ -192,18 +190,15 @@ def first_finding(
     return [Finding(line, sort, f"line {line}{text}", value, limit, int(where.sum()))]
 
 
-# Times of ink flow from a pneumatic head.
-#
-# Ink flows from the opening delay after an opening until the closing delay after a closing. When
-# that was follows from the blocks that ran between the two commands and from the dwells beside
-# them; the time that a line takes to come isn't in it. Pressure and flow are taken as steady
-# meanwhile: no rise, no lag of the ink, no oozing from a closed valve.
-
-
 def read_with_valve(
     gcode: bytes, printer: Printer, start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> tuple[Program, Valve | None]:
     """Read a file's commands, and what its valves do together where the printer has any.
+
+    Ink flows from the opening delay after an opening until the closing delay after a closing. When
+    that was follows from the blocks that ran between the two commands and from the dwells beside
+    them; the time that a line takes to come isn't in it. Pressure and flow are taken as steady
+    meanwhile: no rise, no lag of the ink, no oozing from a closed valve.
 
     Parameters
     ----------
@@ -317,13 +312,10 @@ def as_plunger(executed: ExecutedMotion, spans: FloatArray, flow_ul_s: float) ->
     )
 
 
-# Assign each executed motion block to its G-code command, to time the valve.
-#
 # A printer counts the lines that it is sent, and a host puts in lines of its own (a checkpoint's
 # question, a pause), so the count alone doesn't tell the file's command. The places do: blocks end,
 # in the file's order, where its moves end, to a motor step, and begin where the last one of the
 # file ended; a move that the planner merged into the next has none.
-
 _SAME_PLACE_MM: Final = 0.02
 """A step of a usual axis and the rounding of the text; places differ by more."""
 _MAX_SKIPPED_MOVES: Final = 64

@@ -143,8 +143,6 @@ def to_png(figure: Figure, dpi: float, palette: bool) -> bytes:
     return stream.getvalue()
 
 
-# Draw lines in matplotlib figures at their true width in mm, to the drawing's scale.
-
 VECTOR_PIECES: Final = 4000
 """Drawings with more lines than this hold them as an embedded picture."""
 HAIR_PT: Final = 0.4

@@ -235,9 +235,6 @@ def _angle(one: FloatArray, two: FloatArray) -> FloatArray:
     return angle
 
 
-# Convert an organ's grown trees to a network of curved vessels from junction to junction.
-
-
 def curved_network(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> VesselNetwork:
     """Return all trees as one network; a vessel reaches from joint to joint, through all its bends.
 

@@ -200,9 +200,6 @@ def laid(
     return smooth, lines, radius
 
 
-# Resolve overlaps of planned trunks: fork later, or drop thinner branches.
-
-
 def clear_trunks(
     tissue: Tissue,
     laid: TrunkLines,

@@ -37,8 +37,6 @@ from kernels.arrays import BoolArray, FloatArray
 Trees = tuple[VesselTree, ...]
 Place = tuple[float, float, float]
 
-# Templates of organs: what is known before the shape is.
-
 
 class Template(NamedTuple):
     """Growth by a template."""
@@ -133,9 +131,6 @@ def trunk_ends(wanted: int, terminals: int, organ: str, least: int = LEAST_TERMI
                 f"{what} is {count}; the template of a {organ} needs {fewest} at least"
             )
     return min(wanted, terminals * ends // least)
-
-
-# Grow trees from planned trunks until enough terminals fit.
 
 
 class _Search(NamedTuple):
@@ -275,8 +270,6 @@ def _no_room(error: GrowthError) -> NoRoomError:
     return error if isinstance(error, NoRoomError) else NoRoomError(str(error))
 
 
-# Where an organ's trees don't fit, try fewer or narrower vessels before advising so.
-
 Grow = Callable[[GrowthOptions], AnatomicTrees]
 
 
@@ -380,9 +373,6 @@ def _refusal(grow: Grow, options: GrowthOptions) -> NoRoomError | None:
     except GrowthError as error:
         return _no_room(error)
     return None
-
-
-# Warn of the region of an organ that has under half of the terminals its volume calls for.
 
 
 class _Regions(NamedTuple):

@@ -18,8 +18,6 @@ from design.tissue import Tissue
 from design.vasculature.growth.trunk import Trunk, straighten_line
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
-# Graph of neighbouring points below a tissue's surface, along which trunk vessels are laid.
-
 
 class _Layers(NamedTuple):
     """How places are joined to a layer, and trunks are laid along it."""
@@ -119,9 +117,6 @@ def below_surface(
     """Return places ``depth_mm`` below ``points`` (n, 3), and which are indeed that deep."""
     below: FloatArray = points + depth_mm * inward
     return below, -tissue.grid.distance(below) >= 0.85 * depth_mm
-
-
-# Grow trunk vessels along that graph, rank by rank, each branch by the cheapest path.
 
 
 class Zone(NamedTuple):

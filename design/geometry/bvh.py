@@ -190,12 +190,9 @@ def nearest_distances(tree: Any, points: Any) -> Any:
     return from_surface
 
 
-# Build a bounding volume hierarchy over given boxes by the surface area heuristic.
-#
 # Each node is cut where both halves' members times their boxes' faces are least (surface area
 # heuristic over bins: Wald 2007, 10.1109/RT.2007.4342588). Points near a part take a third less
 # time than by cuts through the median, and near a scanned surface too.
-
 LEAF = 4
 """Members of a leaf at most: cheaper to try than to split further."""
 DEPTH = 64
@@ -243,8 +240,6 @@ def build_hierarchy(own: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
         node += 1
     return boxes[:node].copy(), nodes[:node].copy(), order
 
-
-# Split one node of a bounding volume hierarchy by the surface area heuristic (compiled).
 
 BINS = 16
 """Bins along each axis, between which cuts are compared."""
@@ -406,9 +401,6 @@ def _costs(work: Workspace, axis: int) -> None:
             # Half the surface of the box: how often a search comes to it, in proportion.
             x, y, z = x1 - x0, y1 - y0, z1 - z0
             work.cost[one - way] += members * (x * y + y * z + z * x) if members else np.inf
-
-
-# Traverse a triangle bounding-volume tree for the leaves that overlap a box.
 
 
 @jit

@@ -90,8 +90,6 @@ def segment_segment(
     return sqrt(gx * gx + gy * gy + gz * gz), s, t
 
 
-# Squared distance of a point from a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
-
 SLIVER: Final = 1e-14
 """Squared sine of a triangle's angle below which it counts as its edges: what it is beside them
 is lost in rounding."""
@@ -155,8 +153,6 @@ def _edges_squared(px: float, py: float, pz: float, tri: Any) -> float:
         best = min(best, away)
     return best * best
 
-
-# Find pairs of capsules without a common node closer than a clearance, by grid cells.
 
 _CELLS_PER_PIECE = 8
 

@@ -124,9 +124,6 @@ def _apart(
     return dx * dx + dy * dy + dz * dz
 
 
-# Find the nearest point of a triangle surface to each given point.
-
-
 class NearestPoints(NamedTuple):
     """Nearest points on a surface.
 

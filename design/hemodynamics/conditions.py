@@ -262,23 +262,21 @@ def _finite(name: str, value: float) -> None:
         raise FlowError(f"{name} is {value}; give a number")
 
 
-# Scale a network and its flow conditions to a print of another size, at equal wall shear.
-#
-# In a network scaled by s with the same fluid, Poiseuille's law Δp = 8 μ L Q / (π r⁴) and the wall
-# shear τ = 4 μ Q / (π r³) give two ways to keep something:
-#
-# ========== ======== ============ ========== =================
-# kept       flow     pressure     wall shear Reynolds number
-# ========== ======== ============ ========== =================
-# wall shear s³ Q     Δp           τ          s² Re
-# Reynolds   s Q      Δp / s²      τ / s²     Re
-# ========== ======== ============ ========== =================
-#
-# A print is perfused at the same wall shear, which is what cells feel; outlet pressures stay.
-
-
 def scaled_network(network: VesselNetwork, factor: float) -> VesselNetwork:
-    """The network with every length times ``factor``, about the origin."""
+    """The network with every length times ``factor``, about the origin.
+
+    In a network scaled by s with the same fluid, Poiseuille's law Δp = 8 μ L Q / (π r⁴) and the
+    wall shear τ = 4 μ Q / (π r³) give two ways to keep something:
+
+    ========== ======== ============ ========== =================
+    kept       flow     pressure     wall shear Reynolds number
+    ========== ======== ============ ========== =================
+    wall shear s³ Q     Δp           τ          s² Re
+    Reynolds   s Q      Δp / s²      τ / s²     Re
+    ========== ======== ============ ========== =================
+
+    A print is perfused at the same wall shear, which is what cells feel; outlet pressures stay.
+    """
     if factor == 1:
         return network
     return replace(

@@ -117,18 +117,15 @@ def _downstream(network: VesselNetwork, solution: FlowSolution) -> Iterator[tupl
         yield k, *flow_ends(network, solution, k)
 
 
-# Compute a dye front's arrival times in each vessel; classify vessels by diffusion's effect.
-#
-# The tip runs on the axis at twice the mean speed, so that it is through a vessel in T/2; the mean
-# takes T. Both add up along a way, since flows mix at nodes and some of what comes goes on along
-# the axis.
-
-
 @dataclass(frozen=True)
 class DyeFront:
     """Arrival of a step of dye at each vessel; times from the inlets, s.
 
     All arrays (v,); NaN where nothing flows or dye doesn't lead.
+
+    The tip runs on the axis at twice the mean speed, so that it is through a vessel in T/2; the
+    mean takes T. Both add up along a way, since flows mix at nodes and some of what comes goes on
+    along the axis.
 
     Attributes
     ----------
@@ -272,8 +269,6 @@ def front_table(network: VesselNetwork, front: DyeFront) -> dict[str, NDArray[np
     }
 
 
-# Compute dye concentration over time at points in vessels after a dye step at the inlets.
-#
 # No diffusion (Taylor 1953, doi 10.1098/rspa.1953.0139), flows that mix wholly at nodes. With T the
 # mean transit to a place in a tube, volume over flow, a step at its entrance gives there the area
 # mean 1 - T/2t, and the flux mean 1 - (T/2t)², from t = T/2 on: dye leaves with the distribution
@@ -282,8 +277,6 @@ def front_table(network: VesselNetwork, front: DyeFront) -> dict[str, NDArray[np
 # transforms, which over that of the step are E₂(sT/2) and 2 E₃(sT/2), with the exponential
 # integrals Eₙ(z) = ∫₁^∞ exp(-zx)/xⁿ dx (Abramowitz & Stegun 5.1.4). It costs the same for any
 # number of paths, and nothing is binned, as streamlines sorted by their flow would be.
-
-
 ComplexArray = NDArray[np.complex128]
 Mean = Literal["area", "flux"]
 """Of a section: by area, as a camera sees it, or by flow, as a cup at the outlet collects it."""

@@ -19,13 +19,10 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline
 
 
-# Interface of fluids (apparent viscosity in tube flow), and the Newtonian fluid.
-#
 # With Γ = 4Q/(πr³), the wall shear rate of a Newtonian fluid of the same flow, steady laminar flow
 # of any fluid whose viscosity follows the shear rate has a wall stress that depends on Γ alone
 # (Rabinowitsch 1929): τ_w = μ_app(Γ) Γ. So one function of one number stands for the whole section,
 # and Poiseuille's law holds with μ_app in it.
-
 SLOWEST: Final = 1e-3
 """Shear rate, 1/s, below which every fluid is taken as Newtonian: nothing measured lies below, and
 a power law would have no viscosity at rest, or an infinite one."""
@@ -81,8 +78,6 @@ def require_above_zero(name: str, value: float, unit: str) -> None:
         raise FlowError(f"{name} is {value:g} {unit}; give a number above 0".replace(" ;", ";"))
 
 
-# Apparent viscosity of a Carreau-Yasuda fluid in tube flow, by the Rabinowitsch relation.
-#
 # μ(γ̇) = μ_∞ + (μ_0 - μ_∞) (1 + (λγ̇)^a)^((n-1)/a) (Yasuda, Armstrong & Cohen 1981, doi
 # 10.1007/BF01513059; Carreau's own has a = 2). In a tube the stress goes linearly from 0 to τ_w,
 # and
@@ -90,7 +85,6 @@ def require_above_zero(name: str, value: float, unit: str) -> None:
 # Γ = 4/τ_w³ ∫₀^τ_w τ² γ̇ dτ
 #
 # (Rabinowitsch 1929), which is integrated once for each fluid; a vessel then needs a look-up.
-
 _LOG_RATES: Final = np.linspace(-5.0, 9.0, 1401) * np.log(10.0)
 """Knots of the table: 100 a decade of shear rates in 1/s."""
 _GAUSS: Final = np.polynomial.legendre.leggauss(8)

@@ -165,9 +165,6 @@ def resistance_at(network: VesselNetwork, fluid: Fluid, flow: FloatArray) -> Flo
     return drops_of(network, pipes, fluid, None).at(flow).resistance
 
 
-# Coefficients of pressure losses at bifurcations and stenoses, in steady flow.
-
-
 @dataclass(frozen=True)
 class Stenosis:
     """A short narrow place in a vessel.

@@ -98,13 +98,10 @@ def plug_inertance(network: VesselNetwork, density: float = WATER_DENSITY) -> Fl
     return density / np.pi * integral_of_power(network, -2)
 
 
-# Womersley factors: pressure drop and wall shear of oscillating flow over Poiseuille's.
-#
 # In a rigid pipe, after Womersley 1955, doi 10.1113/jphysiol.1955.sp005276.
 # With α² = r² ω ϱ/μ and F = 2 J₁(i^{3/2} α) / (i^{3/2} α J₀(i^{3/2} α)), the pressure drop per
 # flow is that of Poiseuille times i α²/(8 (1 - F)), and the wall shear per flow that of Poiseuille
 # times i α² F/(8 (1 - F)). Both factors go to 1 for α → 0.
-
 ComplexArray = NDArray[np.complex128]
 
 
@@ -152,13 +149,11 @@ def _f(alpha: FloatArray) -> ComplexArray:
     return np.asarray(2.0 * jve(1, z) / (z * jve(0, z)))
 
 
-# Vessel wall models (rigid, thin elastic, thick gel): compliance and pulse wave velocity.
-#
-# Compliance C = dV/dp in µL/Pa, at the radius of rest (small strains).
-
-
 class Wall(Protocol):
-    """Interface of vessel walls: their compliance."""
+    """Interface of vessel walls: their compliance.
+
+    Compliance C = dV/dp in µL/Pa, at the radius of rest (small strains).
+    """
 
     def compliance(self, network: VesselNetwork) -> FloatArray:
         """Of each vessel, (v,), µL/Pa."""

@@ -252,8 +252,6 @@ def _periodic_spline(time_s: FloatArray, value: FloatArray) -> Any:
     return CubicSpline(time_s, value, bc_type="periodic")
 
 
-# Flow waveforms by name (aorta, coronary artery, roller pump), scaled to a given mean.
-
 _KASSAB_COS: Final = np.array([-0.005, -0.040, -0.034])
 _KASSAB_SIN: Final = np.array([0.212, 0.086, 0.032])
 

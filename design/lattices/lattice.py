@@ -131,9 +131,6 @@ def _widened(
     return np.where(ends & fits, options.manifold_mm, options.radius_mm)
 
 
-# Unit cells of channel lattices, and their repetition into nodes and straight bonds.
-
-
 @dataclass(frozen=True)
 class UnitCell:
     """A periodic graph of straight bonds, in units of the cell's edge along x.
@@ -239,9 +236,6 @@ def narrowest(cell: UnitCell) -> float:
                 ends = nodes[np.concatenate([bonds[one], bonds[two]])].ravel()
                 least = min(least, segment_segment(*ends)[0])
     return float(least)
-
-
-# Direct a channel graph's edges from one source to one sink node, so that no flow circulates.
 
 
 def directed(
@@ -381,9 +375,6 @@ def _search(
             if number[low[node]] < number[low[up]]:
                 low[up] = low[node]
     return order, parent, low
-
-
-# Find a straight channel from a lattice's side out of the tissue, as its inlet or outlet.
 
 
 def find_port(

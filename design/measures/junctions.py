@@ -121,8 +121,6 @@ def measure_terminal_flow(network: VesselNetwork, flow: FloatArray) -> TerminalF
     )
 
 
-# Branching angles and asymmetry at the forks of a network's vessels.
-
 DIRECTION_RADII = 2.0
 """Way along a branch, over the parent's radius, to where its direction is taken: curves begin
 along the parent."""

@@ -169,9 +169,6 @@ def _printable(
     return measure_supply(kept, points, tissue.volume_mm3, options.oxygen)
 
 
-# Compare flow and territory demand at the artery ends (or outlets) of any network.
-
-
 def measure_territories(
     network: VesselNetwork, tissue: Tissue, flow: FloatArray, seed: int
 ) -> SupplyBalance | None:
@@ -200,9 +197,6 @@ def _ends_of(network: VesselNetwork, which: np.ndarray) -> IntArray:
     """Nodes that vessels of a kind enter and none of them leave."""
     first, last = network.vessel_nodes[which].T
     return np.setdiff1d(last, first)
-
-
-# Convert network measures to nested dictionaries of plain numbers, for `report.json`.
 
 
 def measures_dict(measures: NetworkMeasures) -> dict[str, Any]:

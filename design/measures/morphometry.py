@@ -228,9 +228,6 @@ def _ratio(values: FloatArray) -> float | None:
     return float(10.0**slope)
 
 
-# Find parents, children and Strahler orders of a network's vessels, of kinds without loops.
-
-
 @dataclass(frozen=True)
 class Forest:
     """Vessels that branch from roots without loops, with the flow or against it (veins).

@@ -235,8 +235,6 @@ def _steps(values: FloatArray) -> FloatArray:
     return np.column_stack([place + 1.0, ratio[artery, place]])
 
 
-# Find the radius factor that brings a network's arteries nearest to a published table.
-
 _FACTORS: Final = np.exp(0.02 * np.arange(1, 26))
 """Tried upwards and downwards: to 1.65 and 0.61, pressure drops of a seventh and the sevenfold."""
 FURTHER_FACTORS: Final = 6

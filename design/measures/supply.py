@@ -27,9 +27,6 @@ SAMPLE_STREAM: Final = int.from_bytes(b"meas")
 """Separates the points from those to which a tree was grown with the same seed."""
 
 
-# Estimate oxygen at tissue points from the nearest lumen, by Krogh's tissue cylinder.
-
-
 @dataclass(frozen=True)
 class OxygenModel:
     """What the cells breathe. The defaults are estimates, to be replaced by a lab's own.
@@ -258,9 +255,6 @@ def krogh_oxygen(
         least_millimolar=float(kept.min()),
         anoxic=float((oxygen <= 0.0).mean()),
     )
-
-
-# Compute the distance of points to the nearest lumen wall, with a bounding-box tree of vessels.
 
 
 class Lumens(NamedTuple):

@@ -25,8 +25,6 @@ from design.network_files.swc import PointRow, trees_of_points
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
 
-# Read a vessel network from a `network.csv` file.
-
 
 def read_network_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
     """Read a network whose coordinates are in ``unit`` (radii are in mm, as their columns say).
@@ -63,12 +61,9 @@ def read_network_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
     return chain_pieces(pieces)
 
 
-# Parse `network.csv` text into checked arrays of vessel pieces with their line numbers.
-#
 # Columns: ``vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree``. Pieces that
 # meet share a node number; designed flow runs from node0 to node1. Radii are in mm always, as their
 # columns say; the coordinates' columns name no unit, so a reader needs it.
-
 _HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree"
 COLUMNS = tuple(_HEADER.split(","))
 
@@ -186,8 +181,6 @@ def _blame(
     raise NetworkError(f"{path}: column {name} can't be read; give {wanted}")
 
 
-# Read a network from CSV with a point and its parent per row, as in SWC.
-
 POINT_COLUMNS: Final = ("x", "y", "z", "radius", "parent")
 
 
@@ -247,8 +240,6 @@ def read_points_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
         rows.append((number, kind, x, y, z, radius, parent))
     return trees_of_points(path, line, rows, np.full(4, MM_PER[unit]))
 
-
-# Write a vessel network to a `network.csv` file, in mm.
 
 _BATCH_ROWS: Final = 20_000
 """Written at a time."""

@@ -127,8 +127,6 @@ def _vessel(path: Path, number: int, vessel: Any, nodes: Any) -> tuple[list[int]
     return ends, kind, tree, points
 
 
-# Read and write networks as NumPy `.npz`, exact to the last bit.
-
 _NPZ_FORMAT = "printctl-network-1-mm"
 _ARRAYS = tuple(field.name for field in fields(VesselNetwork))
 _WHOLE = ("vessel_nodes", "kind", "tree", "offset")

@@ -255,9 +255,6 @@ def _check_same_kind(pieces: Pieces, row: IntArray) -> None:
             )
 
 
-# Polylines with labels at their ends and at joints on them; labels may be united to one node.
-
-
 class Labels:
     """Labels of places, and which of them are the same node.
 

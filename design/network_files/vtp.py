@@ -80,8 +80,6 @@ def write_network_vtp(
     write_text(path, vtk_document("PolyData", counts, sections))
 
 
-# Read a network from VTK XML PolyData (`.vtp`): polylines with a radius at each point.
-
 RADIUS_MM: Final = "radius_mm"
 RADII: Final = ("radius", "Radius", "MaximumInscribedSphereRadius")
 """Names of a radius in the unit of the file; the last two are VMTK's."""
@@ -306,8 +304,6 @@ def _parse(path: Path) -> _File:
     header = order + _NUMPY.get(root.get("header_type", "UInt32"), "u4")
     return _File(path, pieces[0], order, header, compressor is not None, appended, raw)
 
-
-# Write a network as SimVascular paths: a folder of `.pth` files (XML), in cm.
 
 _CM: Final = 1 / MM_PER["cm"]
 _FLAT: Final = 1e-4

@@ -266,9 +266,6 @@ def _ends(path: Path) -> Iterator[tuple[int, str, FloatArray]]:
         yield number, word, np.array(values)
 
 
-# Join separately read vessel polylines to a network: put loose ends on axes, make nodes.
-
-
 class _Line(NamedTuple):
     """A vessel as it was read; where its kind changes, it is cut."""
 

@@ -88,9 +88,6 @@ def construct_solid(
     return solid_from_manifold(subtract(solid_manifold(body, "the body"), tools), "the construct")
 
 
-# Make solids of a cylinder, or of an open bioreactor chamber.
-
-
 def cylinder_solid(diameter_mm: float, height_mm: float) -> Solid:
     """Upright cylinder of the circle's area, its axis on z, from z = 0.
 

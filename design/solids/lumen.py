@@ -255,9 +255,6 @@ def _drawn_out(
     return np.insert(points, where, tip, axis=0), np.insert(radius, where, radius[at])
 
 
-# Tubes: vessels with a wall of given thickness, lumens open.
-
-
 def tube_solid(
     network: VesselNetwork,
     wall_mm: float,

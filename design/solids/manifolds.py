@@ -57,8 +57,6 @@ def _fault(faces: NDArray[np.integer], manifold: Manifold) -> str:
     return f"{manifold.status().name}; mend the mesh"
 
 
-# Make a solid of a closed surface from a file, unrepaired, only to be cut into sections.
-
 _SURFACE = "the tissue's surface"
 
 

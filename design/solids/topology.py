@@ -97,16 +97,13 @@ def corner_fans(faces: NDArray[np.integer]) -> IntArray:
     return np.asarray(fan).reshape(-1, 3)
 
 
-# Pair the half-edges of a triangle mesh; count fans and shells of a closed one (compiled).
-#
-# Half-edge 3 t + i runs from corner i of triangle t to its next corner. Sorted by the lesser of its
-# two vertices, an edge's sides stand among a dozen others: no sort of all keys is needed.
-
-
 def pair_half_edges(faces: NDArray[np.integer]) -> IntArray:
     """The half-edge opposite each of ``faces`` (m, 3), (3 m,).
 
     -1 where an edge hasn't exactly two sides that run along it in opposite directions.
+
+    Half-edge 3 t + i runs from corner i of triangle t to its next corner. Sorted by the lesser of
+    its two vertices, an edge's sides stand among a dozen others: no sort of all keys is needed.
     """
     corners = np.ascontiguousarray(faces, dtype=np.int64)
     return np.asarray(_pair(corners, int(corners.max(initial=-1)) + 1))
@@ -189,16 +186,14 @@ def count_shells(twin: Any) -> int:
     return count
 
 
-# Compute the genus of a network's lumen surface, and of a body with the lumens cut out.
-#
-# A lumen's surface is that of a thickened graph: its genus is the number of independent loops,
-# vessels - nodes + parts. Cut out of a body through p ports, each part of the lumen gives its g
-# loops and joins p places of the outer surface, so g + p - 1 handles more; a part without a port is
-# a closed cavity with a surface of its own and adds its g.
-
-
 def network_genus(network: VesselNetwork) -> int:
-    """Genus of the network's lumen surface: its independent loops, summed over its parts."""
+    """Genus of the network's lumen surface: its independent loops, summed over its parts.
+
+    A lumen's surface is that of a thickened graph: its genus is the number of independent loops,
+    vessels - nodes + parts. Cut out of a body through p ports, each part of the lumen gives its g
+    loops and joins p places of the outer surface, so g + p - 1 handles more; a part without a port
+    is a closed cavity with a surface of its own and adds its g.
+    """
     used = int(np.sum(network.degree() > 0))
     return network.vessel_count - used + len(np.unique(_part_of_node(network)[1]))
 

@@ -145,8 +145,6 @@ def _faces(rings: int, facets: int) -> FaceArray:
     return np.concatenate([sides, head_fan, tail_fan])
 
 
-# Choose polygonal cross-sections for round tubes: number of sides, equal area, domed caps.
-
 FACET_TOLERANCE_MM = 0.001
 """Default greatest distance of a facet from its chord's arc, mm; far below any printed line."""
 MIN_FACETS, MIN_COARSE_FACETS = 16, 12
@@ -219,9 +217,6 @@ def dome_profile(facets: int) -> tuple[np.ndarray, np.ndarray]:
     lower, upper = across[:-1], across[1:]
     volume = np.sum(np.diff(along) * (lower**2 + lower * upper + upper**2)) / 3.0
     return across[1:], along[1:] * (2.0 / 3.0) / volume
-
-
-# Cut vessel chains at sharp bends into tubes to sweep; list balls at bends and junctions.
 
 
 class ChainRules(NamedTuple):
@@ -335,11 +330,8 @@ def free_ends(network: VesselNetwork) -> IntArray:
     return np.flatnonzero(network.degree() == 1)
 
 
-# Join vessels that continue at a gentle bend, about as wide, to chains swept as one tube.
-#
 # Two tubes that end flat in one plane touch there without overlapping, and rounding makes a slit of
 # it. So wherever one vessel continues another gently and about as wide, they become one chain.
-
 End = tuple[int, int]
 """A vessel, and which of its ends: 0 the first, 1 the last."""
 

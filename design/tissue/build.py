@@ -171,8 +171,6 @@ def _measure(tree: TriangleTree, arrays: GridArrays, places: Any) -> tuple[float
     return float(error.max(initial=0.0)), float(deepest.max(initial=0.0))
 
 
-# Compute exact signed distances at the samples of fine blocks of a tissue's distance grid.
-
 _SIDE = BRICK + 1
 _GROUP = 27
 _ROOM = 32

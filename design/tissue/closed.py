@@ -68,13 +68,10 @@ def face_areas(points: FloatArray, faces: NDArray[np.integer]) -> FloatArray:
     return areas
 
 
-# Extract the surface of a field on a lattice by marching tetrahedra.
-#
 # Each lattice cell is parted into six tetrahedra around one diagonal (Kuhn 1960), alike in every
 # cell, so that neighbours agree on their common face. The surface is closed and oriented by
 # construction wherever the field's rim is outside, which marching cubes with its ambiguous faces
 # isn't (Doi & Koide 1991).
-
 _LEAST = 0.02
 """Of an edge, between a vertex of the surface and a lattice node: all vertices stay distinct."""
 

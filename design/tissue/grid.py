@@ -15,8 +15,6 @@ from design.tissue.grid_lines import crossing, crossing_place
 from kernels import jit, pjit, scalar_jit
 from kernels.arrays import FloatArray
 
-# Named tuple of a tissue's signed distance samples and surface triangles, for kernels.
-
 BRICK = 8
 """Fine cells along a brick's edge; a coarse cell is as large as a brick."""
 BAND_CELLS = 2.0
@@ -158,13 +156,10 @@ class SignedDistanceGrid:
         return depth >= need
 
 
-# Compute exactly the least depth of a segment below a tissue's surface.
-#
 # Samples of the grid are exact distances, and a distance changes by no more than the way gone: a
 # sample of depth d at distance a from a point proves a depth of d - a there. Where such bounds
 # don't settle it, the segment is measured from the surface's triangles. Reads between samples are
 # no proof: the surface may fold back within a cell.
-
 SLACK_CELLS = 1e-4
 """Taken off each bound, in fine cells: a sample's sign is that of a place beside it (see
 `cross_columns`), and samples are rounded to float32."""

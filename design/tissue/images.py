@@ -276,17 +276,15 @@ def _ome_size(text: str) -> tuple[Size | None, str | None]:
     return None, None
 
 
-# Convert one label of a segmented volume image to a smooth closed surface.
-#
-# The label's voxels, 1 inside and 0 outside, are blurred by a Gaussian of one voxel; the surface is
-# where the blurred value passes a level, which is chosen such that the surface holds as much as the
-# voxels do. Whatever the blur, the centres of all voxels stay on their side: walls one voxel
-# thick and gaps one voxel wide remain, and the surface is nowhere farther than a voxel from the
-# label's.
-
-
 class LabelSmoothing(NamedTuple):
-    """How a label's voxels become a surface."""
+    """How a label's voxels become a surface.
+
+    The label's voxels, 1 inside and 0 outside, are blurred by a Gaussian of one voxel; the surface
+    is where the blurred value passes a level, which is chosen such that the surface holds as much
+    as the voxels do. Whatever the blur, the centres of all voxels stay on their side: walls one
+    voxel thick and gaps one voxel wide remain, and the surface is nowhere farther than a voxel from
+    the label's.
+    """
 
     blur: float = 1.0  # voxels: standard deviation
     pad: int = 4  # voxels: around the label: as far as the blur reaches

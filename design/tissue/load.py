@@ -114,8 +114,6 @@ def check_file(path: Path, unit: LengthUnit, suffixes: tuple[str, ...]) -> None:
         raise TissueError(f"{path}: there is no such file")
 
 
-# Make a tissue's relative perfusion demand by depth below its surface, by image or function.
-
 DEMAND_PROBES = 250_000
 """Quasi-random places in the bounding box, over which means and maxima are taken."""
 R3_SEQUENCE_BASE = 1.2207440846057596

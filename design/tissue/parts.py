@@ -22,8 +22,6 @@ from design.tissue.tissue import UNIFORM, Demand, Tissue
 from design.tissue.zones import manifold_of, surface_of
 from kernels.arrays import FloatArray
 
-# Find a surface's connected shells and their nesting; unite shells that overlap.
-
 SAMPLED_VERTICES = 15
 """Of a shell, whose majority says whether another encloses it: shells may touch or cross."""
 MAX_ANGLE_RAD = 1e-7

@@ -270,8 +270,6 @@ def _checked(surface: Surface, cloud: Cloud) -> tuple[Surface, list[str]]:
     return Surface(surface.vertices[used], number[surface.faces[kept]].astype(np.int32)), notes
 
 
-# Estimate outward normals of a point cloud (Hoppe et al. 1992, doi 10.1145/133994.134011).
-
 MIN_EDGE_WEIGHT = 1e-3
 """Added to each edge's weight, of 0 to 3: a sparse matrix takes a weight of 0 for no edge."""
 
@@ -330,8 +328,6 @@ def _hand_on(normals: FloatArray, tree: object, top: int) -> None:
         if normals[here] @ normals[before[here]] < 0:
             normals[here] *= -1.0
 
-
-# Blend local quadratic fits around a cloud's points into one signed field on a grid (compiled).
 
 CORE_SHARE = 0.2
 """Of the reach: within it, whether a place lies beside a point or over it matters little."""
@@ -395,8 +391,6 @@ def blend(
                     total[i, j, k] += phi * (w - h)
                     weight[i, j, k] += phi
 
-
-# Read a point cloud, with normals if given, from a PLY or text file.
 
 POINT_SUFFIXES: Final = (".ply", ".xyz", ".txt", ".csv")
 _NORMAL = ("nx", "ny", "nz")

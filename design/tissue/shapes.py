@@ -176,8 +176,6 @@ def _slab_cap(outline: FloatArray, along: int, steps: int) -> tuple[NDArray[np.i
     return cap, inside.reshape(-1, 2)
 
 
-# Make a parametric heart surface: both ventricles as truncated ellipsoid shells.
-
 # Semi-axes and centres of a heart 60 mm long, mm; z points to the base.
 LEFT_OUTER = (20.0, 20.0, 44.0)
 LEFT_INNER = (11.0, 11.0, 35.0)
@@ -215,8 +213,6 @@ def _ellipsoid(axes: tuple[float, float, float], sides: int) -> Manifold:
     return Manifold.sphere(1.0, sides).scale(axes)
 
 
-# Make a parametric kidney surface: a bean with a sinus at its hilum.
-
 WIDTH, THICKNESS = 0.5, 0.42
 """Of the bean, over its length."""
 BEND = 0.06
@@ -246,8 +242,6 @@ def kidney(length_mm: float = 60.0, sides: int = 96) -> Surface:
     points = length_mm * np.column_stack([x, y, z - z.min()])
     return Surface(np.ascontiguousarray(points), faces)
 
-
-# Make a parametric liver surface: a wedge hollow below, with the vena cava's groove.
 
 DEPTH, HEIGHT = 0.65, 0.62
 """Of the right lobe, over the width."""

@@ -19,8 +19,6 @@ from design.tissue.tissue import Tissue
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray
 
-# Measure a tissue's wall thickness, and choose the distance grid's spacing from it.
-
 BRICKS_PER_FACE_AREA = 2.2
 """Bricks that a surface touches, per brick's face area of it (measured: 1.9 to 2.2)."""
 

@@ -16,15 +16,13 @@ from design.geometry.surface import Surface
 from design.tissue.grid import SignedDistanceGrid
 from kernels.arrays import FloatArray
 
-# Demand models (uniform, by depth, image or function): relative perfusion wanted at points.
-#
-# Growth that accepts a point with the probability `Demand.weight` places terminals by demand,
-# exactly; all terminals carry the same flow, so the tissue's total perfusion is as before and a
-# place's share of it is weight / mean_weight times the uniform one.
-
 
 class Demand(Protocol):
     """Demand relative to its greatest value.
+
+    Growth that accepts a point with the probability `Demand.weight` places terminals by demand,
+    exactly; all terminals carry the same flow, so the tissue's total perfusion is as before and a
+    place's share of it is weight / mean_weight times the uniform one.
 
     Attributes
     ----------

@@ -219,9 +219,6 @@ def _sides(radius: float) -> int:
     return min(max(MIN_SIDES, ceil(pi / acos(1.0 - MAX_SAGITTA_MM / radius))), MAX_SIDES)
 
 
-# Convert tissue surfaces to and from manifold3d, for booleans.
-
-
 def manifold_of(surface: Surface, what: str) -> Manifold:
     """Hand a surface to manifold3d.
 

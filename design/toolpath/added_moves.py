@@ -226,23 +226,21 @@ def line_beside_bounds(
     return start, end
 
 
-# Compensate the ink's pressure lag in a toolpath by driving the plunger ahead, move by move.
-#
-# For a linear ink τ dQ/dt = Q_in − Q (`docs/calibration.md`), so the required flow Q of a path
-# comes out if the plunger pushes Q + τ dQ/dt. Over a move of volume V that is V + τ (Q₁ − Q₀), Q₀
-# and Q₁ the required flows at its ends; what is added over a whole stroke cancels but for the
-# pressure that the needle must have at its beginning and loses at its end, τ Q each. These two are
-# pushed and taken back while the needle stands, as fast as the plunger may, and so is a step of
-# flow on the way: at a rate r it takes t = τ ln((r − Q₀)/(r − Q₁)) to raise the flow, τ ln((r +
-# Q₀)/(r + Q₁)) to lower it.
-#
-# The plunger never goes back while the needle writes: where the required flow falls faster than
-# the pressure can, e^(−t/τ), it stands, and what is still too much is taken off the following
-# moves.
-
-
 class _LagLimits(NamedTuple):
-    """How moves are cut to compensate a lag."""
+    """How moves are cut to compensate a lag.
+
+    For a linear ink τ dQ/dt = Q_in − Q (`docs/calibration.md`), so the required flow Q of a path
+    comes out if the plunger pushes Q + τ dQ/dt. Over a move of volume V that is V + τ (Q₁ − Q₀), Q₀
+    and Q₁ the required flows at its ends; what is added over a whole stroke cancels but for the
+    pressure that the needle must have at its beginning and loses at its end, τ Q each. These two
+    are pushed and taken back while the needle stands, as fast as the plunger may, and so is a step
+    of flow on the way: at a rate r it takes t = τ ln((r − Q₀)/(r − Q₁)) to raise the flow, τ ln((r
+    + Q₀)/(r + Q₁)) to lower it.
+
+    The plunger never goes back while the needle writes: where the required flow falls faster than
+    the pressure can, e^(−t/τ), it stands, and what is still too much is taken off the following
+    moves.
+    """
 
     moves: int = 8  # in a time constant where the flow changes
     shortest_mm: float = 0.15  # shorter ones aren't made: a plunger's step is of that order
@@ -410,9 +408,6 @@ def _with_stands(toolpath: Toolpath, stands: _Stands, rate_ul_s: float) -> Toolp
         kind=np.insert(toolpath.kind, at, kind),
         source=np.insert(toolpath.source, at, toolpath.source[row]),
     )
-
-
-# Move a part's toolpath to its well of a plate, with a raised travel from the last part.
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,6 @@ from design.solids.solid import Solid
 from design.vasculature.collide import check_network, collisions
 from kernels.arrays import FloatArray
 
-# Data class of print corrections (scale, lumen radii, node shifts), applied within bounds.
-
 
 class _CorrectionLimits(NamedTuple):
     """Most that is corrected; more is a fault to be mended."""
@@ -33,9 +31,6 @@ class _CorrectionLimits(NamedTuple):
 
 
 LIMITS: Final = _CorrectionLimits()
-
-
-# Scale points, solids and networks about a centre by a separate factor for each axis.
 
 
 @dataclass(frozen=True)
@@ -275,11 +270,8 @@ NEUTRAL = Corrections()
 """Changes nothing."""
 
 
-# Refuse compensated lumens that leave walls between them, or to the outside, too thin.
-#
 # A design may be tighter somewhere than the method likes: it was accepted as it is. Refused is what
 # a correction makes too thin.
-
 _PLACES: Final = 8
 """At which each straight piece's distance to the outside is measured."""
 

@@ -189,9 +189,6 @@ def check_fields(where: str, options: object, positive: str, not_negative: str =
             raise ToolpathError(f"{name} is {value:g} ({where}); it must be finite and at least 0")
 
 
-# Build a `Toolpath` from writing, travel, plunger and dwell moves laid end to end.
-
-
 @dataclass(frozen=True)
 class _Run:
     """Moves of one kind and source, by their end points."""

@@ -18,8 +18,6 @@ from design.network import VesselNetwork
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-# Find too close vessel pieces of a network, joints spared; refuse one with any, or duplicates.
-
 MOST_PIECES = 1000
 """Of one vessel, into which it is cut to look where two part."""
 
@@ -228,9 +226,6 @@ def _piece_nodes(network: VesselNetwork, vessel: IntArray) -> tuple[IntArray, in
 
 def _vessel_of_point(network: VesselNetwork) -> IntArray:
     return np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
-
-
-# Compute the shortest path along the vessels between given pairs of a network's pieces.
 
 
 def ways_between(

@@ -292,9 +292,6 @@ _CHOICES = (
 )
 
 
-# Limits on branching angles and flow split: checked, converted for kernels, tested on a joint.
-
-
 class Limits(NamedTuple):
     """Limits on joints, as compiled code takes them; angles by their cosines.
 

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from firmware_profiles.printers import Printer
 
 
-# Per-firmware rules for the command filter: extra codes allowed, pre-job queries and resets.
-
-
 @dataclass(frozen=True)
 class AllowQuery:
     """Let a question pass; with other letters than these the code sets something."""

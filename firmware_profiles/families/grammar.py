@@ -98,10 +98,7 @@ def number_range(first: int, last: int) -> range:
     return range(first, last + 1)
 
 
-# Table of the parameter letters of each G-code that most firmware families share.
-#
 # See `firmware_profiles.families.grammar.Grammar.words` for how they are written.
-
 MOVE: Final = "X Y Z E F"
 ARC: Final = "X Y Z E F I J R"
 # M2-style ends, files and texts: the rest of the line isn't words.

@@ -110,22 +110,19 @@ def _side(volume: float, rate: float, yields: float) -> int:
     return 0
 
 
-# Constants of ink flow from plunger to needle tip: lag, needle resistance, yield pressure.
-#
-# Syringe, plunger and ink give way by C µL/Pa; the needle resists. With P the pressure behind it,
-#
-# C dP/dt = Q_plunger − Q,    Q = (P − P_y) / R  for P > P_y,  else 0,
-#
-# so that V = C P, the ink that is held back, follows dV/dt = Q_plunger − (V − V_y)/τ with τ = R C.
-# τ is what `printctl calibrate lag` measures. P_y = 4 τ_y L/d is what a yield stress holds in the
-# needle (`firmware_profiles.yield_pressure_pa`). R is the needle's secant resistance at the job's
-# flow, P(Q)/Q less P_y of a Herschel-Bulkley ink (`firmware_profiles.materials.rheology`): a
-# power-law ink is taken as linear around that flow, as its measured τ is.
-
-
 @dataclass(frozen=True)
 class Nozzle:
     """Constants of the flow out of a needle.
+
+    Syringe, plunger and ink give way by C µL/Pa; the needle resists. With P the pressure behind it,
+
+    C dP/dt = Q_plunger − Q,    Q = (P − P_y) / R  for P > P_y,  else 0,
+
+    so that V = C P, the ink that is held back, follows dV/dt = Q_plunger − (V − V_y)/τ with τ = R
+    C. τ is what `printctl calibrate lag` measures. P_y = 4 τ_y L/d is what a yield stress holds in
+    the needle (`firmware_profiles.yield_pressure_pa`). R is the needle's secant resistance at the
+    job's flow, P(Q)/Q less P_y of a Herschel-Bulkley ink (`firmware_profiles.materials.rheology`):
+    a power-law ink is taken as linear around that flow, as its measured τ is.
 
     Attributes
     ----------
@@ -293,24 +290,21 @@ def median_flow(pieces: Pieces) -> float:
     return median if math.isfinite(median) else 0.0
 
 
-# Compute the plunger's lead over E by the firmware's pressure advance, per executed move.
-#
-# With advance K the plunger stands at E + K dE/dt while a move pushes ink along a way. Known by
-# Marlin as M900 K, by RepRapFirmware as M572 S, by Klipper as SET_PRESSURE_ADVANCE ADVANCE=; it may
-# also stand in the firmware's own configuration (`advance_s` of the printer's profile). Sources:
-# marlinfw.org/docs/gcode/M900.html, docs.duet3d.com (M572), www.klipper3d.org/Kinematics.html
-# (pressure advance). The planner of `gcode.motion.planner` leaves it out, so that it is put in
-# here, once.
-#
-# Modelled: the plunger is ahead by K times the E speed that the block's mean speed asks for, in
-# moves that push ink and move the tip (Klipper: in x or y). Not modelled: Klipper's smoothing over
-# `pressure_advance_smooth_time` (0.04 s), Marlin's restriction of changes to acceleration phases,
-# limits of the plunger's speed while it catches up.
-
-
 @dataclass(frozen=True)
 class Advance:
     """Plunger advance added by the firmware.
+
+    With advance K the plunger stands at E + K dE/dt while a move pushes ink along a way. Known by
+    Marlin as M900 K, by RepRapFirmware as M572 S, by Klipper as SET_PRESSURE_ADVANCE ADVANCE=; it
+    may also stand in the firmware's own configuration (`advance_s` of the printer's profile).
+    Sources: marlinfw.org/docs/gcode/M900.html, docs.duet3d.com (M572),
+    www.klipper3d.org/Kinematics.html (pressure advance). The planner of `gcode.motion.planner`
+    leaves it out, so that it is put in here, once.
+
+    Modelled: the plunger is ahead by K times the E speed that the block's mean speed asks for, in
+    moves that push ink and move the tip (Klipper: in x or y). Not modelled: Klipper's smoothing
+    over `pressure_advance_smooth_time` (0.04 s), Marlin's restriction of changes to acceleration
+    phases, limits of the plunger's speed while it catches up.
 
     Attributes
     ----------

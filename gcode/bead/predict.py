@@ -233,8 +233,6 @@ def laid_bead(bead: Bead, swell: float = 1.0, faults: InkFaults = NO_FAULTS) -> 
     return with_faults(ink, chosen, line, faults)
 
 
-# Predict a filament's fate in the bath: swelling, settling, open crevice behind the needle.
-#
 # Settling. A horizontal cylinder of diameter D in a Bingham fluid carries F/L = 11.94 τ_y D before
 # it moves: 4√2 + 2π, the slip-line limit of a rough cylinder (Randolph & Houlsby, Géotechnique 34
 # (1984) 613; for a viscoplastic fluid Tokpavi, Magnin & Jay, J. Non-Newtonian Fluid Mech. 154
@@ -248,7 +246,6 @@ def laid_bead(bead: Bead, swell: float = 1.0, faults: InkFaults = NO_FAULTS) -> 
 # crevice into which ink rises or air falls (Grosskopf et al., ACS Appl. Mater. Interfaces 10 (2018)
 # 23353; Friedrich & Seppala, Soft Matter 17 (2021) 8027). It is open when that is longer than the
 # needle is thick.
-
 BEARS: Final = 4 * math.sqrt(2) + 2 * math.pi
 
 
@@ -345,8 +342,6 @@ def crevice(bead: Bead, needle: Needle, bath: Bath) -> Trail | None:
     return Trail(length, float(speed[worst]), line, length > needle.outer_mm)
 
 
-# Roughly estimate the displacement of earlier ink by the passing needle shaft, to warn of it.
-#
 # A needle that moves through a yield-stress bath carries the bath beside it along; the yielded zone
 # is about as wide as the needle (Grosskopf et al., ACS Appl. Mater. Interfaces 10 (2018) 23353;
 # Friedrich & Seppala, Soft Matter 17 (2021) 8027). The displacement at a distance s from its
@@ -354,7 +349,6 @@ def crevice(bead: Bead, needle: Needle, bath: Bath) -> Trail | None:
 # within a few radii. Neither the height nor the decay length was measured; so this ranks places and
 # says nothing in micrometres. Ink that touches the filament being written (joints, neighbours in a
 # layer) isn't counted.
-
 REACH: Final = 3.0
 """Radii beyond the needle's surface that are looked at: e^-3 is 5 %."""
 AT_ONCE: Final = 20_000

@@ -136,8 +136,6 @@ def _check(
         raise ClearanceError("the G-code has places that are no numbers; write it anew")
 
 
-# Convert the shaft search's raw hits to contacts by G-code line, head and vessel.
-
 Found = NDArray[Any]
 
 
@@ -364,8 +362,6 @@ class Clearance:
             "overlap": [asdict(contact) for contact in self.overlaps],
         }
 
-
-# Record of a needle shaft's contact with a filament: place, intrusion in mm, G-code lines.
 
 TOUCH_MM: Final = 0.005
 """Deeper is a crossing: the text's rounding and the motors' steps leave places as uncertain."""

@@ -16,8 +16,6 @@ from gcode.motion.state import Record, Records
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-# Input arrays of the shaft check kernels: written ink, moving tips, vessel joints.
-
 
 @dataclass(frozen=True)
 class NeedleBody:

@@ -108,8 +108,6 @@ def motion_of(run: DryRun, sources: LineSources, volume_ul: FloatArray) -> Needl
     )
 
 
-# Cut moves into pieces of at most 0.5 mm, the same for all heads, for the needle shaft check.
-
 PIECE_MM: Final = 0.5
 """No piece is longer, so that squares of the plan may be small."""
 
@@ -233,8 +231,6 @@ def _since(cost: FloatArray, last: IntArray) -> FloatArray:
     return np.maximum(costs, 0.0)
 
 
-# Classify each head's moves as write, travel or lift; locate written ones along the vessels.
-
 WRITE, TRAVEL, LIFT, DESCENT, HEAD_CHANGE = range(5)
 KINDS: Final = ("write", "travel", "lift", "descent", "head change")
 
@@ -352,8 +348,6 @@ def _roles(
     along = np.column_stack([head.along[last, 1], head.along[following, 0]])
     return vessel, thick, along
 
-
-# Model written ink as filaments, radii from pushed volume and design, for the shaft check.
 
 WINDOW_MM: Final = 0.5
 """Volume over length is taken over at least so much of a pass: E's digits are coarse in a short

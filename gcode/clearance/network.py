@@ -189,8 +189,6 @@ class WrittenNetwork:
         return x, y, z
 
 
-# Find the arc length on a vessel's centreline nearest to given points.
-
 _SPACING_MM: Final = 0.05
 """Of the places among which the nearest is looked for, before it is made exact."""
 

@@ -166,8 +166,6 @@ class InkFaults:
 NO_FAULTS: Final = InkFaults()
 
 
-# Apply ink faults to written lines: change the flow, drop, shift or sag lines, add clumps.
-
 _NOTHING = 1e-6
 """Share of the flow that isn't ink any more."""
 _CLUMP_MM = 1e-4
@@ -304,8 +302,6 @@ def _strokes(lines: Placed) -> IntArray:
     return np.concatenate([[0], np.cumsum(apart | (np.diff(stroke) != 0))]).astype(np.int64)
 
 
-# Compute each ink fault's factor on flow: clog, drift, temperature swing, bubble, empty.
-
 _STEPS: Final = 40
 """Of a ramp, and of a period."""
 _MOST_CUTS: Final = 100_000
@@ -388,15 +384,12 @@ def _reached(total: FloatArray, values: FloatArray) -> FloatArray:
     return places[np.isfinite(places)]
 
 
-# Running sums of path written, ink pushed and purged along a print; find where a fault begins.
-#
-# A place in a print is a number: whole part the block, rest the share of that block which is done.
-# It ascends whatever the printer's clock does (a reset sets that to 0).
-
-
 @dataclass(frozen=True)
 class Timeline:
     """Running sums at the blocks' ends.
+
+    A place in a print is a number: whole part the block, rest the share of that block which is
+    done. It ascends whatever the printer's clock does (a reset sets that to 0).
 
     Attributes
     ----------

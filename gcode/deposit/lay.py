@@ -58,12 +58,9 @@ MOST_VOXELS = 2_000_000_000
 _ENDS = ("start", "end")
 
 
-# Compute ink deposited in the dish by executed motion, with ink faults.
-#
 # The simulated scanner and the simulated camera both take it from here, so that they show the same
 # ink. Levels and heights of layers are those of the sound lines: a clog doesn't change where the
 # next layer is written.
-
 Style = Literal["layered", "embedded"]
 
 
@@ -438,13 +435,10 @@ def writing_style(
     return "layered" if flat and known else "embedded"
 
 
-# Ink of pneumatic heads, by their valves' open times along the path.
-#
 # The flow is steady while the valve stands open, so a block gets flow times its time: a corner at
 # which the head slows down gets more. Within one block ink is spread evenly, though the head slows
 # down at its ends. What flows while the head stands (a valve that opens early or closes late) would
 # make a drop; the deposit model lays none, and tells its volume as `standing_ul`.
-
 EXACT_MM: Final = 1e-6
 """Smoothing and plunger step of such a motion: what flows is known at every moment."""
 _KNOWN: Final = 0.9

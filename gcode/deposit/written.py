@@ -15,8 +15,6 @@ from gcode.errors import DepositError
 from gcode.motion.executed import ExecutedMotion, window_sums
 from kernels.arrays import BoolArray, FloatArray, IntArray, split_rows
 
-# Data class of written ink as straight strands: ends, ink volume, cross-section, stroke.
-
 
 @dataclass(frozen=True)
 class Strands:
@@ -210,19 +208,17 @@ def smoothed_area(
     return np.asarray(taken / way)
 
 
-# Unite ink that is written along older ink of the same layer: volumes add up.
-#
-# The tip stands at the layer's height, so a line that is written over another one can't grow
-# upwards: its ink goes aside, and the line becomes as wide as one of both volumes
-# (`BeadSection.width` of the sum of their cross-sections). So a thin line is filled up by a second
-# pass, and where a mend overlaps sound ink it bulges.
-#
-# Not modelled: what a needle drags along, lines that cross or lie beside each other (their ink is
-# united without a bulge), and how far fresh ink flows under the tip to both sides alike.
-
-
 class SamePath(NamedTuple):
-    """When ink is written along older ink."""
+    """When ink is written along older ink.
+
+    The tip stands at the layer's height, so a line that is written over another one can't grow
+    upwards: its ink goes aside, and the line becomes as wide as one of both volumes
+    (`BeadSection.width` of the sum of their cross-sections). So a thin line is filled up by a
+    second pass, and where a mend overlaps sound ink it bulges.
+
+    Not modelled: what a needle drags along, lines that cross or lie beside each other (their ink is
+    united without a bulge), and how far fresh ink flows under the tip to both sides alike.
+    """
 
     station_mm: float = 0.3
     distance_mm: float = 0.03  # Distance of two axes that are one line: some motor steps.
@@ -322,8 +318,6 @@ def _joined(pieces: Strands, of: IntArray, pairs: IntArray) -> Strands:
                 dose[first[new] + k] += dose[piece]
     return replace(pieces, area_mm2=area, dose_ul=dose).chosen(kept)
 
-
-# Layer heights found in executed motion, and the heights of the lines printed there.
 
 SMOOTHING_MM: Final = 1.0
 """Length of bead over which ink and syringe give way, so that single plunger steps even out."""

@@ -282,8 +282,6 @@ def _drain(planner: Records, ring: Records, log: Records, now: float) -> float:
     return now
 
 
-# Transmission and processing time of a job's lines: serial line, host, 8-bit board.
-#
 # A line leaves as the link sends it, with number and checksum, once the host has read the last
 # `ok`; so the time between two lines is wire out + board + wire back + the host's turnaround. With
 # two lines in flight the link's own rule (`firmware_profiles.families.pairing`) tells which line
@@ -297,7 +295,6 @@ def _drain(planner: Records, ring: Records, log: Records, now: float) -> float:
 # Modelled: bytes both ways at the rate that the board's divider gives, ADVANCED_OK's longer
 # answers, pairs of lines in flight, the processor's time by bytes, blocks and trapezoids. Not
 # modelled: a report that the board makes on its own, lines sent again, a host that stalls.
-
 _BITS_PER_BYTE: Final = 10
 
 

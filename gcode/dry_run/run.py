@@ -32,13 +32,10 @@ from gcode.reading.file import named_lines
 from gcode.reading.line import Finding, GcodeLine, Lines
 from kernels.arrays import FloatArray
 
-# Collect every temperature that a file sets or waits for, by whatever command.
-#
 # Beside M104, M109 (tool) and M140, M190 (bed) there are ways round them: M303, which heats while
 # it tunes; RepRapFirmware's G10 and M568 for a tool, and M141, M191 for a chamber, which warms ink
 # and bath alike; commands with names (`Meaning.HEATS`), and those that wait for a temperature
 # (`Meaning.AWAITS`): for ever, where what is mounted doesn't bear it.
-
 Part = Literal["ink", "bath", "both"]
 Bound = Literal["is", "least", "most"]
 _KEYS: Final[dict[Meaning, dict[str, Bound]]] = {
@@ -297,8 +294,6 @@ def _opening(gcode: bytes, program: Program) -> bytes:
     count = int(program.line[0]) - 1 if len(program) else 0
     return b"\n".join(re.split(rb"\r\n|\n|\r", gcode, maxsplit=count)[:count])
 
-
-# Mark each G-code row's plunger motion as allowed or barred by the cold-extrusion lock.
 
 _HOTEND_MELTS_C: Final = 170.0  # Marlin's EXTRUDE_MINTEMP
 

@@ -32,17 +32,16 @@ from gcode.motion.block import (
 from gcode.motion.state import Record, Records
 from kernels import jit
 
-# Step a motion block as Marlin's stepper interrupt does: step events done, timer ticks taken.
-#
-# The interrupt of an 8-bit board runs on a 16-bit timer at 2 MHz. After each pulse it works out the
-# rate of the next one from the time spent accelerating so far and turns it into a timer interval by
-# a table of two parts, interpolated linearly (fine above 2048 events/s, coarse below). In the
-# timer's clear-on-compare mode a period is one tick longer than its compare value.
-
 
 @jit
 def timer_interval(rate: int) -> int:
-    """Ticks that the table of the 8-bit boards gives for ``rate`` events/s."""
+    """Ticks that the table of the 8-bit boards gives for ``rate`` events/s.
+
+    The interrupt of an 8-bit board runs on a 16-bit timer at 2 MHz. After each pulse it works out
+    the rate of the next one from the time spent accelerating so far and turns it into a timer
+    interval by a table of two parts, interpolated linearly (fine above 2048 events/s, coarse
+    below). In the timer's clear-on-compare mode a period is one tick longer than its compare value.
+    """
     if rate <= TIMER.slowest:
         return TIMER.ticks_per_s // TIMER.slowest
     above = rate - TIMER.slowest

@@ -173,14 +173,11 @@ class Board:
         )
 
 
-# Constants: an 8-bit board's processor time to plan a move (block, corner, trapezoid).
-#
-# Of Marlin bugfix-2.1.x on an ATmega2560 at 16 MHz; measured as `gcode.dry_run.feed`
-# tells.
-
-
 class PlanningTime(NamedTuple):
-    """Processor time to plan a move, s."""
+    """Processor time to plan a move, s.
+
+    Of Marlin bugfix-2.1.x on an ATmega2560 at 16 MHz; measured as `gcode.dry_run.feed` tells.
+    """
 
     block_s: float = 0.92e-3  # To make a block of a move.
     corner_s: float = 0.63e-3  # More where another waits: the speed at their corner.

@@ -13,8 +13,6 @@ from firmware_profiles.families.grammar import E_RULES, ERule
 from gcode.motion.state import Record, Records
 from kernels import jit
 
-# Parse the words of one G-code line as a firmware does.
-
 WORDS: Final = np.dtype(
     [
         ("letter", "i8"),  # of the command: G, M or T; 0 where there is none

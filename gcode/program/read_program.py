@@ -114,8 +114,6 @@ def _timed(program: Program, per_second: tuple[tuple[int, bool], ...]) -> Progra
     return replace(program, feed=program.feed * factor)
 
 
-# Parse slicers' comments (line types, layer heights, filament); find the declared start (G92).
-
 _KIND: Final = re.compile(rb";[ ]*(?:TYPE:|FEATURE:|feature )[ ]*(.*?)[ ]*\Z")
 _HEIGHT: Final = re.compile(rb";[ ]*(?:HEIGHT:|LAYER_HEIGHT:)[ ]*(\d*\.?\d+)")
 _LAYER: Final = re.compile(rb";[ ]*(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:\d+)")

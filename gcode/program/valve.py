@@ -192,9 +192,6 @@ def read_lifts(
     return raised, commanded
 
 
-# Heads of a file that names none: the head whose valve opens is in use.
-
-
 _LEVEL_MM: Final = 1e-6
 
 

@@ -190,12 +190,9 @@ class Finding:
     count: int = 1
 
 
-# Translate named commands (Klipper style) to G-code words for the reader.
-#
 # ``SET_KINEMATIC_POSITION X=1 Y=2`` says where the tip stands, as G92 does for other firmwares, and
 # is read as that; ``ACTIVATE_EXTRUDER EXTRUDER=extruder1`` is T1. ``SET_IDLE_TIMEOUT`` and the rest
 # move nothing and become M105, which only asks; their names and words are handed on to be judged.
-
 _CHOSEN: Final = re.compile(r"extruder(\d*)")
 NOTHING: Final = b"M105"
 
@@ -212,11 +209,7 @@ def plain_command(name: str, parameters: Mapping[str, str]) -> bytes:
     return " ".join(["G92", *places]).encode() if places else NOTHING
 
 
-# Check that a printer's firmware knows a command, by code or by name.
-#
 # What a machine knows beyond its family's commands its profile names (`extra_commands`).
-
-
 UNKNOWN_REMEDY: Final = (
     "remove it, or list it in the printer profile (extra_commands) if the printer supports it"
 )
@@ -244,11 +237,8 @@ def is_known_line(printer: Printer, line: GcodeLine) -> bool:
     return bool(grammar.named or grammar.names) and is_known_name(printer, line.code)
 
 
-# Parameter letters that each G-code accepts, by firmware family.
-#
 # A code that isn't in a family's table takes any well-formed word: whether it may be sent at all is
 # decided elsewhere (`gcode.reading.line`).
-
 AXES: Final = frozenset("ABCDHIJKLOQUVWXYZ")
 """Letters that name axes on one machine or another."""
 MOTION: Final = frozenset({"G0", "G1", "G2", "G3"})
@@ -278,8 +268,6 @@ def accepted_letters(family: str, code: str) -> AcceptedLetters | None:
         text=False,
     )
 
-
-# Parse the words (letter and number) of a G-code command.
 
 _WORD: Final = re.compile(
     rb"([A-Za-z])[ \t]*(?:([+-]?)(\d+\.?\d*|\.\d+)|(\"[^\"]*\"))?(?=[ \tA-Za-z]|$)[ \t]*"
@@ -355,8 +343,6 @@ def _not_a_word(rest: bytes, text: bytes) -> Exception:
     )
 
 
-# Refuse G-code lines that firmwares interpret differently, or with meaningless values.
-
 WordValues = Mapping[str, float | None]
 _HEAD_CODES: Final = ("M104", "M109", "M218", "M221")
 
@@ -421,8 +407,6 @@ def _of_numbers(code: str, words: WordValues, family: str) -> str:
                 return f"{family} truncates {letter}{value:g} to an integer; use an integer"
     return ""
 
-
-# Parse named G-code commands: ``SET_PIN PIN=valve VALUE=1``.
 
 _NAME: Final = re.compile(rb"([A-Za-z][A-Za-z_][A-Za-z0-9_]*)(?:[ \t]+|$)")
 _PARAMETER: Final = re.compile(rb"([A-Za-z_][A-Za-z0-9_]*)=(\"[^\"]*\"|[^ \t\"'#=*]+)(?:[ \t]+|$)")

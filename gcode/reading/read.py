@@ -164,13 +164,10 @@ def _check_word(
         )  # fmt: skip
 
 
-# Take the command out of a G-code line; check its checksum and refuse unclear comments.
-#
 # A comment begins at a semicolon; what stands in parentheses is one, too. Some builds of a firmware
 # take parentheses for words (Marlin without PAREN_COMMENTS), and a semicolon in quotes for text:
 # since the comment isn't sent, both then do the same, and where the two readings would leave
 # different commands the line is refused.
-
 _PARENTHESES: Final = re.compile(rb"\([^()]*\)")
 _NUMBER: Final = re.compile(rb"[Nn]-?\d{1,10}(?![\d.])[ \t]*")
 _CHECKSUM: Final = re.compile(rb"\*[ \t]*(\d+)[ \t]*")
@@ -256,13 +253,10 @@ def _check(body: bytes, rest: bytes, text: bytes, family: str) -> None:
         )  # fmt: skip
 
 
-# Parse commands with a free text; refuse a second command on the same line.
-#
 # RepRapFirmware (``StringParser.cpp``) takes several commands from one line. There a text ends with
 # its closing quote, and what follows is carried out; only some codes take the rest of the line as
 # it is (`Grammar.rest_codes`), and only without a quote. It works out a text in braces
 # (`Grammar.expressions`), and carries out what follows it.
-
 _QUOTED: Final = re.compile(rb'"[^"]*"')
 _WHOLE: Final = re.compile(rb'"[^"]*"(?:"[^"]*")*')
 _COMMAND: Final = re.compile(rb"[GMTgmt][ \t]*\d")
@@ -322,11 +316,8 @@ def _one_command(code: str, argument: bytes, text: bytes, family: str) -> None:
         raise second_command(match[0].decode(), text)
 
 
-# Fast parser for plain moves, which make up most of a G-code file.
-#
 # Read here without the checks of other lines; `gcode.reading.read` would
 # read each of them alike (a test compares the two).
-
 _DECIMAL: Final = rb"(-?\d{1,6}(?:\.\d{1,9})?)"
 _FEED: Final = rb"(?: F([1-9]\d{0,5}(?:\.\d{1,9})?))?"
 PLAIN_MOVE: Final = re.compile(
@@ -350,8 +341,6 @@ def plain_move(match: re.Match[bytes]) -> GcodeLine:
     }
     return GcodeLine(code.decode(), words, match[0])
 
-
-# Parse G-code lines in the form sent to the printer, already rendered by `read_line`.
 
 _SENT_CODE: Final = re.compile(rb"[GMT]\d+")
 _SENT_NUMBER: Final = re.compile(rb"-?\d+(?:\.\d+)?")
@@ -407,12 +396,9 @@ def _read_sent(text: bytes) -> GcodeLine:
     return GcodeLine(code, words, text)
 
 
-# Multiply plunger travel of writing moves in job lines by a factor.
-#
 # Only moves that write are changed: those that push the plunger on a way of the tip. What moves the
 # plunger alone (drawing back, priming) keeps its length. The count of E goes on from where it was;
 # a line that counts the plunger anew (G92 E) stays.
-
 LEAST: Final = 0.3
 MOST: Final = 3.0
 """Of the file's own doses."""

@@ -37,8 +37,6 @@ from report.figures.deviation import network_figure
 
 _USUAL_ML_MIN: Final = 0.25
 
-# Load a network's lumens for a dye prediction: as designed, or as measured on a print.
-
 
 @dataclass(frozen=True)
 class DyeLumens:
@@ -78,8 +76,6 @@ def lumens_of(model: Path, unit: LengthUnit | None, as_printed: bool) -> DyeLume
     closed = tuple(np.flatnonzero(printed.closed).tolist())
     return DyeLumens(with_printed_lengths(printed.network, scale), closed, flow)
 
-
-# Write a predicted dye front: arrival times by vessel, concentration curves and a picture.
 
 FRONT, CURVES, PICTURE = "dye_front.csv", "dye_curves.csv", "dye_front.svg"
 _MOST_CURVES: Final = 50

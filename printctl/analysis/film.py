@@ -37,8 +37,6 @@ from printctl.recipe.parts import OneDPart
 from registration.measuring.gauging import sub_network
 from report.picture import DrivingWave, FilmScene, Quantity, magnitude
 
-# Write a film file in its suffix's format: MP4 and the like by OpenCV, GIF, WebP by Pillow.
-
 CODES: Final = {".mp4": "mp4v", ".mov": "mp4v", ".avi": "MJPG"}
 """OpenCV's codec of each suffix."""
 SUFFIXES: Final = (*CODES, ".gif", ".webp")
@@ -128,8 +126,6 @@ def _animated(path: Path, images: list[Image.Image], fps: float) -> int:
         )
     return len(images)
 
-
-# Frames of a network as it grew: terminal by terminal, or generation by generation.
 
 By = Literal["terminals", "generations"]
 
@@ -227,8 +223,6 @@ def _drawn(
     coloured = replace(quantity, values=radius if as_wide else values)
     return replace(part, radius=radius), coloured
 
-
-# Frames of a pulse through a network: pressure or flow over a cycle, by 0D or 1D.
 
 _WAVE = 200
 """Points of the inlet's wave as it is drawn."""

@@ -40,8 +40,6 @@ from printctl.settings import opt, settings
 from report.picture import FLOW, GAUGED, VesselQuantities
 from report.sections.tables import columns
 
-# Read and write networks in every known format, chosen by the file's suffix.
-
 LOSSES: Final = {
     ".swc": "SWC keeps no numbers of trees and nodes; it is in µm",
     ".vtp": "VTP keeps no numbers of nodes; vessels that meet share a place",
@@ -133,8 +131,6 @@ def write_network(path: Path, network: VesselNetwork) -> None:
     finally:
         shutil.rmtree(draft, ignore_errors=True)
 
-
-# Load a network from a run folder or file, with tissue and flow; solve unknown flow (0D).
 
 _FLOW: Final = ("flow_ul_s", *FLOW)
 

@@ -32,8 +32,6 @@ from printctl.run_folder.artefacts import OXYGEN
 if TYPE_CHECKING:  # loads matplotlib
     from printctl.analysis.networks import Source
 
-# Solve tissue oxygen; write a row per vessel, the field for ParaView, and a picture.
-
 TABLE: Final = OXYGEN
 FIELD: Final = "oxygen.vti"
 SLICE: Final = "oxygen.svg"

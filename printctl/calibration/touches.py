@@ -60,9 +60,6 @@ def fit_backlash(
     return Backlash(fit.estimate(2, "mm"), fit.estimate(1, "mm/mm"), fit.residual)
 
 
-# Fit planes to touched points: tilt of bed and bath surface, and bath depth.
-
-
 @dataclass(frozen=True)
 class Level:
     """A plane through touched points.
@@ -129,9 +126,6 @@ def gap_between(lower: Level, upper: Level) -> Estimate:
     dof = variance**2 / sum(part**2 / freedom for part, freedom in parts)
     half = quantile(dof) * math.sqrt(variance)
     return Estimate(value, value - half, value + half, "mm")
-
-
-# Fit the offset of one needle's tip from another's, from repeated touch-offs.
 
 
 def fit_offset(

@@ -19,9 +19,6 @@ from printctl.checks.kinds import Kind
 from printctl.errors import SafetyError, UsageError
 from printctl.settings import opt, settings
 
-# Record of a preflight check (limit, value, passed); raise an exception for failed ones.
-
-
 Weight = Literal["refuses", "warns"]
 
 
@@ -171,8 +168,6 @@ def shortest_budget(
     return min((one for one in budgets if one), key=lambda one: one.minutes, default=None)
 
 
-# Dish at its position on the printer; distance of needle and hub to its wall in one move.
-
 Point = tuple[float, float, float]
 WALL_CLEARANCE_MM: Final = 1.0
 """Kept between needle and wall: a touch-off by eye is no better."""
@@ -259,9 +254,6 @@ def hub_gap_of(ends: Sequence[Point], standing: PlacedDish, needle: Needle) -> f
     return wall_gap_of(hubs, standing, needle.hub_outer_mm or HUB_MM)
 
 
-# Data types of a print's set-up: printer, needle, syringe, ink, dish, bath; heads' contents.
-
-
 @dataclass(frozen=True)
 class HeadLoading:
     """Syringe, ink and needle of a head; None for an unknown needle."""
@@ -343,9 +335,6 @@ class SetUp:
         if number < len(self.heads):
             return self.heads[number]
         return HeadLoading(self.syringe, self.ink, self.needle)
-
-
-# Load a print set-up (printer, needle, ink, dish, bath) from the names of its profiles.
 
 
 NONE: Final = "none"

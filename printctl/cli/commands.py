@@ -89,11 +89,8 @@ def _refuse_swallowed(command: Any, values: dict[str, Any]) -> None:
                 )
 
 
-# Shell completion of commands, options, choices and profile names.
-#
 # Options and choices come from typer, files from the shell itself. Profiles are offered by the
 # option's name, which nearly always means the same.
-
 _KINDS: Final = "Bath", "Dish", "Ink", "Needle", "Plate", "Printer", "Syringe"
 PROFILES: Final = {f"--{kind.lower()}": kind for kind in _KINDS} | {"--profile": "Printer"}
 """Class of `firmware_profiles` by the option that names one; it is imported when Tab is pressed."""

@@ -57,11 +57,8 @@ MANUAL: Final = _manual(Path(__file__).with_name("manual.txt").read_text(encodin
 """By the words that follow `printctl`."""
 
 
-# Help tables in which option names stay whole; imported when help is asked for.
-#
 # Typer's tables have a column each for long, short and negative names, and cut them with an
 # ellipsis where the terminal is narrow.
-
 _REQUIRED: Final = "*"
 
 

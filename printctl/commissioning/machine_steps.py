@@ -39,9 +39,6 @@ PUSH: Final = 0.01
 """Of the same, to see which way the plunger goes."""
 
 
-# --- profile -------------------------------------------------------------------------------------
-
-
 def profile(desk: Desk, bench: Bench) -> str:
     """Choose the port; copy a shipped profile, or keep the file that is there; check it."""
     found = [one for one in list_ports() if one.usb_id]
@@ -117,9 +114,6 @@ def _copy(file: Path, name: str) -> str:
     return name
 
 
-# --- connection ----------------------------------------------------------------------------------
-
-
 def connection(desk: Desk, bench: Bench) -> str:
     """Read the printer's settings, compare them with the profile, take them over if wanted."""
     if not bench.simulated:
@@ -178,9 +172,6 @@ def _without_shifts(rows: list[Row]) -> tuple[list[Row], list[str]]:
         and abs(off[f"{name}.low"] - off[f"{name}.high"]) <= ABSOLUTE
     ]
     return [row for row in rows if row.key.partition(".")[0] not in shifted], shifted
-
-
-# --- plunger steps -------------------------------------------------------------------------------
 
 
 def plunger_steps(desk: Desk, bench: Bench) -> str:

@@ -81,9 +81,6 @@ def mount_on(station: Station, parts: MountedParts, **more: Any) -> None:
         station.mount(**given | more)
 
 
-# --- syringe, needle, ink, bath, dish ------------------------------------------------------------
-
-
 def mounted_parts(desk: Desk, bench: Bench) -> str:
     """Enter what is mounted; see whether the plunger's steps are fine enough for the needle."""
     kept, printer = load_mounting(bench.printer), bench.profile
@@ -167,9 +164,6 @@ def _finer(wrote: Any, printer: Printer, held: Syringe) -> str:
             ways.append(f"{times} times as many microsteps of the plunger")
             break
     return " or ".join(ways) or "a narrower syringe and a wider needle; none shipped would do"
-
-
-# --- touch-off -----------------------------------------------------------------------------------
 
 
 def touch_off(desk: Desk, bench: Bench) -> str:
@@ -319,9 +313,6 @@ def _set_floor(station: Station, touched: float, floor: float) -> float:
         station.set_position(z=at[2] + floor - touched)
     station.touch_off(floor)
     return floor
-
-
-# --- first lines ---------------------------------------------------------------------------------
 
 
 def first_lines(desk: Desk, bench: Bench) -> str:

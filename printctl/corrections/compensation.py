@@ -19,8 +19,6 @@ from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import UsageError
 from printctl.recipe.parts import Part
 
-# Schema of the compensation file: design, print conditions, corrections and their evidence.
-
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Three = tuple[Number, Number, Number]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -119,8 +117,6 @@ class CompensationFile(Part):
     evidence: dict[str, Any] = Field(default={}, description="Measured and decided; not read.")
     notes: tuple[str, ...] = ()
 
-
-# Load, check and save files of shape corrections from scanned prints (YAML or JSON).
 
 SUFFIXES = (".json", ".yaml", ".yml")
 

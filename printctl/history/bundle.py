@@ -32,8 +32,6 @@ from printctl.pipeline.past.evidence import Evidence, evidence
 from printctl.pipeline.past.past_print import INTERRUPTED, PrintEntry, entry_of
 from printctl.version import version
 
-# Pack a print's files and their cover page into one signed bundle.
-
 # HTML cover page of a print's record bundle: printer, times, verdict, alarms, G-code hash.
 _LONGEST: Final = 2000
 _MOST_ALARMS: Final = 20

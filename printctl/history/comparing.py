@@ -31,8 +31,6 @@ from registration.measuring.judging import judge_plain
 from report.pages.comparison import comparison_figures, write_comparison_html
 from report.print_page import print_page
 
-# Read the registration results of several prints' folders; judge them by new limits if given.
-
 
 @dataclass(frozen=True)
 class NewLimits:

@@ -83,9 +83,6 @@ class Settings:
     notes: tuple[str, ...] = ()
 
 
-# --- asking --------------------------------------------------------------------------------------
-
-
 def query_settings(port: str, printer: Printer, baud: int | None = None) -> Settings:
     """Open the port (or ``auto``), ask for the printer's settings, and close it.
 
@@ -188,9 +185,6 @@ def _answers(channel: Channel, first: Sequence[bytes]) -> Steps[dict[bytes, Sequ
     return answers
 
 
-# --- reading the answers -------------------------------------------------------------------------
-
-
 def read_settings(family: Family, answers: dict[bytes, Sequence[bytes]]) -> Settings:
     """Read the answers to a family's questions (`Family.setting_questions`)."""
     firmware = parse_firmware(answers.get(b"M115", ()))
@@ -243,9 +237,6 @@ def _read_notes(text: str) -> Iterator[str]:
         yield "its software endstops are off (M211 S0): only the host's own checks hold it back"
     if "pressure_advance:" in text and float(text.split(":")[-1]) != 0:
         yield f"{text.removeprefix('// ')}: it changes the plunger's flow by itself"
-
-
-# --- comparing with a profile --------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,6 @@ from printctl.errors import PrintctlError
 from printctl.processes.alive import KILL, has_groups, send_signal
 from printctl.sources import python_command
 
-# Data class of a camera's or scanner's settings: kind, source, size, time limit; as JSON.
-
 PICTURE_TIME_SHARE: Final = 0.8
 """Share of a look's time limit in which its pictures are taken: the rest is judgement's."""
 Kind = Literal["camera", "folder", "command", "simulated"]
@@ -69,8 +67,6 @@ class DeviceSettings:
         return DeviceSettings(**{**data, "size_px": tuple(size) if size else None})
 
 
-# Take a picture with a camera that the system knows (UVC, or an address), through OpenCV.
-
 _SETTLING_FRAMES: Final = 8
 """First pictures are dropped: exposure and white balance settle, and buffers hold old ones."""
 
@@ -111,8 +107,6 @@ def take_picture(settings: DeviceSettings, out: Path) -> Path:
         raise ValueError(f"{path} can't be written; is the disk full?")
     return path
 
-
-# Get a picture from a watched folder, an external command or the simulated camera; copy it.
 
 _UNCHANGED_S: Final = 0.5
 """A file that hasn't grown for so long is whole."""
@@ -264,8 +258,6 @@ def simulated_picture(settings: DeviceSettings, out: Path) -> Path:
     return path
 
 
-# Acquire one picture or volume in a subprocess, ended at its time limit.
-
 Place = tuple[float, float, float]
 Region = tuple[Place, Place]
 
@@ -353,11 +345,8 @@ def _kill(process: subprocess.Popen[str]) -> None:
     process.communicate()  # closes its pipes
 
 
-# Acquire one picture: `python -m printctl.observe.devices SETTINGS OUT`; prints its path.
-#
 # A folder's earlier files are read from standard input. It ends with the process
 # that started it, and so does the device's own program.
-
 _PARENT_POLL_S: Final = 0.2
 
 

@@ -24,8 +24,6 @@ from printctl.recipe.load import overridden
 from printctl.recipe.sections.plate import PlatePart
 from report.wording import label_and_unit
 
-# Parse names of wells: A1, B1..B3 along a row, A1..C4 for a block.
-
 _NAME: Final = re.compile(r"([A-Za-z])0*([1-9]\d?)")
 
 
@@ -85,8 +83,6 @@ def _place(name: str, plate: Plate, key: str) -> tuple[int, int]:
 def _name(row: int, column: int) -> str:
     return f"{ascii_uppercase[row]}{column + 1}"
 
-
-# Compute the position of a plate on the printer, and of each of its wells.
 
 RIM_CLEARANCE_MM: Final = 2.0
 """Between the plate's highest rim and a tip that goes from well to well."""
@@ -205,8 +201,6 @@ def standing_plate(
     return standing
 
 
-# Find the shortest printing order of wells, row by row or column by column (serpentine).
-
 Plan = tuple[float, list[str]]
 
 
@@ -265,8 +259,6 @@ def _joined(way: Plan, lane: list[str], standing: StandingPlate) -> Plan:
     length += sum(dist(a, b) for a, b in pairwise(places))
     return length, [*before, *lane]
 
-
-# Expand a plate's parameter sweep into variants, and make each well's recipe and ink.
 
 DESIGN: Final = ("tissue", "vasculature", "solid", "toolpath")
 INK: Final = ("flow_factor", "retract_ul", "plunger_ul_s", "dwell_s")
@@ -380,9 +372,6 @@ def varied_ink(ink: Ink, changes: Mapping[str, Any]) -> Ink:
         raise RecipeError(
             f"plate.sweep: ink.{key}: {wording(wrong)} (is {wrong['input']!r})"
         ) from exc
-
-
-# Assign recipe variants to a plate's wells.
 
 
 @dataclass(frozen=True)

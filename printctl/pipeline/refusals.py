@@ -41,8 +41,6 @@ from printctl.recipe.sections.growth import GivenNetwork
 from printctl.recipe.sections.tissue import Annulus, Block, Cylinder
 from printctl.recipe.sections.toolpath import Embedded, Fresh
 
-# Refuse a recipe with `observe` for a plate, several heads, a valve or no named device.
-
 _SIMULATED = "simulated"
 
 

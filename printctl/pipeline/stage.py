@@ -17,8 +17,6 @@ from printctl.sources import source_digest
 if TYPE_CHECKING:
     from printctl.pipeline.context import RunContext
 
-# Measure run time and memory of a pipeline stage.
-
 _STATUS = Path("/proc/self/status")
 _CLEAR = Path("/proc/self/clear_refs")
 

@@ -21,12 +21,9 @@ STARTER: Final = Path(__file__).parent / "starter.yaml"
 """Runs as it stands, on the simulated printer."""
 
 
-# Migrate recipes of older schemas to the current one, step by step.
-#
 # A step is a list of changes, each a key that has another name or another value now. Because it is
 # said and not programmed, the same step changes what was read from a file and the file's own text,
 # where comments and order stay as they are.
-
 SCHEMA: Final = 1
 """Version of the schema that this printctl writes and reads without a change."""
 
@@ -269,9 +266,6 @@ def _short(value: Any) -> str:
     """A value as it was written, or its beginning and how long it is."""
     text = repr(value)
     return text if len(text) <= _MOST else f"{text[:_MOST]} ... ({len(text)} characters)"
-
-
-# Replace given keys of a recipe, as for one well or search candidate; validate the result.
 
 
 def overridden(recipe: Recipe, values: Mapping[str, Any], name: str, origin: str) -> Recipe:

@@ -29,8 +29,6 @@ BathName = Annotated[str, Field(json_schema_extra={"profile": "baths"})]
 DishName = Annotated[str, Field(json_schema_extra={"profile": "dishes"})]
 
 
-# Recipe section on the fluid: viscosity law and inertial pressure losses.
-
 _MPA_S = Field(gt=0, le=1e6)
 
 
@@ -82,8 +80,6 @@ class LossPart(StrictModel):
     )
     stenoses: tuple[StenosisPart, ...] = ()
 
-
-# Recipe section on pulsatile flow: inlet waveform, outlet Windkessels, compliant walls.
 
 Resistance = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
 
@@ -159,8 +155,6 @@ class PulsePart(StrictModel):
         return self
 
 
-# Recipe section of a lattice's shape: unit cell, channel size and ports.
-
 _Width = Annotated[float, Field(gt=0, le=100)]
 
 
@@ -211,9 +205,6 @@ class OneDPart(StrictModel):
     )
 
 
-# Recipe sections on 3D flow, and on comparing 0D, 1D and 3D solutions of the flow.
-
-
 class ThreeDPart(StrictModel):
     """How flow is resolved in the lumens' space; all of it may be left out.
 
@@ -260,8 +251,6 @@ class ComparePart(StrictModel):
         description="A lattice in the same tissue at the same flow, to hold the network against.",
     )
 
-
-# Recipe section on oxygen: supply by the perfused medium, uptake by the tissue's cells.
 
 Concentration = Annotated[float, Field(ge=0, le=100)]
 Diffusivity = Annotated[float, Field(ge=1e-6, le=1)]

@@ -19,8 +19,6 @@ from printctl.recipe.load import overridden
 from printctl.search.evaluate import Task, task_of
 from printctl.search.model import MOST, Range, SearchFile
 
-# Draw a search's parameter values: full grid, random, Sobol or Latin hypercube samples.
-
 
 def drawn(search: SearchFile) -> list[dict[str, Any]]:
     """Key to value for each candidate, in their order; the same for the same file and seed.

@@ -23,8 +23,6 @@ from report.page_frame import render
 from report.sections.tables import Column, Table, make_table
 from report.svg import inline_figure
 
-# Make the recipe text (YAML) of a search's candidate, for `printctl run`.
-
 _WITH_FILES = ("tissue", "vasculature", "flow", "toolpath", "scan")
 
 
@@ -60,8 +58,6 @@ def _renamed(value: Any, names: dict[str, str]) -> Any:
         return [_renamed(one, names) for one in value]
     return names.get(value, value) if isinstance(value, str) else value
 
-
-# Ranked table of a search: CSV text at full precision, and the first rows for the terminal.
 
 FIRST: Final = 10
 """Rows on the terminal."""
@@ -134,9 +130,6 @@ def count_lines(result: SearchResult) -> list[str]:
     if result.left:
         lines.append("run the same command again for what is missing")
     return lines
-
-
-# Build the HTML result page of a search: goals, Pareto plot, ranked candidates.
 
 
 def search_html(result: SearchResult) -> str:

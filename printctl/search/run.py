@@ -19,8 +19,6 @@ from printctl.search.model import SearchFile
 from printctl.search.rank import RankedCandidate, ranked
 from printctl.search.workers import Workers
 
-# Store of search results: a file per candidate, named by a hash of all that determines it.
-
 FOLDER: Final = "candidates"
 
 

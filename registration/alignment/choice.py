@@ -16,8 +16,6 @@ from registration.alignment.fit import Fit, FitFreedom, refine
 from registration.alignment.rivals import MIRROR, AlternativePose, describe, design_symmetries
 from registration.alignment.search import Search
 
-# Ratio of the RMS misfits of two poses, over the scanned points where they differ.
-
 CAP_MM = 0.5
 """Deviations count up to this much when poses are compared."""
 TELLING_POINTS = 12

@@ -17,8 +17,6 @@ from design.solids.solid import Solid
 from kernels import jit, pjit
 from kernels.arrays import FloatArray, IntArray
 
-# Kernels: nearest point and signed distance to a triangle surface, by a tree of boxes.
-
 UNKNOWN = np.empty(0, dtype=np.int64)
 """Guesses of `nearest` where there are none."""
 CHUNK = 64
@@ -187,8 +185,6 @@ def nearest(
     return distance, foot, direction, face
 
 
-# Curvature at each triangle of a closed mesh, and sample points along its sharp edges.
-
 SHARP_RAD = 0.6
 """Edges that bend by more are edges, not facets of something round."""
 RIM_STEP_MM = 0.05
@@ -282,13 +278,10 @@ def _evened(values: FloatArray, one: IntArray, other: IntArray) -> FloatArray:
     )
 
 
-# Build a part's bounding-box tree of triangles, long ones cut into pieces for smaller boxes.
-#
 # Triangles that are long against the whole (flat faces, straight tubes) make boxes that overlap.
 # They are cut into pieces with boxes of their own (Ernst & Greiner 2007, 10.1109/RT.2007.4342593);
 # what is asked at a piece is still its whole triangle. Points near a block with lumens take two
 # thirds of the time.
-
 LONGEST = 0.15
 """Of the diagonal: longer edges are cut. Finer pieces only make more boxes."""
 
@@ -324,9 +317,6 @@ def _pieces(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
         halves = [np.stack(half, axis=1) for half in ((a, middle, c), (middle, b, c))]
         whole = np.concatenate([np.delete(whole, cut, axis=0), *halves])
         owner = np.concatenate([np.delete(owner, cut), owner[cut], owner[cut]])
-
-
-# Prepare a solid's surface, and query nearest points and signed distances on it.
 
 
 @dataclass(frozen=True)
@@ -451,9 +441,6 @@ def _pseudonormals(faces: IntArray, triangles: FloatArray, vertices: int) -> Flo
     edges = edge[which].reshape(-1, 3, 3)
     out = np.concatenate([face[:, None], edges, corner[faces]], axis=1)
     return np.asarray(out / np.maximum(np.linalg.norm(out, axis=2, keepdims=True), 1e-30))
-
-
-# Dense grid of signed distances, for fast approximate look-up in coarse alignment.
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,6 @@ from registration.alignment.fit import Fit, evenness, facing
 from registration.alignment.rivals import AXES, AlternativePose
 from registration.alignment.symmetry import turns_into_itself
 
-# List the shifts and turns of the part that a scan leaves uncertain by more than 50 µm.
-
 UNKNOWN_MM = 0.05
 """Half width of the 95 % interval from which a degree of freedom counts as not known."""
 
@@ -63,8 +61,6 @@ def _words(vector: FloatArray) -> str:
         return f"its turn about {AXES[strongest]}"
     return f"its position along {AXES[strongest - 3]}"
 
-
-# List groups of walls that face one way and lie off the design by over 75 µm after the fit.
 
 OFF_MM = 0.075
 """A side whose median is off by more contradicts the pose: faces of 3 mm of depth of which one is

@@ -13,8 +13,6 @@ from registration.alignment.distance import ModelSurface
 from registration.alignment.fit import Fit
 from registration.alignment.search import Search
 
-# Describe in words a part's motion between two poses, and its orientation to the light.
-
 AXES = "xyz"
 NEAR_DEG = 12.0
 """A turn or an axis that is off by less has the name of the plain one."""

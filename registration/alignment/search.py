@@ -15,8 +15,6 @@ from kernels.arrays import Float32Array, FloatArray
 from registration.alignment.distance import DistanceGrid, ModelSurface
 from registration.alignment.fit import Fit
 
-# Options of aligning a scan: starts tried, points used, limit of ambiguity.
-
 
 @dataclass(frozen=True)
 class AlignmentOptions:
@@ -74,9 +72,6 @@ def spread_rotations(count: int) -> FloatArray:
         axis=1,
     )
     return np.asarray(Rotation.from_quat(quaternions).as_matrix())
-
-
-# Coarse alignment: fit many candidate poses to the design's grid of signed distances at once.
 
 
 @jit

@@ -19,8 +19,6 @@ from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.wall_reference import WallCalibration
 
-# Combine uncertainty terms into a budget with 95 % interval, after the GUM (JCGM 100:2008).
-
 LEVEL = 0.95
 """Coverage probability of expanded uncertainties."""
 
@@ -99,8 +97,6 @@ def at_either_end(half_width: float) -> float:
     """
     return half_width / math.sqrt(2)
 
-
-# Estimate the standard uncertainties common to a whole scan: walls, depth, lateral scale.
 
 INDEX_HALF_WIDTH = 0.02
 """Of the group index without a depth standard: hydrogels and media lie within ± 2 % of water."""
@@ -248,8 +244,6 @@ def scan_errors(scan: Scan, segmentation: Segmentation) -> ScanErrors:
         beam=np.array([0.0, 0.0, 1.0]),
     )
 
-
-# Uncertainty of a vessel's section diameters and of quantities derived from them.
 
 OWN_DOF = 40.0
 """Of a section's own noise: independent places on 48 rays, less the harmonics."""
@@ -400,8 +394,6 @@ def section_errors(
     )
 
 
-# Uncertainty interval of the pressure ratio of printed to designed network, by Monte Carlo.
-
 DRAWS = 4000
 PERCENTILES = (2.5, 97.5)
 
@@ -452,8 +444,6 @@ def _shift(vessel: SectionErrors) -> FloatArray | None:
     weights = vessel.resistance_weights()
     return np.concatenate([[vessel.averaged(weights)], weights @ vessel.known_shared])
 
-
-# Uncertainty budgets as JSON rows: terms, shares of the variance, remedy for the largest.
 
 _REFERENCE = "scan a reference of known diameters (printctl calibrate oct --reference)"
 REMEDIES = {

@@ -18,8 +18,6 @@ from registration.comparison.scans import GaugedScan, GaugeStudyError, check_com
 from registration.comparison.vessels import VesselSpread, vessel_spreads
 from registration.json_ready import Record
 
-# Match defects by location over several prints of a design: shared by several, or in one only.
-
 
 @dataclass(frozen=True)
 class SharedDefect:

@@ -180,9 +180,6 @@ def _some(names: list[str]) -> str:
     return ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
 
 
-# Convert a comparison of several prints to CSV text, one row per vessel.
-
-
 def comparison_csv(comparison: Comparison) -> str:
     """CSV; unknown numbers are empty. The last columns are each scan's error, in order."""
     return as_csv([json_ready(vessel_row(comparison, v)) for v in comparison.vessels])

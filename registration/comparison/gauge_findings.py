@@ -11,8 +11,6 @@ from registration.comparison.statistics import Interval
 from registration.files.exports import as_csv
 from registration.json_ready import json_object, json_ready
 
-# Convert a gauge study's results to sentences, notes, JSON and CSV text.
-
 WORDS = {
     "EV": "repeatability",
     "AV": "operators",

@@ -12,17 +12,16 @@ from kernels.arrays import FloatArray
 from registration.errors import RegistrationError
 from registration.json_ready import Record
 
-# Exceptions: registrations that can't be compared, or aren't a crossed gauge (R&R) study.
-#
-# ::
-#
-# RegistrationError
-# └── ComparisonError         registrations that can't be held against each other
-# └── GaugeStudyError     registrations that don't make a gauge study
-
 
 class ComparisonError(RegistrationError):
-    """Registrations that can't be compared; the message says which, why and what to do."""
+    """Registrations that can't be compared; the message says which, why and what to do.
+
+    ::
+
+    RegistrationError
+    └── ComparisonError         registrations that can't be held against each other
+    └── GaugeStudyError     registrations that don't make a gauge study
+    """
 
 
 class GaugeStudyError(ComparisonError):

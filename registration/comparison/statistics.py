@@ -93,8 +93,6 @@ def holm(p: Sequence[float]) -> FloatArray:
     return adjusted
 
 
-# Fit a linear trend over prints in their order, to test for drift.
-
 LEAST = 3
 """Prints that a slope with an interval needs."""
 
@@ -154,16 +152,14 @@ def _p(slope: float, error: float, df: int) -> float:
     return 1.0 if slope == 0 else 0.0
 
 
-# Process capability (Cp, Cpk) of several prints against a tolerance, with 95 % intervals.
-#
-# Cp = (upper − lower)/6s, Cpk = min(upper − mean, mean − lower)/3s (ISO 22514-2). Both rest on a
-# normal process in control, which a handful of prints can't show; their intervals say how little a
-# handful tells. Cp: chi-squared; Cpk: Bissell 1990 (Applied Statistics 39, 331-340).
-
-
 @dataclass(frozen=True)
 class Capability:
-    """Of one quantity against ± a tolerance about zero."""
+    """Of one quantity against ± a tolerance about zero.
+
+    Cp = (upper − lower)/6s, Cpk = min(upper − mean, mean − lower)/3s (ISO 22514-2). Both rest on a
+    normal process in control, which a handful of prints can't show; their intervals say how little
+    a handful tells. Cp: chi-squared; Cpk: Bissell 1990 (Applied Statistics 39, 331-340).
+    """
 
     cp: Interval
     cpk: Interval
@@ -192,18 +188,15 @@ def capability(mean: float, sd: Interval, limit: float) -> Capability:
     )
 
 
-# Split a quantity's variance into print to print and scan to scan, with intervals.
-#
-# One-way random model, y = μ + print + scan, by unweighted means of the prints, which is exact
-# where every print has as many scans as the others and near enough where not (Thomas & Hultquist
-# 1978, 10.1214/aos/1176344202). The interval of the prints' own standard deviation, scan noise
-# taken out, is the modified large-sample one of a difference of two mean squares (Ting, Burdick,
-# Graybill, Jeyaratnam & Lu 1990, J. Stat. Comput. Simul. 35, 135-143).
-
-
 @dataclass(frozen=True)
 class Components:
     """Mean and standard deviations of a quantity over prints, in its unit.
+
+    One-way random model, y = μ + print + scan, by unweighted means of the prints, which is exact
+    where every print has as many scans as the others and near enough where not (Thomas & Hultquist
+    1978, 10.1214/aos/1176344202). The interval of the prints' own standard deviation, scan noise
+    taken out, is the modified large-sample one of a difference of two mean squares (Ting, Burdick,
+    Graybill, Jeyaratnam & Lu 1990, J. Stat. Comput. Simul. 35, 135-143).
 
     Attributes
     ----------

@@ -102,8 +102,6 @@ def half_time(
     return crossing, float(np.hypot(spread, frame))
 
 
-# Predict dye arrival times along vessels, with unknown flow and start time fitted to a video.
-
 _FEWEST, _LATEST = 6, 1.5
 
 

@@ -80,8 +80,6 @@ def solve_open_flow(
     )
 
 
-# Choose the ends that dye enters and leaves by; solve the 1 µL/s flow that carries it.
-
 _WATER = 1e-3
 
 

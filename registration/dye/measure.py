@@ -23,8 +23,6 @@ from registration.dye.traces import Traces, before_dye, read_traces
 from registration.dye.view import LEAST_PX, Marks, View, checked_node, find_view, straight_marks
 from registration.errors import DyeError
 
-# Verdict on a dye video: pass, fail or undecided, by blocked vessels and late or early dye.
-
 Outcome = Literal["pass", "fail", "undecided"]
 _NAMED = 12
 
@@ -326,9 +324,6 @@ def _notes(
     if float(np.min(times[dyed])) < baseline + 0.2:
         notes.append("dye comes within the film's first half second; begin filming earlier")
     return notes
-
-
-# Convert a dye report to plain values for JSON, and to CSV rows of points along the vessels.
 
 
 def dye_dict(report: DyeReport, tolerance_percent: float) -> dict[str, Any]:

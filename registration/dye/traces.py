@@ -20,8 +20,6 @@ from registration.dye.stations import DyeStations, place_stations
 from registration.dye.view import View
 from registration.errors import DyeError
 
-# Read the frames of a dye video with their times, by OpenCV.
-
 Frame = NDArray[np.uint8]
 FEWEST_FRAMES = 20
 
@@ -68,8 +66,6 @@ def _timed(film: Any, clock: int, rate: float, path: Path) -> Iterator[tuple[flo
     if index < FEWEST_FRAMES:
         raise DyeError(f"{path}: {index} frames, fewer than {FEWEST_FRAMES}; film for longer")
 
-
-# Measure camera shift and light change of each dye video frame, from pixels off the vessels.
 
 _MARGIN_PX, _MOST_PIXELS, _ROUNDS, _RIM = 5.0, 12_000, 3, 12
 _SMALL_PX, _SLOW_PX, _FARTHEST_PX = 480, 8.0, 3.0

@@ -25,8 +25,6 @@ from registration.devices.lens.perspective import (
 )
 from registration.errors import DyeError
 
-# Read the user's marks file of a dye video: design points with their pixels, and the inlet.
-
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Side = Literal["z", "-z", "x", "-x", "y", "-y"]
 

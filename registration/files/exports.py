@@ -25,8 +25,6 @@ from registration.result import RegistrationReport, report_dict
 from registration.scan import Scan
 from registration.segmentation.filters import binned
 
-# Write CSV tables of vessels, their sections, defects and geometric characteristics.
-
 VESSELS, SECTIONS, DEFECTS = "vessels.csv", "sections.csv", "defects.csv"
 ZONES = "characteristics.csv"
 _SECTION_COLUMNS = {
@@ -143,8 +141,6 @@ def _defect(defect: Mapping[str, Any]) -> dict[str, object]:
     return {name: plain.get(name) for name in _DEFECT_COLUMNS}
 
 
-# Write the scanned surface with its deviation, and the measured axes, as VTP for ParaView.
-
 Numbers = NDArray[np.generic]
 
 
@@ -225,9 +221,6 @@ def _write(
         kind: {"connectivity": connectivity, "offsets": offsets},
     }
     write_text(path, vtk_document("PolyData", counts, sections))
-
-
-# Write a registered scan as NRRD in the part's frame, for 3D Slicer.
 
 
 def write_scan_nrrd(

@@ -28,8 +28,6 @@ from registration.files.readers.volumes.tiff import write_scan_tiff
 from registration.files.readers.volumes.zarr import is_zarr
 from registration.scan import Scan
 
-# Write a scan as OME-Zarr (NGFF 0.4 on Zarr 2) without a library: one level, zlib chunks.
-
 _CHUNK = 64
 _LEVEL = 1
 """Speckle hardly compresses; more effort would only cost time."""
@@ -96,11 +94,8 @@ def _json(path: Path, value: Any) -> None:
     write_bytes(path, json.dumps(value, indent=1, allow_nan=False).encode())
 
 
-# Write a scan as Thorlabs ``.oct`` in ThorImage's layout: a zip of a header and raw data.
-#
 # Intensity is float32 in dB, depth fastest, then x, then y, uncompressed, so that it can be mapped.
 # What Thorlabs' header has no place for stands in one element of ours, which others skip.
-
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Same scan, same bytes."""
 _LEAST = np.float32(0.5)

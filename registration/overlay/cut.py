@@ -13,8 +13,6 @@ from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.segmentation.gel_probe import GelProbe
 
-# Sample a scan at arbitrary positions, and map its values to grey shades.
-
 PERCENTILES = (1.0, 99.0)
 """Of the scan's values, shown black and white."""
 _SAMPLES = 1_000_000

@@ -147,8 +147,6 @@ def _lines(owner: NDArray[np.int32], line: IntArray) -> IntArray:
     return np.asarray(numbers[count >= min(LEAST_SHARE * len(owner), LEAST_PIXELS)])
 
 
-# Layer status in a scan: printed, partly seen, under way, not printed, missing, not seen.
-
 LEAST_SEEN: Final = 0.1
 """Of the written area; of a layer of which less is seen nothing is said."""
 MOSTLY_SEEN: Final = 0.9
@@ -215,9 +213,6 @@ def reached(one: LayerNumbers) -> int | None:
     if total == 0 or right[count] < AGREED * total or rest < LEAST_REST * total:
         return None
     return count or None
-
-
-# Convert a scan overlay's results by layer to JSON values and CSV.
 
 
 class OverlaySpot(TypedDict):

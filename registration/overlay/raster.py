@@ -17,8 +17,6 @@ from design.toolpath.fresh.section import manifold_of, rings
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.gcode_job import Act, GcodeJob
 
-# Connected patches of a mask above a minimum area and width.
-
 
 @dataclass(frozen=True, eq=False)
 class PixelPatch:
@@ -77,8 +75,6 @@ def _spot(mask: BoolArray, box: tuple[slice, slice], area: float, raster: Raster
         mask=mask,
     )
 
-
-# Split a layered G-code job into layers of written lines, in the part's frame.
 
 _SAME_MM: Final = 2e-3
 """Ends nearer than this are one place: a G-code file rounds to a micron."""

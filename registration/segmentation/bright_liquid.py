@@ -14,8 +14,6 @@ from registration.segmentation.levels import split_classes
 from registration.segmentation.walls import Sides, smoothed
 from registration.segmentation.working import Working
 
-# First OCT light estimate if liquid is bright: fit log light and gel classes in turns.
-
 LIT = 0.02
 """Of the strongest light: where there is less classes aren't asked for."""
 REACH_MM = (0.25, 0.4, 0.4)

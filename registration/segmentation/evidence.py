@@ -13,8 +13,6 @@ from registration.segmentation.volume import GelField, Strength, Volume, sample
 from registration.segmentation.walls import local_level
 from registration.segmentation.working import probe
 
-# Find glints: voxels far brighter than gel, such as air, particles and specular walls.
-
 GLINT = 15.0
 """Times the gel's mean. Of 3 million voxels of fully developed speckle, exponential, one lies above
 it: ln(3e6) = 15."""

@@ -13,8 +13,6 @@ from registration.scan import Scan
 from registration.segmentation.volume import GelField, Volume
 from registration.segmentation.working import Working, probe
 
-# Split values into two classes (gel and liquid) by the midpoint of their means.
-
 APART = 2.9
 """Classes whose means lie so many of their standard deviations apart are two: one normal class
 split at its mean has halves 2.65 apart."""

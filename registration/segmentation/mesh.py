@@ -17,12 +17,9 @@ from registration.errors import SegmentationError
 from registration.segmentation.bright_liquid import DARK
 from registration.segmentation.volume import GelField, Strength, Volume
 
-# Extract an isosurface mesh from a volume, by surface nets with a Newton step.
-#
 # One vertex a cell that the surface passes, one quad (two triangles) a grid edge that it crosses
 # (after Gibson 1998, 10.1007/BFb0056277). Each vertex starts at the mean of its cell's crossings
 # and moves along the gradient onto the trilinear surface, so that it is as exact as the volume.
-
 Rows = NDArray[np.int8]
 
 

@@ -36,13 +36,10 @@ from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.walls import Sides, local_level, share_of_volume
 from registration.segmentation.working import Working, probe
 
-# Measure how unevenly bright the gel remains after segmentation's corrections of light.
-#
 # Inside gel a segmented field is 1 but for speckle. Gel in layers (birefringent collagen under
 # light of one polarisation, prints of two inks), shadows and haze leave it brighter here and darker
 # there, over lengths that local levels don't follow; a wall there is held against a level that
 # isn't its gel's.
-
 BLOCK_MM = (0.06, 0.3, 0.3)
 """Averaged, z, y, x: layers lie across the light, and speckle is averaged along them."""
 DARKEST, SHARE = 0.25, 0.97
@@ -81,8 +78,6 @@ def _spread(values: NDArray[np.float32]) -> float:
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
-# Distinguish bright wall reflections from gel, and count them as half gel.
-#
 # An index step sends back many times what gel does, from a line one or two voxels deep where the
 # wall is smooth, from a band of glints where it is rough. Counted as gel it moves the half level
 # into the liquid by its width. What outshines the gel's own speckle belongs to a wall, which by
@@ -92,7 +87,6 @@ def _spread(values: NDArray[np.float32]) -> float:
 # How bright speckle gets is asked of gel far from any wall, in averages of several sizes: level
 # walls show in averages along the wall, glints in single voxels, rough walls in averages of depth
 # too. Whatever is taken for a line without being one moves walls into the gel.
-
 CHANCE = 1e-3
 """Of the peaks within gel, so many stand out as far as what is taken for a line."""
 SCALES = ((0.0, 0.0), (0.8, 0.0), (1.2, 1.0))

@@ -176,8 +176,6 @@ def _shares(
     return out, known
 
 
-# Smooth local mean of selected voxels' values everywhere in a scan, on a coarse grid.
-
 TREND_RIDGE = 0.05
 """Holds a slope down where all voxels lie in a small part of the neighbourhood's depth."""
 FEW = 1e-4

@@ -32,8 +32,6 @@ from report.sections.tables import MAX_ROWS, Column, Table, make_table
 from report.svg import inline_figure
 from report.wording import MISSING, fixed, number
 
-# Write the comparison of several prints as one self-contained HTML file.
-
 # Report tables of a gauge R&R study: variance sources, each vessel, budget against repeats.
 SOURCE_COLUMNS: Final = (
     Column("quantity", "Quantity", kind="text"),

@@ -21,8 +21,6 @@ from report.picture.colours import DIVERGING, NO_DATA
 from report.sections.tables import Column, Table, make_table
 from report.svg import ACCENT, INK, MUTED, PAPER, inline_figure
 
-# Figures of the dye page: sampled points on a video frame; measured and predicted arrivals.
-
 _WIDE_PX = 900
 
 

@@ -18,8 +18,6 @@ from report.sections.facts import check_table, mapping, records, timing_rows
 from report.sections.tables import Column, Table, make_table
 from report.svg import ACCENT, INK, MUTED, RULE, inline_figure
 
-# Figure of a well plate from above: content and printing order of each well.
-
 GOOD: Final = "#17714a"
 BAD: Final = "#ad3517"
 _SCALE: Final = 6.0

@@ -29,8 +29,6 @@ from report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from report.picture.quantity import Quantity, bar_ends, bar_limits
 from report.picture.render import shade
 
-# Draw flow direction arrows, inlets and outlets over a network's picture.
-
 MOST_PORTS: Final = 40
 """Inlets, or outlets, that are marked; a tree's hundreds of terminals aren't."""
 _NAMED: Final = 6
@@ -427,8 +425,6 @@ def round_down(length: float) -> float:
     factor = max(f for f in (1.0, 2.0, 5.0) if f * power <= length * (1.0 + 1e-9))
     return float(f"{factor * power:.1g}")
 
-
-# Draw a network film's frames: same camera and colours, caption, curve of the driving pulse.
 
 Frame = NDArray[np.uint8]
 _STRIP = 0.16

@@ -178,8 +178,6 @@ def merged_limits(limits: tuple[float, float]) -> tuple[float, float]:
     return limits if high - low > _ROUNDING * max(abs(low), abs(high)) else (low, low)
 
 
-# Collect the quantities to colour vessels by: radius, flow, pressure, shear, order, deviation.
-
 Colour = Literal["radius", "flow", "pressure", "shear", "order", "tree", "deviation"]
 """Keys of the quantities that a picture can be coloured by from the command line."""
 FLOW: Final = (

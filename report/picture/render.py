@@ -18,11 +18,8 @@ from kernels.arrays import FloatArray, IntArray
 from report.picture.camera import Camera
 from report.picture.quantity import Quantity
 
-# Render rounded tubes along parallel rays by exact intersection, with a depth buffer.
-#
 # A piece is the hull of the spheres between its ends, so neighbours that share an end and a radius
 # join without a seam.
-
 BANDS = 32
 """Strips of the picture, each drawn by one thread."""
 
@@ -133,8 +130,6 @@ def draw_tubes(
     return depth, piece, place
 
 
-# Compute each pixel's openness (ambient occlusion, 0 to 1) from a depth buffer.
-
 SAMPLES = 28
 _GOLDEN = pi * (3.0 - sqrt(5.0))
 _BIAS = 0.06
@@ -186,8 +181,6 @@ def occlude(depth: Any, normal: Any, reach: float) -> Any:
             open_share[y, x] = max(0.0, 1.0 - 2.6 * hidden / SAMPLES)
     return open_share
 
-
-# Compute the light that a translucent surface over the vessels lets through at each pixel.
 
 FACE_ON = 0.045
 """Opacity of a layer seen face-on."""

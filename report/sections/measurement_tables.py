@@ -62,8 +62,6 @@ def _freedom(value: Any) -> str:
     return number(value, 2) if is_number(value) else "∞"
 
 
-# Report rows of what was fitted and its uncertainty, of calibrations and of the print.
-
 AXES = ("x", "y", "z")
 
 
@@ -131,8 +129,6 @@ def _of_scale(width: Any, interval: Mapping[str, Any]) -> str:
     return "not fitted" if width is None and interval.get("scale") else _half(width, 2)
 
 
-# Report table of the decisions on the whole print: size, and deviation of both fits.
-
 WHOLE_COLUMNS: Final = (
     Column("quantity", "Quantity", kind="text"),
     Column("value_um", "Measured", "µm", "signed"),
@@ -158,8 +154,6 @@ def _whole(feature: Mapping[str, Any]) -> dict[str, object]:
     percent = 100 * value / feature["designed_um"] if is_number(value) else None
     return {**feature, "quantity": f"Size along {feature['of']}", "percent": percent}
 
-
-# Report table of ISO 1101 tolerance zones and decisions, and facts of the reference frame.
 
 ZONE_COLUMNS: Final = (
     Column("feature", "Feature", kind="text"),
@@ -211,8 +205,6 @@ def frame_lines(registration: Mapping[str, Any]) -> list[str]:
     ]
     return [plain(frame.get("words")), *places]
 
-
-# List the measurement record (operator, instrument, certificate, temperature) as report facts.
 
 NOT_STATED: Final = "not stated"
 _LABELS: Final = {

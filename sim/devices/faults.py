@@ -20,8 +20,6 @@ from gcode.errors import SimError
 from gcode.user_files import FileSection, UserFile
 from sim.errors import ServeError
 
-# Read planned faults of a simulated printer and its cable from a YAML file or short text.
-#
 # A fault file is YAML::
 #
 # seed: 7
@@ -44,7 +42,6 @@ from sim.errors import ServeError
 # - {command: M871, says: "Force: {value:.2f} N", ramp: [[0, 1.0], [60, 15.0]]}
 # ink:                     # what becomes of the ink; the motors know nothing of it
 # - {fault: clog, written_mm: 120, clears_ul: 0.5}   # all kinds: gcode.deposit.ink_faults
-
 FaultKind = Literal[
     "unplug",
     "reset",
@@ -130,9 +127,6 @@ class PermanentFaults(FileSection):
     latency_s: Seconds = 0.0
 
 
-# Simulated force or pressure gauge: answers an M command by a ramp over time.
-
-
 class Gauge(FileSection):
     """A sensor that a firmware with an M command of its own would tell of.
 
@@ -206,8 +200,6 @@ def parse_fault(text: str) -> Fault:
     return Fault.model_validate({"fault": match[1], "line": int(match[2])})
 
 
-# Simulated cable between host and printer: flipped bits, lost and late replies.
-#
 # Modelled: one bit of a byte flips, each byte by itself at the same chance, or of a burst's bytes
 # at the burst's; a byte is lost; a bare ``ok`` is lost whole; a reply, or each ``ok`` by its own
 # delay, comes late, and what is behind it no sooner: so oks come bunched.
@@ -216,7 +208,6 @@ def parse_fault(text: str) -> Fault:
 #
 # Whoever owns the cable has the clock: the process that serves the printer real seconds, a
 # transport in virtual time that clock's.
-
 _OK: Final = re.compile(rb"(?m)^ok\n")
 _BEGINS_OK: Final = re.compile(rb"(?m)^ok")
 

@@ -205,9 +205,6 @@ def _spaced_nodes(lines: TrunkLines, spacing_mm: float) -> IntArray:
     return np.asarray(order[taken], dtype=np.int64)
 
 
-# Find a cortex's pial (outer) side, its mean outward direction and thickness from its shape.
-
-
 class _Shape(NamedTuple):
     """How a cortex's sides are found in its shape."""
 

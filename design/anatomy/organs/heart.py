@@ -241,9 +241,6 @@ def _begin(forest: LayerForest, tree: int, given: dict[str, FloatArray]) -> int:
     return int(places[0])
 
 
-# Lay trunks of a heart's left and right coronary artery below the epicardium.
-
-
 @dataclass(frozen=True)
 class _Epicardium:
     """A layer below the epicardium, with each place's height and angle."""

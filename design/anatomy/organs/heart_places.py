@@ -227,9 +227,6 @@ def _unit(vector: FloatArray) -> FloatArray:
     return unit
 
 
-# Find the direction of a heart's base: across its cavities' rims, where they open, or its lid.
-
-
 def find_base(samples: SurfaceSamples, middle: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     """Return the unit vector (3,) from the apex to the base, and notes on what makes it doubtful.
 
@@ -324,9 +321,6 @@ def _at_outer(samples: SurfaceSamples) -> BoolArray:
     outwards = np.append(samples.inward[samples.outer], np.zeros((1, 3)), axis=0)[near]
     cosine = np.einsum("nkx,nx->nk", outwards, samples.inward[inner])
     return np.asarray(((away < reach) & (cosine > SHAPE.opposite)).any(axis=1))
-
-
-# Tell a heart's two cavities apart, and which of them is the left ventricle's.
 
 
 @dataclass(frozen=True)

@@ -130,8 +130,6 @@ def _demand(tissue: Tissue, places: KidneyPlaces, ratio: float) -> Demand:
     return function_demand(tissue, weight)
 
 
-# Find a kidney's hilum (vessel entry), capsule and cortex thickness from its shape.
-
 SINUS = 0.03
 """Share of the surface, the least open of it, that is the sinus at least."""
 CORTEX = 1.0 / 3.0

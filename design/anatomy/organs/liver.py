@@ -133,9 +133,6 @@ def _trunk_lines(shape: Survey, places: LiverPlaces, depth_mm: float) -> TrunkLi
     )
 
 
-# Find a liver's porta hepatis (vessel entry) and hepatic vein exit from surface samples.
-
-
 class _Shape(NamedTuple):
     """How a liver's places are found: shares of the surface, the least open of it first."""
 

@@ -82,26 +82,23 @@ def make_work(grid: Grid, nodes: Nodes) -> MarchScratch:
     )
 
 
-# Compute rates of change of area and flow in 1D vessel cells by finite volumes.
-#
-# A_t + Q_x = 0 and Q_t + (α Q²/A)_x + (A/ϱ) p_x = -f Q/A. Pressure and flow, not area, are carried
-# to a cell's faces (κ = 1/3 with van Albada's limiter), where A₀ and K have one value; so a network
-# at rest, p the same and Q = 0, has equal states on both sides of every face, however its radius
-# changes. The pressure's term isn't in conservation form: in each cell it is A Δp/ϱ. Between cells
-# stands the flux α Q²/A + Φ(A), with Φ = ∫ c² dA = K A₀/(3ϱ) (A/A₀)^{3/2} at the face's A₀ and K,
-# of Harten, Lax & van Leer (1983, doi 10.1137/1025002); what each cell adds of Φ at its two faces
-# is taken off again, and at rest nothing is left.
-#
-# Each vessel is one loop: a cell-step is some tens of nanoseconds, and a second pass over the cells
-# would cost as much in memory traffic.
-
-
 @jit
 def _to_faces(before: float, after: float, small: float) -> tuple[float, float]:
     """Change from a cell's value to its near face (taken off) and to its far face (added).
 
     ``before`` and ``after`` are the steps between cells; van Albada's limiter leaves them where
     they are alike or small, and is 0 at a kink.
+
+    A_t + Q_x = 0 and Q_t + (α Q²/A)_x + (A/ϱ) p_x = -f Q/A. Pressure and flow, not area, are
+    carried to a cell's faces (κ = 1/3 with van Albada's limiter), where A₀ and K have one value; so
+    a network at rest, p the same and Q = 0, has equal states on both sides of every face, however
+    its radius changes. The pressure's term isn't in conservation form: in each cell it is A Δp/ϱ.
+    Between cells stands the flux α Q²/A + Φ(A), with Φ = ∫ c² dA = K A₀/(3ϱ) (A/A₀)^{3/2} at the
+    face's A₀ and K, of Harten, Lax & van Leer (1983, doi 10.1137/1025002); what each cell adds of Φ
+    at its two faces is taken off again, and at rest nothing is left.
+
+    Each vessel is one loop: a cell-step is some tens of nanoseconds, and a second pass over the
+    cells would cost as much in memory traffic.
     """
     product = 2.0 * before * after + small
     share = product / (before * before + after * after + small) if product > 0.0 else 0.0
@@ -244,32 +241,30 @@ def smooth_viscously(grid: Grid, state: State, work: MarchScratch, step: float) 
         smoothed[2 * vessel + 1] = flow[last] - before_last
 
 
-# Solve for area, flow and pressure at vessel ends in 1D flow: junctions, inlets, outlets.
-#
-# A vessel's end brings its outgoing invariant W = u + 4c (u towards the node); what its area and
-# flow become there has the same. In terms of c everything is a polynomial: p = 2ϱc² - K, u = W -
-# 4c, A = A₀ (2ϱc²/K)². The invariant is that of α = 1 (Formaggia et al. 2003); it is used only over
-# the small step from the cell's value at the end to the node's, so that the scheme stays of second
-# order for other profiles.
-#
-# All ends of a node share P: at a junction the total pressure p + ½ϱu², at an inlet or outlet the
-# pressure; p has the pressure outside the vessel in it. Newton's method on (c of each end, P) has
-# an arrow for its matrix: with Y = -dQ/dH, each end's admittance, P = (Σ(Q + Y H) - g₀)/(ΣY + g₁),
-# where g₀ + g₁ P is what leaves the node outwards, and then c += (P - H)/H'. No number of vessels
-# is special, and loops need nothing.
-#
-# In a viscous wall the end's pressure has -γ Q_x besides, over half a cell: a resistance in series.
-#
-# Helpers take numbers, not the grid: a tuple of arrays handed to a call counts references, which
-# took ten times as long as the sums.
-
-
 @jit
 def gather_ends(grid: Grid, state: State, work: MarchScratch, share: float) -> int:
     """Write cells' elastic pressures; carry pressure and flow to vessels' ends in straight lines.
 
     ``share`` is the part of a step that has gone by without the wall's viscosity, which acts at its
     end: the difference to the node's flow would be wrong by what it does in a step.
+
+    A vessel's end brings its outgoing invariant W = u + 4c (u towards the node); what its area and
+    flow become there has the same. In terms of c everything is a polynomial: p = 2ϱc² - K, u = W -
+    4c, A = A₀ (2ϱc²/K)². The invariant is that of α = 1 (Formaggia et al. 2003); it is used only
+    over the small step from the cell's value at the end to the node's, so that the scheme stays of
+    second order for other profiles.
+
+    All ends of a node share P: at a junction the total pressure p + ½ϱu², at an inlet or outlet the
+    pressure; p has the pressure outside the vessel in it. Newton's method on (c of each end, P) has
+    an arrow for its matrix: with Y = -dQ/dH, each end's admittance, P = (Σ(Q + Y H) - g₀)/(ΣY +
+    g₁), where g₀ + g₁ P is what leaves the node outwards, and then c += (P - H)/H'. No number of
+    vessels is special, and loops need nothing.
+
+    In a viscous wall the end's pressure has -γ Q_x besides, over half a cell: a resistance in
+    series.
+
+    Helpers take numbers, not the grid: a tuple of arrays handed to a call counts references, which
+    took ten times as long as the sums.
 
     Returns
     -------

@@ -151,9 +151,6 @@ def all_pressures(grid: Grid, state: State, work: MarchScratch, pressure: FloatA
             pressure[i] -= damped * (high - low) / grid.cell[vessel]
 
 
-# Compute the 1D solver's initial state and limiter thresholds from a periodic 0D solution.
-
-
 class LumpedForecast(NamedTuple):
     """What the lumped model expects of each vessel over a cycle, all (v,).
 

@@ -239,9 +239,6 @@ def _solution(
     )
 
 
-# Choose the 1D solver's time steps per cycle by wave speed, friction and Windkessel time.
-
-
 class StepLimits(NamedTuple):
     """Limits of time steps and of Anderson's acceleration."""
 
@@ -322,17 +319,16 @@ def steps_for(
     return steps
 
 
-# Reach 1D flow's periodic state in fewer cycles, by Anderson acceleration of cycle starts.
-#
-# A cycle is a map x → G(x) of the state at its begin to that at its end, and the periodic state its
-# fixed point. Left to itself the error falls by exp(-period/RC) a cycle. Anderson's acceleration
-# (1965, doi 10.1145/321296.321305; Walker & Ni 2011, doi 10.1137/10078356X) takes, of the last few
-# cycles, the mixture whose change G(x) - x is least: exact where what is left is a handful of slow
-# modes. Whether a state is periodic is judged by the cycle that follows, never by the mixture.
-
-
 class Acceleration:
-    """Begins of cycles and what they ended in."""
+    """Begins of cycles and what they ended in.
+
+    A cycle is a map x → G(x) of the state at its begin to that at its end, and the periodic state
+    its fixed point. Left to itself the error falls by exp(-period/RC) a cycle. Anderson's
+    acceleration (1965, doi 10.1145/321296.321305; Walker & Ni 2011, doi 10.1137/10078356X) takes,
+    of the last few cycles, the mixture whose change G(x) - x is least: exact where what is left is
+    a handful of slow modes. Whether a state is periodic is judged by the cycle that follows, never
+    by the mixture.
+    """
 
     def __init__(self, grid: Grid) -> None:
         self._grid = grid

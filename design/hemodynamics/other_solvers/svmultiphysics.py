@@ -250,8 +250,6 @@ def _fill(
     return child
 
 
-# Write a lumen mesh as SimVascular's mesh-complete folder: linear tetrahedra in VTK, in cm.
-
 Arrays = Mapping[str, NDArray[Any]]
 
 

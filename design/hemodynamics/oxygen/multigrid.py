@@ -99,16 +99,13 @@ def add_between(coarse: FloatArray, inside: FloatArray, fine: FloatArray) -> Non
                     fine[i, j, k] += total / weight
 
 
-# Diffusion conductances of the tissue grid and coarser multigrid levels; smoothing sweeps.
-#
-# A cell gives to its neighbour D h (c - c'), the finite volume of a cube; between tissue and
-# anything else nothing passes. Coarse cells are eight fine ones; their faces conduct half of what
-# the fine faces between them do together, since the way is twice as long (cell-centred multigrid,
-# Wesseling 1988, J Comput Phys 79, 85).
-
-
 class Level(NamedTuple):
     """Conductances of one grid, in µL/s; all arrays have a layer of empty cells all round.
+
+    A cell gives to its neighbour D h (c - c'), the finite volume of a cube; between tissue and
+    anything else nothing passes. Coarse cells are eight fine ones; their faces conduct half of what
+    the fine faces between them do together, since the way is twice as long (cell-centred multigrid,
+    Wesseling 1988, J Comput Phys 79, 85).
 
     Attributes
     ----------

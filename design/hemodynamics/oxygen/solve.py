@@ -184,9 +184,6 @@ def _solution(problem: OxygenProblem, c: FloatArray, steps: int, cycles: int) ->
     )
 
 
-# Oxygen equations on one tissue grid: residual of each cell, its derivative, preconditioner.
-
-
 class OxygenProblem:
     """Diffusion and uptake in cells, coupled to vessels; all fields are flat, (cells,).
 

@@ -139,9 +139,6 @@ def sweep(
     return flux, entry, leaves
 
 
-# Cut vessels into short elements coupled to tissue grid cells; find each cell's lumen fraction.
-
-
 class Elements(NamedTuple):
     """Pieces of vessels, about a cell long, vessel by vessel.
 
@@ -328,15 +325,12 @@ def _fill(pieces: Pieces, grid: TissueGrid, filled: FloatArray) -> None:
                         filled[a, b, c] += area * length / (steps * points * h**3)
 
 
-# Compute the solute exchange coefficient of each vessel piece with the tissue grid around it.
-#
 # A vessel thinner than a cell is no boundary that the grid sees. Its flux is laid on the grid as a
 # smooth source and what the grid then says at the vessel is read with the same weights, so that the
 # coupling is symmetric; Green's function of a line gives what lies between that mean and the
 # concentration at the wall. It is Peaceman's well model (1978, doi 10.2118/6893-PA) with the source
 # spread on purpose, as by Koch et al. 2020 (doi 10.1016/j.jcp.2020.109370), so that it doesn't
 # depend on where in a cell, or in which direction, a vessel runs.
-
 _LOW, _HIGH = 1e-5, 1e8
 
 

@@ -47,8 +47,6 @@ class FlowOptions:
             raise FlowError(f"elements of order {self.order}; take 2 or 3")
 
 
-# Estimate the memory of a 3D flow solution; refuse one too large for the computer.
-
 _BYTES: Final = {2: 5500.0, 3: 7000.0, "general": 15000.0}
 """By unknown, by order; of a factor that isn't symmetric: a third more than was measured on pipes
 and on networks of 170,000 unknowns."""

@@ -188,9 +188,6 @@ def factorise(ends: IntArray, conductance: FloatArray, fixed: NDArray[np.bool_])
     return structure_of(ends, fixed).factorise(conductance)
 
 
-# Solve node pressures in a graph's looped core: fold chains, then factorise what is left.
-
-
 @dataclass(frozen=True)
 class Core:
     """Factors of a graph with loops.
@@ -286,22 +283,6 @@ def sum_by_place(where: NDArray[Any], values: Numbers, count: int) -> Numbers:
     return np.asarray(np.bincount(where, weights=values, minlength=count), dtype=np.float64)
 
 
-# Eliminate a graph's dead-end branches leaf by leaf; recover their pressures and flows.
-#
-# A node i of pressure p_i with one vessel left, of conductance g to node j, and with all else on it
-# summed up as a conductance G to ground and a source s (Norton's equivalent), obeys
-#
-#     g (p_j - p_i) = G p_i - s.
-#
-# Seen from j it is a conductance G σ and a source s σ with σ = g/(g + G); and once p_j is known,
-#
-#     p_i = σ p_j + s/(g + G),    Q_{j→i} = σ (G p_j - s).
-#
-# Every term is a sum or product of positive numbers where s = 0, so flows come out right to
-# rounding however far conductances lie apart. Complex admittances of a frequency obey the same. A
-# tree folds up to a single node; of a graph with loops its core remains.
-
-
 @jit
 def folding_order(
     first: IntArray, last: IntArray, fixed: NDArray[np.bool_]
@@ -310,6 +291,19 @@ def folding_order(
 
     The one vessel a node has left is the exclusive or of the numbers of all that it had and has
     lost: no adjacency list is needed.
+
+    A node i of pressure p_i with one vessel left, of conductance g to node j, and with all else on
+    it summed up as a conductance G to ground and a source s (Norton's equivalent), obeys
+
+        g (p_j - p_i) = G p_i - s.
+
+    Seen from j it is a conductance G σ and a source s σ with σ = g/(g + G); and once p_j is known,
+
+        p_i = σ p_j + s/(g + G),    Q_{j→i} = σ (G p_j - s).
+
+    Every term is a sum or product of positive numbers where s = 0, so flows come out right to
+    rounding however far conductances lie apart. Complex admittances of a frequency obey the same. A
+    tree folds up to a single node; of a graph with loops its core remains.
     """
     count = len(fixed)
     degree = np.zeros(count, dtype=np.int64)

@@ -259,19 +259,17 @@ def build_circuit(
     return circuit, slot
 
 
-# Solve for a circuit's periodic state by frequency, one linear solve per harmonic.
-#
-# The circuit is linear, so each harmonic of what drives it is answered by itself. Solving for the
-# answer gives the periodic state with no transient to wait for: a Windkessel whose time constant is
-# many cycles costs the same as none; a sine costs two solves however large the network; and an
-# impedance may depend on frequency, as Womersley's does. Each solve is the steady problem with
-# complex admittances: a tree is eliminated in O(n), what loops remain are factorised.
-
-
 def _one_harmonic(
     circuit: Circuit, structure: Structure, omega: float, drive: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Pressures (n,), flows through branches and admittance to ground at either end (b,)."""
+    """Pressures (n,), flows through branches and admittance to ground at either end (b,).
+
+    The circuit is linear, so each harmonic of what drives it is answered by itself. Solving for the
+    answer gives the periodic state with no transient to wait for: a Windkessel whose time constant
+    is many cycles costs the same as none; a sine costs two solves however large the network; and an
+    impedance may depend on frequency, as Womersley's does. Each solve is the steady problem with
+    complex admittances: a tree is eliminated in O(n), what loops remain are factorised.
+    """
     shunt = np.asarray(1j * omega * circuit.capacitance / 2.0, dtype=np.complex128)
     along = np.asarray(1.0 / _impedance(circuit, omega), dtype=np.complex128)
     ground = np.asarray(1j * omega * circuit.stored, dtype=np.complex128)

@@ -297,22 +297,19 @@ def _nodal(network: VesselNetwork, solution: PulsatileSolution) -> tuple[Complex
     return net, through
 
 
-# Evaluate 0D solutions at probes along vessels: pressure and flow, to compare with 1D, 3D.
-#
-# Along a vessel the pressure falls as the resistance before the probe does, exactly for tapers and
-# bends of the polyline. In rigid walls the flow is the same along a vessel at every moment, and
-# both are exact for the model: the ideal that 1D and 3D are compared with. With an elastic wall the
-# lumped model knows the flow at a vessel's ends only; between, what flows in is stored as the
-# compliance lies along the vessel, and the pressure follows the flow amid the vessel, of second
-# order in its length as the model is.
-
-
 def steady_at_probes(
     network: VesselNetwork, solution: FlowSolution, conditions: FlowConditions, probes: Probes
 ) -> ProbeWaves:
     """Pressure and flow at probes in steady flow, one time.
 
     Losses count where the flow enters the vessel.
+
+    Along a vessel the pressure falls as the resistance before the probe does, exactly for tapers
+    and bends of the polyline. In rigid walls the flow is the same along a vessel at every moment,
+    and both are exact for the model: the ideal that 1D and 3D are compared with. With an elastic
+    wall the lumped model knows the flow at a vessel's ends only; between, what flows in is stored
+    as the compliance lies along the vessel, and the pressure follows the flow amid the vessel, of
+    second order in its length as the model is.
 
     Raises
     ------

@@ -95,9 +95,6 @@ def largest_imbalance(net: FloatArray, through: FloatArray, ends: IntArray) -> f
     return float(np.max(net[inner] / through[inner], initial=0.0))
 
 
-# Make the per-vessel table of a steady 0D flow solution; write and read it as CSV.
-
-
 def vessel_columns(network: VesselNetwork) -> dict[str, NDArray[np.generic]]:
     """First columns of a per-vessel table: number, kind, tree, length and diameter, each (v,)."""
     return {
@@ -182,9 +179,6 @@ def _value(text: str) -> int | float | str:
         except ValueError:
             continue
     return text
-
-
-# Check each vessel for laminar, developed flow (Poiseuille); refuse absurd pressure drops.
 
 
 class FlowLimits(NamedTuple):

@@ -208,20 +208,19 @@ def node_inflow(network: VesselNetwork, flow: FloatArray) -> FloatArray:
     return np.asarray(leaving - entering, dtype=np.float64)
 
 
-# Solve steady 0D flow by Newton's method for non-Newtonian fluids or inertial losses.
-#
-# Newton's method on the vessels' laws Δp = f(Q): each step is a linear network in which a vessel
-# has the resistance f'(Q) and a source of pressure f(Q) - f'(Q) Q, solved as steady flow is. Every
-# law here rises with Q, so there is one solution (it is the least of a convex function, Millar's
-# content) and a step that is halved until it helps finds it. Mass is conserved in each step to
-# rounding.
-#
-# Fixed-point iteration on the resistance f(Q)/Q converges for shear-thinning fluids only linearly,
-# by a factor of 1 - n, and hardly where losses rule; two such steps begin, to leave the start.
-
-
 class NewtonLimits(NamedTuple):
-    """When Newton's method on the vessels' laws begins, damps and stops."""
+    """When Newton's method on the vessels' laws begins, damps and stops.
+
+    Newton's method on the vessels' laws Δp = f(Q): each step is a linear network in which a vessel
+    has the resistance f'(Q) and a source of pressure f(Q) - f'(Q) Q, solved as steady flow is.
+    Every law here rises with Q, so there is one solution (it is the least of a convex function,
+    Millar's content) and a step that is halved until it helps finds it. Mass is conserved in each
+    step to rounding.
+
+    Fixed-point iteration on the resistance f(Q)/Q converges for shear-thinning fluids only
+    linearly, by a factor of 1 - n, and hardly where losses rule; two such steps begin, to leave the
+    start.
+    """
 
     settled: float = 1e-11
     """Largest pressure left over in a vessel, of the largest in the network."""

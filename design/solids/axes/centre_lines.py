@@ -279,9 +279,6 @@ def joined(lines: list[CentreLine]) -> list[CentreLine]:
         )
 
 
-# Find the voxels of the hollow that a solid encloses.
-
-
 @dataclass(frozen=True, eq=False)
 class Hollow:
     """Hollow of a solid on a grid of voxels, (nx, ny, nz).

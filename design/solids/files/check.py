@@ -119,9 +119,6 @@ def _checked(mesh: trimesh.Trimesh, path: Path) -> SolidCheck:
     )
 
 
-# Check a solid just made, and whether a file written of it holds exactly its triangles.
-
-
 def held_solid(path: Path, made: Sequence[Solid]) -> int | None:
     """Number of the solid whose triangles a file holds, in order, to the last bit; None without.
 

@@ -119,8 +119,6 @@ def _shape(occ: Any, piece: Piece) -> Any:
     return occ.Cone(axes, piece.radius0, piece.radius1, length, 2.0 * np.pi)
 
 
-# Decompose a network into touching cylinders, cones and balls, for STEP files.
-
 MAX_OFF_AXIS = 0.02
 """Of the radius: how far a curved vessel's axis and radius may be from its straight pieces'."""
 

@@ -69,9 +69,6 @@ def write_obj(path: Path, solid: Solid) -> None:
     write_text(path, "# printctl; mm\n" + text)
 
 
-# Write a solid as binary PLY, optionally with a value per vertex.
-
-
 def write_ply(
     path: Path,
     solid: Solid,
@@ -124,9 +121,6 @@ def write_ply(
         "end_header\n",
     ]
     write_bytes(path, "\n".join(header).encode() + vertices.tobytes() + faces.tobytes())
-
-
-# Write a solid as VTK XML PolyData (`.vtp`), in mm, for ParaView and flow solvers.
 
 
 def write_solid_vtp(path: Path, solid: Solid) -> None:

@@ -29,8 +29,6 @@ from design.solids.repair.half_edges import (
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-# Remesh a closed surface with even triangles of a locally prescribed size.
-
 
 class _Limits(NamedTuple):
     """Limits of remeshing."""
@@ -181,12 +179,8 @@ def _relaxed(surface: LabelledSurface, shape: Shape) -> LabelledSurface:
     return LabelledSurface(np.ascontiguousarray(points), surface.faces, surface.label)
 
 
-# Remesh steps on a triangle surface: split, collapse or flip edges, relax vertices.
-#
 # The scheme of Botsch & Kobbelt 2004 ("A remeshing approach to multiresolution modeling"), with a
 # wanted length at every vertex, and with rims between labels that stay.
-
-
 @jit
 def _length(points: FloatArray, a: int, b: int) -> float:
     dx, dy, dz = (

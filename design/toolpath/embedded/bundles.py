@@ -198,10 +198,7 @@ def _with_lines(
     )
 
 
-# Drop needle shaft rules between strands that form one wide vessel; report them as one vessel.
-#
 # Of vessels written as one filament each all this changes nothing.
-
 Mask = NDArray[np.bool_]
 
 

@@ -155,9 +155,6 @@ def nearest_along(elements: Elements, vessel: int, place: FloatArray) -> float:
     return float(low + share[best] * (high - low))
 
 
-# Sort straight stretches of ink into squares of the xy plane, to look up those near a place.
-
-
 class Squares(NamedTuple):
     """Stretches by squares of the plan, those of square s in ``member[begin[s]:begin[s + 1]]``.
 

@@ -127,9 +127,6 @@ def without_clearance(needle: Needle) -> Needle:
     )
 
 
-# Data class of each vessel's print head with its needle and ink; clearances of all heads.
-
-
 @dataclass(frozen=True)
 class EmbeddedHeads:
     """Heads of an embedded job, one or several.
@@ -223,8 +220,6 @@ class EmbeddedHeads:
         for number, options in enumerate(self.options):
             check_vessels(network, options, np.flatnonzero(self.vessel_head == number))
 
-
-# Compute ink volume and speed for a filament's thickness; refuse vessels too thin or thick.
 
 NAMED: Final = 5
 """Vessels that a message names, the thinnest first; the others are counted."""

@@ -259,8 +259,6 @@ def _report(done: _Written, scene: Scene, passes: list[Pass], out: Omissions) ->
     )
 
 
-# Find places within passes to look for gaps, before later ink bars the needle's way to them.
-
 MEND_OVERLAP_RADII: Final = 0.5
 """Reach of the joint that mends are judged by (`printctl.observe.mending`), in radii."""
 

@@ -74,9 +74,6 @@ class Merged:
     overlap_mm: float
 
 
-# Data classes: how far passes are extended to overlap at joints; joints without full overlap.
-
-
 @dataclass(frozen=True)
 class WeakJoint:
     """Two stretches that meet and can't be made to overlap by the requested length.

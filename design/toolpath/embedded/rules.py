@@ -302,8 +302,6 @@ def _all_pairs(
     return begin, after[:total].copy(), depth[:total].copy()
 
 
-# Find where vessels join others (nodes, touching filaments), exempt from needle shaft rules.
-
 SAME_MM: Final = 1e-6
 """Places of one joint differ by no more along a vessel."""
 

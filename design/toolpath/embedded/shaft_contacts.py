@@ -24,15 +24,12 @@ from design.toolpath.toolpath import MoveKind, Toolpath
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-# Least distance of the moving needle shaft to written ink, except where vessels join (compiled).
-#
 # With the tip at b(s) on a straight way and the filament's axis at a(t), radius r(t), all linear,
 # the approach is g(s, t) = d(a(t) - b(s)) - r(t), d the signed distance to the shaft. The shaft is
 # convex, so g is: it lies above its tangent plane in the middle of a rectangle of s and t (Boyd and
 # Vandenberghe 2004, Convex Optimization, eq. 3.2), which so bounds the whole rectangle. How far ink
 # lies inside a joint changes no faster than the ways along the vessels. Rectangles are halved until
 # they hold no nearer approach, lie in a joint, or are `FINE_MM` small.
-
 FINE_MM: Final = 0.001
 """An approach found lies above the least one by no more."""
 DEPTH: Final = 96
@@ -229,9 +226,6 @@ def _nearest(i: int, j: int, limit: float, tips: Tips, ink: Ink, spared: Spared,
             low[3], high[2] = t, t
         count += 2
     return best
-
-
-# Compute the length of ink at vessel joints that the needle shaft check leaves out.
 
 
 class Spared(NamedTuple):
@@ -448,8 +442,6 @@ def _entries(hits: NDArray[np.void], tips: Tips) -> list[Entry]:
     columns = (tips.row[piece], own, hits["vessel"], length, -hits["value"])
     return [Entry(*one) for one in zip(*(column.tolist() for column in columns), strict=True)]
 
-
-# Compute how far the needle's shaft enters one vessel's ink while it writes another.
 
 TOUCH_MM: Final = 0.005
 """Deeper is a crossing, as for the check before a print."""

@@ -234,8 +234,6 @@ def _is_step(one: Stretch, other: Stretch) -> bool:
     return thick > RADIUS_STEP * thin
 
 
-# Height map of written ink over x and y; highest ink under a travel move.
-
 MAX_CELLS: Final = 4_000_000
 """Of the map; a larger part gets coarser cells."""
 
@@ -310,12 +308,9 @@ def _cells(low: float, high: float, ground: Ground, axis: int) -> tuple[int, int
     return min(max(first, 0), count), min(max(last, 0), count)
 
 
-# Insert dwells before strokes where the needle just passed, until the bath's crevice has closed.
-#
 # A needle that moves through a yield-stress bath leaves a crevice, which closes within a time of
 # the bath's own. Ink written into an open one runs up along it. So before a pass the needle waits,
 # above what it is to write, until every place of the pass has been left by the shaft for that time.
-
 SAMPLES_PER_RADIUS: Final = 2.0
 """Places looked at for each radius of the shaft along a move."""
 

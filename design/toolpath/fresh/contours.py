@@ -132,9 +132,6 @@ def _sampled(
     return points, normal, miter, convex, first
 
 
-# Sort a contour's edges into grid cells, to test if a straight move crosses the contour.
-
-
 class Cells(NamedTuple):
     """Edges by the square cells that their bounding boxes touch; kernels take it as it is."""
 
@@ -228,13 +225,10 @@ def crossing(a: FloatArray, b: FloatArray, cells: Cells) -> NDArray[np.bool_]:
     return crossed
 
 
-# Find the radius of the largest disc inside a layer's contours at each contour point.
-#
 # The disc of radius r that touches the contour at p, its centre p + r n on the inward normal n,
 # touches a point q of another edge when |q - p|² = 2 r n·(q - p); r is least over all q (the
 # shrinking ball of Ma et al. 2012, doi 10.1007/s00371-012-0689-8, on edges instead of points).
 # Only edges that face p count, so that a corner isn't held to be a narrow place.
-
 FACING: Final = -0.2
 """Two edges face each other when the product of their normals is below this."""
 

@@ -215,8 +215,6 @@ def _rotation(angle_deg: float) -> FloatArray:
     return np.array([[cosine, -sine], [sine, cosine]], dtype=np.float64)
 
 
-# Make curved infill paths in a layer's region: gyroid or concentric.
-
 _GYROID_LENGTH: Final = 2.4574
 """Length of a gyroid's lines per area, times its period; the mean over a period of heights."""
 _POINTS_PER_PERIOD: Final = 24
@@ -314,20 +312,18 @@ def _polygon(section: CrossSection) -> shapely.Geometry:
     return polygon
 
 
-# Join infill lines to continuous zig-zags, with turns along the wall.
-#
-# Two neighbouring lines of width w, w apart, end on a wall, a distance L from each other. Both are
-# shortened by s and joined by a line of length L, v wide; s = L v / 2 w leaves the volume as it is.
-# The joint is parallel to the wall's chord and v/2 inside it, as a line along it would be. It is
-# half as wide as the lines: the nearer these come to the wall, the less of the corners beside their
-# round ends stays empty, s³/3 w of each (0.6 % of a block with joints as wide as the lines).
-# Between widths u < w both are shortened by s = L v / (u + w). Where a whole line goes on as a half
-# one beside it, in the same direction, the half one begins as a ramp, long enough not to be merged
-# (`_ramp`).
-
-
 class _Joints(NamedTuple):
-    """What could join each line to the next."""
+    """What could join each line to the next.
+
+    Two neighbouring lines of width w, w apart, end on a wall, a distance L from each other. Both
+    are shortened by s and joined by a line of length L, v wide; s = L v / 2 w leaves the volume as
+    it is. The joint is parallel to the wall's chord and v/2 inside it, as a line along it would be.
+    It is half as wide as the lines: the nearer these come to the wall, the less of the corners
+    beside their round ends stays empty, s³/3 w of each (0.6 % of a block with joints as wide as the
+    lines). Between widths u < w both are shortened by s = L v / (u + w). Where a whole line goes on
+    as a half one beside it, in the same direction, the half one begins as a ramp, long enough not
+    to be merged (`_ramp`).
+    """
 
     made: NDArray[np.bool_]  # (n - 1,)
     before: FloatArray  # (n - 1,), by how much the line is shortened, mm

@@ -329,13 +329,10 @@ def _lay(
     return rows[:n].copy(), kind[:n].copy(), counts
 
 
-# Lay out a FRESH layer's moves head by head, with travels and head changes between.
-#
 # In a layer the head in use writes first, then the others: a layer costs as many changes as it has
 # other heads. What is done at a change is the G-code writer's (up, raise, choose, lower, across,
 # down); the toolpath says where the old head relieves and the new one primes, and both do it beside
 # a lumen's wall in their own material, as for any other way.
-
 SEAM_TURN: Final = np.pi * (3 - np.sqrt(5))
 """From layer to layer, rad: the golden angle, which spreads any number of seams evenly."""
 

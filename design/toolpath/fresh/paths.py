@@ -70,8 +70,6 @@ def join(parts: Sequence[Paths]) -> Paths:
     return Paths(*columns)._replace(offset=np.concatenate([np.zeros(1, dtype=np.int64), *offsets]))
 
 
-# Order a layer's paths for short travels: walls from each contour inward, then infill.
-
 SMALL_RING_MM: Final = 3.0
 """Beginning a larger ring elsewhere than near by costs more way than it is worth."""
 
@@ -209,8 +207,6 @@ def _nearest_outlines(
         x, y = points[stop, 0], points[stop, 1]
     return path, first, backward
 
-
-# Order infill lines by nearest neighbour into zig-zag chains, then improve them by 2-opt.
 
 MAX_ROUNDS: Final = 20
 """Improvement rounds of 2-opt; most layers settle in fewer."""

@@ -20,8 +20,6 @@ from design.toolpath.toolpath import MoveKind, Toolpath
 from kernels import jit
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
-# Find walls too thin for any line, and gaps too narrow, within layers and along z.
-
 
 class _NarrowLimits(NamedTuple):
     """What counts as a narrow place."""
@@ -457,10 +455,7 @@ class Tally:
         return narrow_places(samples, [one.z_mm for one in self._narrow], least)
 
 
-# Measure the areas of a layer covered, left empty or overrun by its printed lines.
-#
 # Lines count as stadiums: all points within half a width of the centreline.
-
 RASTER_PER_LINE: Final = 10
 """Raster points per line width."""
 

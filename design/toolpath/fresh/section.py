@@ -222,9 +222,6 @@ def check_lumens(network: VesselNetwork, options: FreshOptions) -> None:
         )
 
 
-# Divide each layer's section among regions with their own infill or their own head.
-
-
 @dataclass(frozen=True)
 class Region:
     """A body inside which the part is filled in another way, or written by another head.
@@ -307,17 +304,15 @@ class Regions:
         return RegionSections(tuple((body.slice(z_mm), region) for body, region in self._bodies))
 
 
-# Compute the z boundaries of a part's layers: equally thick, or thinner at slanted walls.
-#
-# A slanted wall becomes a stair. Measured across the wall a stair of layers h high is h |n_z| deep,
-# n_z the vertical part of the wall's unit normal (Dolenc and Mäkelä 1994, "Slicing procedures for
-# layered manufacturing techniques", doi:10.1016/0010-4485(94)90032-9, eq. 4). So upright walls take
-# layers of any height, and the floors and ceilings of lumens the thinnest. Level faces make no
-# stair but an error of height, so a layer ends at each of them.
-
-
 def even_levels(low_mm: float, high_mm: float, layer_height_mm: float) -> FloatArray:
-    """Borders of layers all alike, (n + 1,), mm: as many as come nearest to the part's height."""
+    """Borders of layers all alike, (n + 1,), mm: as many as come nearest to the part's height.
+
+    A slanted wall becomes a stair. Measured across the wall a stair of layers h high is h |n_z|
+    deep, n_z the vertical part of the wall's unit normal (Dolenc and Mäkelä 1994, "Slicing
+    procedures for layered manufacturing techniques", doi:10.1016/0010-4485(94)90032-9, eq. 4). So
+    upright walls take layers of any height, and the floors and ceilings of lumens the thinnest.
+    Level faces make no stair but an error of height, so a layer ends at each of them.
+    """
     count = int(np.floor((high_mm - low_mm) / layer_height_mm + 0.5 - 1e-6))
     return np.asarray(low_mm + np.arange(max(count, 0) + 1) * layer_height_mm)
 

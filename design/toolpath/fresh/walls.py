@@ -100,16 +100,14 @@ def _offset(section: CrossSection, by_mm: float) -> CrossSection:
     return section.offset(by_mm, JoinType.Miter, 2.0).simplify(SLICING.collinear_mm)
 
 
-# Lay narrower wall lines in material too thin for two lines of full width.
-#
-# Two walls of width w stand side by side where the material is 2 w thick. Where it is thinner their
-# centrelines come nearer to each other than w and would put the same ink down twice. There both
-# share what there is; only a lumen's wall keeps its width before an outer one, because the lumen is
-# what the print is for.
-
-
 class _ThinPlaces(NamedTuple):
-    """How lines in places thinner than two walls are made; lengths in line widths."""
+    """How lines in places thinner than two walls are made; lengths in line widths.
+
+    Two walls of width w stand side by side where the material is 2 w thick. Where it is thinner
+    their centrelines come nearer to each other than w and would put the same ink down twice. There
+    both share what there is; only a lumen's wall keeps its width before an outer one, because the
+    lumen is what the print is for.
+    """
 
     samples: int = 4  # per line width, where the clearance is measured
     width_step: float = 0.02  # part by which widths may differ between samples without a point
@@ -345,8 +343,6 @@ def _unbroken(points: FloatArray, run: IntArray, width: float) -> list[IntArray]
     return np.split(run, np.flatnonzero(cut) + 1)
 
 
-# Remove moves too short for the firmware from wall paths, without narrowing lumens.
-#
 # Firmware merges moves shorter than its least, and cuts the corner into the lumen where it likes.
 # Here a short move goes by its two neighbours being drawn out until they meet, where the path bends
 # round a lumen, or by leaving out a point, where it bends the other way. Both put the path on the
@@ -354,7 +350,6 @@ def _unbroken(points: FloatArray, run: IntArray, width: float) -> list[IntArray]
 # outside neighbours are drawn out at bulges too, so that neither they nor sharp corners stay empty,
 # but where another ink may lie there. A ring too small for many moves is drawn anew, as the tangent
 # polygon of the most sides.
-
 WALL: Final = int(Role.WALL)
 
 

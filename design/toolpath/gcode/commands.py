@@ -133,12 +133,9 @@ def joint_mm(printer: Printer) -> float:
     return 0.0 if printer.pneumatic else FreshOptions.joint_mm
 
 
-# Merge extruding moves shorter than the firmware's planner accepts, with least corner cutting.
-#
 # Marlin drops a block of fewer than its least steps and adds it to the next one: a corner is cut
 # where the firmware likes. Here those vertices stay that leave moves long enough and cut off least
 # in all. Positions and E are absolute, so dropping a vertex loses neither place nor ink.
-
 MAX_MERGED_LEAST_MOVES: Final = 10.0
 """Vertices left out one after the other stand along at most so many least moves, given a choice."""
 

@@ -142,8 +142,6 @@ def _named(toolpath: Toolpath) -> list[tuple[int, str]]:
     return [*((int(move), "RELOAD") for move in reloads), *parts]
 
 
-# Insert a comment into G-code before the first line of each labelled move.
-
 _PLAIN: Final = str.maketrans({";": ",", "\n": " ", "µ": "u", "°": " deg "})
 """What would end a comment, or is no ASCII."""
 

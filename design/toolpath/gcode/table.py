@@ -18,8 +18,6 @@ from firmware_profiles.families.dialect import WORDS, Dialect
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-# Decimals per G-code axis from motor steps; largest plunger move that float32 still resolves.
-
 FLOAT32_WHOLE: Final = 2**24
 """A float32 holds every whole number up to this one."""
 _E_DIGITS: Final = 7
@@ -313,11 +311,8 @@ def _with_sets(
     )
 
 
-# Render a table of integer G-code words as text.
-#
 # A value is counted in its last digit (``12.345`` with three decimals is 12345), so that text is
 # exact and nothing depends on how floats are printed.
-
 Bytes = NDArray[np.uint8]
 CHUNK: Final = 2**16
 """Rows rendered at a time: a buffer of 10 MB."""

@@ -100,9 +100,6 @@ def stream_gcode(
         yield writer.write(part, last=ahead is None)
 
 
-# Save a print job: stream its G-code to a file, and the map of its lines to design parts.
-
-
 def save_gcode(
     path: Path,
     map_path: Path,

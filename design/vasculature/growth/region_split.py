@@ -267,9 +267,6 @@ def _wanted(early: Segments, region: IntArray, growth: FloatArray) -> FloatArray
     return sums[first + 2 * early["terminals"] - 1] - sums[first]
 
 
-# Cells of a cubic grid that divide a tissue among regions.
-
-
 def _shifted(step: tuple[int, ...], side: int) -> tuple[slice, ...]:
     """Slices of a grid that pair each cell with the one a step further."""
     low, high = slice(0, -1), slice(1, None)

@@ -172,9 +172,6 @@ def _place(part: Part) -> tuple[float, float, float]:
     return x, y, z
 
 
-# Find large connected volumes of a tissue that are far from every terminal.
-
-
 class MissedSettings(NamedTuple):
     """What counts as a place that no terminal is near."""
 
@@ -291,12 +288,9 @@ def unreached(
     return tuple(sorted(places, key=lambda one: -one.volume_mm3))
 
 
-# Sample demand in each terminal's territory (Voronoi cell); compare with the terminal's flow.
-#
 # A terminal's territory is the part of the tissue that is nearer to it than to any other terminal
 # (its Voronoi cell). Its demand is measured on points that fill the tissue evenly, weighed by
 # demand.
-
 POINTS_PER_TERMINAL, MIN_POINTS, MAX_POINTS = 400, 100_000, 4_000_000
 """Points by which territories are measured."""
 _DEMAND_SEED = 1 << 40

@@ -53,9 +53,6 @@ class Surroundings:
         return records
 
 
-# Divide a tissue into one territory per root, of the volume that its terminals need.
-
-
 class TerritorySettings(NamedTuple):
     """How a tissue is divided."""
 

@@ -397,9 +397,6 @@ def fill_capsules(
     capsules["radius"], capsules["present"] = radius, 1
 
 
-# Terminals that connections may start from.
-
-
 def tree_tips(tree: VesselTree, first: int) -> Tips:
     """Return the terminals of a tree whose segments are numbered from ``first`` on."""
     tip = np.flatnonzero(tree.children[:, 0] < 0)

@@ -173,8 +173,6 @@ def best_curve(
     return best_radius, pieces
 
 
-# Check a curve between two terminals against obstacles; compute its radius and cost (compiled).
-
 KIN = 10
 """Vessels behind an end that may be near without colliding: a terminal itself, its parent,
 sibling, grandparent and aunt; or what is around a mixing node."""

@@ -428,9 +428,6 @@ def pruned(network: VesselNetwork) -> VesselNetwork:
     )
 
 
-# Match arterial with venous terminals one to one, with least total distance.
-
-
 def match_terminals(
     tissue: Tissue, one: FloatArray, other: FloatArray, nearest_mm: float = 0.0
 ) -> IntArray:

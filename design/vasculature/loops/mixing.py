@@ -274,8 +274,6 @@ def _mixed(
     return joined_at(grown, lines)
 
 
-# Join a forest's trees to networks: closed loops, mixing networks, trees that stand alone.
-
 Join = Literal["none", "loops", "mixing"]
 
 

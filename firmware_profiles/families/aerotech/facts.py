@@ -67,8 +67,6 @@ FAMILY: Final = Family(
 commands that set an output, a brake or a pressure."""
 
 
-# G-code dialect for an Aerotech A3200 or Automation1 controller; not verified on a machine.
-#
 # The file is loaded by the controller's own software. Automation1's help
 # (help.aerotech.com/automation1, "G-Code Programming"): G90; G76, time in seconds, so that F is
 # mm/s; G0 moves each axis at its own rate, not along a line, so travels are G1 here; ``//`` begins
@@ -80,7 +78,6 @@ commands that set an output, a brake or a pressure."""
 # pressures by a call: the files of the Skylar-Scott lab's rig (github.com/sohams-MASS/X-CAVATE,
 # commit 5758b1422dfa, tests/verification_harness) have ``BRAKE Aa 0`` and ``Call setPress``, its
 # writer for Automation1 ``DriveBrakeOff(Aa)``.
-
 _COMMON: Final = Dialect(
     clean=(),
     modes=("G71", "G76", "G90"),

@@ -62,12 +62,9 @@ def _confirms(number: int) -> tuple[bytes, ...]:
     return b"Activating extruder " + name, b"Extruder %b already active" % name
 
 
-# Table of the commands that Klipper knows, with their parameters.
-#
 # ``gcode.py``, ``gcode_move.py``, ``toolhead.py``, ``extruder.py``, ``heaters.py``, ``fan.py`` and
 # docs/G-Codes.md: what a printer.cfg with an extruder, a bed and a fan gives. Macros and commands
 # of other sections are the machine's own.
-
 CODES: Final = codes("G", 0, 1, 4, 21, 28, 90, 91, 92) | codes(
     "M",
     18,

@@ -42,12 +42,9 @@ def _m302(words: Mapping[str, float]) -> int:
     return m302_by_p(words)
 
 
-# Command and parameter table of a stock Marlin 2.1 build.
-#
 # After the recorded build (`tests/sim/data/marlin`); what isn't here is an unknown command. A
 # stock build knows no inches (G20: INCH_MODE_SUPPORT); the profile of one that does names it
 # (`extra_commands`). Words: Marlin bugfix-2.1.x ``src/gcode/**`` and marlinfw.org/meta/gcode.
-
 CODES: Final = codes("G", number_range(0, 4), 21, 28, 90, 91, 92) | codes(
     "M",
     *(

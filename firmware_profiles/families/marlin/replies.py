@@ -196,8 +196,6 @@ def _plain(text: bytes) -> Reply | None:
 _TESTS: Final[tuple[Callable[[bytes], Reply | None], ...]] = (_ok_with_report, _resend, _plain)
 
 
-# Make and recognise M118 texts that Marlin echoes once it has processed all earlier lines.
-#
 # An ``ok`` doesn't say which line it answers, and may come at any later time. So after a doubt no
 # ok is believed until a token (``M118 E1 at 33.2``) has come back: commands are carried out in the
 # order in which they were taken, and each is answered before the next begins. What comes before the
@@ -205,7 +203,6 @@ _TESTS: Final[tuple[Callable[[bytes], Reply | None], ...]] = (_ok_with_report, _
 #
 # A tail of the line that is run unchecked says its checksum too, and is no echo. A firmware without
 # M118 quotes the command that it doesn't know, which is as good.
-
 COMMAND: Final = b"M118 E1 "
 MOST: Final = 2
 """Tokens that wait for their echo: with the line before them, fewer than a command queue holds."""

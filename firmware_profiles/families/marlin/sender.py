@@ -193,14 +193,11 @@ class Sender:
         self.fly(now)
 
 
-# Zero-pad M codes (M0113) that one flipped bit would turn into a Marlin stop or renumbering.
-#
 # Marlin's emergency parser reads the raw bytes, before any checksum: ``M113`` with one bit flipped
 # is ``M112``, a halt, and ``M400`` is ``M410``, which throws away what the planner holds. And a
 # line in which ``M110`` stands may have any number: an ``M114`` that becomes one, with a second
 # flip that its checksum doesn't show, renumbers. A zero before the digits (``M0113``) leaves the
 # command what it is and puts each of these two flips further away.
-
 _FEARED: Final = (b"110", b"112", b"410")
 _LONGEST: Final = 40
 """Bytes; a longer line (a text for a display) is left alone, it might outgrow the firmware's."""

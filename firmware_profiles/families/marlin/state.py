@@ -365,7 +365,5 @@ class LineState:
         events.append(event)
 
 
-# State of a doubt about Marlin's last accepted line: replies heard, whether they agree.
-
 QUESTION: Final = timing.QUESTION
 MAX_SET_BACKS: Final = 5

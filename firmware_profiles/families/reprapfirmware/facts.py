@@ -31,11 +31,8 @@ def _make_protocol(setup: LinkSetup) -> LinkProtocol:
     return RrfProtocol(setup.places, setup.timing)
 
 
-# Table of the commands that RepRapFirmware knows, with their parameters.
-#
 # Every ``case`` of ``GCodes2.cpp`` (3.5) but M667, which it refuses; a macro file of a command's
 # name makes it known, too. Words: 3.x ``GCodes*.cpp``.
-
 CODES: Final = codes(
     "G",
     number_range(0, 4),
@@ -180,19 +177,18 @@ FAMILY: Final = Family(
 )
 
 
-# RepRapFirmware link protocol: CRC-16 lines, position asked after silence; untested on hardware.
-#
-# Facts (RepRapFirmware `StringParser.cpp`, 3.x): with ``N`` in front a line is checked, by an XOR
-# of one to three digits or a CRC-16 of five; one that fails is dropped without a word, neither ok
-# nor resend; the order of numbers isn't looked at, so that a line sent twice is done twice. The
-# line number that M409 tells is stored before the check, so it is no evidence of what was done.
-#
-# The five digits of the CRC-16 find what the XOR lets through. A line cut in two by noise is done
-# half by half, unless the board is told to want a checksum (M575 P0 S1); USB has a CRC of its own.
-
-
 class RrfProtocol(AckProtocol):
-    """See the module."""
+    """See the module.
+
+    Facts (RepRapFirmware `StringParser.cpp`, 3.x): with ``N`` in front a line is checked, by an XOR
+    of one to three digits or a CRC-16 of five; one that fails is dropped without a word, neither ok
+    nor resend; the order of numbers isn't looked at, so that a line sent twice is done twice. The
+    line number that M409 tells is stored before the check, so it is no evidence of what was done.
+
+    The five digits of the CRC-16 find what the XOR lets through. A line cut in two by noise is done
+    half by half, unless the board is told to want a checksum (M575 P0 S1); USB has a CRC of its
+    own.
+    """
 
     messages = load_messages("reprapfirmware")
     error_starts = (b"Error:", b"Warning:", b"Emergency Stop", b"Printer halted")

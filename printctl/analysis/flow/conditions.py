@@ -24,8 +24,6 @@ from printctl.recipe.parts import (
 from printctl.run_folder.artefacts import NETWORK
 from printctl.run_folder.manifest import Manifest, digest_file
 
-# Flow section that drives a network: a run's own, in the print's size, and its tables' folder.
-
 
 @dataclass(frozen=True)
 class Driven:

@@ -41,11 +41,8 @@ from printctl.recipe.parts import ComparePart, FlowPart
 from report.figures.flow_figures import comparison_figure
 from report.figures.lumen_figure import pressure_figure, shear_figure, streamline_figure
 
-# Compare 1D or 3D flow with ideal 0D flow (Poiseuille, rigid walls) at the same places.
-#
 # The ideal is the design as it is meant: Poiseuille's resistance of the designed radii between
 # rigid walls, solved 0D.
-
 COMPARISON: Final = "flow_comparison.csv"
 IDEAL: Final = "ideal"
 _UL_MIN: Final = 1000.0 / UL_S_PER_ML_MIN

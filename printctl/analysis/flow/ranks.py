@@ -21,8 +21,6 @@ from design.hemodynamics.three_d.ranks import RankResult, read_result
 from printctl.errors import PrintctlError, UsageError
 from printctl.processes.alive import KILL, send_signal
 
-# Find a Python with FEniCSx, and the program that starts MPI ranks.
-
 PYTHON_VARIABLE: Final = "PRINTCTL_DOLFINX_PYTHON"
 INSTALL: Final = (
     "On Debian or Ubuntu: sudo apt-get install --no-install-recommends python3-dolfinx "
@@ -158,8 +156,6 @@ def _output(command: list[str]) -> tuple[str, str]:
         return "", str(exc)
     return (done.stdout, done.stderr) if done.returncode == 0 else ("", done.stderr or done.stdout)
 
-
-# Run the MPI ranks of a 3D flow case on this machine, with progress and clean-up.
 
 GRACE_S: Final = 10.0
 

@@ -38,8 +38,6 @@ from printctl.analysis.flow.outlets import pulsatile_conditions, steady_conditio
 from printctl.analysis.flow.tables import FlowTables
 from printctl.recipe.parts import FlowPart, OneDPart
 
-# Solve a network's steady 0D flow as a recipe asks; write a table row per vessel.
-
 TABLE: Final = "flow.csv"
 
 
@@ -71,8 +69,6 @@ def solve_steady(
     return solution, summary
 
 
-# Solve pulsatile 0D flow (periodic state); write a row per vessel and waves at the ends.
-
 PULSES, WAVES = "flow_pulsatile.csv", "flow_waves.csv"
 
 
@@ -103,8 +99,6 @@ def read_waves(path: Path) -> dict[str, FloatArray]:
         rows = list(csv.DictReader(handle))
     return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
 
-
-# Solve 1D pulse waves along vessels; write a row per vessel and waves at the network's ends.
 
 ONE_D, ONE_D_WAVES = "flow_1d.csv", "flow_1d_waves.csv"
 
@@ -143,8 +137,6 @@ def solve_and_write_one_d(
     tables.put(ONE_D_WAVES, one_d_waves(network, solution, conditions))
     return summary
 
-
-# Notes on ends that are ends by direction alone, and on flow that runs backwards at ends.
 
 _LITTLE: Final = 1e-6
 """Of what enters, below which flow at an end counts as none."""

@@ -201,8 +201,6 @@ def _read(data: dict[str, Any]) -> WrittenPattern:
     return WrittenPattern(pattern, mounted, (at_x, at_y, at_z))
 
 
-# Make the CSV text of a calibration pattern's measuring sheet, blank or filled in.
-
 COLUMNS: Final = {
     "lines": ("line", "x_mm", "speed_mm_s", "flow", "expected_mm", "width_mm"),
     "spiral": ("line", "x_mm", "speed_mm_s", "flow", "expected_mm", "width_mm"),
@@ -289,8 +287,6 @@ def _places(stroke: Stroke, width_mm: float) -> list[float]:
     clear = CLEAR * width_mm
     return [stretch * k + max(stretch * part, clear) for k, which in parts for part in which]
 
-
-# Draw a calibration pattern with numbered lines (SVG), for use beside dish or microscope.
 
 _SCALE: Final = 5.0
 """Drawn larger than it is."""

@@ -138,8 +138,6 @@ def spiral_pattern(bead: Bead, speed_mm_s: float, turns: float, pitch_mm: float)
     return Pattern("spiral", bead, size, (*frame(size, speed_mm_s), written))
 
 
-# Calibration patterns of lines that touch or nearly do: comb of gaps, branch joints, bridges.
-
 MOST: Final = 24
 _ACROSS: Final = 9
 """Ways across each gap."""
@@ -250,8 +248,6 @@ def _above(values: list[float], limit: float, option: str, what: str) -> None:
     if values[0] <= limit:
         raise UsageError(f"{option} {values}: give numbers above {limit:g}, {what}")
 
-
-# Calibration pattern that ties a camera to the printer: nested squares, four lines around them.
 
 _OUTERMOST: Final = 0.9
 """Place of the lines beyond the squares, over the circle's radius."""

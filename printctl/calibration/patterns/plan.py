@@ -168,8 +168,6 @@ def straight(
     return Stroke(number, role, points, speed.copy(), flow)
 
 
-# Convert a calibration pattern to a toolpath: prime, write, relieve and lift for each stroke.
-
 LIFT_MM: Final = 2.0
 """Above what is written, between two strokes."""
 _TRAVEL_MM_S: Final = 10.0

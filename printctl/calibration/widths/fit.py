@@ -21,13 +21,10 @@ from printctl.calibration.widths.step_lag import lag_notes, step_lag
 from printctl.calibration.writing import MeasuredValue
 from printctl.errors import UsageError
 
-# Fit flow factor, swelling and lag from lines printed at several speeds and flows.
-#
 # A plunger's flow is known, so a line's cross-section is f m A: A the commanded one, m the line's
 # own multiple, f the flow factor. A filament that then swells s-fold is √(f m A 4/π) s wide: widths
 # tell f s², never f and s apart. Whether the cross-section follows Q/v is asked of the data:
 # ln(area/mA) = ln f s² + b ln v + c ln m, with b = c = 0 if it does.
-
 _BEGIN: Final = 0.5
 """Where a line is taken as steady when its lag isn't known; without need never before 0.3."""
 _LAGS: Final = 5.0
@@ -228,15 +225,12 @@ def shares_along(pattern: Pattern, stroke: Stroke, widths: Widths) -> tuple[Floa
     return x[kept] / float(stroke.speed_mm_s[0]), pattern.bead.share(width[kept]) / stroke.flow
 
 
-# Fit flow factor, drift and starting lag of a spiral printed without a stop.
-#
 # Cross-section over the commanded one, t seconds after the begin:
 #
 # G (1 + k t) (1 − c e^(−t/τ))
 #
 # with G = f s², k the drift, c what is missing at the begin: the prime fills some of it, so c is
 # free.
-
 _FEWEST: Final = 8
 _BLOB: Final = 3.0
 """Widths from its begin in which a line has a shape of its own: the tip starts to move."""

@@ -70,8 +70,6 @@ class Replies:
     least_mm: float = 0.0
 
 
-# Read the CSV sheet of widths, gaps or bridge results typed in for a calibration pattern.
-
 _FAR: Final = 5.0
 """Times wider or narrower than commanded: questioned."""
 _EXPECTED_MM: Final = 2e-4

@@ -25,8 +25,6 @@ from printctl.checks.bead.vessels import VesselDiameters
 from registration.files.exports import nrrd_header
 from report.play import save_played, write_play_html
 
-# Table of predicted ink volume and line width by layer, with and without pressure lag.
-
 
 def layer_rows(prediction: InkPrediction) -> list[dict[str, Any]]:
     """A row for each layer that is written: volume, and width of its lines with and without lag."""
@@ -67,8 +65,6 @@ def _by_layer(bead: Bead, source: IntArray) -> dict[int, dict[str, Any]]:
         }
     return by_number
 
-
-# Write predicted ink as CSV tables: by piece or line, by vessel, and by layer.
 
 BEAD = (
     "head", "line", "source", "kind", "time_s", "lasts_s", "x_mm", "y_mm", "z_mm", "length_mm",
@@ -171,8 +167,6 @@ def _begun(header: tuple[str, ...]) -> io.StringIO:
 def _number(value: Any) -> str:
     return "" if np.isnan(value) else f"{value:.6g}"
 
-
-# Write a predicted print as voxels (NRRD) and as a surface (PLY).
 
 HALF = 127.5
 """Of 255, the share of ink at which the surface runs."""

@@ -25,8 +25,6 @@ from printctl.checks.lumens.read import split_by_head
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
 
-# Choose the pressure lag: the user's, or the ink's for this syringe and needle, or 0 s.
-
 How = Literal["measured", "given", "unknown"]
 
 

@@ -12,8 +12,6 @@ from design.network import VesselNetwork
 from gcode.bead.predict import Bead
 from kernels.arrays import FloatArray, IntArray
 
-# Merge the predicted diameters of a vessel's several strands into one diameter per vessel.
-
 
 def merge_bundles(diameters: VesselDiameters, owner: IntArray) -> VesselDiameters:
     """Strands as the vessels that they make up: areas add, the worst strand speaks for all.

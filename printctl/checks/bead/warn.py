@@ -250,9 +250,6 @@ def _settles(prediction: InkPrediction, bath: Bath) -> Iterator[BeadWarning]:
     )
 
 
-# Summarise the predicted ink of a head, as JSON and as text.
-
-
 def prediction_facts(
     prediction: InkPrediction,
     bath: Bath | None,

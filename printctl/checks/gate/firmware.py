@@ -10,15 +10,12 @@ from typing import Final
 from firmware_profiles import Axes, Printer
 from firmware_profiles.families import family_of
 
-# Compare the firmware's speed, acceleration and jerk limits (M503) with the profile's.
-#
 # A firmware that is slower than its profile stretches every move: the dry run's times are wrong,
 # and a valve that is open for a time writes a thicker line. One that is faster accelerates harder
 # than was planned. Marlin tells M201 and M203 by axis, M204 P for moves that write, R for those of
 # the plunger alone and T for travel. M205 tells the corners (J), the least time of a segment (B),
 # and the speeds below which no move is made (S, T): what is planned as slower is then made faster,
 # and no check counts on that.
-
 Settings = Mapping[str, Mapping[str, str]]
 _SAME: Final = 0.01
 """Share by which told and profile's value may differ: M503 rounds to two decimals."""

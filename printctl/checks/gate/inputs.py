@@ -11,8 +11,6 @@ from typing import Final
 from firmware_profiles import Dish, Needle, Printer
 from printctl.checks.set_up import WALL_CLEARANCE_MM, PlacedDish, hub_gap_of, wall_gap_of
 
-# Verdict of the G-code gate on a line: allowed with its text, or refused with the reason.
-
 Place = tuple[float, float, float]
 NOT_BY_HAND: Final = "isn't for manual use"
 
@@ -82,11 +80,8 @@ class NotAllowed(Exception):  # noqa: N818 (an answer, which `printctl.checks.ga
     """Something that no line may do; the message is a refusal's."""
 
 
-# Refuse manual moves beyond the travel or into dish or part; limit their speed.
-#
 # What a station can't know it must be told, and where it wasn't told it allows small steps alone.
 # Straight up is always free: the shaft stands above the tip already and meets nothing new.
-
 RIM_MARGIN_MM: Final = 2.0
 """Kept above the rim by a needle that goes sideways over it."""
 STEP_DOWN_MM: Final = 1.0

@@ -153,9 +153,6 @@ def _of_text(text: str, printer: Printer) -> GcodeLine:
         return BLANK
 
 
-# List the lines of a G-code job that the gate refuses, and the firmware settings it changes.
-
-
 def refused_lines(
     lines: Iterable[tuple[int, GcodeLine]], printer: Printer
 ) -> list[tuple[int, str, str]]:

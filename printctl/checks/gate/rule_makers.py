@@ -9,8 +9,6 @@ from firmware_profiles.families import family_of
 from gcode.reading import GcodeLine
 from printctl.checks.gate.inputs import AllowedLine, NotAllowed, PrinterSituation
 
-# Reason text for refusing a G-code, often with the command to use instead.
-
 _COUNT: Final = "it would break the link's count or position"
 _FIRMWARE: Final = (
     "it changes the firmware's settings, which the profile describes; close the station, set it "

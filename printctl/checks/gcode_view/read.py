@@ -32,8 +32,6 @@ from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
 from report.gcode import Act, GcodeJob, Layers
 
-# Select the rows of a G-code file that move or extrude, with the kind of each.
-
 _STILL_MM: Final = 1e-9
 
 
@@ -112,9 +110,6 @@ def _forget_the_way_there(
     act[early & goes & (act != Act.WRITE)] = Act.JUMP
 
 
-# Ink volume of each move: from E and the syringe bore, or from valve time and flow.
-
-
 def plunger_doses(
     rows: Rows, program: Program, comments: Comments, pushing: Pushing
 ) -> tuple[FloatArray, float, str]:
@@ -157,9 +152,6 @@ def valve_doses(rows: Rows, program: Program, pushing: Pushing) -> tuple[FloatAr
         f"While the valve is open {said} µL/s flow ({whose}), at the speed that is fed: "
         "lag, corners and delays aren't in it."
     )  # fmt: skip
-
-
-# Compute printed line widths from extruded volume per length.
 
 
 def cross_sections(

@@ -17,12 +17,9 @@ from printctl.checks.lumens.lines import in_short_pieces
 from printctl.checks.lumens.report import LumenReport, list_names, report_dict, report_lumens
 from printctl.checks.lumens.stations import Openings, SectionStations, network_lumens
 
-# Measure the diameter and area of the lumen that washed-out filaments leave along each vessel.
-#
 # A filament is taken to be sacrificial: the space that it fills is the lumen once it is washed out.
 # A section across the vessel cuts each filament near it in a disc; the widest circle is the widest
 # disc whose middle lies on the vessel, or wider where several overlap.
-
 RAYS: Final = 32
 STATIONS_AT_ONCE: Final = 20_000
 PASSES: Final = 6
@@ -153,8 +150,6 @@ def _axes(along: FloatArray) -> tuple[FloatArray, FloatArray]:
     across /= np.linalg.norm(across, axis=1)[:, None]
     return across, np.cross(along, across)
 
-
-# Find filaments that merge although the design keeps their vessels separate.
 
 APART_MM: Final = 0.02
 """Designed walls thinner than that are taken as meeting."""

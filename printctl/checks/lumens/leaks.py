@@ -24,8 +24,6 @@ from printctl.checks.lumens.layer_spaces import (
 )
 from printctl.checks.lumens.lines import WrittenLines
 
-# Judge the spaces: ways out of a tree's lumens.
-
 PIXEL_MM: Final = 0.03
 MOST_PIXELS: Final = 3e9
 OUTSIDE: Final = -1
@@ -274,8 +272,6 @@ def _at_mouth(at: FloatArray, lumens: DesignedLumens, edge: float) -> NDArray[np
         at_mouth[k] = bool((away <= reach[near]).any())
     return at_mouth
 
-
-# Group a network's designed lumens into vessel trees with their mouths, for the leak search.
 
 MOUTH: Final = 1.3
 """A port's opening is wider by this than designed, and nothing within it counts as a leak."""

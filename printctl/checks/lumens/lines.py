@@ -17,8 +17,6 @@ from printctl.checks.lumens.written_moves import origin, plunger_strokes
 from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
 
-# Heights and widths of a layered file's printed lines, from their positions and ink.
-
 LEVEL_TOLERANCE_MM: Final = 5e-3
 FLAT_MM: Final = 1e-3
 
@@ -363,8 +361,6 @@ def _doubt(
     narrower = float(np.median(BeadSection("rectangle").width(area, thick) - width))
     return max(wider, 0.0), min(narrower, 0.0)
 
-
-# Convert embedded writing moves to round filaments, their diameter from extruded ink.
 
 THREAD_MM: Final = 1e-3
 """Thinner filaments are none."""

@@ -25,8 +25,6 @@ from printctl.checks.lumens.stations import BEYOND, BEYOND_MM, SectionStations
 from printctl.checks.lumens.width_kernels import widest_in_polygon
 from printctl.errors import UsageError
 
-# Count channels through a part that don't appear as holes in its horizontal sections.
-
 LEAST_AREA_MM2: Final = 1e-4
 """Of a region of a section, or of two sections' overlap, that counts."""
 

@@ -292,8 +292,6 @@ def _run(gcode: bytes, writing: Writing) -> DryRun:
     return dry_run(text, writing.printer, _start(text, writing), cold_extrusion=True)
 
 
-# Find a part's origin in the printer's frame from the printed lines or filaments.
-
 TOLERANCE_MM: Final = 0.1
 """Ink and part may differ in size by this; by more, what is written isn't the part alone."""
 LAYERS: Final = 60

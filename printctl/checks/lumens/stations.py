@@ -63,8 +63,6 @@ class SectionStations:
         return np.searchsorted(self.lumen, np.arange(self.count + 1)).astype(np.int64)
 
 
-# Place measuring sections along a network's vessels, for the lumen check.
-
 BEYOND: Final = 1.5
 """How far is looked, in designed radii, and `BEYOND_MM` more."""
 BEYOND_MM: Final = 0.1
@@ -134,8 +132,6 @@ def _own(
     own: BoolArray = (at >= zone[of, 0]) & (total[of] - at >= zone[of, 1])
     return own
 
-
-# Measure a lumen's widest open circle and open area at cross-sections between printed lines.
 
 CELL_MM: Final = 0.25
 MOST_CELLS: Final = 60_000_000

@@ -12,16 +12,15 @@ from gcode.deposit.kernels import band_span, stadium_span
 from kernels import jit, pjit
 from kernels.arrays import FloatArray, IntArray
 
-# Compute the distance from a lumen point along a ray to the first printed line (compiled).
-#
-# Written layers are slabs; in each, a line is a stadium seen from above, whose flanks are half
-# ellipses over the slab's height: round, or straight where they are not deep. A ray's way to the
-# first line is exact: in every slab that it passes, it meets stadiums in plan, and in these the
-# flanks.
-
 
 class RayRules(NamedTuple):
-    """Tolerances of a ray's way to a flank."""
+    """Tolerances of a ray's way to a flank.
+
+    Written layers are slabs; in each, a line is a stadium seen from above, whose flanks are half
+    ellipses over the slab's height: round, or straight where they are not deep. A ray's way to the
+    first line is exact: in every slab that it passes, it meets stadiums in plan, and in these the
+    flanks.
+    """
 
     flat: float = 1e-12
     rim: float = 1.0 - 1e-4  # Share of its half height up to which a flank is followed.

@@ -23,8 +23,6 @@ from printctl.checks.set_up import (
     finding,
 )
 
-# Compute and check the distance of needle and hub to a dish's wall over all moves of a job.
-
 
 class PlaceNames(Protocol):
     """Name of each move's place, for messages."""

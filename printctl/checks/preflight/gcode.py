@@ -24,11 +24,8 @@ from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.preflight.pneumatic_checks import pressure_checks, valve_checks
 from printctl.checks.set_up import RECIPE_KEYS, Check, none_of
 
-# Check that a job doesn't redefine its X, Y or Z coordinates (G92) after its first move.
-#
 # A later place with other numbers renames all places: the firmware's own limits, and what a person
 # reads from its display, are then off by as much. E is free: it counts a plunger.
-
 _SAME_MM: Final = 1e-3
 _AXES: Final = "XYZ"
 
@@ -87,8 +84,6 @@ def _places(line: GcodeLine) -> dict[str, float]:
         return {}
     return {axis: float(line.parameters[axis]) for axis in _AXES if axis in line.parameters}
 
-
-# Check a job for commands the gate refuses, unknown outputs switched, and motors off too early.
 
 _OUTPUTS: Final = "outputs set other than the dispenser valve"
 
@@ -178,12 +173,9 @@ def gate_checks(run: DryRun, printer: Printer) -> list[Check]:
     ]
 
 
-# Find a job's first temperature wait that may never end.
-#
 # No profile knows of a cooler. A room is taken to be between 15 and 30 °C: what must cool below 30
 # °C may never get there, and what must warm up without a target may not either. M109 and M190 with
 # S wait for warming alone, but on some families (`Family.awaits_cooling`).
-
 COLDEST_ROOM_C: Final = 15.0
 WARMEST_ROOM_C: Final = 30.0
 _SETS: Final = {

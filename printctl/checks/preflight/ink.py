@@ -49,9 +49,6 @@ def written_ul(run: DryRun, printer: Printer, loads: Sequence[HeadLoading]) -> f
         return 0.0
 
 
-# Compute a print's ink: written, left in syringe and needle, and to be loaded.
-
-
 @dataclass(frozen=True)
 class InkUse:
     """Ink of one print.
@@ -132,8 +129,6 @@ def ink_use(
     return InkUse(pushed, dead, holds, max(asked, reloads + 1, 1))
 
 
-# Check a job's temperatures against the limits of ink and bath.
-
 _INK: Final = "temperature_c"
 
 
@@ -175,16 +170,13 @@ def _setting(run: DryRun, part: str, which: str, limit: float, bears: str) -> Ch
     )
 
 
-# Check the print time against the lifetime of the ink's cells.
-#
-# The dry run's time runs from the first byte to the last; mixing and filling before it, and what
-# the cells bear in the bath afterwards, aren't in it. How long cells have is never guessed: the
-# ink's profile or the recipe says it, with a source, or it is told as unknown.
-
-
 @dataclass(frozen=True)
 class PrintTime:
     """Print time of a job, with its syringe changes.
+
+    The dry run's time runs from the first byte to the last; mixing and filling before it, and what
+    the cells bear in the bath afterwards, aren't in it. How long cells have is never guessed: the
+    ink's profile or the recipe says it, with a source, or it is told as unknown.
 
     Attributes
     ----------

@@ -45,8 +45,6 @@ def profile_checks(*profiles: Facts) -> list[Check]:
     ]
 
 
-# Check needle length, ink and bath chemistry, and filament support, without G-code.
-
 _WORDS: Final = {
     "neutral_ph": "a buffer of neutral pH",
     "calcium": "calcium",
@@ -226,9 +224,6 @@ def held_check(widest_mm: float, ink: Ink, bath: Bath) -> Check:
         "with a higher yield stress or a closer density",
         "refuses" if bath.calibrated and ink.calibrated else "warns",
     )
-
-
-# Check that the syringe holds a job's ink, and the push per length the firmware must allow.
 
 
 def syringe_check(run: DryRun, syringe: Syringe) -> Check:

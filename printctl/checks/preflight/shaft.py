@@ -119,8 +119,6 @@ def accepted_text(clearance: Clearance) -> str:
     )
 
 
-# Read or make the map (G-code lines to vessels, network) that the needle shaft check needs.
-
 _NETWORK = ("nodes", "vessel_nodes", "offset", "points", "radius")
 
 
@@ -217,9 +215,6 @@ def read_written_arrays(data: Mapping[str, NDArray[Any]]) -> ShaftMap:
     )
 
 
-# Run the needle shaft check on a simulated embedded job, with its map and mounted needles.
-
-
 def shaft_clearance(
     run: DryRun, printer: Printer, loads: Sequence[HeadLoading], written: ShaftMap
 ) -> Clearance:
@@ -253,8 +248,6 @@ def _body(needle: Needle | None, planned_mm: FloatArray, clearance_mm: float) ->
         clearance_mm=clearance_mm,
     )
 
-
-# Check a G-code file for needle shaft collisions with ink, by the map of its lines to vessels.
 
 _LEVEL_MM = 1e-3
 

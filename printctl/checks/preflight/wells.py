@@ -21,8 +21,6 @@ from printctl.checks.preflight.dish import hub_gap, hub_remedy, tips_of, wall_ga
 from printctl.checks.preflight.mounted import longer_needle
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish, none_of
 
-# Read, or make, a plate job's map of wells: their positions, and the G-code lines of each.
-
 
 def well_arrays(
     names: Sequence[str],
@@ -92,8 +90,6 @@ def _wells(data: Mapping[str, NDArray[Any]], ink_ul: Mapping[str, float]) -> Wel
         ink_ul,
     )
 
-
-# Check that a well's moves in a plate job equal those of the same part printed alone.
 
 _ROUNDINGS: Final = 2.5
 """Units of a text's last decimal by which a way may differ: either end, in either file."""

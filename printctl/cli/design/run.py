@@ -214,9 +214,6 @@ def toolpath(recipe: cli.RecipeArg, out: Path = opt("G-code file to write.", ...
     cli.print_result(data, [*lines, str(out)])
 
 
-# `printctl recipe` and `init`: write, check and migrate recipes.
-
-
 def schema() -> None:
     """Print the recipe's JSON Schema: every key with its type, bounds, default and meaning.
 

@@ -153,9 +153,6 @@ def read_answers(file: Path) -> dict[str, str]:
     }
 
 
-# --- the profile ---------------------------------------------------------------------------------
-
-
 def _profile(sheet: Sheet) -> dict[str, Any]:
     """Return the profile's keys; all answers are there."""
     said, template = sheet.answers, _template(sheet.answers["firmware"])
@@ -228,9 +225,6 @@ def _template(name: str) -> Printer:
     every = [load(Printer, one) for one in (_PLAIN, *shipped(Printer))]
     kin = [one for one in every if family_of(one) is find_family(name)]
     return next((one for one in kin if one.pneumatic is None and not one.heads), every[0])
-
-
-# --- the questions -------------------------------------------------------------------------------
 
 
 def _number(text: str) -> float:

@@ -332,9 +332,6 @@ def give_up(run: RunArg) -> None:
     print_lines(f"{state_words(status.state)}: {status.message}")
 
 
-# Looks at an observed print: `printctl observe looks` and `answer`.
-
-
 @json_command
 def looks(run: RunArg) -> None:
     """List the looks at a print: what was found, decided and asked.

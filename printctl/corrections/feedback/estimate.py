@@ -36,8 +36,6 @@ from printctl.corrections.feedback.whole_part import (
 )
 from printctl.errors import UsageError
 
-# Decide if a compensation may correct z: only with a depth standard and a fitted depth scale.
-
 
 @dataclass(frozen=True)
 class Depth:

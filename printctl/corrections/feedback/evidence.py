@@ -314,12 +314,9 @@ def _three(values: Any) -> Three:
     return (x, y, z)
 
 
-# Excess width and axis shift of each vessel of a print, as input of a compensation.
-#
 # Sections whose number was withdrawn are left out. Defects (occlusions, leaks, missing vessels,
 # local bulges and stenoses) are accidents of one print or faults to be mended. Their places are
 # left out.
-
 WHOLE_VESSEL = 0.8
 """A change over more of a vessel's sections than this is the vessel's own size."""
 LEAST_SECTIONS = 5

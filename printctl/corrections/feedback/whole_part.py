@@ -190,12 +190,9 @@ def _line(readings: Sequence[Reading], voxel_mm: float, at_mm: float) -> tuple[M
     return Mean(float(best[0]), times * float(error[0])), slope
 
 
-# Estimate a print's size over its design's along each axis, from lumen axes or its surface.
-#
 # A scale that is fitted to the surface takes walls that moved (lines that spread, a scanner's bias)
 # for size: 20 um on either face of 8 mm are half a percent. A lumen's axis stays where it is when
 # its walls move alike, so the way from one lumen to another tells shrinkage by itself.
-
 OFFSET_VOXELS = 0.1
 """Standard deviation of a lumen's place that repeats in every scan: one wall is lit otherwise than
 the one opposite (`registration.alignment.intervals`), by 2 to 5 um at 25 um."""

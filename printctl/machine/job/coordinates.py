@@ -268,9 +268,6 @@ def declared_axes(line: bytes) -> dict[str, float]:
     return named or {a: value for a in "XYZ" if (value := read.number(a)) is not None}
 
 
-# What lines call places beyond the count of the touch-off.
-
-
 @dataclass(frozen=True)
 class Renaming:
     """A line that says where the tip stands.

@@ -45,9 +45,6 @@ MAX_STEPS_PER_S: Final = 11_000.0
 """Step events/s beyond which load grows no more: one interrupt makes two."""
 
 
-# --- lines whose motion has surely ended ----------------------------------------------------------
-
-
 def moves_ahead(printer: Printer) -> float:
     """Return the most moves that a printer may have taken and not made.
 
@@ -73,9 +70,6 @@ def surely_moved(lines: Sequence[bytes], taken: int, queued: float, least: int =
                 return index + 1
             left -= 1
     return min(least, taken)
-
-
-# --- moves as a planner sees them -----------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -201,9 +195,6 @@ def corner_mm_s(before: PlannedMove, after: PlannedMove, printer: Printer) -> fl
     return min(top, math.sqrt(speed_sq))
 
 
-# --- their time -----------------------------------------------------------------------------------
-
-
 class MotorRunOn(NamedTuple):
     """How long motors run on, s, and how far the tip, mm."""
 
@@ -290,9 +281,6 @@ def _between(xs: Sequence[float], ys: Sequence[float], x: float) -> float:
     after = bisect_left(xs, x)
     share = (x - xs[after - 1]) / (xs[after] - xs[after - 1])
     return ys[after - 1] + share * (ys[after] - ys[after - 1])
-
-
-# --- how far motors run on behind a halt ----------------------------------------------------------
 
 
 class Answers(NamedTuple):

@@ -151,9 +151,6 @@ def plan_recovery(
     )
 
 
-# Where the rest begins.
-
-
 def beginning(
     job: Job, history: JournalledPrint, printer: Printer, from_line: int | None
 ) -> RestStart:
@@ -234,9 +231,6 @@ def _line_to_begin(
         "more is written, with a later line (--from-line)",
         line,
     )
-
-
-# Its G-code, coordinates counted from the touch-off point.
 
 
 def rest_lines(job: Job, text: GrownText, begin: int, frame: JobFrame) -> bytes:
@@ -323,9 +317,6 @@ def _settings(job: Job, begin: int, printer: Printer) -> list[bytes]:
             last.pop(key, None)  # the order in which they were last given
             last[key] = line
     return list(last.values())
-
-
-# What a person is to do, and may find.
 
 
 def manual_steps(printer: Printer, frame: JobFrame) -> tuple[str, ...]:

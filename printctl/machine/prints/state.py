@@ -50,9 +50,6 @@ TABLE = "progress.{}.npz"
 """A print's table, with the beginning of its job's hash."""
 
 
-# --- which print -------------------------------------------------------------------------------
-
-
 def print_folder(run: Path) -> Path:
     """Folder of the print's journal; where one should be when none is found."""
     beside = Path(f"{run}.print") if run.is_file() else run
@@ -97,9 +94,6 @@ def running_print(run: Path) -> PrintClient:
             f"({state_words(status.state)}: {status.message}){halts}"
         )
     return client
-
-
-# --- its state ---------------------------------------------------------------------------------
 
 
 class PrintAction(StrEnum):
@@ -279,9 +273,6 @@ def keep_table(folder: Path, sha256: str, table: JobTable) -> None:
     if sha256 and not path.exists():
         with contextlib.suppress(OSError):
             table.save(path)
-
-
-# --- what can be done with it ------------------------------------------------------------------
 
 
 def possible_actions(folder: Path, status: Status) -> tuple[Possible, ...]:

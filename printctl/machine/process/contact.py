@@ -29,8 +29,6 @@ _LOCK_PATIENCE_S: Final = 0.3
 
 log = logging.getLogger(__name__)
 
-# --- whether a process is alive ------------------------------------------------------------------
-
 
 @contextmanager
 def hold_folder(folder: Path, held: str = LOCK, what: str = "a print is running") -> Iterator[None]:
@@ -104,9 +102,6 @@ def stays_alive(folder: Path, held: str = LOCK) -> bool:
             return True
         time.sleep(0.02)
     return False
-
-
-# --- a station's contact file; a print's is loaded by `load_record` ------------------------------
 
 
 def last_status(record: ContactRecord) -> StationStatus:

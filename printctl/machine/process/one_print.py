@@ -112,9 +112,6 @@ def _keep(kept: Mounting) -> None:
         log.exception("what is mounted can't be kept")
 
 
-# --- its contact file ----------------------------------------------------------------------------
-
-
 class PrintContact:
     """The ``link.json`` of a print that is to be run.
 
@@ -229,9 +226,6 @@ def contact_of(order: Order) -> Iterator[PrintContact]:
             raise
         finally:
             contact.end()
-
-
-# --- the print -----------------------------------------------------------------------------------
 
 
 def run_print(

@@ -134,9 +134,6 @@ def was_simulated(folder: Path) -> bool:
         return False
 
 
-# --- the record of its motion ------------------------------------------------------------------
-
-
 def record_for(folder: Path) -> Path:
     """Path of the record of a print in ``folder``: a run's beside the print, else in it."""
     return folder.parent / EXECUTED if folder.name == "print" else folder / EXECUTED

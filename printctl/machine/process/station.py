@@ -67,9 +67,6 @@ ASTRAY_MM: Final = 0.03
 log = logging.getLogger(__name__)
 
 
-# --- from beginning to end -----------------------------------------------------------------------
-
-
 def serve_station(plug: Plug) -> StationStatus:
     """Run a station in this process until it is closed; return its last status."""
     folder = plug.folder
@@ -166,9 +163,6 @@ def _open(plug: Plug, record: ContactRecord) -> tuple[ContactRecord, StationStat
         connect(machine)
         run(machine)
         return machine.kept(machine.status) or record, machine.status
-
-
-# --- connecting ----------------------------------------------------------------------------------
 
 
 def connect(machine: Machine, ready: str = "ready", *, trusted: bool = True) -> None:
@@ -280,9 +274,6 @@ def _stand_by_again(machine: Machine, ended: str, at: Place | None) -> None:
         machine.known.lose_position()
         ended += f"; it doesn't stand where it stood before the print: {MOVED}; see where it is"
     machine.enter(StationState.READY, ended)
-
-
-# --- main loop -----------------------------------------------------------------------------------
 
 
 def run(machine: Machine) -> None:

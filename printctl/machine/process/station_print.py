@@ -109,9 +109,6 @@ def _read_order(request: Request, plug: Plug) -> Order:
     return order
 
 
-# --- after it ------------------------------------------------------------------------------------
-
-
 def _learn(machine: Machine, here: _Print, status: Status) -> None:
     """Record what a print did to place, plunger, syringe and dish."""
     known, folder = machine.known, here.order.folder

@@ -32,8 +32,6 @@ Reply = Callable[[dict[str, Any]], None]
 Read = Callable[[Any], Any]
 """Return a value of a JSON value, or raise ValueError with what it must be."""
 
-# --- values --------------------------------------------------------------------------------------
-
 
 def _is(right: Callable[[Any], bool], wanted: str) -> Read:
     def read(value: Any) -> Any:
@@ -101,9 +99,6 @@ _PLACE: Final = {axis: Value(_perhaps(_finite(axis))) for axis in "xyz"}
 _OF: Final = Value(_is(lambda value: value in ("print", "printer"), "print or printer"), "print")
 
 
-# --- what is done to a print ---------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Asked:
     """A request to a print: its values, and where an answer of its own goes."""
@@ -149,9 +144,6 @@ def _look(streamer: Streamer, asked: Asked) -> None:
     given = dict(asked.values)
     lines = tuple(given.pop("lines", ()))
     streamer.look(LookRequest(done=asked.reply, refused=asked.refuse, lines=lines, **given))
-
-
-# --- the table -----------------------------------------------------------------------------------
 
 
 class Idle(Enum):

@@ -292,9 +292,6 @@ def read_records(path: Path) -> Iterator[Record | None]:
             yield decode(line) if line.endswith(b"\n") else None
 
 
-# --- what a job record says -------------------------------------------------------------------
-
-
 def new_print_id(started: float) -> str:
     """Return a random identity for a print begun at ``started`` (s since 1970), sorting by it."""
     return f"{int(started):010d}-{secrets.token_hex(4)}"

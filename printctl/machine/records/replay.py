@@ -279,9 +279,6 @@ class JournalReader:
         return self._history
 
 
-# --- one function for each sort of record -----------------------------------------------------
-
-
 def _job(known: JournalledPrint, record: Record) -> None:
     begun = bool(known.job)
     known.first_job = known.first_job or record

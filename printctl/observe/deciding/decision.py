@@ -11,17 +11,15 @@ from printctl.inspection.values import Gap
 from printctl.observe.deciding.evidence import ThinStretch
 from printctl.observe.deciding.flow_control import FlowLimits
 
-# Select gaps that are significant in one or two pictures (Bonferroni) at a false-repair rate.
-#
-# A layer is tested at many places, and each test can err. A gap counts where its p-value, times the
-# number of places tested in that picture (Bonferroni), is below the rate that a layer may err with.
-# With a second picture it must be there in both, in the second at `second_rate`, since only the
-# places that the first picture named are tested again.
-
 
 @dataclass(frozen=True)
 class GapTest:
     """Significance test of gaps: least length and false rates.
+
+    A layer is tested at many places, and each test can err. A gap counts where its p-value, times
+    the number of places tested in that picture (Bonferroni), is below the rate that a layer may err
+    with. With a second picture it must be there in both, in the second at `second_rate`, since only
+    the places that the first picture named are tested again.
 
     Attributes
     ----------

@@ -17,8 +17,6 @@ import numpy as np
 
 from kernels.arrays import FloatArray
 
-# Test whether the amount of ink that is seen answers corrections of the flow.
-#
 # After a correction by a factor the logarithm of the amount seen moves by the factor's. What a
 # picture misreads of all lines alike cancels there. Seen amounts that stay where they were are no
 # flow's: what was corrected was how ink looks.
@@ -26,7 +24,6 @@ from kernels.arrays import FloatArray
 # A flow that itself goes on changing mustn't pass for that. So the last blocks before a correction
 # are held against the first behind it, each side by the reading that speaks more for an answer.
 # Responses to small corrections are added up until they are significant.
-
 _MIN_RESPONSE_SHARE: Final = 0.5
 """Least share of a correction by which a real flow moves the amount seen."""
 _ANSWER_SIGMAS: Final = 2.0

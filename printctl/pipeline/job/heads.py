@@ -19,8 +19,6 @@ if TYPE_CHECKING:  # `printctl slice` has no recipe
     from printctl.recipe.sections.making import HeadPart, PrinterPart
     from printctl.recipe.sections.toolpath import Fresh
 
-# Load the syringe, ink and needle of each head that a recipe names.
-
 
 @dataclass(frozen=True)
 class Filled(HeadLoading):

@@ -33,8 +33,6 @@ from printctl.checks.set_up import ABOVE_WALL_MM, HeadLoading
 from printctl.errors import UsageError
 from printctl.pipeline.job.heads import gcode_options, head_loads, speed_notes
 
-# Parse modifier meshes (FILE:setting=value,...): regions with their own infill or head.
-
 SETTINGS: Final = ("infill", "infill-percent", "infill-angles", "head")
 
 
@@ -145,9 +143,6 @@ def _head(value: str | None, text: str, count: int) -> int | None:
             f"--modifier {text!r}: head is {value!r}; the printer has {count}, counted from 0"
         )
     return int(value)
-
-
-# Read the mesh files of one part, a print head for each, into one frame.
 
 
 @dataclass(frozen=True)
@@ -262,8 +257,6 @@ def _span(*solids: Solid) -> str:
     words = (f"{a} {x:g} to {y:g}" for a, x, y in zip("xyz", low, high, strict=True))
     return f"{', '.join(words)} mm"
 
-
-# Slice meshes for a printer's heads into G-code; map its lines to layers, report figures.
 
 #: Height of the tip above the part when the job begins, mm.
 _ABOVE_MM: Final = 5.0

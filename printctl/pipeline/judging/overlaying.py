@@ -159,8 +159,6 @@ def chosen_layers(layers: Sequence[LayerLines], wanted: Sequence[int]) -> list[i
     return sorted({one - 1 for one in wanted}) or list(range(count))
 
 
-# Output files of `printctl overlay`: a picture per layer, a JSON of the results, and a page.
-
 HTML, JSON, CSV = "overlay.html", "overlay.json", "overlay.csv"
 _DIMMEST: Final = 0.15
 """Of the brightest layer's white; a layer of noise isn't stretched to full contrast."""

@@ -368,8 +368,6 @@ def body_genus(faces: NDArray[np.int32]) -> int:
     return 0 if edge_faults(faces) else surface_genus(faces)[0]
 
 
-# Export a run's solids in the formats that its recipe names.
-
 WRITERS: Final[dict[str, Callable[[Path, Solid], None]]] = {
     "stl": write_stl,
     "3mf": write_3mf,

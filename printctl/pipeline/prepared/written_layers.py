@@ -174,8 +174,6 @@ def _place(context: RunContext) -> FloatArray:
     return default_place(low, high, context.printer, context.bath)
 
 
-# Outlines of a run's designed part at each layer, to draw over the layers of its G-code.
-
 _FAR_UM: Final = 150.0
 
 

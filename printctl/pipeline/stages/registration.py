@@ -30,8 +30,6 @@ from registration import RegistrationOptions, RegistrationReport
 from registration.measuring.geometry import check_designed, read_datums
 from report.views import save_views
 
-# Compute a registration's pose error against the simulated scanner's true pose.
-
 
 def pose_error(
     scan_to_part: FloatArray,

@@ -54,8 +54,6 @@ from sim.devices.faults import FaultFile
 from sim.devices.scanner.defects import Defect, with_defects
 from sim.devices.scanner.placing import ScannerOutput
 
-# Locate a recipe's planted defects on their vessels, printer's frame, for a simulated scan.
-
 _WIDER = 1.25
 """Gel fills a lumen to so much of its designed radius: lines may have left it wider."""
 

@@ -18,8 +18,6 @@ from printctl.recipe.parts import (
     SyringeName,
 )
 
-# Recipe section on print heads: ink, syringe, needle and assigned vessels of each.
-
 Kind = Literal["artery", "vein", "lymph", "connection", "channel"]
 
 
@@ -59,9 +57,6 @@ def check_heads(heads: tuple[HeadPart, ...]) -> None:
         not head.writes_the_rest for head in heads
     ):
         raise ValueError("heads: two name neither kinds nor trees; only one can write the rest")
-
-
-# Recipe section on supervising a print: checkpoints, dead-man's time, syringes, cell lifetime.
 
 
 class CarePart(Part):

@@ -13,8 +13,6 @@ from firmware_profiles.yaml_file import read_yaml
 from printctl.recipe.schema import KeyPath
 from printctl.web.errors import BadRequestError
 
-# ruamel.yaml drops the comments behind a key that is removed: 7 of the starter recipe's 62.
-
 MOST_BYTES: Final = 256_000
 MOST_DEPTH: Final = 30
 

@@ -66,10 +66,7 @@ class MakeRequest(Body):
     version: str | None = Field(default=None, description="Of the recipe that is meant.")
 
 
-# HTTP response with a generated HTML page (network, layers, report) for a sandboxed frame.
-#
 # It runs its own scripts in a sandbox: without our origin it has neither cookies nor the API.
-
 Theme = Literal["system", "light", "dark"]
 POLICY: Final = (
     "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline' data:; "

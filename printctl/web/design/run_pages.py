@@ -101,10 +101,7 @@ def write_tissue(recipe: Path, path: Path) -> None:
     write_places_html(path, ReportSurface("Tissue", tissue.surface), page)
 
 
-# Entry point of the worker that writes one HTML view: a run's network, its layers, a tissue.
-#
 # What can't be made is said in the last line of standard error, with exit code 1.
-
 _WRITERS: Final = {"network": write_network, "layers": write_gcode, "tissue": write_tissue}
 
 

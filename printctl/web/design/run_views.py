@@ -17,8 +17,6 @@ from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.worker import run_worker
 from printctl.web.workspace import stamp
 
-# Key figures of a run, read from the results of its stages.
-
 
 @dataclass(frozen=True)
 class Figure:
@@ -78,9 +76,6 @@ def key_figures(folder: Path) -> list[Figure]:
     return figures
 
 
-# Compare two runs: differences of their recipes and key figures.
-
-
 @dataclass(frozen=True)
 class Difference:
     """A key of the recipe, or a figure, in two runs: empty where one says nothing.
@@ -136,8 +131,6 @@ def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
     else:
         yield path, value
 
-
-# HTML views of a run's network and layers and of a recipe's tissue, cached until files change.
 
 LUMENS: Final = "lumens.json"
 _SOURCES: Final = {

@@ -324,9 +324,6 @@ class JobService:
         self.core.events.publish("print", **heard.to_dict())
 
 
-# Order of a job's print, and its observer.
-
-
 def observer_order(job: Path, set_up: JobSetUp, mounted: SetUp) -> ObserverOrder | None:
     """Return how a job's print is observed, with what is mounted; None where nobody asks for it.
 

@@ -16,9 +16,6 @@ from fastapi import APIRouter, HTTPException, Request, Response
 from printctl.web.live.source import SOURCES, JobSource, SceneError, cached_scene
 from printctl.web.worker import LineProcess
 
-# The modules that the report shares name each other here by where they lie, not by bare names: a
-# page of the server may have an import map of its own.
-
 _STATIC: Final = Path(__file__).parent / "static"
 _TYPES: Final = {".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
 _BARE: Final = re.compile(rb'"(?:viewer|live)/(\w+)"')
@@ -61,8 +58,6 @@ def preload(job: str) -> str:
         '<link rel="stylesheet" href="/live/static/live_view.css">'
     ) + "".join(f'<link rel="modulepreload" href="/live/static/{name}">' for name in scripts)
 
-
-# Start the process that makes live-view scenes, and ask it for a job's scene file.
 
 _LONGEST_S: Final = 120.0
 """For a job of 50 million moves."""

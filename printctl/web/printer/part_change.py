@@ -96,8 +96,6 @@ class Changing:
         return self._service.heard(station.mount(needle=given, floor_mm=None, bath_level_mm=None))
 
 
-# Touch-off guide: height of dish floor or bath surface from three tip readings that agree.
-
 READINGS: Final = 3
 SPREAD_MM: Final = 0.05
 THICKEST_FOIL_MM: Final = 2.0

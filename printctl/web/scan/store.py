@@ -31,11 +31,8 @@ from registration.files.readers.metadata import NAMES, find_sidecar
 from registration.files.readers.read import recognise
 from registration.files.readers.volumes.tiff import has_slices, read_tiff_folder
 
-# Refuse an uploaded scan file that would unpack too large: zip, gzip, NIfTI, gzipped NRRD.
-#
 # What a gzip stream gives is counted as it comes out; of a zip its own sizes count, which Python's
 # reader never exceeds.
-
 _PIECE: Final = 1 << 20
 _RATIO: Final = 200
 """Most bytes out for a byte in, from `_RATIO_FROM` bytes out."""
@@ -98,8 +95,6 @@ def _at_gzip(handle: BinaryIO) -> bool:
         handle.seek(start)
     return start >= 0
 
-
-# A zip is believed in nothing: names are checked one by one, and the sum of the sizes.
 
 MOST_FILES: Final = 20_000
 MOST_DEPTH: Final = 6

@@ -29,8 +29,6 @@ from printctl.web.serving.stop_process import StopProcess
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 
-# Register of a running web server in its workspace: lock, and address for other programs.
-
 SERVE: Final = "serve.json"
 
 

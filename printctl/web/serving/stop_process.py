@@ -190,9 +190,6 @@ def _text(path: Path) -> str:
     return ""
 
 
-# --- the server's side
-
-
 class NoStopProcessError(PrintctlError):
     """The stop process doesn't start."""
 

@@ -17,8 +17,6 @@ from registration.devices.camera_frame.insert import Insert
 from registration.devices.camera_frame.marks import SeenMarks
 from registration.errors import PictureError
 
-# Data classes for fitting a camera's pose: touched crosses, printed points, insert's place.
-
 
 @dataclass(frozen=True)
 class Touch:

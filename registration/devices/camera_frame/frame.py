@@ -29,8 +29,6 @@ def turn_vector(matrix: FloatArray) -> FloatArray:
     return np.asarray(cv2.Rodrigues(np.asarray(matrix, dtype=np.float64))[0]).ravel()
 
 
-# Project 3D points to pixels and back: lens, pose, and refraction at a flat bath surface.
-
 _ROUNDS: Final = 30
 _SMALL: Final = 1e-12
 

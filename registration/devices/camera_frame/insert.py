@@ -312,8 +312,6 @@ def read_insert(path: Path) -> Insert:
     return read_model(path, Insert, "--insert", "printctl observe insert")
 
 
-# Draw a dish insert at true size: as vectors (SVG), and in dots (PNG, PDF).
-
 _LINE_MM: Final = 0.2
 _TILES_MM: Final = 0.02
 """Cells are drawn wider by it, so that no hair of white shows between neighbours."""
@@ -400,8 +398,6 @@ def _hole_svg(insert: Insert) -> str:
         f'height="{y:.4f}" {look}/>'
     )
 
-
-# Build a dish insert as two flush bodies: the white plate, and the black of its marks.
 
 _JOIN_MM: Final = 0.005
 """Cells are wider by it on each side: those that meet at a corner alone are joined."""

@@ -18,12 +18,9 @@ from registration.devices.camera_frame.insert import CELLS, DICTIONARY, Insert
 from registration.devices.lens import Lens
 from registration.errors import PictureError
 
-# Measure the corners of marks in a picture by straight lines through their edges.
-#
 # A corner that is looked for as a corner moves inwards with blur. An edge doesn't: profiles across
 # it are symmetric. So each side's edge is measured at many places, a line is laid through them in
 # the picture without the lens' distortion, and neighbouring lines are intersected.
-
 _PLACES: Final = 32
 """Along a side."""
 _DEEP: Final = 25

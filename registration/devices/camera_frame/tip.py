@@ -16,8 +16,6 @@ from registration.devices.camera_frame.tip_fit import fit_end
 from registration.devices.camera_frame.tip_patch import NeedleAxis, TipPatch, needle_axis, tip_patch
 from registration.errors import PictureError
 
-# Estimate where a needle ends along its axis in a picture patch, to half its width.
-
 _COLUMNS: Final = 17
 """Across the needle."""
 _INNER: Final = 0.84

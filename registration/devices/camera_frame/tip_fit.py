@@ -14,8 +14,6 @@ from kernels.arrays import FloatArray
 from registration.devices.camera_frame.tip_patch import NeedleAxis, TipPatch
 from registration.errors import PictureError
 
-# Image model of a needle's end: a blurred rod's coverage and brightness at each pixel.
-
 _FINE: Final = 4
 """Samples a pixel across."""
 _MAX_BLUR_DEVIATIONS: Final = 4.5
@@ -126,8 +124,6 @@ def _hats(share: FloatArray, count: int) -> FloatArray:
     return np.maximum(0.0, 1 - np.abs(share - knots[:, None]) / (knots[1] - knots[0]))
 
 
-# Sample a needle picture and its background on a grid around the needle's end.
-
 _ABOVE: Final = 3.0
 _BELOW: Final = 1.2
 _BESIDE: Final = 1.4
@@ -212,8 +208,6 @@ def _splined(coefficients: FloatArray, rows: FloatArray, columns: FloatArray) ->
         map_coordinates(coefficients, [rows, columns], order=3, prefilter=False, mode="nearest")
     )
 
-
-# Compute one robust Gauss-Newton step of the needle-end fit, with residuals and derivatives.
 
 USUAL_BLUR_PX: Final = 0.9
 _U_WIDE: Final = 0.007

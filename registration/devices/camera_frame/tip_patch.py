@@ -202,8 +202,6 @@ def _alike(ground: FloatArray, grey: FloatArray) -> FloatArray:
     return np.asarray(gain * ground + offset)
 
 
-# Find a needle's axis in a picture patch from its two edges, by gradients summed along them.
-
 _LEANS: Final = np.linspace(-0.08, 0.08, 65)
 """Tangents of the needle's angle against where it should point."""
 _USUAL_LEAN: Final = 0.05

@@ -16,8 +16,6 @@ from registration.devices.camera_frame.frame import CameraFrame, View, project, 
 from registration.devices.camera_frame.tip import SeenTip, find_tip
 from registration.errors import PictureError
 
-# Make a needle-free background for each picture from other pictures of the same camera.
-
 _MEDIAN_OF: Final = 3
 """Pictures from which a median shows no needle."""
 _CLEAR: Final = 3.0

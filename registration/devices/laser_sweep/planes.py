@@ -18,8 +18,6 @@ from registration.devices.laser_sweep.profiles import FEWEST, Profile, Traced, s
 from registration.devices.lens.lens import read_model
 from registration.errors import PictureError
 
-# Data model and YAML file of a laser that sweeps under a calibrated camera.
-
 _KEY: Final = "printctl_laser"
 Number = Annotated[float, Field(allow_inf_nan=False)]
 

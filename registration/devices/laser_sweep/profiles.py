@@ -19,8 +19,6 @@ from registration.devices.camera_frame.frame import CameraFrame, rays
 from registration.devices.laser_sweep.pictures import Image, Reader, sweep_pictures
 from registration.errors import PictureError
 
-# Fit a straight line to places of which some are others'.
-
 _NEAR_MM: Final = 0.12
 _TRIES: Final = 10
 """Places of either side that are joined, evenly spread."""
@@ -110,8 +108,6 @@ def _most_joined(
                 most, normal_x, normal_y, offset = count, x, y, level
     return np.abs(at[:, 0] * normal_x + at[:, 1] * normal_y - offset) < _NEAR_MM
 
-
-# Find the middle of a laser's line in each column of a picture.
 
 _TOGETHER: Final = 32
 """Columns that are looked at together."""

@@ -13,8 +13,6 @@ from registration.devices.lens.board import BoardView
 from registration.devices.lens.lens import Lens
 from registration.errors import PictureError
 
-# Fit focal length, principal point, distortion and covariance to tilted board pictures.
-
 FEWEST: Final = 5
 """Pictures from which all numbers are fitted."""
 _WHOLE_FOCUS_ERROR: Final = 0.01

@@ -17,8 +17,6 @@ from firmware_profiles.yaml_file import read_yaml
 from kernels.arrays import FloatArray
 from registration.errors import PictureError
 
-# Keep validated data models in YAML files; report a fault of one in a line with its remedy.
-
 Model = TypeVar("Model", bound=BaseModel)
 
 

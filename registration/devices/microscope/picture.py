@@ -15,8 +15,6 @@ from registration.devices.lens.board import decoded
 from registration.devices.lens.lens import Lens
 from registration.errors import PictureError
 
-# Records of the calibration pattern to find in a picture, and of its found position.
-
 
 @dataclass(frozen=True)
 class Target:

@@ -15,8 +15,6 @@ from registration.devices.microscope.picture import Picture, Target, View
 from registration.devices.microscope.profiles import ScanLine, middles, profiles_along
 from registration.errors import PictureError
 
-# Propose first positions of a printed pattern: its L-shaped corner laid on the largest objects.
-
 _CANDIDATES: Final = 4
 _CLOSINGS: Final = (0.004, 0.015)
 """Of the picture's side: a frame may be broken."""
@@ -68,8 +66,6 @@ def _ell(pixels: FloatArray) -> FloatArray | None:
         return None
     return np.array([begin, pixels[np.argmax(across)], end])
 
-
-# Refuse a found pattern position with very uneven scale, or with foreign ink in its frame.
 
 _MOST_FOREIGN: Final = 0.4
 """Of the ink in the frame that may lie beside the pattern."""

@@ -196,8 +196,6 @@ def _optics(
     return fit_shade(across, cut, [width[k] for k in chosen], px_mm)
 
 
-# Measure the open width of gaps between printed lines in a microscope picture.
-
 _GAP_STEP_PX: Final = 0.25
 
 

@@ -13,8 +13,6 @@ from registration.errors import RegistrationError
 from registration.scan import Scan
 from registration.wall_reference import WallCalibration
 
-# Refraction at the sample's surface by Snell's law, and the error of a straight ray.
-
 
 def refract(direction: FloatArray, normal: FloatArray, index: float) -> FloatArray:
     """Unit directions of light that enters a medium from air.

@@ -81,8 +81,6 @@ def in_decibels(scan: Scan, part: slice) -> FloatArray:
     return np.asarray(10 * np.log10(np.maximum(values, least)))
 
 
-# Find the dots of a square-lattice calibration target in a scan, with row and column of each.
-
 _CLEAR_DB = 10.0
 _FEWEST = 25
 _NEAR = 0.25
@@ -198,8 +196,6 @@ def _depth_at(seen: Columns, centres: FloatArray, pitch_mm: float, step: FloatAr
     x, y = np.round(centres).astype(int).T
     return np.asarray(mean[y, x])
 
-
-# Measure the optical path between the two levels of a scanned step, for depth calibration.
 
 _ROUNDS = 50
 _LEAST_SHARE = 0.1

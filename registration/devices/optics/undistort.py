@@ -19,8 +19,6 @@ from registration.files.readers.common import empty
 from registration.scan import Scan
 from registration.segmentation.volume import trilinear
 
-# Kernel: resample a volume at mapped positions by trilinear interpolation.
-
 
 @pjit
 def warp(

@@ -156,8 +156,6 @@ def parse_xml(text: bytes | str, source: str | Path) -> ElementTree.Element:
         raise ScanFileError(f"{source}: broken XML header ({exc}); export it again") from exc
 
 
-# Refuse scan sizes in a header that the file can't hold, before memory is allocated.
-
 MOST_BYTES = 1 << 40
 """No scan holds more: 1 TiB."""
 DEFLATE_RATIO = 1032
@@ -218,8 +216,6 @@ def check_available(
 def _times(shape: Sequence[int]) -> str:
     return " × ".join(str(size) for size in shape)
 
-
-# Check a scan file's axis directions in space, and map the scan's frame into that space.
 
 LPS = "LPS"
 _MOST_SKEW_DEGREES = 0.1
@@ -331,8 +327,6 @@ class FileVolume:
     notes: tuple[str, ...] = ()
 
 
-# Arrays for scan voxels: a view of the scan file, memory, or a temporary file if too large.
-
 _COPY_BYTES = 1 << 20
 """Turned at a time where axes change places: what a core's cache holds."""
 _DROP_BYTES = 64 << 20
@@ -401,8 +395,6 @@ def native(volume: Array) -> Array:
     drop_pages(volume)
     return out
 
-
-# Read members of zip archives in place; nothing is extracted to a path.
 
 _PIECE = 16 << 20
 _LOCAL_HEADER = 30

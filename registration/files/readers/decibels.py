@@ -15,14 +15,11 @@ from registration.files.readers.common import Array, empty
 from registration.json_ready import is_number
 from registration.scan import CountLine
 
-# Check OCT intensity for saturation, and by its speckle for dB taken as linear or the reverse.
-#
 # Speckle tells the two scales apart: its spread in a small place grows with the place's brightness
 # where intensity is linear (equal to it for one look) and stays the same in dB (5.57 dB for one
 # look: 10 / ln 10 × π / √6, of an exponential law); its skewness is positive (2 / √looks) where
 # linear, negative in dB (-1.14). J. W. Goodman, Speckle Phenomena in Optics, 2nd ed., 2020, ch.
 # 3-4.
-
 _SIDE = 4
 _PLACES = 16
 _LEAST_PLACES = 300

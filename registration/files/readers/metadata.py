@@ -24,8 +24,6 @@ from registration.files.readers.decibels import (
 )
 from registration.scan import Scan, Space
 
-# Reorder a scan file's axes to z, y, x and make them right-handed; check sizes for swaps.
-
 ORDER = "zyx"
 
 
@@ -404,8 +402,6 @@ def _index(value: Any, path: Path) -> float:
         )
     return float(value)
 
-
-# Read a scan's sidecar metadata (``NAME.json`` or ``NAME.yaml``).
 
 RAW_KEYS = ("shape", "dtype", "offset_bytes", "byte_order")
 """What a raw file's sidecar says besides: how its numbers lie."""

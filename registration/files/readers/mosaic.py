@@ -23,8 +23,6 @@ from registration.files.readers.read import read_scan
 from registration.json_ready import is_number
 from registration.scan import Scan
 
-# Blend scans of known position into one volume.
-
 Kind = Literal["tiles", "depth", "layers"]
 _FEATHER = 0.25
 _LEAST = 1e-3
@@ -127,8 +125,6 @@ def _along(count: int, kind: Kind) -> FloatArray:
         return np.asarray(np.maximum(_LEAST, (1 - np.arange(count) / count) ** 4))
     return np.ones(count)
 
-
-# Find the positions of overlapping scans: correlate overlaps, then solve least squares.
 
 _LONGEST = 96
 _ROUNDS = 4

@@ -39,8 +39,6 @@ def scatter(values: FloatArray, lag: int = 1) -> float:
     return float(_MAD * np.median(np.abs(fine))) if len(fine) >= _LEAST else float("nan")
 
 
-# Estimate a diameter change's peak height and position between sections, corrected for blur.
-
 _LEAST_KEPT = 0.5
 """Part of its height that a change keeps at least: of one narrower than 1.6 times the blur nothing
 tells how high it was."""

@@ -93,8 +93,6 @@ def hausdorff_p95_um(there_mm: FloatArray, back_mm: FloatArray) -> float:
     return 1e3 * max(float(np.percentile(np.abs(d), 95)) for d in (there_mm, back_mm))
 
 
-# Summarise the scanned surface's deviation separately for lumens and outer faces.
-
 _REACH_MM = 0.2
 """A face belongs to a lumen when it lies within this, or a third of the radius, of its wall."""
 

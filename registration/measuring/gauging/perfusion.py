@@ -17,8 +17,6 @@ from registration.alignment.uncertainty import SectionErrors, pressure_interval
 from registration.measuring.gauging.sections import oval_conductance
 from registration.measuring.gauging.trace import VesselTrace
 
-# Build a vessel network with the radii measured in a print, for its flow.
-
 
 @dataclass(frozen=True)
 class MeasuredLumen:
@@ -104,9 +102,6 @@ def network_of_lumens(network: VesselNetwork, lumens: Sequence[MeasuredLumen]) -
         points=np.concatenate(points),
         radius=np.concatenate(radii),
     )
-
-
-# Cut a vessel network down to vessels that join inlet and outlet, without dead ends.
 
 
 def connected_vessels(

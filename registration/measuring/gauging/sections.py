@@ -13,8 +13,6 @@ from kernels import pjit
 from kernels.arrays import BoolArray, FloatArray
 from registration.segmentation.volume import GelField, Volume, trilinear
 
-# Kernel: cast rays across a vessel to find where they leave the lumen.
-
 
 @pjit
 def first_walls(

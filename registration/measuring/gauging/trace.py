@@ -22,8 +22,6 @@ from registration.measuring.gauging.sections import (
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import sample
 
-# Section planes across each vessel's axis in the scan's frame; vessel lengths inside junctions.
-
 
 def stations(
     network: VesselNetwork, vessel: int, spacing_mm: float
@@ -109,8 +107,6 @@ def _leaving(network: VesselNetwork, vessel: int, last: bool) -> FloatArray:
     far = int(np.argmax(away >= min(2 * radii[0], away.max())))
     return np.asarray((points[far] - points[0]) / away[far])
 
-
-# Share of a vessel's designed wall at each cross-section that lies in no other lumen.
 
 _ANGLES = 2 * np.pi * np.arange(16) / 16
 

@@ -31,8 +31,6 @@ from registration.measuring.gauging.sections import (
 from registration.measuring.gauging.trace import VesselTrace, stations
 from registration.segmentation import Segmentation
 
-# Assign scanned surface points to the vessel cross-section on whose wall they lie, if any.
-
 LEAST_MM = 0.1
 """A wall is looked for within half a radius of the design's, and at least this."""
 CLASS = 1.25
@@ -82,9 +80,6 @@ def _classes(radius: FloatArray) -> list[NDArray[np.int64]]:
     step = np.floor(np.log(radius / radius.min()) / np.log(CLASS)).astype(np.int64)
     classes = [np.flatnonzero(step == one) for one in np.unique(step)]
     return classes if len(classes) > 1 else []
-
-
-# Wall outlines of a vessel's measured sections, scaled to the reported diameter.
 
 
 @dataclass(frozen=True)
@@ -140,12 +135,8 @@ def outlines(
     return Outlines(cut, wall, shift)
 
 
-# Measure how oval a lumen is: its longest less its shortest width, where that is greatest, beyond
-# the design's own.
-#
 # A wall r₀ + Re(c e^{2iφ}) is 2 (r₀ + |c|) by 2 (r₀ - |c|) wide. One section's c is mostly noise,
 # and the length of noise isn't zero: c is averaged, as a vector, over `WINDOW` diameters.
-
 WINDOW = 2.0
 """Diameters: of an oval of 2 : 1 over a third of them 0.24 diameters are left, beyond the 0.2 of a
 ± 10 % limit; the noise of single sections would pass for as much in lumens of 0.4 mm."""

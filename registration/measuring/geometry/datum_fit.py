@@ -63,8 +63,6 @@ def light_across(there: Setting, u: FloatArray, v: FloatArray) -> tuple[float, f
     return float(size * (beam @ u)), float(size * (beam @ v))
 
 
-# Solve datum equations in order, each within the motions left free by those before (ISO 5459).
-
 LEAST_HOLD = 0.02
 """Share of its full hold below which a datum doesn't hold a freedom."""
 _NAMED = 0.99
@@ -170,8 +168,6 @@ def _vector(way: FloatArray) -> str:
     text = ", ".join(f"{v:.2f}" for v in way + 0.0)
     return f"({text})".replace("-", "\N{MINUS SIGN}")
 
-
-# Least-squares equations that lay a scanned plane face or vessel axis on its designed one.
 
 PATCH_MM = 0.5
 """Surface points nearer than this err together."""
@@ -296,8 +292,6 @@ def stack_features(parts: list[Rows]) -> Rows:
     )
 
 
-# Extrapolate a lumen's axis to its mouth, and form the mouth's datum equations.
-
 MOUTH_DIAMETERS = 2.0
 """Of a vessel that its mouth is told from."""
 
@@ -369,8 +363,6 @@ def mouth_rows(end: AxisEnd, face: Face | None, there: Setting) -> Rows:
         np.column_stack([rows.strained, plane.strained @ here]),
     )
 
-
-# Find a datum (face, axis, port) in a scan; form linear equations for the part's pose.
 
 _NEARLY = 0.94
 """Cosine of 20 degrees: a face looks a way when its normal is nearer to it."""

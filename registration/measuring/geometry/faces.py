@@ -17,8 +17,6 @@ from registration.measuring.gauging.design_to_scan import surface_points
 from registration.measuring.gauging.deviation import near_lumen
 from registration.segmentation import Segmentation
 
-# Find the large plane faces of a design, and name them by direction.
-
 LEAST_SHARE = 0.01
 """Of the design's surface, below which a plane is no face."""
 CURVED = "curved outer face"

@@ -26,8 +26,6 @@ from registration.measuring.geometry.frame import Frame, strains
 from registration.measuring.geometry.lumen import Line
 from registration.measuring.geometry.scene import Scene
 
-# Uncertainty of the part's frame at each datum, and its shift there from the best fit.
-
 
 def places_of(
     datums: Sequence[Datum], frame: Frame, start: Fit, scene: Scene

@@ -13,8 +13,6 @@ from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.measuring.gauging.vessels import Outlines
 
-# Gaussian profile filters (ISO 16610-21, -28).
-
 ALPHA = float(np.sqrt(np.log(2) / np.pi))
 """A wave of the cut-off's length keeps half of its amplitude (ISO 16610-21:2011, 4.2)."""
 
@@ -90,8 +88,6 @@ def _differences(values: NDArray[Any]) -> NDArray[Any]:
     differences = values[: -2 * lag] - 2 * values[lag:-lag] + values[2 * lag :]
     return np.asarray(differences / np.sqrt(6))
 
-
-# Designed axis of one vessel: polyline, straightness, ends, nearest points.
 
 _STRAIGHT_MM = 0.002
 """A design that leaves a straight line, or one radius, by less has none but rounding."""

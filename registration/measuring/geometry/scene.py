@@ -17,8 +17,6 @@ from registration.measuring.geometry.datum import Datum
 from registration.measuring.geometry.faces import Face
 from registration.measuring.geometry.lumen import Line, Lumen, lumen
 
-# Refuse datum features that the design lacks, before reading any scan.
-
 MOST_NAMED = 12
 """Mouths that a message names."""
 

@@ -98,8 +98,6 @@ class Zone:
         return max(low, 0.0), self.width + float(np.hypot(self.at_place, self.shared))
 
 
-# Cylindricity: width of the thinnest cylindrical shell around points.
-
 _STEPS = 2
 _FIRST = 50
 """Points farthest out and farthest in that the first programme holds."""
@@ -156,8 +154,6 @@ def _programme(along: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
         used |= outside
     return np.concatenate([step[:2], step[2:] / reach])
 
-
-# Table rows of one vessel's geometric characteristics (ISO 1101).
 
 POSITION = "position of the axis"
 LINE_PROFILE = "profile of a line, axis"
@@ -216,9 +212,6 @@ def no_cylinder(case: Case) -> Characteristic | None:
 def mouth_name(case: Case, last: bool) -> str:
     """Return the name of a mouth as datums have it."""
     return f"{'outlet' if last else 'inlet'} {case.vessel}"
-
-
-# Measure the zone widths (ISO 1101) of a vessel's axis, mouths and wall, with intervals.
 
 
 def vessel_zones(
@@ -337,8 +330,6 @@ def _in_depth(lumen: Lumen, frame: Frame, errors: ScanErrors) -> float:
     return 1.0 - float((frame.fit.rotation @ errors.beam) @ way) ** 2
 
 
-# Surface profile deviation of the part's outer faces (ISO 1101), filtered over each face.
-
 CUT_OFF_MM = 0.8
 """Of the Gaussian over a face (ISO 4288's and ISO 25178-3's usual nesting index)."""
 CELL_MM = 0.2
@@ -427,9 +418,6 @@ def _shared(place: FloatArray, normal: FloatArray, frame: Frame, errors: ScanErr
     light = float((frame.fit.rotation @ errors.beam) @ normal) ** 2
     level = np.sqrt(errors.outer_mm**2 + errors.faint_mm**2 + (light * errors.facing_mm) ** 2)
     return float(np.hypot(frame.along_mm(place, normal), COVERAGE * level))
-
-
-# Measure all geometric characteristics of a print: vessel axes, mouths, walls, outer faces.
 
 
 def cuts_of(vessels: tuple[VesselGauge, ...]) -> tuple[Cut, ...]:

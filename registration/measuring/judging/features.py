@@ -417,8 +417,6 @@ def rms_feature(
     )
 
 
-# Judge geometric characteristics (ISO 1101) against their tolerances: pass, fail, undecided.
-
 FACE_SEEN = 0.95
 """Share of a face that must be seen for a pass."""
 _LIMITS = {

@@ -49,8 +49,6 @@ from registration.measuring.judging.tolerance import (
     VesselLimits,
 )
 
-# Turn judged fails into undecided if the part's pose is ambiguous.
-
 POSE_RULE: Final = "The pose is ambiguous, so what would fail is undecided."
 _FAIL_FROM_POSE: Final = {"decision": "undecided", "doubt": "pose"}
 

@@ -14,8 +14,6 @@ from registration.measuring.judging.decisions import ORDER, decide, single_width
 from registration.measuring.judging.features import Band, worst_section
 from registration.measuring.judging.tolerance import Limit, Rule
 
-# Group a vessel's out-of-tolerance runs with the bulges or stenoses that overlap them.
-
 SIGN: Final = {"bulge": 1, "stenosis": -1}
 
 

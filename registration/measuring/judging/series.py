@@ -12,15 +12,13 @@ from registration.json_ready import Record
 from registration.measuring.gauging.changes import scatter
 from registration.measuring.judging.decisions import COVERAGE
 
-# Estimate the measurement noise of a vessel's sections, unaffected by real diameter changes.
-#
-# A stenosis over half a vessel widens the spread about the vessel's median, and would hide itself.
-# Two estimates don't see it: the scatter of a section's own rays, and differences of neighbouring
-# sections. The larger of both counts.
-
 
 def random_um(errors: Sequence[FloatArray], noise: Sequence[FloatArray]) -> list[FloatArray]:
     """Standard uncertainty of each section of each vessel by noise alone, µm.
+
+    A stenosis over half a vessel widens the spread about the vessel's median, and would hide
+    itself. Two estimates don't see it: the scatter of a section's own rays, and differences of
+    neighbouring sections. The larger of both counts.
 
     Parameters
     ----------

@@ -14,8 +14,6 @@ from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray
 from registration.errors import RegistrationError
 
-# Decision rules by name: how limits count a value's uncertainty (JCGM 106, ISO 14253-1).
-
 
 class DecisionRule(StrEnum):
     """How a measured value with its uncertainty is held against limits."""

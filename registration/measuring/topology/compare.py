@@ -15,8 +15,6 @@ from design.network import VesselNetwork
 from kernels.arrays import BoolArray, IntArray
 from registration.measuring.topology.grid import LumenGrid
 
-# Betti numbers of a set of voxels: components, handles and cavities.
-
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 
 

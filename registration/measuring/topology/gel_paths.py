@@ -16,12 +16,9 @@ from registration.alignment.distance import ModelSurface
 from registration.measuring.topology.grid import LumenGrid
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence
 
-# Grow fronts through the designed gel from all lumens and the outside, to find leak paths.
-#
 # Dijkstra's algorithm (1959, 10.1007/BF01386390) over the 26 neighbours of each voxel, from all
 # walls at once: each voxel is reached from the wall that is nearest by cost. Two fronts that meet
 # close a way between two walls, and the cheapest such ways are the candidates.
-
 IntVolume = NDArray[np.int32]
 T = TypeVar("T", bound=np.generic)
 BARRIER = -3

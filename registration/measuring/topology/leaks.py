@@ -35,11 +35,8 @@ from registration.measuring.topology.grid import LumenGrid, lay_grid
 from registration.segmentation import GelField
 from registration.segmentation.evidence import GLARE, SIGMA_MM, GelEvidence, Glints, are_separable
 
-# Measure a leak path's width, with 95 % interval, from the gel signal missing across it.
-#
 # The area of a cut is the integral of what evidence lacks there, over what it lacks in liquid; blur
 # changes it little (`EDGE`), so that a way as narrow as the resolution is measured too.
-
 _REACH_MM = (0.16, 0.5)
 """Discs are at least and at most so large in radius."""
 _BEYOND_MM = 0.06
@@ -170,18 +167,15 @@ def _areas(
     return np.where((inside >= 0.5) & np.isfinite(gel), area, np.nan), middle
 
 
-# Test for leak paths that may be only the shadow of a bubble or particle in OCT.
-#
-# Air in water sends back some thirty decibels more than gel's walls do (Fresnel: 2 % at an index of
-# 1 against 1.33, 0.001 % at 1.34 against 1.33), and little light passes it. Gel below it looks like
-# liquid down to the end of the A-scan, and no value there can tell. So a way is held again against
-# its limit with all that is shaded taken for gel.
-
-
 def may_be_shade(
     way: LeakPath, width_mm: float, scene: Scene, glints: Glints, surface: ModelSurface, fit: Fit
 ) -> bool:
     """Return whether a way is none once what lies in the shade of a glint is taken for gel.
+
+    Air in water sends back some thirty decibels more than gel's walls do (Fresnel: 2 % at an index
+    of 1 against 1.33, 0.001 % at 1.34 against 1.33), and little light passes it. Gel below it looks
+    like liquid down to the end of the A-scan, and no value there can tell. So a way is held again
+    against its limit with all that is shaded taken for gel.
 
     Parameters
     ----------
@@ -223,12 +217,9 @@ def _below(path: FloatArray, glints: FloatArray, reach: float, down: int) -> Boo
     return np.asarray(((apart <= reach) & above).any(axis=1))
 
 
-# Distinguish a junction printed too wide at its fork from a bridge between the vessels.
-#
 # Two vessels that meet at a node are one lumen there. Liquid between them is a bridge only where it
 # goes round gel; where it doesn't, the joint itself reaches farther out than designed, as
 # overlapping beads make it. Which of the two it is the Betti number of loops says.
-
 _ROUND = 1.25
 """Loops are looked for in a ball about the node, so much larger than the way's farthest place."""
 _NEAR_MM = 0.3
@@ -334,16 +325,14 @@ def _farthest(node: int, middle: FloatArray, swollen: FloatArray, grid: LumenGri
     return SwollenJoint(node, float(out[worst]), swollen[worst])
 
 
-# Tell a way that is open from a row of closed voids, which lacks as much gel on average.
-#
-# A channel as wide as the scan resolves lies below the gel's level all along it. Gel between voids,
-# or a channel narrower than that, rises above it somewhere, and nothing there can tell the two.
-
-
 def is_open(way: LeakPath, scene: Scene, field: GelField, fit: Fit) -> bool:
     """Return whether what the scan shows free of gel runs through from end to end of a way.
 
     Only through gel by design: beside a joint its lumens would join the ends.
+
+    A channel as wide as the scan resolves lies below the gel's level all along it. Gel between
+    voids, or a channel narrower than that, rises above it somewhere, and nothing there can tell the
+    two.
     """
     step = float(field.voxel_mm.min()) / 2
     along = arc_lengths(way.path)

@@ -19,8 +19,6 @@ from sim.devices.board.machine import HeatFault, Machine, Steps, Task, Wait
 from sim.devices.board.wire import BITS_PER_BYTE, LineReader, Numbering, Wire
 from sim.devices.faults import Fault, FaultyCable, Gauge, Pace
 
-# Interface of a firmware family on a simulated board: messages, commands, line numbers, kill.
-
 
 class Firmware(Protocol):
     """A family's own part; it is made for one board and knows that board.

@@ -15,15 +15,12 @@ from firmware_profiles import Printer
 from gcode.motion.state import Board, Records
 from sim.devices.board.motion import Motion
 
-# Simulated heater with thermal mass, solved in closed form for virtual time.
-#
 # While it heats, a body of heat capacity C loses heat to the room through a resistance R and takes
 # the full power P: T(t) = T_end + (T_0 - T_end) exp(-t / τ) with T_end = T_room + P R and τ = R C
 # (Newton's law of cooling). At its target it is held there exactly; above it, it cools freely.
 #
 # Not modelled: the controller's overshoot and ripple, sensors' noise and lag, one heater warming
 # another.
-
 ROOM_C: Final = 21.0
 
 
@@ -271,8 +268,6 @@ class Machine:
         """Whether a debug flag (M111 S8) keeps heaters and plunger off."""
         return bool(self.debug & 8)
 
-
-# Settings of the simulated board, and their EEPROM storage.
 
 _OF_PLANNER: Final = (
     *("steps_per_mm", "max_speed", "max_acceleration", "acceleration"),

@@ -368,8 +368,6 @@ class SimulatedPrinter(Controller):
         return self.machine.motion.executed(self.now)
 
 
-# Execute G0 to G3 (straight moves, arcs) and G92 on a simulated board.
-
 LONGEST_EXTRUSION_MM: Final = 200.0
 """As Marlin is built; no other twin's own is known."""
 ARC_PIECE_S: Final = PLANNING.block_s + PLANNING.corner_s + 2 * PLANNING.trapezoid_s

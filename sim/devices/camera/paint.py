@@ -41,8 +41,6 @@ from sim.devices.camera.scene import Bath, Camera, InkLook, Light, Plan, Scene, 
 from sim.devices.recorded_ink import InkSource
 from sim.errors import CameraError
 
-# Draw laid ink as maps of visible thickness and crest height over the camera's drawing plane.
-
 SingleArray = NDArray[np.float32]
 
 
@@ -229,8 +227,6 @@ def draw_lines(
                     crest_map[row, col] = top
 
 
-# Compute the light from the dish: bath and ink colours by depth, shaded ridges.
-
 _SMOOTH_PX: Final = 1.2
 """Of the crest before its slope is taken: what light makes of a ridge has no corners."""
 
@@ -313,8 +309,6 @@ def _direction(azimuth_deg: float) -> tuple[float, float]:
     angle = np.radians(azimuth_deg)
     return float(np.cos(angle)), float(np.sin(angle))
 
-
-# Blur, vignetting, noise and gamma: from light on the sensor to a picture.
 
 ByteArray = NDArray[np.uint8]
 _WHITE: Final = 255.0

@@ -139,10 +139,7 @@ class Scene(FileSection):
         return self
 
 
-# Project places to pixels and back: pinhole, lens distortion, tilt, flat surface of the bath.
-#
 # Own code, shared with no one who looks at the pictures: registration's projection is judged by it.
-
 _ROUNDS: Final = 60
 _STEEPEST: Final = 0.05
 """Least cosine between a ray and straight down that still is called looking at the dish."""
@@ -297,8 +294,6 @@ def _rotated(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
     across = np.cross(unit, vector)
     return np.asarray(along + np.cos(angle) * (vector - along) + np.sin(angle) * across)
 
-
-# Grid in the printer's plane on which a scene is drawn, and its map to the camera's pixels.
 
 SingleArray = NDArray[np.float32]
 

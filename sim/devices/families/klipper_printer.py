@@ -20,8 +20,6 @@ from sim.devices.families.marlin_commands import HANDLERS
 from sim.devices.families.marlin_printer import HomedFirmware
 from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
 
-# Klipper's part of a simulated board: commands and replies, after the firmware's source.
-#
 # Modelled, after its source (`klippy/gcode.py`, 2025): line numbers are skipped and checksums taken
 # off unchecked, so a garbled line is done as it came; an ``ok`` to each line; ``// Unknown
 # command``, ``!! ...`` before the ok of a command that fails; ``// Klipper state:`` Ready and
@@ -41,7 +39,6 @@ from sim.devices.families.marlin_reports import place_report, set_flow_percent, 
 # After a shutdown each line is answered, an empty one as well, as a real one does (commit 84104bbb,
 # 2026-11-22): by why it has stopped with ``//`` and ``!!``; M112 by an ``ok`` alone. (A real one
 # also still answers M105, M114 and M115.)
-
 IDLE_S: Final = 600.0
 """Klipper's default; its timer counts motion, not words."""
 _NAMED: Final = re.compile(rb"([A-Za-z]+_\w+)\s*(.*)")
@@ -251,15 +248,13 @@ class KlipperPrinter(SimulatedPrinter):
 PRINTER: Final = KlipperPrinter
 
 
-# Klipper's coordinate offsets: head position, and shifts applied to a job's coordinates.
-#
-# What a job calls a place is the head's own place less all shifts. ``shift`` of the modal state
-# leads from the planner's count to the job's, and `Offsets` keeps what leads from that count to the
-# head's.
-
-
 class Offsets:
-    """Coordinate offsets by SET_KINEMATIC_POSITION and SET_GCODE_OFFSET."""
+    """Coordinate offsets by SET_KINEMATIC_POSITION and SET_GCODE_OFFSET.
+
+    What a job calls a place is the head's own place less all shifts. ``shift`` of the modal state
+    leads from the planner's count to the job's, and `Offsets` keeps what leads from that count to
+    the head's.
+    """
 
     def __init__(self, motion: Motion) -> None:
         self._motion = motion

@@ -297,13 +297,11 @@ HANDLERS: Final[Handlers] = {
 """By letter and number, but for G0 to G3 and T."""
 
 
-# Marlin's commands that wait: G4, G28, M0, M81, M109, M400, M420, M500; also M104, M410.
-#
-# A function is a generator that yields what it waits for, or does its work at once.
-
-
 class MarlinBuild(NamedTuple):
-    """Speeds and waits of the recorded build."""
+    """Speeds and waits of the recorded build.
+
+    A function is a generator that yields what it waits for, or does its work at once.
+    """
 
     homing_mm_s: float = 50.0
     homing_z_mm_s: float = 4.0

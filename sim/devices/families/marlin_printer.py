@@ -51,13 +51,10 @@ from sim.devices.families.marlin_reports import (
     temperatures,
 )
 
-# Fast path of the simulated Marlin for one numbered G0 or G1.
-#
 # It does what the general path (`sim.devices.board.printer`) does, for the one case that makes up a
 # print: the board waits for a line, the line is whole, numbered as expected, its checksum is good,
 # it is a straight move and the planner has a place, now or when the next block ends. Anything else
 # is left untouched to the general path.
-
 NOT_TAKEN: Final = -1.0
 _N, _STAR, _G, _SEMICOLON, _EOL = ord("N"), ord("*"), ord("G"), ord(";"), 10
 _E_LETTER = 4
@@ -218,8 +215,6 @@ def _take(board: Controller, line: bytes, arrived: float, alarm: Callable[[], fl
     board.say_ok(board.firmware.ok_words())
     return True
 
-
-# Class that plugs Marlin into the simulated board: messages, command dispatch, kill.
 
 _URGENT: Final = (b"M112", b"M410", b"M108")
 _NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
@@ -427,29 +422,23 @@ class HomedFirmware(Marlin):
         return super().start(command)
 
 
-# Marlin's kill: 0.6 s delay for its message, motors running on.
-#
 # The wait is counted in the main thread's own time, and the step interrupts are still on: what the
 # planner holds is made meanwhile, and each step event makes the wait longer. Measured on
 # bugfix-2.1.x of 2024-10-11 on an ATmega2560 (simavr, 2026-11-22), from M112's last byte to the
 # last step: 0.638 s at 566 step events/s, 0.715 s at 2825, 0.843 s at 5634, 1.27 s at 10,680; with
 # and without emergency parser alike. That is 0.613 s and 47.5 µs for each event. Then interrupts go
 # off.
-
 _HALT_S: Final = 0.613
 """From the firmware's last word to the halt, with no motor running."""
 _HALT_PER_EVENT_S: Final = 47.5e-6
 """More for each step event within it."""
 
 
-# Marlin 2.1's head change (``tool_change``), with head offsets (M218).
-#
 # The motors stand first. The place gets another name, by the difference of the two heads' offsets;
 # where all axes are homed and S1 wasn't given, the carriage then goes so that the new tip is where
 # the old one was. E goes on counting where it is, and moves the new head's plunger. The reply names
 # the head in use, whether it is another or not. Not modelled: the small lift and the parking that a
 # build may do besides, on a homed machine without S1.
-
 _BACK_MM_S: Final = 300.0
 
 

@@ -14,8 +14,6 @@ from sim.devices.board.controller import Controller, Handlers
 from sim.devices.board.machine import STANDSTILL, Machine, Task
 from sim.devices.board.wire import Numbering, RefusedLine
 
-# Marlin's line numbers, checksums and resend requests; emergency codes that bypass the queue.
-
 _INTEGER: Final = re.compile(rb"\s*([+-]?\d+)")
 LINE_NUMBER: Final = b"Line Number is not Last Line Number+1"
 CHECKSUM: Final = b"checksum mismatch"
@@ -62,11 +60,8 @@ def request_resend(board: Controller) -> None:
     board.machine.say("ok")
 
 
-# Marlin's emergency codes, which bypass the queue: M108, M112 and M410.
-#
 # With EMERGENCY_PARSER they act as their bytes arrive, wherever they stand in the line of commands;
 # without, as their line enters the queue.
-
 EMERGENCY: Final = re.compile(rb" *(?:N[0-9 -]*)?M *(108|112|410)")
 """Begin of a line that the emergency parser acts on."""
 QUICKSTOP_S: Final = 1.024
@@ -200,11 +195,8 @@ def m155(board: Controller, command: Command) -> None:
         report.set(command.values["S"], board.machine.now)
 
 
-# Long replies of a real Marlin build (`tests/sim/data/marlin`): M115 and boot banner.
-#
 # The settings' image in the EEPROM isn't modelled: its size and CRC are those of the recorded
 # build.
-
 UUID: Final = "cede2a2f-41a2-4748-9b12-c55c62f367ff"
 SETTINGS: Final = "597 bytes; crc 27963"
 _CAPABILITIES: Final = """
@@ -253,11 +245,8 @@ BANNER: Final = (
 """What a board says after a reset."""
 
 
-# Simulated Marlin's settings commands (M92, M200 to M206, M301) and M503 report.
-#
 # A step count, speed or acceleration of 0 or less is reported as it was set, as by Marlin, but
 # not kept to: what Marlin makes of it isn't modelled.
-
 _AXES: Final = "XYZE"
 _NETFABB_STEPS: Final = 20.0
 
@@ -424,14 +413,12 @@ def m200(board: Controller, command: Command) -> None:
         machine.say(f"  {filament_line(machine)}")
 
 
-# Marlin's commands that scale speed and flow: M220, M221 factors, M200 filament diameter.
-#
-# Marlin reads their percentages as 16-bit whole numbers: M220 S50.7 is 50 %, S40000 is -25536 %.
-# RepRapFirmware and Klipper keep the fraction.
-
-
 def _whole(command: Command) -> Command:
-    """With the percentage as a 16-bit whole number."""
+    """With the percentage as a 16-bit whole number.
+
+    Marlin reads their percentages as 16-bit whole numbers: M220 S50.7 is 50 %, S40000 is -25536 %.
+    RepRapFirmware and Klipper keep the fraction.
+    """
     if "S" not in command.values:
         return command
     percent = float((int(command.values["S"]) + 0x8000 & 0xFFFF) - 0x8000)

@@ -16,8 +16,6 @@ from sim.devices.families.marlin_commands import HANDLERS
 from sim.devices.families.marlin_printer import HomedFirmware
 from sim.devices.families.marlin_reports import place_report, set_flow_percent, set_speed_percent
 
-# RepRapFirmware's part of a simulated board: Marlin's, with its own commands and replies.
-#
 # Modelled, after its source (`StringParser.cpp`, 3.x): a line with N and a checksum of one to three
 # digits (XOR) or five (CRC-16) is checked; a bad one is dropped without a word; numbers aren't
 # compared, so a line sent twice is done twice; N without a checksum and lines without N are done as
@@ -31,7 +29,6 @@ from sim.devices.families.marlin_reports import place_report, set_flow_percent, 
 # Not modelled: its motion (Marlin's planner runs here), its macros, object model and expressions,
 # tools beyond T P0 and G10 P with offsets, its larger buffers but for what the profile says. After
 # the emergency stop a real one still answers; this one is silent.
-
 _MISSING: Final = ("M31", "M75", "M76", "M77", "M113", "M154", "M155", "M211", "M503")
 
 
@@ -99,8 +96,6 @@ def _g92(board: Controller, command: Command) -> None:
     """Where Marlin reports the position too."""
     set_position(board)
 
-
-# RepRapFirmware's two checksum types; line numbers aren't compared.
 
 _NUMBER: Final = re.compile(rb"N(\d+)")
 _DIGITS: Final = re.compile(rb"\d*")

@@ -236,8 +236,6 @@ def _render(
     return out
 
 
-# Simulate an OCT scan of a fixed field during a print.
-
 _FINEST_MM: Final = 0.02
 _PER_VOXEL: Final = 0.625
 """The ink is laid somewhat finer than it is scanned, so that its own voxels don't show."""

@@ -139,8 +139,6 @@ def check_range(name: str, value: float, low: float, high: float, unit: str) -> 
         raise ScannerError(f"{name} is {value:g} {unit}; allowed are {low:g} to {high:g} {unit}")
 
 
-# Kernels of the simulated scanners: blur, sampling, reproducible noise.
-
 ByteArray = NDArray[np.uint8]
 
 

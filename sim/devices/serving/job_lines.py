@@ -105,16 +105,14 @@ class JobLines:
             return b""
 
 
-# Read lines inserted into a job, from the print host's journal.
-#
-# The format is `printctl.machine.records.journal`'s, once more, because a simulated printer imports
-# nothing of its host: ``<crc32 of the JSON, 8 hex digits> <JSON>`` a line, records
-# with ``t: insert``, ``after`` (commands of the job before, earlier inserts counted), ``lines`` and
-# perhaps ``flow``: what writes behind it pushes so many times what the file says.
-
-
 class Inserted(NamedTuple):
-    """Commands before an insert, its lines, and the flow behind it."""
+    """Commands before an insert, its lines, and the flow behind it.
+
+    The format is `printctl.machine.records.journal`'s, once more, because a simulated printer
+    imports nothing of its host: ``<crc32 of the JSON, 8 hex digits> <JSON>`` a line, records with
+    ``t: insert``, ``after`` (commands of the job before, earlier inserts counted), ``lines`` and
+    perhaps ``flow``: what writes behind it pushes so many times what the file says.
+    """
 
     after: int
     lines: list[bytes]

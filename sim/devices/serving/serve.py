@@ -30,8 +30,6 @@ from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.serving.port import Port
 from sim.errors import ServeError
 
-# Port of the simulated printer: a pseudo-terminal, or a local TCP socket.
-
 
 class Event(NamedTuple):
     """What the port is ready for."""

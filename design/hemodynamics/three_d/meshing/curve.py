@@ -108,8 +108,6 @@ def _level(points: FloatArray, faces: IntArray, free: IntArray, shape: Shape) ->
         points[free] += step[free]
 
 
-# Check curved tetrahedra for folding by bounds of the Jacobian; straighten those that fold.
-
 LEAST: Final = 0.05
 """Least Bernstein coefficient over the straight element's determinant that isn't straightened."""
 _HALVINGS: Final = 4

@@ -71,16 +71,14 @@ class LumenMesh:
     ports: tuple[MeshPort, ...]
 
 
-# Lagrange elements on tetrahedra: shape functions, gradients and quadrature rules.
-#
-# Nodes of degree k have barycentric coordinates α/k with |α| = k. The polynomial that is 1 at one
-# and 0 at the others is Π over the four corners c of Π over j < α_c of (k λ_c - j)/(j + 1),
-# Silvester 1969, doi 10.1002/nme.1620010111.
-
-
 @cache
 def multi_indices(degree: int) -> IntArray:
-    """Return all α of four non-negative integers whose sum is ``degree``, (n, 4)."""
+    """Return all α of four non-negative integers whose sum is ``degree``, (n, 4).
+
+    Nodes of degree k have barycentric coordinates α/k with |α| = k. The polynomial that is 1 at one
+    and 0 at the others is Π over the four corners c of Π over j < α_c of (k λ_c - j)/(j + 1),
+    Silvester 1969, doi 10.1002/nme.1620010111.
+    """
     return np.array(
         [a for a in product(range(degree, -1, -1), repeat=4) if sum(a) == degree], dtype=np.int64
     )

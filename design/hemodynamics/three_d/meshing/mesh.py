@@ -101,9 +101,6 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
     return curve_edges(surface, points, tets, wall, wall.ports)
 
 
-# Mesh a lumen given as a surface (scanned, or made by booleans) with curved tetrahedra.
-
-
 @dataclass(frozen=True)
 class SurfaceOptions:
     """Options of meshing a lumen given as a surface.
@@ -162,9 +159,6 @@ def surface_mesh(
     inside, size, _ = axis_places(network, _SIZES.on_axis * options.edge_ratio)
     filled, tets = fill(surface, inside, size)
     return curve_edges(surface, filled, tets, wall, cut.ports)
-
-
-# Fill a closed triangulated surface with tetrahedra, by Netgen.
 
 
 def fill(
@@ -232,9 +226,6 @@ def _oriented(points: FloatArray, tets: IntArray) -> IntArray:
     tets = tets.copy()
     tets[turned] = tets[turned][:, [0, 2, 1, 3]]
     return tets
-
-
-# Cut a closed lumen surface flat at the network's ends; label its faces as wall or port.
 
 
 class _Cut(NamedTuple):

@@ -74,9 +74,6 @@ def port_labels(
     return label
 
 
-# Check a lumen's triangulated wall against the intended network before meshing its inside.
-
-
 def check_surface(surface: LabelledSurface, wall: LumenWall, fillet_ratio: float) -> None:
     """Refuse a surface that isn't the wall's, that crosses itself, or whose ports aren't open.
 
@@ -131,9 +128,6 @@ def _check_ports(surface: LabelledSurface, ports: tuple[MeshPort, ...]) -> None:
                 f"disc: {face_area:.3g} of {disc:.3g} mm²; another vessel runs into it, or it is "
                 "shorter than it is wide: draw it out, or move it"
             )
-
-
-# Smooth wall shape from a triangulated lumen surface, for remeshing and curved elements.
 
 
 class _Rounding(NamedTuple):

@@ -299,9 +299,6 @@ def _unbranched(network: VesselNetwork) -> IntArray:
     return _connected(vessel, network.vessel_nodes[vessel, end], network.vessel_count)
 
 
-# Compute the flow in each vessel from a 3D solution, with mass conserved at the nodes.
-
-
 class _Balance(NamedTuple):
     """Limits of the mass balance."""
 

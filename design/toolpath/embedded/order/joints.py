@@ -28,8 +28,6 @@ from design.toolpath.embedded.rules import (
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-# Find ink that the needle's shaft would hit if a writing stroke were extended past its end.
-
 NEVER: Final = 1 << 40
 """When an element is written that isn't."""
 

@@ -268,14 +268,12 @@ def _move_together(
         at += 1
 
 
-# Reorder and reverse writing strokes for shorter travels, with the shaft kept out of ink.
-#
-# Or-opt (Or 1976) with precedence: runs of up to three passes go where they make the way shortest,
-# as long as every rule between two passes is kept.
-
-
 class _TravelCosts(NamedTuple):
-    """What travels cost, and how far their order is searched."""
+    """What travels cost, and how far their order is searched.
+
+    Or-opt (Or 1976) with precedence: runs of up to three passes go where they make the way
+    shortest, as long as every rule between two passes is kept.
+    """
 
     climb: float = 4.0  # mm across that take as long as 1 mm up or down, at 20 and 5 mm/s
     other_head_mm: float = 1000.0  # way that costs as much as a change of heads
@@ -445,8 +443,6 @@ def _move(
     for k in range(min(low, to), max(low + size, to)):
         place[order[k]] = k
 
-
-# Order writing strokes in rounds, each with added rules for open joints; keep the best order.
 
 WAYS = ((True, True), (False, True), (False, False))
 """Whether passes are merged, and moved for shorter travels: tried in turn as long as joints stay

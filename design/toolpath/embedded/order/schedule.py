@@ -35,8 +35,6 @@ from design.toolpath.embedded.rules import Rules
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
-# Mark a row of vessel elements as written, up to one that must wait or is already written.
-
 
 class Leg(NamedTuple):
     """Elements of one vessel written in a row: ``element``, then ``size - 1`` more by ``step``."""
@@ -179,8 +177,6 @@ def _forced(rules: Rules, progress: Progress) -> int:
     progress.waiting[best] = -(1 << 40)
     return 2 * best
 
-
-# Choose a part of a vessel to write next if no unwritten vessel may be written whole.
 
 TRIED, FOLLOWED = 64, 64
 """Cuts tried where all wait for each other, the lowest; and stretches looked at behind each, as

@@ -264,9 +264,6 @@ def out_of_room(
     )
 
 
-# Filter target points to those inside the tissue, in Z-order.
-
-
 class Samples(NamedTuple):
     """Points to grow to, as kernels take them.
 

@@ -28,8 +28,6 @@ from design.vasculature.growth.kernels.repair_settings import MUST_GO, REPAIR
 from design.vasculature.options import Law
 from kernels import jit
 
-# Remove terminals from a tree until no segment is wider than its surroundings allow.
-
 
 @jit
 def prune(

@@ -45,8 +45,6 @@ from printctl.recipe.parts import OneDPart, ThreeDPart
 from printctl.run_folder.artefacts import NETWORK
 from registration.measuring.gauging import with_printed_lengths
 
-# 95 % intervals of flow as printed, by drawing lumens within their measured errors (0D).
-
 DRAWS: Final = 400
 PERCENTILES: Final = (2.5, 97.5)
 _K: Final = float(ndtri(0.975))

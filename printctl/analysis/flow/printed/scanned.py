@@ -28,8 +28,6 @@ from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NUMBERS
 from printctl.run_folder.registration_files import DEVIATION, load_deviation
 
-# Offset a scanned lumen's surface to the vessel diameters that registration measured.
-
 _APART: Final = 0.25
 _SECTIONS: Final = 5
 """Of a vessel."""

@@ -405,8 +405,6 @@ class PositionCheck:
         return f"; its motors were told to stop ({quickstop.decode()})"
 
 
-# --- lines that noise garbled despite a valid checksum -------------------------------------------
-
 SOONEST_LINES: Final = 5
 """So many lines after an error the position is compared: a word garbled past the checksum (X to Z)
 stays wrong until a later line gives it again."""

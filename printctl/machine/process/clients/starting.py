@@ -63,8 +63,6 @@ FILES_BYTES: Final = 2**16
 """Of a station's record, journal and address, with room for the record's next version."""
 _PROCESS: Final = "printctl.machine.process"
 
-# --- a print on a port of its own ----------------------------------------------------------------
-
 
 def stop_and_leave(client: PrintClient) -> NoReturn:
     """End a print whose start was interrupted; raise KeyboardInterrupt."""
@@ -171,9 +169,6 @@ def resume_print(
         baud=record.baud,
     )
     return start_print(order, on_interrupt)
-
-
-# --- a print that may be going on, ended or interrupted ------------------------------------------
 
 
 def find_or_start(
@@ -309,9 +304,6 @@ def _journalled_hash(folder: Path) -> str:
         return str(read_journal(folder / JOURNAL).job.get("sha256", ""))
     except LinkError:
         return ""
-
-
-# --- a station -----------------------------------------------------------------------------------
 
 
 def connect(

@@ -27,8 +27,6 @@ from printctl.progress import Report
 from printctl.recipe.sections.toolpath import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
 
-# Arrays of a plate job's map: each line's well; all wells' vessels for the needle shaft check.
-
 _NETWORK: Final = ("nodes", "vessel_nodes", "offset", "points", "radius")
 
 

@@ -29,8 +29,6 @@ from printctl.pipeline.stages.printing import EXECUTED
 from printctl.progress import Report
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
 
-# Cut one well's moves out of the executed motion of a simulated plate print.
-
 
 def cut_stage(run: PlateRun) -> Stage:
     """The stage that stands in a well's run for its print."""
@@ -78,9 +76,6 @@ def motion_in_well(motion: ExecutedMotion, standing: StandingPlate, well: str) -
     return ExecutedMotion(
         **{item.name: getattr(motion, item.name)[inside] for item in fields(motion)}
     )
-
-
-# Print stage of a plate: a single part's print stage, its progress naming the current well.
 
 
 def print_stage(run: PlateRun) -> Stage:

@@ -184,9 +184,6 @@ def relative(run: PlateRun, context: RunContext, name: str) -> str:
     return Path(WELLS, context.folder.relative_to(run.whole.folder / WELLS), name).as_posix()
 
 
-# Refuse a part too wide for its well with the needle's clearance, before planning.
-
-
 def check_fit(context: RunContext) -> None:
     """Refuse a part that its needle can't write without touching the well's wall.
 

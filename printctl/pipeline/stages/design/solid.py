@@ -22,8 +22,6 @@ from printctl.recipe.sections.growth import NamedNetwork
 from printctl.recipe.sections.tissue import NetworkTissue
 from printctl.run_folder.artefacts import NETWORK, SOLID, SURFACE
 
-# Warn, by vessel and place, of lumens that the construct holds otherwise than the network.
-
 NAMED: Final = 3
 """Vessels or pairs that a note names, the worst first; the others are counted."""
 _MOUTH_RADII: Final = 3.0

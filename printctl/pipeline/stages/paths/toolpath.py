@@ -76,8 +76,6 @@ from printctl.recipe.sections.regions import FillingPart, RegionPart
 from printctl.recipe.sections.toolpath import Embedded, Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, SOLID, SURFACE
 
-# Build a FRESH part's infill, and its regions with their own infill or head, from a recipe.
-
 
 def make_filling(part: FillingPart) -> Filling:
     """The recipe's infill."""

@@ -37,8 +37,6 @@ class CameraState:
     """The last picture, however old."""
 
 
-# Messages of the camera process: a line of JSON, then a picture.
-
 _LONGEST_LINE: Final = 2000
 _MOST_BYTES: Final = 20_000_000
 

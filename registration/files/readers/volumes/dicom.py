@@ -26,12 +26,9 @@ from registration.files.readers.common import (
     scan_file_errors,
 )
 
-# Geometry and grey values of DICOM frames: position, stacking order, rescaling.
-#
 # DICOM PS3.3 C.7.6.2 (image plane: ImageOrientationPatient holds the direction of growing column
 # index, then of growing row index; the patient's frame is LPS), C.7.6.16 (functional groups),
 # C.8.8.3.2 (GridFrameOffsetVector), C.11.1 (modality LUT).
-
 _MOST_TURN = 1e-3
 _MOST_UNEVEN = 0.01
 _GREY = ("MONOCHROME1", "MONOCHROME2")

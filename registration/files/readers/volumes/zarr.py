@@ -26,8 +26,6 @@ from registration.files.readers.common import (
 )
 from registration.files.readers.metadata import SCHEMA, known_keys
 
-# Read axis scale, translation and anatomical orientation (NGFF RFC-4) from OME-Zarr metadata.
-
 _SPACE = ("x", "y", "z")
 _PLACES = {
     "left": (1.0, 0.0, 0.0), "right": (-1.0, 0.0, 0.0),

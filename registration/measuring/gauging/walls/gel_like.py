@@ -16,11 +16,8 @@ from registration.measuring.gauging.trace import VesselTrace
 from registration.segmentation import GelEvidence, are_separable
 from registration.segmentation.evidence import SIGMA_MM
 
-# Judge section centres as gel or liquid; mark sections where neither is certain as not seen.
-#
 # The mean evidence within 0.7 radii of the axis is held against both gel (1) and liquid. A section
 # is called open only where gel is rejected, closed only where liquid is; else it isn't seen.
-
 CORE = 0.7
 """Of the designed radius: clear of walls that lie somewhat elsewhere."""
 REJECTED = 3.0
