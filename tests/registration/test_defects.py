@@ -27,6 +27,7 @@ from registration.measuring.topology import (
 )
 from registration.measuring.topology.compare import euler_number
 from registration.measuring.topology.gel_paths import find_gel_paths
+from registration.options import RegistrationOptions
 from registration.segmentation import GelField, Segmentation, Strength, gel_evidence
 from tests.design.networks import polyline
 from tests.registration.phantom import (
@@ -51,8 +52,10 @@ def findings(segmentation: Segmentation) -> Findings:
     deviation = deviations(surface, segmentation.surface.vertices, False)
     fits = Alignment(IDENTITY, IDENTITY, 2, True, np.inf, (), SURE, "upright", ())
     evidence = gel_evidence(segmentation.field, segmentation.strength)
-    known = (fits, deviation, 0.1, 1e-3, None, ERRORS, evidence)
-    return inspect(Inspection(ladder(), surface, False, segmentation, *known))
+    scan: Any = None  # it is segmented already
+    options = RegistrationOptions(false_alarm=1e-3)
+    case = (scan, ladder_construct(), ladder(), options, segmentation, surface, False, ERRORS, 0.1)
+    return inspect(Inspection(*case, fits, deviation, evidence))
 
 
 def hump(vessel: int, at: float, height: float, sigma: float):
