@@ -166,7 +166,7 @@ def _gel_at(case: PreparedScan, fit: Fit, evidence: GelEvidence) -> FloatArray |
     """Whether there is gel at the places that the options name; NaN where it can't be told."""
     if case.options.places_mm is None:
         return None
-    probe = GelProbe(case.segmentation, case.scan.depth_down, evidence)
+    probe = GelProbe(case.segmentation, case.scan.depth_down, evidence, calibrated=False)
     read = probe.at(fit.invert(case.options.places_mm))
     return np.where(read.known, read.gel, np.nan)
 

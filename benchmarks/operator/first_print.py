@@ -94,4 +94,4 @@ def rows(quick: bool) -> Iterator[Row]:
                 took = time.monotonic() - begin
                 yield limited(f"from git clone: {what}", took, "s", GOAL_S)
             page.click("#pc-stop")  # the print would outlive its server, as it should
-            page.get_by_text("It has halted").first.wait_for(timeout=60_000)
+            page.get_by_text("has halted").first.wait_for(timeout=60_000)

@@ -29,7 +29,7 @@ class GelReading:
     Attributes
     ----------
     gel : (...,) bool
-        Where there is gel by the segmentation, its walls where a calibration has them.
+        Where there is gel by the segmentation.
     known : (...,) bool
         Within the field of view, where light came so deep and the noise leaves gel and liquid
         apart.
@@ -49,12 +49,21 @@ class GelProbe:
         Whether light runs towards the scan's larger z.
     evidence : GelEvidence, optional
         Of the segmentation; without it noise is taken to leave gel and liquid apart everywhere.
+    calibrated : bool
+        Whether walls are read where a calibration has them, or where the scan's level has them. A
+        wall that moves by a share of a line's height would take its outermost lines for missing.
     """
 
     def __init__(
-        self, segmentation: Segmentation, depth_down: bool, evidence: GelEvidence | None = None
+        self,
+        segmentation: Segmentation,
+        depth_down: bool,
+        evidence: GelEvidence | None = None,
+        *,
+        calibrated: bool = True,
     ) -> None:
         self._field, self._evidence = segmentation.field, evidence
+        self._calibrated = calibrated
         strength = segmentation.strength
         self._reach = None
         if strength is not None:
@@ -62,7 +71,8 @@ class GelProbe:
 
     def at(self, points: FloatArray) -> GelReading:
         """Read (..., 3) scan positions, mm."""
-        above = _above_level(self._field, points)
+        read = _above_level if self._calibrated else GelField.above_level
+        above = read(self._field, points)
         where = (points - self._field.origin_mm) / self._field.voxel_mm
         last = np.array(self._field.values.shape[::-1]) - 1
         well = ((where >= _EDGE_VOXELS) & (where <= last - _EDGE_VOXELS)).all(axis=-1)

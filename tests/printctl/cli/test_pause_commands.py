@@ -105,7 +105,7 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
         reload(run)
         while client.status.waits_for != "syringe":
             time.sleep(0.02)
-        with pytest.raises(LinkError, match="paused for a change of syringe"):
+        with pytest.raises(LinkError, match="paused for a syringe change"):
             resume(run)
         with pytest.raises(UsageError, match=r"bore of 7\.28 mm"):
             resume(run, syringe="hamilton_2_5ml")
@@ -221,7 +221,7 @@ def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(prof
         for words, why in (
             (("pause", "job.gcode", "--after", "vessel"), "marks no end of a vessel"),
             (("reload", "job.gcode"), ("marks no safe reload point", "then `printctl reload RUN`")),
-            (("resume", "job.gcode", "--plunger-mm", "0"), "isn't paused for a change of syringe"),
+            (("resume", "job.gcode", "--plunger-mm", "0"), "isn't paused for a syringe change"),
         ):
             shell.refuses(why, *words, code=1)
         served.gate.set()

@@ -98,7 +98,7 @@ def test_strip_and_curve_of_a_print_folder(tmp_path: Path) -> None:
     curve, strip = found.values()
     assert [name.startswith("print/") for name in found] == [True, True]
     assert "3 looks in their order" in list(found)[1]
-    assert {"mended", "paused or stopped"} <= set(etree.fromstring(curve).itertext())
+    assert {"mended", "paused or cancelled"} <= set(etree.fromstring(curve).itertext())
     with Image.open(io.BytesIO(strip)) as picture:
         assert picture.width == 3 * picture.height
         edges = [picture.convert("RGB").getpixel((k * picture.height + 1, 100)) for k in range(3)]

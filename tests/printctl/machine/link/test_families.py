@@ -218,8 +218,8 @@ class CountingDuet(FakeDuet):
     ("astray_mm", "axes", "state", "words"),
     [
         (0.0, "Cartesian", LinkState.DONE, "lines done"),
-        (0.1, "Cartesian", LinkState.POSITION_UNKNOWN, "its motors' steps make"),
-        (0.1, "CoreXY", LinkState.DONE, "its motors' steps aren't"),
+        (0.1, "Cartesian", LinkState.POSITION_UNKNOWN, "its motor steps correspond"),
+        (0.1, "CoreXY", LinkState.DONE, "without motor steps"),
     ],
 )
 def test_end_compares_the_motors_steps_of_a_duet(tmp_path, astray_mm, axes, state, words):

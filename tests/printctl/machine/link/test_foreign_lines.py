@@ -26,7 +26,7 @@ from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import PRINTER, START, gcode, wire, wired
 from tests.printctl.machine.link.simulated import printed as printed_shared
 
-OTHERS = "another program or noise wrote to this printer: 1 answer more than lines"
+OTHERS = "another program or noise wrote to this printer: 1 reply more than lines"
 
 
 def started(sent: int = 30) -> MarlinProtocol:
@@ -178,7 +178,7 @@ def test_a_stop_ends_a_wait_for_a_person_at_the_printers_button(tmp_path):
     status, _ = printed_shared(gcode(MOVES), tmp_path, wire, on_status=on_status, keep=kept)
     assert status.state is LinkState.STOPPED
     alarms = " ".join(read_journal(tmp_path / "journal.log").alarms)
-    assert "waits for somebody to press its own button" in alarms
+    assert "waits for its own button to be pressed" in alarms
 
 
 def test_heater_that_another_program_switches_on_is_set_back(tmp_path):

@@ -106,7 +106,7 @@ def test_each_command_of_a_halt_is_told_with_its_own_time(monkeypatch, parser, e
 @pytest.mark.parametrize(
     ("says_something", "told"),
     [
-        (True, "have stood since M410 was taken"),
+        (True, "stopped at M410 at the latest"),
         (False, "may have run on for up to 0.6"),
     ],
 )
@@ -321,7 +321,7 @@ def test_a_stop_whose_position_cant_be_read_ends_with_a_sentence(tmp_path):
     moves = "".join(f"G1 Y{20 + 20 * (k % 2)} F1200\n" for k in range(1, 200))
     status, _, _ = stopped("G92 E0\n" + moves, tmp_path, Unreadable)
     assert status.state is LinkState.STOPPED
-    assert "where it stands can't be read" in status.message
+    assert "its position can't be read" in status.message
     assert not status.position_known
 
 

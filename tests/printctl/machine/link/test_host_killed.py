@@ -220,7 +220,7 @@ def test_unreadable_journal_says_nothing_of_the_motors(tmp_path, journal):
     assert outcome.state is LinkState.INTERRUPTED
     assert "its progress is unknown" in outcome.message
     assert "motors may be moving" in outcome.message
-    assert "had not begun" not in outcome.message
+    assert "had not started" not in outcome.message
 
 
 def test_print_without_journal_or_address_had_not_begun(tmp_path):

@@ -120,7 +120,7 @@ def test_a_start_that_the_printer_or_the_job_confirms_is_printed(tmp_path):
     assert status.state is LinkState.DONE
     (tmp_path / "other").mkdir()
     status = printed(tmp_path / "other", DATA, care=Care(start_mm=(1.0, 2.0, 3.0)))[0]
-    assert "the job's first lines say" in status.message
+    assert "the job's first lines set" in status.message
 
 
 @pytest.mark.parametrize("job", [b"M302 S0\n", b"M302 S100\n", b"M302 S5 P1\n"])

@@ -491,7 +491,7 @@ def test_a_firmware_that_doesn_t_take_the_head_is_not_moved(tmp_path):
     before = printer.machine.motion.planner["position"][0].tolist()
     status = went_on(tmp_path, printer, clock)
     assert status.state is LinkState.POSITION_UNKNOWN
-    assert "doesn't say that it uses head" in status.message
+    assert "doesn't confirm head" in status.message
     assert printer.machine.motion.planner["position"][0].tolist() == before
 
 

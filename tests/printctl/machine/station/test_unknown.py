@@ -52,7 +52,7 @@ def test_numbers_from_before_count_only_where_the_printer_answers(state: Station
             "Y not homed since the printer was connected, reset or stopped",
         ),
         ({"ul_left": None}, "ink", "the syringe's fill level wasn't set"),
-        ({"ul_left": None, "mounted": MountedParts()}, "ink", "no syringe is named"),
+        ({"ul_left": None, "mounted": MountedParts()}, "ink", "no syringe is specified"),
         ({"temperatures": ()}, "temperatures", "hasn't reported any"),
     ],
 )

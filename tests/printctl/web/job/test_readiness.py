@@ -170,7 +170,7 @@ def test_another_browsers_controls_and_a_job_that_cant_be_read_refuse(
     refusals = room.readiness(OPERATOR, bad).refusals
     assert [one.action for one in refusals[:2]] == ["controls", "connect"]
     failed = next(one for one in refusals if one.kind == Kind.FORBIDDEN_COMMAND)
-    assert failed.sentence().startswith("G91: may not be sent by a job: 1, limit 0 (line 1)")
+    assert failed.sentence().startswith("G91 is not allowed in a job: 1, limit 0 (line 1)")
 
 
 def test_a_simulated_printer_wants_no_name_and_no_points(
