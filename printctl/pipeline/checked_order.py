@@ -11,21 +11,15 @@ import math
 from collections.abc import Container, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from pydantic import ValidationError
 
 from firmware_profiles import Printer
 from firmware_profiles.errors import wording
-from gcode.dry_run.run import DryRun, dry_run
-from gcode.program.modal import MOVE
-from gcode.program.read_program import declared_start as declared_in_text
 from gcode.user_files import read_gcode_path
 from printctl.checks.kinds import Kind
-from printctl.checks.preflight.ink import PrintTime, viability_checks, viability_facts
-from printctl.checks.preflight.set_up import Designed, file_checks, read_map_wells
-from printctl.checks.preflight.shaft import FileShaft, file_shaft
 from printctl.checks.set_up import (
     Check,
     Point,
@@ -47,6 +41,13 @@ from printctl.machine.prints.mounted import There, first_syringe_ul, left_check,
 from printctl.machine.process.orders import ASIDE_MM, Order
 from printctl.recipe.sections.making import CarePart
 
+if TYPE_CHECKING:
+    from gcode.dry_run.run import DryRun
+    from printctl.checks.preflight.set_up import Designed
+    from printctl.checks.preflight.shaft import FileShaft
+
+# Kernels, which the dry run and its checks load, are imported where they work: the page and each
+# command read what this module defines when they start.
 MIN_LIFT_MM: Final = 20.0
 """Of a stop or pause: room for a hand between needle and dish."""
 ABOVE_MM: Final = 5.0
@@ -192,6 +193,11 @@ def checked_order(job: Path, set_up: SetUp, care: OrderCare) -> CheckedOrder:
     UsageError
         For a map beside it that is of another file or can't be read.
     """
+    from gcode.dry_run.run import dry_run
+    from printctl.checks.preflight.ink import PrintTime, viability_checks, viability_facts
+    from printctl.checks.preflight.set_up import file_checks
+    from printctl.checks.preflight.shaft import file_shaft
+
     data = read_gcode_path(job)
     run = dry_run(data, set_up.printer, set_up.start_mm or (0.0, 0.0, 0.0))
     line_map = job.with_suffix(".map.npz")
@@ -235,6 +241,8 @@ def told_start(gcode: bytes, name: str, printer: Printer) -> Point | None:
 
     `start_checks` refuses a job that tells a part of it alone.
     """
+    from gcode.program.read_program import declared_start as declared_in_text
+
     try:
         return declared_start(parse_job(gcode, name, printer))
     except JobError:  # so that its other checks begin where it does
@@ -285,6 +293,9 @@ def lift_of(run: DryRun, set_up: SetUp, designed: Designed | None, line_map: Pat
 
     At least `MIN_LIFT_MM`; the top of the axis ends it.
     """
+    from gcode.program.modal import MOVE
+    from printctl.checks.preflight.set_up import read_map_wells
+
     program = run.program
     writes = run.doses & (program.kind == MOVE)
     heights = np.concatenate([program.before[writes, 2], program.target[writes, 2]])

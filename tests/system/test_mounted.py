@@ -148,7 +148,7 @@ def test_a_run_on_a_real_port_keeps_to_what_is_mounted(tmp_path: Path) -> None:
     data = yaml.safe_load(recipe.read_text())
     del data["printer"]["syringe"]
     recipe.write_text(yaml.safe_dump(data))
-    told = refused(2, *words, cwd=tmp_path)
+    told = refused(3, *words, cwd=tmp_path)
     assert "note: assumed syringe hamilton_1ml, as the recipe names no other" in told
     assert "syringe unknown: neither named nor mounted on generic_marlin" in told
 

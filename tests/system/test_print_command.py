@@ -243,7 +243,7 @@ def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(tmp_path, 
             "print", job, "--port", port, *given, "--checkpoint-every", "0", cwd=tmp_path
         )
     assert broken.returncode == 4, broken.stderr
-    assert "position_unknown" in broken.stderr
+    assert "position unknown" in broken.stderr
     made = called("recover", job, "--yes", "--json", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     assert "straight up" in made.stderr

@@ -335,7 +335,7 @@ def test_other_patterns_stay_in_their_frame_and_write_what_they_say(
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--length", "50"), "dish's wall"),
+        (("--length", "50"), "dish wall"),
         (("--at", "100,100,0.5"), "floor"),
         (("--at", "3,100,5"), "x, lowest"),
     ],

@@ -90,7 +90,7 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
         with pytest.raises(PrintctlError, match=r"isn't paused \(printing"):
             resume(run)
         pause(run, "layer")
-        with pytest.raises(LinkError, match="marks no end of a vessel"):
+        with pytest.raises(LinkError, match="has no end of a vessel"):
             pause(run, "vessel")
         alive(run)
         served.gate.set()
@@ -219,8 +219,8 @@ def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(prof
         client = start_print(Order(job, profile, served.name, Path("job.gcode.print")))
         assert served.held.wait(10)
         for words, why in (
-            (("pause", "job.gcode", "--after", "vessel"), "marks no end of a vessel"),
-            (("reload", "job.gcode"), ("marks no safe reload point", "then `printctl reload RUN`")),
+            (("pause", "job.gcode", "--after", "vessel"), "has no end of a vessel"),
+            (("reload", "job.gcode"), ("has no safe reload point", "then `printctl reload RUN`")),
             (("resume", "job.gcode", "--plunger-mm", "0"), "isn't paused for a syringe change"),
         ):
             shell.refuses(why, *words, code=1)
@@ -230,7 +230,7 @@ def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(prof
 
 
 # --- print disturbed by another program's commands: not reported as proven complete
-JOB = "M85 S600\nM302 P1\nG90\nM82\nG1 X1 Y5 E0.1 F600\nG1 X2 Y5 E0.2 F600\n"
+JOB = "M85 S600\nM302 P1\nG90\nM82\nG1 X1 Y5 E0.1 F600\nG1 X2 Y5 E0.2 F600\nG0 Z5\n"
 
 
 @pytest.mark.parametrize(("known", "code"), [(True, 0), (False, 1)])

@@ -195,7 +195,7 @@ def test_an_ink_without_a_role_is_a_warning(tmp_path: Path) -> None:
     unknown = load(Ink, "collagen_fresh").model_copy(update={"role": None})
     (check,) = role_checks([unknown, unknown], load(Bath, "cell_matrix"), "vessels")
     assert not check.refuses
-    assert "set role in the ink's profile" in check.sentence()
+    assert "set role in the ink profile" in check.sentence()
 
 
 @pytest.mark.parametrize(

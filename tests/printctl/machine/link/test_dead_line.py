@@ -298,7 +298,7 @@ def test_print_that_a_silent_line_ends_tells_for_how_long_and_where_its_motors_s
     line = DeadLine(math.inf, held=False)
     status, _ = printed(gcode(400), tmp_path, line)
     assert status.state is LinkState.FAILED
-    found = re.search(r"motors have stood for ([\d.]+) s (.*?); the needle", status.message)
+    found = re.search(r"motors stopped for ([\d.]+) s (.*?); the needle", status.message)
     assert found is not None, status.message
     made = line.printer.executed()
     stood = line.clock.now() - made.time_end[-1]

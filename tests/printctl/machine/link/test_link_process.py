@@ -158,7 +158,7 @@ def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path, profile):
         outcome = client.wait(300)
     assert served.printer.halted
     assert outcome.state is LinkState.KILLED
-    assert "halted" in outcome.message
+    assert "confirmed the halt" in outcome.message
 
 
 def test_print_goes_on_when_its_client_is_killed(tmp_path, profile):

@@ -208,7 +208,7 @@ def test_a_place_that_is_told_behind_the_first_move_keeps_the_rest_from_being_pl
     data = data.replace(b";LAYER_END:0\n", b"G92 X0\n;LAYER_END:0\n")
     job = parse_job(data, "a")
     line = job.file_lines[job.marks.of(MarkKind.LAYER)[1].index]
-    with pytest.raises(LinkError, match=r"line \d+ \(G92 X0\) calls a place otherwise"):
+    with pytest.raises(LinkError, match=r"line \d+ \(G92 X0\) redefines a position"):
         plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
 
 

@@ -115,7 +115,7 @@ def test_kill_halts_a_printer_with_full_queues(tmp_path, parser, profiled):
     status = streamer.run()
     assert printer.dead
     assert status.state is LinkState.KILLED
-    assert "has halted" in status.message
+    assert "confirmed the halt" in status.message
     assert ("motors may have run on" in status.message) != parser
 
 

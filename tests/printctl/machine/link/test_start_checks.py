@@ -232,7 +232,7 @@ def test_start_is_refused_while_a_former_job_moves(tmp_path, profile, feed):
     assert (status.state, status.error) == (LinkState.FAILED, HandshakeError.__name__)
     assert status.lines_done == 0
     assert len(board.executed()) == moves
-    assert ("at most 30" if feed == 60 else "X50.00 Y50.00 Z10.00") in status.message
+    assert ("maximum 30" if feed == 60 else "X50.00 Y50.00 Z10.00") in status.message
 
 
 class Planned(ScriptedPrinter):

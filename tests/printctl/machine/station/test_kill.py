@@ -135,7 +135,7 @@ def test_halting_is_told_until_the_printer_confirms(folder, profile):
         station = connect(profile, served.name, folder)
         station.kill()
         message = until(station, StationState.HALTING)
-        assert "hasn't confirmed it yet" in message
+        assert "isn't confirmed yet" in message
         assert station.status.state is StationState.HALTING
         served.printer.deaf = False
         until(station, StationState.HALTED)

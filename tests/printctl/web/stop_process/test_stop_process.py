@@ -81,7 +81,7 @@ def test_a_stop_reaches_the_printer_while_the_server_hangs(served: tuple[Process
         assert "M112 left the host after" in said[1]["outcome"][0]["message"]
         journal = (print_.folder / "journal.log").read_text()
         [asked] = [line for line in journal.splitlines() if '"do":"kill"' in line]
-        assert '"from":"page, the stop button at 127.0.0.1 (' in asked
+        assert '"from":"page, the emergency stop at 127.0.0.1 (' in asked
         assert ended_by_kill(print_)
 
 
