@@ -230,7 +230,7 @@ def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(prof
 
 
 # --- print disturbed by another program's commands: not reported as proven complete
-JOB = "M85 S600\nM302 P1\nG90\nM82\nG1 X1 Y5 E0.1 F600\nG1 X2 Y5 E0.2 F600\nG0 Z5\n"
+JOB = "M85 S600\nM302 P1\nG90\nM82\nG1 X1 Y5 E0.1 F600\nG1 X2 Y5 E0.2 F600\nG0 Z5 F200\n"
 
 
 @pytest.mark.parametrize(("known", "code"), [(True, 0), (False, 1)])

@@ -98,7 +98,7 @@ def test_each_command_of_a_halt_is_told_with_its_own_time(monkeypatch, parser, e
         what: float(ms) for what, ms in re.findall(r"(M\d+) left the host after ([\d.]+)", words)
     }
     assert told == pytest.approx(expected, abs=0.06)
-    later = re.search(r"said (\d+) ms later", words)
+    later = re.search(r"halt (\d+) ms later", words)
     assert later is not None
     assert int(later[1]) == 40
 

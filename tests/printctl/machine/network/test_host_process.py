@@ -66,7 +66,7 @@ def test_killed_process_that_is_run_again_follows_the_same_print(
     client.wait(20.0)
     truth = read_print(order.folder)
     assert truth.status.state is LinkState.INTERRUPTED
-    assert "starts nothing twice" in truth.status.message
+    assert "without starting anything twice" in truth.status.message
     assert truth.may(PrintAction.GO_ON).possible
     assert not truth.may(PrintAction.RECOVER).possible
     monkeypatch.delenv("PRINTCTL_HOST_KEY_FILE")  # the record has the file's name
