@@ -144,7 +144,7 @@ def cancelled_and_printed_again(page: Any, under_way: UnderWay) -> None:
     """Both prints are of one process: they are told apart by their own identity."""
     page.get_by_role("button", name="Cancel print").click()
     page.get_by_role("button", name="Yes, cancel it").click()
-    heading(page, "Stopped")
+    heading(page, "Cancelled")
     page.get_by_text("The print was cancelled.").wait_for()
     assert page.get_by_role("button", name="Pause now").count() == 0
     under_way.begin()
@@ -181,7 +181,7 @@ def broken_off_and_gone_on_with(page: Any, under_way: UnderWay) -> None:
 def stopped(page: Any, under_way: UnderWay) -> None:
     """What happened, what it means and what to do stand there once; codes are one click away."""
     page.locator("#pc-stop").click()
-    heading(page, "Killed")
+    heading(page, "Halted")
     banner = page.locator("#pc-stopped")
     wait_for(lambda: "The printer has halted:" in banner.inner_text())
     text = page.locator("body").inner_text()

@@ -192,5 +192,5 @@ def test_the_camera_is_seen_beside_the_drawing_lost_and_found(
         sequence(tmp_path / "seen")
         picture.wait_for()
         service.hands.cancel(job)
-        page.get_by_role("heading", name="Stopped ·").wait_for()
+        page.get_by_role("heading", name="Cancelled ·").wait_for()
         page.close()
