@@ -150,7 +150,7 @@ def test_a_run_on_a_real_port_keeps_to_what_is_mounted(tmp_path: Path) -> None:
     recipe.write_text(yaml.safe_dump(data))
     told = refused(3, *words, cwd=tmp_path)
     assert "note: assumed syringe hamilton_1ml, as the recipe names no other" in told
-    assert "syringe unknown: neither named nor mounted on generic_marlin" in told
+    assert "neither named nor mounted on generic_marlin; name it (syringe in the recipe)" in told
 
 
 def test_a_print_isnt_continued_with_another_needle_than_its_file_names(tmp_path: Path) -> None:
