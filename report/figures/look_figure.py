@@ -122,7 +122,9 @@ def look_figure(rows: Sequence[LookRow]) -> bytes:
         if mended.any():
             axes.plot(number[mended], place[mended], "^", color=INK, label="mended", **marks)
         if held.any():
-            axes.plot(number[held], place[held], "s", color=BAD, label="paused or cancelled", **marks)
+            axes.plot(
+                number[held], place[held], "s", color=BAD, label="paused or cancelled", **marks
+            )
         _mark_flows(axes, rows)
         axes.set(xlabel="look", ylabel="share of the written way / %")
         axes.set(xlim=(number[0] - 0.5, number[-1] + 0.5), ylim=(floor, 101.5))
