@@ -34,8 +34,8 @@ from registration.measuring.gauging import (
     trace_vessels,
 )
 from registration.measuring.gauging.deviation import near_lumen
+from registration.measuring.gauging.on_walls import outlines
 from registration.measuring.gauging.openings.face_places import LEAST_UM, FacePlace, ScannedFaces
-from registration.measuring.gauging.vessels import outlines
 from registration.measuring.geometry import (
     Characteristic,
     Cut,

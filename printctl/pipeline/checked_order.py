@@ -3,6 +3,9 @@
 Goes in: a G-code file, what is mounted (`SetUp`), and how it is to be printed (`OrderCare`). Comes
 out: a `CheckedOrder`, its findings of `printctl.checks.kinds`. What differs between the command
 line, the page, a recipe and a plate differs in these arguments alone.
+
+Functions import the dry run and its checks themselves: both load kernels, and the page and each
+command import this module when they start.
 """
 
 from __future__ import annotations
@@ -46,8 +49,6 @@ if TYPE_CHECKING:
     from printctl.checks.preflight.set_up import Designed
     from printctl.checks.preflight.shaft import FileShaft
 
-# Kernels, which the dry run and its checks load, are imported where they work: the page and each
-# command read what this module defines when they start.
 MIN_LIFT_MM: Final = 20.0
 """Of a stop or pause: room for a hand between needle and dish."""
 ABOVE_MM: Final = 5.0
@@ -259,13 +260,13 @@ def start_checks(job: Job, set_up: SetUp) -> list[Check]:
     except LinkError as exc:
         if set_up.start_mm is not None:
             return []
-        return [finding(Kind.START, what, where, f"{exc}, or give --start X,Y,Z")]
+        return [finding(Kind.START, what, where, f"{exc}, or specify --start X,Y,Z")]
     if declared is None or set_up.start_mm is None:
         return []
     away = math.dist(set_up.start_mm, declared)
     remedy = (
-        f"the first lines of {job.name} tell the printer that the tip stands at "
-        f"{','.join(f'{mm:g}' for mm in declared)}; leave --start out, or correct the file"
+        f"the first lines of {job.name} set the tip position to "
+        f"{','.join(f'{mm:g}' for mm in declared)}; omit --start, or correct the file"
     )
     return [Check(Kind.START, what, away, ASIDE_MM, "mm", away <= ASIDE_MM, where, remedy)]
 

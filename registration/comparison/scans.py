@@ -14,14 +14,7 @@ from registration.json_ready import Record
 
 
 class ComparisonError(RegistrationError):
-    """Registrations that can't be compared; the message says which, why and what to do.
-
-    ::
-
-    RegistrationError
-    └── ComparisonError         registrations that can't be held against each other
-    └── GaugeStudyError     registrations that don't make a gauge study
-    """
+    """Registrations that can't be compared; the message says which, why and what to do."""
 
 
 class GaugeStudyError(ComparisonError):

@@ -14,7 +14,7 @@ from design.geometry.surface import Surface
 from kernels import jit, pjit
 from kernels.arrays import FloatArray, IntArray
 from registration.errors import SegmentationError
-from registration.segmentation.bright_liquid import DARK
+from registration.segmentation.lighting.bright_liquid import DARK
 from registration.segmentation.volume import GelField, Strength, Volume
 
 # One vertex a cell that the surface passes, one quad (two triangles) a grid edge that it crosses

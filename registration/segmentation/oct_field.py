@@ -21,8 +21,6 @@ from scipy.ndimage import minimum_filter
 from kernels.arrays import BoolArray, Float32Array
 from registration.errors import SegmentationError
 from registration.scan import Scan
-from registration.segmentation.bright_liquid import TwoMedia, liquid_is_dark, sides_of, two_media
-from registration.segmentation.even_light import even_signal, without_glare
 from registration.segmentation.filters import (
     bin_mean,
     gaussian_weights,
@@ -30,7 +28,14 @@ from registration.segmentation.filters import (
     normalise,
     smooth,
 )
-from registration.segmentation.light import remaining_light, share_of_gel
+from registration.segmentation.lighting.bright_liquid import (
+    TwoMedia,
+    liquid_is_dark,
+    sides_of,
+    two_media,
+)
+from registration.segmentation.lighting.even_light import even_signal, without_glare
+from registration.segmentation.lighting.light import remaining_light, share_of_gel
 from registration.segmentation.response import depth_response
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.walls import Sides, local_level, share_of_volume

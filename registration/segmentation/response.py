@@ -28,7 +28,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from kernels.arrays import BoolArray, Float32Array, FloatArray
 from registration.segmentation.filters import bin_mean
-from registration.segmentation.light import remaining_light, share_of_gel
+from registration.segmentation.lighting.light import remaining_light, share_of_gel
 from registration.segmentation.working import Working
 
 COARSE_MM = (0.045, 0.09, 0.09)

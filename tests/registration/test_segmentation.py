@@ -14,15 +14,15 @@ from kernels.arrays import FloatArray
 from registration.alignment.uncertainty import LEVEL_PART, ScanErrors, scan_errors
 from registration.scan import Scan
 from registration.segmentation import GelField, Segmentation, Strength, segment
-from registration.segmentation.bright_liquid import first_light
-from registration.segmentation.even_light import even_signal, running_median
 from registration.segmentation.filters import (
     bin_mean,
     gaussian_weights,
     smooth,
 )
 from registration.segmentation.levels import part_levels
-from registration.segmentation.light import remaining_light
+from registration.segmentation.lighting.bright_liquid import first_light
+from registration.segmentation.lighting.even_light import even_signal, running_median
+from registration.segmentation.lighting.light import remaining_light
 from registration.segmentation.mesh import surface
 from registration.segmentation.oct_field import unevenness, without_lines
 from registration.segmentation.response import depth_response

@@ -293,26 +293,7 @@ def _radius_at(radius: FloatArray, k: int, piece: float, along: float) -> float:
 
 
 def check_compliant(network: VesselNetwork, wall: Wall) -> FloatArray:
-    """Return the compliance of each vessel, (v,), µL/Pa; raise `FlowError` where it is 0.
-
-    Both walls give a widening in proportion to the pressure, so both have this law, and it has the
-    compliance dA/dp = 2 A₀/K at rest that the lumped model has:
-
-    - thin wall: hoop stress p r/h = E ε/(1 - ν²) with ε = r/r₀ - 1, its lever taken at rest, gives
-      K = E h/((1 - ν²) r₀); with ν = ½ this is β(√A - √A₀)/A₀, β = (4/3)√π E h (Formaggia, Lamponi
-      & Quarteroni 2003, doi 10.1023/B:ENGI.0000007980.01347.29);
-    - lumen in thick gel: Lamé's displacement u = p r₀ (1 + ν)/E gives K = E/(1 + ν), whatever the
-      radius. It is for small strains: an incompressible neo-Hookean gel, p = G (ln λ + ½ (1 - λ⁻²))
-      with λ = r/r₀ and G = E/3, has the same slope 2G = E/(1 + ν) at rest and is softer by the
-      share λ - 1 when it is wider by that share.
-
-    The pulse wave velocity is c = √(A/ϱ dp/dA) = √((K + p)/(2ϱ)).
-
-    A Kelvin-Voigt wall adds φ dε/dt to its stress E ε (of the gel: to its shear stress), which
-    makes K ε into K (ε + τ dε/dt) with τ = φ/E: a pressure γ ∂A/∂t with γ = K τ/(2√(A A₀)); for the
-    thin wall (2/3)√π φ h/(A₀ √A), as in Alastruey et al. 2011, doi 10.1016/j.jbiomech.2011.05.041.
-    Where a wall's Γ is given instead, γ = Γ/(A₀ √A).
-    """
+    """Return the compliance of each vessel, (v,), µL/Pa; raise `FlowError` where it is 0."""
     compliance = wall.compliance(network)
     rigid = np.flatnonzero(~(compliance > 0.0))
     if len(rigid):
@@ -331,6 +312,24 @@ def stiffness(
 
     ``vessel`` (n,) has each piece; ``square`` and ``cube`` (n,) are means of the radius' powers
     over it, mm², mm³. A wall that isn't known here has one K a vessel, by its compliance.
+
+    Both walls give a widening in proportion to the pressure, so both have this law, and it has the
+    compliance dA/dp = 2 A₀/K at rest that the lumped model has:
+
+    - thin wall: hoop stress p r/h = E ε/(1 - ν²) with ε = r/r₀ - 1, its lever taken at rest, gives
+      K = E h/((1 - ν²) r₀); with ν = ½ this is β(√A - √A₀)/A₀, β = (4/3)√π E h (Formaggia, Lamponi
+      & Quarteroni 2003, doi 10.1023/B:ENGI.0000007980.01347.29);
+    - lumen in thick gel: Lamé's displacement u = p r₀ (1 + ν)/E gives K = E/(1 + ν), whatever the
+      radius. It is for small strains: an incompressible neo-Hookean gel, p = G (ln λ + ½ (1 - λ⁻²))
+      with λ = r/r₀ and G = E/3, has the same slope 2G = E/(1 + ν) at rest and is softer by the
+      share λ - 1 when it is wider by that share.
+
+    The pulse wave velocity is c = √(A/ϱ dp/dA) = √((K + p)/(2ϱ)).
+
+    A Kelvin-Voigt wall adds φ dε/dt to its stress E ε (of the gel: to its shear stress), which
+    makes K ε into K (ε + τ dε/dt) with τ = φ/E: a pressure γ ∂A/∂t with γ = K τ/(2√(A A₀)); for the
+    thin wall (2/3)√π φ h/(A₀ √A), as in Alastruey et al. 2011, doi 10.1016/j.jbiomech.2011.05.041.
+    Where a wall's Γ is given instead, γ = Γ/(A₀ √A).
     """
     if isinstance(wall, GelWall):
         return np.full(len(square), wall.young_pa / (1.0 + wall.poisson))

@@ -12,18 +12,16 @@ from manifold3d import CrossSection
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
+from design.toolpath.fresh.coverage import RASTER_PER_LINE, Coverage, measure_coverage
 from design.toolpath.fresh.infill import concentric_paths, gyroid_paths, infill_paths
 from design.toolpath.fresh.layout import Carriage, LayerMoves, Section
 from design.toolpath.fresh.options import Filling, FreshOptions
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.report import (
-    RASTER_PER_LINE,
-    Coverage,
     FreshReport,
     LayerNarrow,
     LevelPlaces,
     Tally,
-    measure_coverage,
     narrow_samples,
 )
 from design.toolpath.fresh.section import (

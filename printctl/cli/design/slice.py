@@ -22,6 +22,7 @@ from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import PrinterOption, gcode_to_write, print_notes, print_result
 from printctl.errors import UsageError
 from printctl.pipeline.job import slicing
+from printctl.pipeline.job.modifiers import read_modifier
 from printctl.recipe.sections.toolpath import Fresh
 from printctl.settings import arg, of, opt, three_numbers
 
@@ -94,7 +95,7 @@ def slice_mesh(
         if one.needle is not None
     ])  # fmt: skip
     have_kernels("slice")
-    modifiers = [slicing.read_modifier(text, profile.head_count) for text in modifier or ()]
+    modifiers = [read_modifier(text, profile.head_count) for text in modifier or ()]
     adaptive = None
     if thinnest_um is not None:  # Layers follow the slopes, in whole steps of the vertical motor.
         adaptive = Adaptive(thinnest_um * 1e-3, stair_um * 1e-3, 1 / profile.steps_per_mm.z)

@@ -20,8 +20,8 @@ from scipy.special import ndtri
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.measuring.gauging.closures import is_missing
 from registration.measuring.gauging.defect import Defect
+from registration.measuring.gauging.on_walls import near_walls
 from registration.measuring.gauging.trace import VesselTrace
-from registration.measuring.gauging.vessels import near_walls
 
 LEAST_WALL = 0.2
 """Of a section's usual wall: with less there is nothing to average."""

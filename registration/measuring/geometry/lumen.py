@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
 from registration.alignment import Fit
-from registration.measuring.gauging.vessels import Outlines
+from registration.measuring.gauging.on_walls import Outlines
 
 ALPHA = float(np.sqrt(np.log(2) / np.pi))
 """A wave of the cut-off's length keeps half of its amplitude (ISO 16610-21:2011, 4.2)."""

@@ -12,7 +12,7 @@ from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.alignment.uncertainty import ScanErrors
 from registration.errors import DatumError
-from registration.measuring.gauging.vessels import Outlines
+from registration.measuring.gauging.on_walls import Outlines
 from registration.measuring.geometry.datum import Datum
 from registration.measuring.geometry.faces import Face
 from registration.measuring.geometry.lumen import Line, Lumen, lumen

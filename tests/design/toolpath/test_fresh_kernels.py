@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection
 
 from design.toolpath.fresh.contours import Contours, contours_of
+from design.toolpath.fresh.coverage import measure_coverage
 from design.toolpath.fresh.infill import fill, infill_paths, scan, zigzag
 from design.toolpath.fresh.layout import lay_out, obstacles
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.paths import Role, gather, order_lines, order_paths
-from design.toolpath.fresh.report import measure_coverage
 from design.toolpath.fresh.walls import build_walls, remove_short_moves
 from design.toolpath.toolpath import MoveKind
 from tests.slower import examples

@@ -18,7 +18,7 @@ from registration.alignment import Fit, Uncertainty
 from registration.alignment.distance import ModelSurface
 from registration.alignment.uncertainty import ScanErrors
 from registration.measuring.gauging import trace_vessels
-from registration.measuring.gauging.vessels import outlines
+from registration.measuring.gauging.on_walls import outlines
 from registration.measuring.geometry import (
     Characteristic,
     Cut,

@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter1d
 from kernels import jit, pjit
 from kernels.arrays import Float32Array
 from registration.segmentation.filters import bin_mean, times_level
-from registration.segmentation.light import share_of_gel
+from registration.segmentation.lighting.light import share_of_gel
 from registration.segmentation.walls import local_level
 from registration.segmentation.working import Working
 
