@@ -26,7 +26,13 @@ _MOVING: Final = re.compile(rb"[ \t]*(?:[Nn]\d+[ \t]*)?[Gg]0*[0-3](?!\d)")
 
 
 def completeness_findings(
-    program: Program, doses: NDArray[np.bool_], gcode: bytes, file: bytes, pneumatic: bool
+    program: Program,
+    doses: NDArray[np.bool_],
+    gcode: bytes,
+    file: bytes,
+    *,
+    pneumatic: bool,
+    lift_mm_s: float,
 ) -> list[Finding]:
     """Return what shows that the file isn't whole, or isn't meant for a plunger.
 
@@ -42,13 +48,15 @@ def completeness_findings(
         The file as it is.
     pneumatic : bool
         Whether valves extrude, so that E means nothing.
+    lift_mm_s : float, mm/s
+        Speed of the lift that is proposed where the tip stays down.
     """
-    down = _tip_left_down(program, doses)
+    down = _tip_left_down(program, doses, lift_mm_s)
     found = [*_cut_line(program, file, bool(down)), *down]
     return found if pneumatic else [*_idle_e_words(program, gcode), *found]
 
 
-def _tip_left_down(program: Program, doses: NDArray[np.bool_]) -> list[Finding]:
+def _tip_left_down(program: Program, doses: NDArray[np.bool_], lift_mm_s: float) -> list[Finding]:
     moves = program.kind == MOVE
     across = np.abs(program.target - program.before)[:, :2].max(axis=1, initial=0.0) > _SAME_MM
     lines = moves & doses & across
@@ -66,7 +74,7 @@ def _tip_left_down(program: Program, doses: NDArray[np.bool_]) -> list[Finding]:
             "left_down",
             f"line {line}: the file ends with the tip at Z {end:g} mm, but extrudes up to Z "
             f"{top:g} mm: the needle would stay in the print; add a lift at the end (such as G0 "
-            f"Z{top + 5:g}), or export the file again if its end is missing",
+            f"Z{top + 5:g} F{60 * lift_mm_s:g}), or export the file again if its end is missing",
             end,
             top,
         )

@@ -272,7 +272,10 @@ def dry_run(
     fed = run_program(program, printer, start_mm, extrudes, times)
     valves = read_valves(program, file.others, printer)
     doses = Valve.joined(valves).is_open if valves else program.pushed > 0
-    incomplete = completeness_findings(program, doses, gcode, whole, bool(valves))
+    incomplete = completeness_findings(
+        program, doses, gcode, whole,
+        pneumatic=bool(valves), lift_mm_s=printer.max_speed_mm_s.z,
+    )  # fmt: skip
     checked = check(program, printer, extrudes, file, incomplete)
     return DryRun(
         program=program,

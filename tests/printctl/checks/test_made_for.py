@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -172,12 +173,17 @@ def test_a_cut_record_is_none(job: bytes, kept: bytes) -> None:
     assert not is_recorded(read_made_for(b"\n".join(cut)), PRINTER)
 
 
-def test_a_tip_left_in_the_print_is_refused() -> None:
-    run = dry_run(HEAD + b"G1 X110 E0.05 F600\n", PRINTER, (100.0, 100.0, 10.0))
+def test_a_tip_left_in_the_print_is_refused_and_the_remedy_works() -> None:
+    body = HEAD + b"G1 X110 E0.05 F600\n"
+    run = dry_run(body, PRINTER, (100.0, 100.0, 10.0))
     [check] = [one for one in file_checks(run, SetUp(PRINTER, SYRINGE, INK, NEEDLE))
                if "tip in the print" in one.check]  # fmt: skip
     assert check.refuses
-    assert "add a lift at the end" in check.remedy
+    lift = re.search(r"add a lift at the end \(such as (.+?)\)", check.remedy)
+    assert lift is not None
+    lifted = dry_run(body + lift[1].encode() + b"\n", PRINTER, (100.0, 100.0, 10.0))
+    left = [(one.line, one.code) for one in run.findings if one.code != "left_down"]
+    assert [(one.line, one.code) for one in lifted.findings] == left
 
 
 def test_rounded_e_words_are_no_fault() -> None:
